@@ -1,0 +1,53 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package_name = 'wrist_ft_comp'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(include=[package_name, f'{package_name}.*']),
+    package_data={f'{package_name}.files': ['*.schema.json']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml', 'README.md', 'CHANGELOG.rst']),
+        (f'share/{package_name}/config', glob('config/*')),
+        (f'share/{package_name}/data/keller_pa10', glob('data/keller_pa10/*')),
+    ],
+    python_requires='>=3.10',
+    # Lower bounds are Ubuntu 24.04's versions; requirements/lock.txt holds what is tested.
+    install_requires=[
+        'setuptools',
+        'numpy>=1.26,<3',
+        'scipy>=1.11,<2',
+        'PyYAML>=6.0,<7',
+        'jsonschema>=4.10,<5',
+        'matplotlib>=3.6,<4',
+        'tqdm>=4.66,<5',
+        'rosbags>=0.11,<0.12',
+    ],
+    extras_require={
+        'ros': ['ros-jazzy-rclpy[fastrtps]>=7.1,<8', 'ros-jazzy-common-interfaces>=5.3,<6'],
+        'test': ['pytest>=7.4,<10', 'hypothesis>=6,<7', 'scikit-learn>=1.4,<2'],
+        'lint': [
+            'ruff>=0.17,<0.18',
+            'mypy>=2.4,<3',
+            'types-PyYAML',
+            'types-jsonschema',
+            'types-tqdm',
+        ],
+    },
+    zip_safe=True,
+    maintainer='wrist_ft_comp developers',
+    maintainer_email='maintainers@wrist-ft-comp.invalid',
+    description='Removes the temperature drift of a wrist force/torque sensor while the robot works',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'compensator = wrist_ft_comp.ros.compensator_node:main',
+            'simulated_sensor = wrist_ft_comp.ros.simulated_sensor_node:main',
+            'wrist_ft_comp = wrist_ft_comp.cli.main:main',
+        ],
+    },
+)

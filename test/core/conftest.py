@@ -1,0 +1,128 @@
+"""
+Fixtures of the core's tests: recordings, temperatures and drifts with a known truth.
+
+Everything here is seeded and written without the package's mathematics.
+"""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.core.arx import Arx
+from wrist_ft_comp.core.arx_pls import ArxPls
+from wrist_ft_comp.core.drift import AxisModel, DriftModel
+from wrist_ft_comp.core.features import Features
+from wrist_ft_comp.core.recording import AXES, Recording
+
+Array = np.ndarray
+
+
+def _wrenches(cells: int, axes: Mapping[str, object]) -> Array:
+    wrench = np.full((cells, len(AXES)), np.nan)
+    for axis, values in axes.items():
+        wrench[:, AXES.index(axis)] = values
+    return wrench
+
+
+@pytest.fixture(scope='session')
+def make_recording() -> Callable[..., Recording]:
+    """Build a recording from temperatures and the axes by name."""
+
+    def make(
+        temperature_c: Array,
+        wrench: Mapping[str, object],
+        reference: Mapping[str, object] | None = None,
+        *,
+        period_s: float = 10.0,
+        name: str = 'run',
+        first_cell: int = 0,
+    ) -> Recording:
+        temperature_c = temperature_c.reshape(len(temperature_c), -1)
+        return Recording(
+            name=name,
+            period_ns=round(period_s * 1e9),
+            first_cell=first_cell,
+            temperature_c=temperature_c,
+            measured=np.ones(temperature_c.shape, dtype=bool),
+            wrench=_wrenches(len(temperature_c), wrench),
+            reference=_wrenches(len(temperature_c), reference or {}),
+        )
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def warm_up() -> Callable[..., Array]:
+    """Warm up from about 20 to about 40 °C, with a slow room and with switching, seeded."""
+
+    def make(cells: int, seed: int, *, period_s: float = 10.0) -> Array:
+        rng = np.random.default_rng(seed)
+        t = np.arange(cells) * period_s
+        working = np.repeat(rng.uniform(0.0, 1.0, cells // 30 + 1), 30)[:cells]
+        temperature = 15.0 * (1 - np.exp(-t / rng.uniform(1000, 2000)))
+        temperature += 3.0 * np.sin(2 * np.pi * t / rng.uniform(3000, 6000) + rng.uniform(0, 6))
+        heat, heated = 0.0, np.empty(cells)
+        for k in range(cells):
+            heat += period_s / 200.0 * (5.0 * working[k] - heat)
+            heated[k] = heat
+        return 20.0 + temperature + heated
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def lagged() -> Callable[..., Array]:
+    """Relax after an input by the textbook loop, from the steady state of its first value."""
+
+    def make(x: Array, time_constant_s: float, *, period_s: float = 10.0) -> Array:
+        pole = np.exp(-period_s / time_constant_s)
+        u = np.empty(len(x))
+        state = x[0]
+        for k, value in enumerate(x):
+            state = pole * state + (1 - pole) * value
+            u[k] = state
+        return u
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def make_model() -> Callable[..., DriftModel]:
+    """Build a drift model of lags by hand: per axis (gain of o, gain of s, time constant)."""
+
+    def make(
+        axes: Mapping[str, tuple[float, float, float]],
+        *,
+        period_s: float = 1.0,
+        thermometers: int = 1,
+        reference_c: float = 20.0,
+        range_c: tuple[float, float] = (-100.0, 200.0),
+    ) -> DriftModel:
+        ones = np.ones(thermometers)
+        return DriftModel(
+            period_ns=round(period_s * 1e9),
+            thermometers=thermometers,
+            axes={
+                axis: AxisModel(
+                    Features('powers', reference_c * ones, range_c[0] * ones, range_c[1] * ones),
+                    ArxPls(
+                        input_mean=np.zeros(thermometers),
+                        input_weight=ones,
+                        rotations=ones[:, np.newaxis] / thermometers,
+                        latents=(
+                            Arx(
+                                np.array([-np.exp(-period_s / tau)]),
+                                np.array([1 - np.exp(-period_s / tau)]),
+                            ),
+                        ),
+                        output_loadings=np.array([[zero], [sensitivity]]),
+                        output_weight=np.ones(2),
+                        output_mean=np.zeros(2),
+                    ),
+                )
+                for axis, (zero, sensitivity, tau) in axes.items()
+            },
+        )
+
+    return make

@@ -1,0 +1,147 @@
+"""Chamber tables: the paper's own, laid out in time, and the figures that describe them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp import RecordingError
+from wrist_ft_comp.core import chamber
+from wrist_ft_comp.core.chamber import ChamberTable
+from wrist_ft_comp.files.chamber_table import (
+    is_chamber_table,
+    read_chamber_table,
+    write_chamber_table,
+)
+
+DATA = Path(__file__).parents[2] / 'data' / 'keller_pa10'
+#: Worked out from the printed tables by hand: max abs K_s, zero spread, largest deviation.
+FIGURES = {
+    'table1_sensor_a_raw.csv': (0.0687, 5.361, 5.198),
+    'table2_sensor_b_raw.csv': (0.1444, 7.512, 8.561),
+    'table3_sensor_a_compensated.csv': (0.0206, 0.237, 0.281),
+    'table4_sensor_b_compensated.csv': (0.0137, 0.206, 0.256),
+}
+
+
+def ideal(**changes):
+    """A sensor of gain 3 whose zero moves by 0.1 per °C."""
+    fields = {
+        'name': 'ideal',
+        'temperatures_c': np.array([0.0, 20.0, 50.0]),
+        'load': np.array([0.0, 1.0, 2.0, 1.0]),
+        'load_unit': 'kpa',
+        'output': 3.0 * np.array([[0.0], [1], [2], [1]]) + 0.1 * np.array([[0.0, 20, 50]]),
+    }
+    return ChamberTable(**{**fields, **changes})
+
+
+@pytest.mark.parametrize('keep', [True, False])
+@pytest.mark.parametrize(('name', 'figures'), FIGURES.items())
+def test_figures_of_the_published_tables(name, figures, keep):
+    table = read_chamber_table(DATA / name, keep_copied_columns=keep)
+    found = (
+        np.nanmax(np.abs(chamber.sensitivity_drift(table))),
+        chamber.zero_spread(table),
+        chamber.max_deviation(table),
+    )
+    assert found == pytest.approx(figures, abs=6e-4)
+    assert found[0] == pytest.approx(figures[0], abs=6e-5)
+
+
+def test_the_copied_column_of_sensor_a_is_left_out_with_its_reason():
+    table = read_chamber_table(DATA / 'table1_sensor_a_raw.csv')
+    assert table.temperatures_c.tolist() == [-40, -30, -15, 0, 20, 70, 100]
+    ((temperature, reason),) = table.left_out
+    assert temperature == 50.0
+    assert 'repeats that of -40 °C digit for digit' in reason
+    kept = read_chamber_table(DATA / 'table1_sensor_a_raw.csv', keep_copied_columns=True)
+    assert kept.left_out == ()
+    np.testing.assert_array_equal(kept.output[:, 0], kept.output[:, 5])
+    assert all(
+        read_chamber_table(DATA / name).left_out == () for name in FIGURES if 'table1' not in name
+    )
+
+
+def test_a_zero_that_moves_has_no_sensitivity_drift():
+    table = ideal()
+    assert np.isnan(chamber.sensitivity_drift(table)[1])
+    np.testing.assert_allclose(chamber.sensitivity_drift(table)[[0, 2]], 0.0, atol=1e-12)
+    assert chamber.zero_spread(table) == pytest.approx(100 * 5 / 6)
+    assert chamber.max_deviation(table) == pytest.approx(100 * 3 / 6)
+    assert chamber.accuracy(table) == pytest.approx(100 * 3 / 6)
+
+
+def test_a_gain_that_moves_is_the_sensitivity_drift():
+    gain = 1 + 0.002 * (np.array([0.0, 20, 50]) - 20)
+    table = ideal(output=np.array([[0.0], [1], [2], [1]]) * gain)
+    np.testing.assert_allclose(chamber.sensitivity_drift(table)[[0, 2]], 0.2)
+    assert chamber.zero_spread(table) == 0.0
+
+
+def test_units_of_the_output_change_no_figure():
+    table = ideal()
+    other = table.with_output(-7.0 * table.output + 3.0)
+    for figure in (chamber.zero_spread, chamber.max_deviation, chamber.accuracy):
+        assert figure(other) == pytest.approx(figure(table))
+    assert table.output[2, 2] == 11.0
+
+
+def test_readings_stand_at_the_end_of_their_plateau():
+    temperature, force, reference = ideal().samples()
+    assert temperature.stamps_ns.tolist() == [30 * 10**9 * k for k in range(180)]
+    assert temperature.values[:, 0].tolist() == [0.0] * 60 + [20.0] * 60 + [50.0] * 60
+    first = [1680, 1710, 1740, 1770]
+    expected = [(1800 * p + t) * 10**9 for p in range(3) for t in first]
+    assert force.stamps_ns.tolist() == reference.stamps_ns.tolist() == expected
+    assert ideal().reading_stamps_ns[:, 1].tolist() == expected[4:8]
+    assert force.values[4:8, 0].tolist() == ideal().output[:, 1].tolist()
+    assert reference.values[4:8, 0].tolist() == [0.0, 3.0, 6.0, 3.0]
+
+
+def test_gain_between_reference_and_output_is_one_at_the_reference_temperature():
+    table = read_chamber_table(DATA / 'table2_sensor_b_raw.csv')
+    at = table.reference_column
+    assert table.temperatures_c[at] == 20.0
+    full = int(np.argmax(table.load))
+    change = table.output[full, at] - table.output[0, at]
+    assert table.reference[full] - table.reference[0] == pytest.approx(change)
+
+
+def test_a_written_table_reads_back_with_everything_else_verbatim(tmp_path):
+    source = DATA / 'table1_sensor_a_raw.csv'
+    table = read_chamber_table(source)
+    write_chamber_table(source, tmp_path / 'out.csv', table.with_output(table.output / 3))
+    again = read_chamber_table(tmp_path / 'out.csv')
+    np.testing.assert_array_equal(again.output, table.output / 3)
+    np.testing.assert_array_equal(again.temperatures_c, table.temperatures_c)
+    before, after = (p.read_text().splitlines() for p in (source, tmp_path / 'out.csv'))
+    assert [row.split(',')[:3] for row in after] == [row.split(',')[:3] for row in before]
+
+
+HEADER = 'step,load_kpa,output_at_20_c,output_at_50_c\n'
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        (HEADER, 'no row below its header'),
+        (HEADER + '0,0,1,2\n1,5,x,3\n', "Row 3 of t.csv, column output_at_20_c.*got 'x'"),
+        (HEADER + '0,0,1,2\n1,5,3\n', 'Row 3 of t.csv has 3 cells'),
+        (HEADER + '0,0,1,2\n1,0,3,4\n', 'reach full load'),
+        (HEADER + '0,0,1,2\n1,5,nan,4\n', 'must be finite'),
+        ('step,output_at_20_c\n0,1\n', 'one column load_<unit>'),
+        ('load_n,output_at_20_c,output_at_20.0_c\n0,1,2\n5,2,3\n', 'one column per temperature'),
+        (b'load_n,output_at_20_c\n\xff', 'UTF-8'),
+    ],
+)
+def test_a_bad_table_is_refused_in_a_sentence(make_csv, text, said):
+    with pytest.raises(RecordingError, match=said):
+        read_chamber_table(make_csv(text, 't.csv'))
+
+
+def test_only_chamber_tables_are_taken_for_chamber_tables(make_csv, tmp_path):
+    assert is_chamber_table(DATA / 'table1_sensor_a_raw.csv')
+    assert not is_chamber_table(make_csv('stamp_s,force_z,temperature_c\n'))
+    assert not is_chamber_table(make_csv(b'\xff\xfe\0'))
+    assert not is_chamber_table(tmp_path / 'no.csv')

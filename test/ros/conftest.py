@@ -1,0 +1,225 @@
+"""
+Fixtures of the node tests: an own domain, nodes in threads, queues with timeouts, processes.
+
+A test module begins with ``pytest.importorskip('rclpy', reason=…)``, so that the other tests run
+where ROS 2 is missing.
+"""
+
+import queue
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import wrist_ft_comp
+
+with suppress(ImportError):
+    from rclpy.context import Context
+    from rclpy.node import Node
+    from rclpy.parameter import Parameter
+
+    from wrist_ft_comp.ros.running import make_executor, spin
+
+#: Longest time to wait for anything, seconds: far above what is normal, so that only a fault hits.
+TIMEOUT_S = 20.0
+
+
+@pytest.fixture(scope='session')
+def ros_domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+    """
+    Reserve a ROS domain for this test process; child processes inherit it.
+
+    The reservation is a socket name of the kernel, which leaves nothing behind, so that test runs
+    beside each other do not meet.
+    """
+    with warnings.catch_warnings():
+        # A parser that comes with ROS 2 imports a deprecated module of Python's.
+        warnings.simplefilter('ignore', DeprecationWarning)
+        pytest.importorskip('rosidl_generator_py', reason='the node tests need ROS 2 (rclpy)')
+    logs = tmp_path_factory.mktemp('ros')
+    with ExitStack() as stack:
+        environment = stack.enter_context(pytest.MonkeyPatch.context())
+        domain = _reserve_domain(stack)
+        environment.setenv('ROS_DOMAIN_ID', str(domain))
+        environment.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        environment.setenv('ROS_HOME', str(logs))
+        environment.setenv('ROS_LOG_DIR', str(logs))
+        yield domain
+
+
+def _reserve_domain(stack: ExitStack) -> int:
+    """Take the first free domain of 1 to 100 (higher ones meet ephemeral ports)."""
+    for domain in range(1, 101):
+        try:
+            stack.enter_context(socket.socket(socket.AF_UNIX)).bind(
+                f'\0wrist_ft_comp_test_domain_{domain}'
+            )
+        except OSError:
+            continue
+        return domain
+    pytest.fail('No ROS domain of 1 to 100 is free.')
+
+
+@pytest.fixture
+def ros_context(ros_domain: int) -> Iterator[Any]:
+    """Initialise an own rclpy context; it is shut down after every node and executor."""
+    context = Context()
+    context.init([], domain_id=ros_domain)
+    yield context
+    context.try_shutdown()
+
+
+class Bench:
+    """
+    Runs nodes in threads of their own, beside a helper node that listens, publishes and calls.
+
+    Attributes
+    ----------
+    helper : Node
+        The node that the methods below use.
+
+    """
+
+    def __init__(self, context: Any) -> None:
+        self.context = context
+        self._stack = ExitStack()
+        self.helper: Any = self.start(Node, 'helper', use_global_arguments=False)
+
+    def start(self, factory: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        """
+        Make a node as ``factory(*args, context=…, **kwargs)`` and spin it until the test ends.
+
+        ``parameters={name: value}`` and ``remap={from: to}`` are passed on as rclpy wants them;
+        ``executor`` names what runs it, as in ``make_executor``.
+        """
+        executor = make_executor(kwargs.pop('executor', 'default'), self.context)
+        node = factory(*args, context=self.context, **_node_arguments(kwargs))
+        executor.add_node(node)
+        stop = threading.Event()
+        thread = threading.Thread(target=spin, args=(executor, self.context, stop))
+        thread.start()
+
+        def take_down() -> None:
+            stop.set()
+            thread.join(TIMEOUT_S)
+            assert not thread.is_alive(), f'{node.get_name()} did not stop'
+            executor.shutdown()
+            node.destroy_node()
+
+        self._stack.callback(take_down)
+        return node
+
+    def listen(self, message_type: Any, topic: str, qos: Any = 1000) -> 'queue.Queue[Any]':
+        """Subscribe; the messages come in the queue, to be read with ``get(timeout=…)``."""
+        messages: queue.Queue[Any] = queue.Queue()
+        self.helper.create_subscription(message_type, topic, messages.put, qos)
+        return messages
+
+    def publisher(self, message_type: Any, topic: str, qos: Any = 1000) -> Any:
+        """Make a publisher that already has a subscriber, so that nothing is lost."""
+        result = self.helper.create_publisher(message_type, topic, qos)
+        self.wait_until(lambda: result.get_subscription_count() > 0, f'a subscriber of {topic}')
+        return result
+
+    def call(self, service_type: Any, name: str, request: Any, timeout: float = TIMEOUT_S) -> Any:
+        """Call a service and return its response."""
+        client = self.helper.create_client(service_type, name)
+        assert client.wait_for_service(timeout_sec=timeout), f'{name} is not offered'
+        done = threading.Event()
+        future = client.call_async(request)
+        future.add_done_callback(lambda _: done.set())
+        assert done.wait(timeout), f'{name} did not answer within {timeout} s'
+        return future.result()
+
+    def wait_for_node(self, name: str) -> None:
+        """
+        Wait until another process's node is up.
+
+        A node of the test before may still be listed, so give each process's node its own name.
+        """
+        self.wait_until(lambda: name in self.helper.get_node_names(), f'the node {name}')
+
+    def wait_until(self, condition: Callable[[], bool], what: str) -> None:
+        """Wait for a change of the ROS graph."""
+        pause = threading.Event()
+        for _ in range(int(TIMEOUT_S / 0.01)):
+            if condition():
+                return
+            pause.wait(0.01)
+        pytest.fail(f'waited {TIMEOUT_S} s for {what}')
+
+    def close(self) -> None:
+        """Stop every thread and destroy every node, the last first."""
+        self._stack.close()
+
+
+def _node_arguments(kwargs: dict[str, Any]) -> dict[str, Any]:
+    """Translate ``parameters`` and ``remap`` into rclpy's node arguments."""
+    rest = dict(kwargs)
+    parameters = rest.pop('parameters', {})
+    remaps = rest.pop('remap', {})
+    if parameters:
+        rest['parameter_overrides'] = [Parameter(k, value=v) for k, v in parameters.items()]
+    if remaps:
+        rules = [part for item in remaps.items() for part in ('-r', '{}:={}'.format(*item))]
+        rest['cli_args'] = ['--ros-args', *rules]
+    return rest
+
+
+@pytest.fixture
+def bench(ros_context: Any) -> Iterator[Bench]:
+    """Give a bench, and take down what ran on it."""
+    result = Bench(ros_context)
+    try:
+        yield result
+    finally:
+        result.close()
+
+
+class Executable:
+    """A node as a process of its own: ``python -m MODULE --ros-args ARGS``, or ``-c SOURCE``."""
+
+    def __init__(self, module: str, *ros_args: str, source: str = '') -> None:
+        command = [sys.executable, *(['-c', source] if source else ['-m', module])]
+        command += ['--ros-args', *ros_args] if ros_args else []
+        self.process = subprocess.Popen(  # noqa: S603 (our own command line)
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=Path(wrist_ft_comp.__file__).parents[1],
+        )
+
+    def end(self, number: int = signal.SIGINT) -> tuple[int, str]:
+        """Send a signal; return the exit code and what stands on standard error."""
+        self.process.send_signal(number)
+        return self.result()
+
+    def result(self) -> tuple[int, str]:
+        """Wait for the end; return the exit code and what stands on standard error."""
+        _, errors = self.process.communicate(timeout=TIMEOUT_S)
+        return self.process.returncode, errors
+
+
+@pytest.fixture
+def executable(ros_domain: int) -> Iterator[Callable[..., Executable]]:  # noqa: ARG001
+    """Start executables; those still running when the test ends are killed by their pid."""
+    running: list[Executable] = []
+
+    def start(module: str, *ros_args: str, source: str = '') -> Executable:
+        running.append(Executable(module, *ros_args, source=source))
+        return running[-1]
+
+    yield start
+    for each in running:
+        if each.process.poll() is None:
+            each.process.kill()
+        each.process.communicate(timeout=TIMEOUT_S)

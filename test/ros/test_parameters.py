@@ -1,0 +1,159 @@
+import pytest
+
+pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
+
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import DescribeParameters, SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from wrist_ft_comp import SettingsError
+from wrist_ft_comp.ros.parameters import Parameter, declare, values
+
+TABLE = (
+    Parameter('flag', False, 'Whether.'),
+    Parameter('count', 3, 'How many.', minimum=1, maximum=9),
+    Parameter('speed', 1.0, 'How fast.', unit='m/s', minimum=0.0, maximum=1000.0),
+    Parameter('positive', 2.0, 'No upper limit.', unit='N', minimum=0.0),
+    Parameter('mode', 'slow', 'In which way.', choices=('slow', 'fast')),
+    Parameter('label', '', 'Any text.', read_only=True),
+    Parameter('topics', ('temperature',), 'Topics.'),
+    Parameter('files', (), 'Files.', element=str, read_only=True),
+    Parameter('levels', (0.5, 1.0), 'Levels.', minimum=0.0, maximum=1.0),
+)
+DEFAULTS = {row.name: row.default for row in TABLE}
+
+
+class Example(Node):
+    def __init__(self, **kwargs):
+        super().__init__('example', use_global_arguments=False, **kwargs)
+        declare(self, TABLE)
+
+
+@pytest.fixture
+def make(bench):
+    return lambda *rules: bench.start(Example, cli_args=['--ros-args', *rules])
+
+
+def given(**overrides):
+    return [part for name, value in overrides.items() for part in ('-p', f'{name}:={value}')]
+
+
+def set_parameter(bench, name, value, type_=None):
+    message: ParameterMessage = RosParameter(name, type_, value).to_parameter_msg()
+    request = SetParameters.Request(parameters=[message])
+    return bench.call(SetParameters, '/example/set_parameters', request).results[0]
+
+
+def test_without_overrides_every_parameter_has_its_default(make):
+    assert values(make(), TABLE) == DEFAULTS
+
+
+def test_command_line_gives_the_values(make):
+    node = make(*given(flag='true', count='4', speed='2.5', mode='fast', levels='[0.0, 0.25]'))
+    expected = {'flag': True, 'count': 4, 'speed': 2.5, 'mode': 'fast', 'levels': (0.0, 0.25)}
+    assert values(node, TABLE) == {**DEFAULTS, **expected}
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'expected'),
+    [
+        ('speed', '400', 400.0),
+        ('levels', '[0, 1]', (0.0, 1.0)),
+        ('levels', '0.25', (0.25,)),
+        ('topics', "['']", ()),
+        ('topics', 'flange', ('flange',)),
+        ('files', '[a.csv, b.csv]', ('a.csv', 'b.csv')),
+    ],
+)
+def test_values_are_taken_as_people_type_them(make, name, text, expected):
+    value = values(make(*given(**{name: text})), TABLE)[name]
+    assert value == expected
+    assert type(value) is type(expected)
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'words'),
+    [
+        ('speed', 'quick', ["'quick'", 'a number from 0 to 1000 m/s', '-p speed:=VALUE']),
+        ('speed', '-1.0', ['-1.0', 'from 0 to 1000 m/s']),
+        ('speed', '.nan', ['nan']),
+        ('positive', '.inf', ['inf', 'at least 0 N']),
+        ('count', '10', ['10', 'an integer from 1 to 9']),
+        ('count', '2.0', ['2.0', 'an integer']),
+        ('flag', '1', ['1', 'true or false']),
+        ('mode', 'medium', ["'medium'", 'slow, fast']),
+        ('label', '12', ['12', 'a string']),
+        ('levels', '[0.5, 1.5]', ['1.5', 'array', 'from 0 to 1']),
+        ('topics', '[1, 2]', ['array', 'a string']),
+    ],
+)
+def test_bad_value_at_start_up_is_a_sentence(ros_context, name, text, words):
+    with pytest.raises(SettingsError) as refusal:
+        Example(context=ros_context, cli_args=['--ros-args', *given(**{name: text})])
+    message = str(refusal.value)
+    assert message.startswith(f'Parameter {name} must be ')
+    assert all(word in message for word in words), message
+
+
+def test_change_at_run_time_is_accepted_and_converted(bench, make):
+    node = make()
+    assert set_parameter(bench, 'speed', 7).successful
+    assert set_parameter(bench, 'levels', [], RosParameter.Type.STRING_ARRAY).successful
+    assert values(node, TABLE)['speed'] == 7.0
+    assert values(node, TABLE)['levels'] == ()
+    assert isinstance(node.get_parameter('speed').value, float)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'word'),
+    [
+        ('speed', -1.0, 'speed'),
+        ('speed', float('nan'), 'speed'),
+        ('positive', float('inf'), 'got inf'),
+        ('mode', 'medium', 'slow, fast'),
+        ('levels', [0.5, 2.0], 'from 0 to 1'),
+        ('count', 'three', 'INTEGER'),
+        ('label', 'new', 'read-only'),
+        ('files', ['new'], 'read-only'),
+        ('unknown', 1, 'undeclared'),
+    ],
+)
+def test_bad_change_at_run_time_is_refused_and_changes_nothing(bench, make, name, value, word):
+    node = make()
+    result = set_parameter(bench, name, value)
+    assert not result.successful
+    assert word in result.reason
+    assert values(node, TABLE) == DEFAULTS
+
+
+def test_one_bad_value_refuses_the_whole_atomic_set(make):
+    node = make()
+    wanted = [RosParameter('speed', value=5.0), RosParameter('mode', value='medium')]
+    assert not node.set_parameters_atomically(wanted).successful
+    assert values(node, TABLE) == DEFAULTS
+
+
+def test_describe_shows_unit_range_and_time_of_change(bench, make):
+    make()
+    request = DescribeParameters.Request(names=[row.name for row in TABLE])
+    answer = bench.call(DescribeParameters, '/example/describe_parameters', request)
+    shown = {each.name: each for each in answer.descriptors}
+    assert shown['speed'].description == 'How fast. Unit: m/s. May change at run time.'
+    assert shown['speed'].floating_point_range[0].to_value == 1000.0
+    assert shown['positive'].floating_point_range[0].to_value == float('inf')
+    assert shown['count'].integer_range[0].from_value == 1
+    assert shown['mode'].additional_constraints == 'Must be one of slow, fast.'
+    assert shown['label'].read_only
+    assert 'start-up only' in shown['label'].description
+    assert shown['files'].type == RosParameter.Type.STRING_ARRAY.value
+    assert [each.name for each in answer.descriptors if each.read_only] == ['label', 'files']
+    assert not any(each.dynamic_typing for each in answer.descriptors)
+
+
+@pytest.mark.parametrize(
+    'row', [{'default': ()}, {'default': (1,)}, {'default': 5.0, 'maximum': 1.0}]
+)
+def test_wrong_row_is_refused_where_it_is_written(row):
+    with pytest.raises(SettingsError, match='wrong'):
+        Parameter('wrong', description='.', **row)

@@ -1,0 +1,106 @@
+import signal
+
+import pytest
+
+pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
+
+from rclpy.executors import SingleThreadedExecutor
+
+from wrist_ft_comp import SettingsError
+from wrist_ft_comp.ros.running import make_executor
+
+#: Runs until a signal; every 10 ms its timer does the line in its place.
+SOURCE = """
+import sys
+from rclpy.node import Node
+from wrist_ft_comp import SettingsError, WristFtCompError
+from wrist_ft_comp.ros.parameters import Parameter, declare
+from wrist_ft_comp.ros.running import EXECUTOR_PARAMETER, run_node
+
+class Example(Node):
+    def __init__(self, **kwargs):
+        super().__init__('example', **kwargs)
+        declare(self, [EXECUTOR_PARAMETER, Parameter('speed', 1.0, 'How fast.', minimum=0.0)])
+        self.create_timer(0.01, self.tick)
+
+    def tick(self):
+        LINE
+
+code = run_node(Example, sys.argv)
+print('code', code)
+sys.exit(code)
+"""
+MODULE = 'example'
+
+
+def example(line='pass'):
+    return {'source': SOURCE.replace('LINE', line)}
+
+
+@pytest.mark.parametrize('choice', ['auto', 'default'])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signal_ends_the_node_with_exit_code_0(bench, executable, choice, number):
+    name = f'example_{choice}_{int(number)}'
+    arguments = ['-r', f'__node:={name}', '-p', f'executor:={choice}']
+    node = executable(MODULE, *arguments, **example())
+    bench.wait_for_node(name)
+    assert node.end(number) == (0, '')
+
+
+def test_repeated_signals_end_the_node_as_quietly_as_one(bench, executable):
+    node = executable(MODULE, '-r', '__node:=example_repeated', **example())
+    bench.wait_for_node('example_repeated')
+    node.process.send_signal(signal.SIGINT)
+    node.process.send_signal(signal.SIGINT)
+    assert node.end(signal.SIGTERM) == (0, '')
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'word'),
+    [
+        (['-p', 'speed:=fast'], "Parameter speed must be a number of at least 0; got 'fast'."),
+        (['-p', 'speed:=-3'], 'Parameter speed must be'),
+        (['-p', 'executor:=other'], 'one of auto, events, default'),
+        (['-p', 'speed'], 'The arguments behind --ros-args cannot be read'),
+        (['-p', 'speed:=[1, 2.5]'], 'decimal point'),
+        (['--params-file', 'missing.yaml'], 'missing.yaml'),
+        (['--nonsense'], '--nonsense'),
+    ],
+)
+def test_bad_argument_is_a_sentence_and_exit_code_1(executable, arguments, word):
+    code, errors = executable(MODULE, *arguments, **example()).result()
+    assert code == 1
+    assert word in errors
+    assert 'Traceback' not in errors
+
+
+@pytest.mark.parametrize('choice', ['auto', 'default'])
+def test_error_of_the_family_in_a_callback_is_a_sentence(executable, choice):
+    line = "raise WristFtCompError('The sensor is gone.')"
+    code, errors = executable(MODULE, '-p', f'executor:={choice}', **example(line)).result()
+    assert code == 1
+    assert 'The sensor is gone.' in errors
+    assert 'Traceback' not in errors
+
+
+def test_fault_of_ours_keeps_its_traceback(executable):
+    code, errors = executable(MODULE, **example("raise ValueError('a fault')")).result()
+    assert code == 1
+    assert 'Traceback' in errors
+    assert 'ValueError: a fault' in errors
+
+
+def test_shutdown_by_the_node_itself_is_a_normal_end(executable):
+    code, errors = executable(MODULE, **example('self.context.shutdown()')).result()
+    assert (code, errors) == (0, '')
+
+
+def test_unknown_executor_is_refused(ros_context):
+    with pytest.raises(SettingsError, match="got 'fast'"):
+        make_executor('fast', ros_context)
+
+
+def test_default_executor_is_the_single_threaded_one(ros_context):
+    executor = make_executor('default', ros_context)
+    assert isinstance(executor, SingleThreadedExecutor)
+    executor.shutdown()

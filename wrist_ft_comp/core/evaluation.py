@@ -1,0 +1,215 @@
+"""Using a model on whole recordings: correcting every wrench, and judging what is left."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from wrist_ft_comp import RecordingError
+from wrist_ft_comp.core import drift
+from wrist_ft_comp.core.drift import Drift, DriftModel
+from wrist_ft_comp.core.problem import Reference
+from wrist_ft_comp.core.recording import AXES, FloatArray, IntArray, Recording
+
+
+class DriftTrack(NamedTuple):
+    """
+    Drift over a recording, known at the ends of thermal cells and linear between them.
+
+    Attributes
+    ----------
+    stamps_ns : ndarray of int64, shape (N + 1,)
+        Ends of the cells, and of the one after the last.
+    drift : Drift
+        At these stamps, arrays of shape (N + 1, 6).
+
+    """
+
+    stamps_ns: IntArray
+    drift: Drift
+
+
+@dataclass(frozen=True)
+class AxisEvaluation:
+    """
+    What is left of an axis' drift, after taring and against the reference, N or N m.
+
+    Attributes
+    ----------
+    rms_before, rms_after : float
+        Root mean square over thermal cells, raw and compensated.
+    max_before, max_after : float
+        Largest deviation of a cell.
+
+    """
+
+    rms_before: float
+    rms_after: float
+    max_before: float
+    max_after: float
+
+
+def check_fits(model: DriftModel, recording: Recording) -> None:
+    """
+    Refuse a recording that the model cannot be run on.
+
+    Parameters
+    ----------
+    model : DriftModel
+        The model.
+    recording : Recording
+        On the model's thermal grid.
+
+    Raises
+    ------
+    RecordingError
+        When thermometers or period differ.
+
+    """
+    if recording.thermometers != model.thermometers:
+        raise RecordingError(
+            f'{recording.name} has {recording.thermometers} thermometers, the model expects '
+            f'{model.thermometers}. Name the topics the model was calibrated with.'
+        )
+    if recording.period_ns != model.period_ns:
+        raise RecordingError(
+            f'{recording.name} is on thermal cells of {recording.period_s} s, the model runs on '
+            f'{model.period_ns / 1e9} s. Read it with the period of the model.'
+        )
+
+
+def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
+    """
+    Run the model freely over a recording, from the steady state of its first cell.
+
+    Parameters
+    ----------
+    model : DriftModel
+        The model.
+    recording : Recording
+        On the model's thermal grid.
+
+    Returns
+    -------
+    Drift
+        Of every cell, arrays of shape (N, 6).
+
+    Raises
+    ------
+    RecordingError
+        When the recording does not fit the model.
+
+    """
+    check_fits(model, recording)
+    temperature_c = recording.temperature_c
+    return drift.run(model, drift.start(model, temperature_c[0]), temperature_c)[1]
+
+
+def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:
+    """
+    Lay the drift out over time as the stream does: a cell's drift is reached one cell later.
+
+    Parameters
+    ----------
+    model, recording
+        As for simulate_drift.
+
+    Returns
+    -------
+    DriftTrack
+        Before its first stamp the first value holds, after the last the last one.
+
+    Raises
+    ------
+    RecordingError
+        When the recording does not fit the model.
+
+    """
+    simulated = simulate_drift(model, recording)
+    cells = recording.first_cell + 1 + np.arange(len(recording) + 1)
+    first_twice = np.concatenate(([0], np.arange(len(recording))))
+    return DriftTrack(
+        cells * recording.period_ns,
+        Drift(simulated.zero[first_twice], simulated.sensitivity[first_twice]),
+    )
+
+
+def correct_many(track: DriftTrack, stamps_ns: IntArray, raw: FloatArray) -> FloatArray:
+    """
+    Correct a block of wrenches.
+
+    Parameters
+    ----------
+    track : DriftTrack
+        From track_drift.
+    stamps_ns : ndarray of int64, shape (n,)
+        Stamps, ns.
+    raw : ndarray, shape (n, 6)
+        Raw wrenches, N and N m.
+
+    Returns
+    -------
+    ndarray, shape (n, 6)
+        Compensated wrenches ŵ.
+
+    """
+    # Relative to the first stamp, so that nanoseconds since 1970 keep their precision as floats.
+    origin = track.stamps_ns[0]
+    at, knots = (stamps_ns - origin).astype(float), (track.stamps_ns - origin).astype(float)
+    zero, sensitivity = (
+        np.stack([np.interp(at, knots, column) for column in part.T], axis=1)
+        for part in track.drift
+    )
+    return drift.correct(raw, Drift(zero, sensitivity))
+
+
+def evaluate(
+    model: DriftModel, recording: Recording, reference: Reference, tare_s: float = 60.0
+) -> dict[str, AxisEvaluation]:
+    """
+    Compare raw and compensated means of thermal cells with the reference, both tared.
+
+    Parameters
+    ----------
+    model : DriftModel
+        The model.
+    recording : Recording
+        On the model's thermal grid.
+    reference : {'unloaded', 'constant', 'recorded'}
+        What the true wrench was; the first two compare with zero after taring.
+    tare_s : float
+        Both are tared on the first seconds that hold wrenches, s.
+
+    Returns
+    -------
+    dict of str to AxisEvaluation
+        By axis, those that were recorded.
+
+    Raises
+    ------
+    RecordingError
+        When the recording does not fit the model, or holds nothing to compare with.
+
+    """
+    compensated = drift.correct(recording.wrench, simulate_drift(model, recording))
+    true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
+    found = {}
+    for column, axis in enumerate(AXES):
+        errors = np.stack((recording.wrench[:, column], compensated[:, column])) - true[:, column]
+        at = np.flatnonzero(np.isfinite(errors).all(axis=0))
+        if not len(at):
+            continue
+        errors = errors[:, at]
+        tare = (at - at[0]) * recording.period_s <= tare_s
+        errors -= errors[:, tare].mean(axis=1, keepdims=True)
+        rms = np.sqrt(np.mean(errors**2, axis=1))
+        peak = np.max(np.abs(errors), axis=1)
+        found[axis] = AxisEvaluation(
+            float(rms[0]), float(rms[1]), float(peak[0]), float(peak[1])
+        )
+    if not found:
+        raise RecordingError(
+            f'{recording.name} holds no cell with both wrench and reference. Declare the '
+            'reference unloaded or constant, or record it.'
+        )
+    return found

@@ -1,0 +1,328 @@
+"""
+What is fitted for one axis: drift observations of all recordings, ready for any method.
+
+With the reference wrench w, r - w = o + s w + constant: what is left when the load is taken off.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from wrist_ft_comp.core.arx_pls import ArxPls
+from wrist_ft_comp.core.features import Features
+from wrist_ft_comp.core.recording import AXES, FloatArray, IntArray, Recording
+
+Reference = Literal['unloaded', 'constant', 'recorded']
+
+#: Longest stretch of constant sensitivity assumed when it is observed directly, s.
+OBSERVATION_WINDOW_S = 300.0
+#: The load of an axis varies enough when its deviation is this many times the noise.
+MIN_LOAD_TO_NOISE = 10.0
+#: Samples further apart than this many times the usual distance belong to different stretches.
+_GAP_FACTOR = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class AxisProblem:
+    """
+    One axis over several recordings.
+
+    Attributes
+    ----------
+    axis : str
+        Its name.
+    period_s : float
+        Cell length h, s.
+    temperature_c : tuple of ndarrays, shape (N_i, J)
+        Held temperatures of each recording, °C.
+    residual : tuple of ndarrays, shape (N_i,)
+        r - w, N or N m; NaN where there is no sample, or where it is held out.
+    load : tuple of ndarrays, shape (N_i,), or None
+        w, N or N m; None when sensitivity drift is not to be learnt.
+    blocks : tuple of ndarrays of int, shape (N_i,)
+        Number of the cross-validation block of each cell.
+    no_sensitivity : str
+        Why sensitivity drift is not learnt; empty when it is.
+
+    """
+
+    axis: str
+    period_s: float
+    temperature_c: tuple[FloatArray, ...]
+    residual: tuple[FloatArray, ...]
+    load: tuple[FloatArray, ...] | None
+    blocks: tuple[IntArray, ...]
+    no_sensitivity: str = ''
+
+    @property
+    def block_numbers(self) -> list[int]:
+        """All cross-validation blocks that hold samples, in increasing order."""
+        used = [
+            np.unique(block[np.isfinite(residual)])
+            for block, residual in zip(self.blocks, self.residual, strict=True)
+        ]
+        return [int(number) for number in np.unique(np.concatenate(used))]
+
+    @property
+    def samples(self) -> int:
+        """Number of cells with a sample."""
+        return sum(int(np.isfinite(residual).sum()) for residual in self.residual)
+
+    def without(self, block: int) -> 'AxisProblem':
+        """Hold a block out: its samples become NaN, its temperatures stay for the dynamics."""
+        residual = tuple(
+            np.where(number == block, np.nan, values)
+            for number, values in zip(self.blocks, self.residual, strict=True)
+        )
+        return replace(self, residual=residual)
+
+
+def pose_problem(
+    recordings: Sequence[Recording], axis: str, reference: Reference, blocks: Sequence[IntArray]
+) -> AxisProblem:
+    """
+    Build the problem of one axis.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        All of the same period and number of thermometers.
+    axis : str
+        One of AXES.
+    reference : {'unloaded', 'constant', 'recorded'}
+        What the true wrench was.
+    blocks : sequence of ndarrays of int, shape (N_i,)
+        From cross_validation_blocks.
+
+    Returns
+    -------
+    AxisProblem
+        With load where the reference was recorded and varied enough.
+
+    """
+    column = AXES.index(axis)
+    residual = [recording.wrench[:, column] for recording in recordings]
+    load: list[FloatArray] | None = None
+    why = f'the reference was declared {reference}'
+    if reference == 'recorded':
+        load = [recording.reference[:, column] for recording in recordings]
+        residual = [raw - true for raw, true in zip(residual, load, strict=True)]
+        why = _why_no_sensitivity(residual, load)
+    return AxisProblem(
+        axis=axis,
+        period_s=recordings[0].period_s,
+        temperature_c=tuple(recording.temperature_c for recording in recordings),
+        residual=tuple(residual),
+        load=None if why or load is None else tuple(load),
+        blocks=tuple(blocks),
+        no_sensitivity=why,
+    )
+
+
+def _why_no_sensitivity(residual: Sequence[FloatArray], load: Sequence[FloatArray]) -> str:
+    """Say why the load does not determine sensitivity drift, or nothing when it does."""
+    loads = np.concatenate([w[np.isfinite(w)] for w in load])
+    if not len(loads):
+        return 'no reference wrench was recorded for this axis'
+    deviation = float(np.std(loads))
+    noise = noise_level(residual)
+    if deviation == 0 or deviation < MIN_LOAD_TO_NOISE * noise:
+        return (
+            f'its load varied by {deviation:.3g} (standard deviation), less than '
+            f'{MIN_LOAD_TO_NOISE:g} times the noise of {noise:.3g}'
+        )
+    return ''
+
+
+def noise_level(series: Sequence[FloatArray]) -> float:
+    """
+    Estimate the noise of slowly moving series from the differences of neighbouring samples.
+
+    Parameters
+    ----------
+    series : sequence of ndarrays, shape (N_i,)
+        NaN where there is no sample.
+
+    Returns
+    -------
+    float
+        Standard deviation, robust against steps; 0 when there are no two samples.
+
+    """
+    steps = np.concatenate([np.diff(values[np.isfinite(values)]) for values in series])
+    if not len(steps):
+        return 0.0
+    # A normal variable's median absolute value is 0.6745 σ; a difference has twice the variance.
+    return float(np.median(np.abs(steps)) / 0.6745 / np.sqrt(2))
+
+
+def stretches(present: np.ndarray, period_s: float) -> IntArray:
+    """
+    Number the stretches of a channel that are separated by gaps.
+
+    Parameters
+    ----------
+    present : ndarray of bool, shape (N,)
+        Whether a cell holds a sample.
+    period_s : float
+        Cell length, s.
+
+    Returns
+    -------
+    ndarray of int, shape (N,)
+        Increasing from 0; a gap belongs to the stretch before it.
+
+    """
+    at = np.flatnonzero(present)
+    numbers = np.zeros(len(present), dtype=np.int64)
+    if len(at) > 2:
+        distance = np.diff(at)
+        limit = max(_GAP_FACTOR * float(np.median(distance)), 60.0 / period_s)
+        numbers[at[1:][distance > limit]] = 1
+    return np.cumsum(numbers)
+
+
+def cross_validation_blocks(recordings: Sequence[Recording], folds: int = 5) -> list[IntArray]:
+    """
+    Divide the recordings into blocks that are held out in turn.
+
+    Whole recordings when there are several; the stretches between gaps when there are 3 to 12 of
+    them (plateaus of a chamber test); else equal blocks of time.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        At least one.
+    folds : int
+        Number of blocks of time.
+
+    Returns
+    -------
+    list of ndarrays of int, shape (N_i,)
+        Block number of each cell.
+
+    """
+    if len(recordings) > 1:
+        return [np.full(len(recording), i) for i, recording in enumerate(recordings)]
+    recording = recordings[0]
+    parts = stretches(np.isfinite(recording.wrench).any(axis=1), recording.period_s)
+    if 3 <= parts[-1] + 1 <= 12:
+        return [parts]
+    return [np.arange(len(recording)) * folds // len(recording)]
+
+
+def observe_drift(problem: AxisProblem) -> list[FloatArray]:
+    """
+    Turn r - w into direct observations of the outputs, for methods that need them.
+
+    Without load the only output is the zero drift. With load, sensitivity is a least-squares
+    slope over windows of at most OBSERVATION_WINDOW_S that do not cross gaps: "coefficients
+    recorded at discrete temperatures" (the paper's 3.2).
+
+    Parameters
+    ----------
+    problem : AxisProblem
+        The axis.
+
+    Returns
+    -------
+    list of ndarrays, shape (N_i, M)
+        Zero drift (N or N m) up to a constant and, when there is load, sensitivity drift; NaN
+        where either is not known.
+
+    """
+    if problem.load is None:
+        return [residual[:, np.newaxis] for residual in problem.residual]
+    deviation = np.std(np.concatenate([w[np.isfinite(w)] for w in problem.load]))
+    return [
+        _observe_windows(residual, load, problem.period_s, 0.2 * float(deviation))
+        for residual, load in zip(problem.residual, problem.load, strict=True)
+    ]
+
+
+def _observe_windows(
+    residual: FloatArray, load: FloatArray, period_s: float, min_deviation: float
+) -> FloatArray:
+    """Slope and zero drift of one recording, shape (N, 2)."""
+    observed = np.full((len(residual), 2), np.nan)
+    present = np.isfinite(residual) & np.isfinite(load)
+    cells = max(round(OBSERVATION_WINDOW_S / period_s), 1)
+    at = np.flatnonzero(present)
+    parts = stretches(present, period_s)[at]
+    starts = at[np.searchsorted(parts, parts)]  # first sample of each one's stretch
+    # Windows count anew in each stretch, so none crosses a gap.
+    windows = np.stack((parts, (at - starts) // cells))
+    for window in np.unique(windows, axis=1).T:
+        rows = at[(windows == window[:, np.newaxis]).all(axis=0)]
+        w = load[rows] - load[rows].mean()
+        if len(rows) > 2 and np.std(w) >= min_deviation:
+            slope = float(w @ residual[rows] / (w @ w))
+            observed[rows, 0] = residual[rows] - slope * load[rows]
+            observed[rows, 1] = slope
+    return observed
+
+
+def unexplained(
+    problem: AxisProblem, features: Features, dynamics: ArxPls | None
+) -> list[FloatArray]:
+    """
+    What a model leaves of r - w, by its free run from the steady state of the first cell.
+
+    Parameters
+    ----------
+    problem : AxisProblem
+        The axis; residuals that are held out stay NaN.
+    features : Features
+        The model's inputs.
+    dynamics : ArxPls or None
+        The model; None leaves everything.
+
+    Returns
+    -------
+    list of ndarrays, shape (N_i,)
+        r - w - o - s w, N or N m, up to the unknown constant of each recording.
+
+    """
+    if dynamics is None:
+        return list(problem.residual)
+    left = []
+    for i, temperature_c in enumerate(problem.temperature_c):
+        x = features.expand(temperature_c)
+        _, drift = dynamics.run(dynamics.start(x[0]), x)
+        explained = drift[:, 0]
+        if problem.load is not None and drift.shape[1] > 1:
+            explained = explained + drift[:, 1] * problem.load[i]
+        left.append(problem.residual[i] - explained)
+    return left
+
+
+def block_errors(
+    problem: AxisProblem, left: Sequence[FloatArray], block: int
+) -> tuple[float, int]:
+    """
+    Score a block: sum of squares after a free constant per recording, because taring removes it.
+
+    Parameters
+    ----------
+    problem : AxisProblem
+        For the block numbers.
+    left : sequence of ndarrays, shape (N_i,)
+        From unexplained.
+    block : int
+        Which block.
+
+    Returns
+    -------
+    tuple of float and int
+        Sum of squares, and the number of samples.
+
+    """
+    total, count = 0.0, 0
+    for number, values in zip(problem.blocks, left, strict=True):
+        inside = values[(number == block) & np.isfinite(values)]
+        if len(inside):
+            total += float(np.sum((inside - inside.mean()) ** 2))
+            count += len(inside)
+    return total, count

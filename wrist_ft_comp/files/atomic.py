@@ -1,0 +1,46 @@
+"""Files that are either the old one or the new one, never half of one."""
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+
+@contextmanager
+def replaced_on_success(target: Path) -> Iterator[Path]:
+    """
+    Lend a temporary neighbour of a file; on success it is synced and takes the file's place.
+
+    Parameters
+    ----------
+    target : Path
+        The file to make or replace; its folder must exist.
+
+    Yields
+    ------
+    Path
+        The neighbour: write it, and close it. It is removed when the block raises.
+
+    """
+    handle, name = tempfile.mkstemp(prefix=f'.{target.name}.', dir=target.parent)
+    os.close(handle)
+    neighbour = Path(name)
+    try:
+        yield neighbour
+        sync(neighbour)
+        neighbour.replace(target)
+        sync(target.parent)
+    except BaseException:
+        with suppress(FileNotFoundError):
+            neighbour.unlink()
+        raise
+
+
+def sync(path: Path) -> None:
+    """Wait until a file's content, or a folder's entries, are on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

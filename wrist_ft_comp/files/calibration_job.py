@@ -1,0 +1,212 @@
+"""
+The calibration job: read recordings, fit, save the model. One function, and a process around it.
+
+The command line calls ``run_job``. The node starts ``python -m wrist_ft_comp.files.calibration_job``
+instead, because a fit in its own process neither stops the stream nor fights it for the interpreter:
+the job comes as one JSON object on standard input, the outcome goes as one to standard output.
+"""
+
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from wrist_ft_comp import RecordingError, WristFtCompError
+from wrist_ft_comp.core.calibration import Calibration, CalibrationSettings, calibrate
+from wrist_ft_comp.core.identification import IdentificationSettings
+from wrist_ft_comp.core.recording import Recording
+from wrist_ft_comp.core.summary import summarise
+from wrist_ft_comp.files.model_file import StoredModel, save_model
+from wrist_ft_comp.files.recordings import Topics, read_recording
+
+_HASH_CHUNK = 1 << 20
+
+
+@dataclass(frozen=True)
+class CalibrationJob:
+    """
+    What to calibrate from, how, and where the model goes.
+
+    Attributes
+    ----------
+    recordings : tuple of Path
+        Bags, CSV files or chamber tables.
+    output : Path
+        Model file to make or replace.
+    settings : CalibrationSettings
+        What a person chose.
+    period_s : float
+        Thermal period h, s.
+    topics : Topics
+        Topic names in bags.
+    skip_unusable : bool
+        Leave out recordings that cannot be read, with a warning, as long as one can.
+    keep_copied_columns : bool
+        Fit columns of a chamber table that repeat another one, too.
+
+    """
+
+    recordings: tuple[Path, ...]
+    output: Path
+    settings: CalibrationSettings = field(default_factory=CalibrationSettings)
+    period_s: float = 1.0
+    topics: Topics = field(default_factory=Topics)
+    skip_unusable: bool = False
+    keep_copied_columns: bool = False
+
+
+def run_job(
+    job: CalibrationJob, progress: Callable[[float], None] | None = None
+) -> tuple[Calibration, StoredModel, tuple[str, ...]]:
+    """
+    Read, fit, save.
+
+    Parameters
+    ----------
+    job : CalibrationJob
+        The job.
+    progress : callable, optional
+        Told the share that is done, 0 to 1.
+
+    Returns
+    -------
+    tuple of Calibration, StoredModel and tuple of str
+        What was found, what was saved, and which recordings were left out.
+
+    Raises
+    ------
+    WristFtCompError
+        When a recording is unusable, the calibration is refused, or the model cannot be saved;
+        nothing is changed then.
+
+    """
+    report = progress or (lambda _: None)
+    recordings, used, left_out = _read(job, report)
+    calibration = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
+    provenance = {
+        'recordings': [{'path': str(path), 'sha256': hash_recording(path)} for path in used],
+        'settings': json.loads(json.dumps(asdict(job.settings))),
+    }
+    return calibration, save_model(job.output, calibration, provenance), left_out
+
+
+def _read(
+    job: CalibrationJob, report: Callable[[float], None]
+) -> tuple[list[Recording], list[Path], tuple[str, ...]]:
+    """Read all recordings; half of the progress is reading."""
+    recordings: list[Recording] = []
+    used: list[Path] = []
+    left_out: list[str] = []
+    failure: RecordingError | None = None
+    share = 0.5 / max(len(job.recordings), 1)
+    for number, path in enumerate(job.recordings):
+        try:
+            recording = read_recording(
+                path,
+                period_s=job.period_s,
+                topics=job.topics,
+                keep_copied_columns=job.keep_copied_columns,
+                progress=lambda done, number=number: report(share * (number + done)),
+            )
+        except RecordingError as error:
+            if not job.skip_unusable:
+                raise
+            failure = error
+            left_out.append(f'{path.name} was left out: {error}')
+            continue
+        recordings.append(recording)
+        used.append(path)
+    if failure is not None and not recordings:
+        raise failure
+    return recordings, used, tuple(left_out)
+
+
+def hash_recording(path: Path) -> str:
+    """
+    Hash a recording's bytes, a folder's files in order of their names.
+
+    Parameters
+    ----------
+    path : Path
+        File or folder.
+
+    Returns
+    -------
+    str
+        SHA-256, hexadecimal.
+
+    """
+    digest = hashlib.sha256()
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+        if file.is_file():
+            with file.open('rb') as content:
+                while chunk := content.read(_HASH_CHUNK):
+                    digest.update(chunk)
+    return digest.hexdigest()
+
+
+def encode_job(job: CalibrationJob) -> str:
+    """Write a job as JSON."""
+    return json.dumps(asdict(job), default=str)
+
+
+def decode_job(text: str) -> CalibrationJob:
+    """Read a job that encode_job wrote."""
+    plain = json.loads(text)
+    settings = plain['settings']
+    identification = settings['identification']
+    orders = identification['orders']
+    orders['time_constants_s'] = tuple(orders['time_constants_s'])
+    identification['hat_temperatures_c'] = tuple(identification['hat_temperatures_c'])
+    topics = plain['topics']
+    return CalibrationJob(
+        recordings=tuple(Path(path) for path in plain['recordings']),
+        output=Path(plain['output']),
+        settings=_rebuild(settings),
+        period_s=plain['period_s'],
+        topics=Topics(**{**topics, 'temperatures': tuple(topics['temperatures'])}),
+        skip_unusable=plain['skip_unusable'],
+        keep_copied_columns=plain['keep_copied_columns'],
+    )
+
+
+def _rebuild(settings: dict[str, Any]) -> CalibrationSettings:
+    """Build settings from plain values."""
+    identification = settings['identification']
+    orders_type = type(IdentificationSettings().orders)
+    return CalibrationSettings(
+        **{
+            **settings,
+            'identification': IdentificationSettings(
+                **{**identification, 'orders': orders_type(**identification['orders'])}
+            ),
+        }
+    )
+
+
+def main() -> int:
+    """Run one job from standard input, at low priority, and write its outcome."""
+    os.nice(10)
+    try:
+        calibration, stored, left_out = run_job(decode_job(sys.stdin.read()))
+    except WristFtCompError as error:
+        outcome: dict[str, Any] = {'success': False, 'message': str(error)}
+    else:
+        notes = ''.join(f'\nwarning: {sentence}' for sentence in left_out)
+        outcome = {
+            'success': True,
+            'message': f'{summarise(calibration)}{notes}\nsaved as {stored.path}',
+            'path': str(stored.path),
+            'sha256': stored.sha256,
+            'document': stored.document,
+        }
+    json.dump(outcome, sys.stdout)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

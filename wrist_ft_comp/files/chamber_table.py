@@ -1,0 +1,135 @@
+"""
+Tables of static chamber tests as CSV: ``step,load_<unit>,direction,output_at_<T>_c,…``.
+
+Rows are load steps, and there is one output column per chamber temperature; no times. Other
+columns, such as the direction, are carried along and not interpreted.
+"""
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+
+from wrist_ft_comp import RecordingError
+from wrist_ft_comp.core.chamber import ChamberTable, leave_out_copies
+
+_OUTPUT = re.compile(r'output_at_([-+]?\d+(?:\.\d+)?)_c')
+_LOAD = re.compile(r'load_(\w+)')
+
+
+def is_chamber_table(path: Path) -> bool:
+    """Tell whether the file's first line names a load and outputs at temperatures."""
+    try:
+        with path.open(encoding='utf-8-sig') as file:
+            header = file.readline(10_000).strip().split(',')
+    except (OSError, UnicodeDecodeError):
+        return False
+    return any(map(_OUTPUT.fullmatch, header)) and any(map(_LOAD.fullmatch, header))
+
+
+def _read_rows(path: Path) -> list[list[str]]:
+    """Read all cells; blank lines are skipped."""
+    try:
+        with path.open(encoding='utf-8-sig', newline='') as file:
+            rows = [row for row in csv.reader(file) if row]
+    except OSError as error:
+        raise RecordingError(f'{path} cannot be read: {error.strerror}.') from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise RecordingError(f'{path.name} is no CSV table in UTF-8: {error}.') from error
+    for line, row in enumerate(rows, 1):
+        if len(row) != len(rows[0]):
+            raise RecordingError(
+                f'Row {line} of {path.name} has {len(row)} cells; the header names '
+                f'{len(rows[0])} columns. Repair the row.'
+            )
+    if len(rows) < 2:
+        raise RecordingError(f'{path.name} has no row below its header; expected load steps.')
+    return rows
+
+
+def _number(path: Path, rows: list[list[str]], row: int, column: int) -> float:
+    """Read one cell as a number."""
+    try:
+        return float(rows[row][column])
+    except ValueError:
+        raise RecordingError(
+            f'Row {row + 1} of {path.name}, column {rows[0][column]}: expected a number, got '
+            f'{rows[row][column]!r}.'
+        ) from None
+
+
+def read_chamber_table(path: Path, *, keep_copied_columns: bool = False) -> ChamberTable:
+    """
+    Read a table.
+
+    Parameters
+    ----------
+    path : Path
+        CSV as in the module's docstring.
+    keep_copied_columns : bool
+        Keep columns which repeat an earlier one digit for digit. They cannot be measurements,
+        so by default they are left out, and the table's left_out says so.
+
+    Returns
+    -------
+    ChamberTable
+        Columns in the file's order.
+
+    Raises
+    ------
+    RecordingError
+        When a row is ragged, a cell is no number, or there is no load or no output.
+
+    """
+    rows = _read_rows(path)
+    loads = [c for c, name in enumerate(rows[0]) if _LOAD.fullmatch(name.strip())]
+    outputs = output_columns(rows[0])
+    if len(loads) != 1 or not outputs:
+        raise RecordingError(
+            f'{path.name} must have one column load_<unit> and columns output_at_<temperature>_c; '
+            f'got {", ".join(rows[0])}.'
+        )
+    unit = rows[0][loads[0]].strip().removeprefix('load_')
+    steps = range(1, len(rows))
+    table = ChamberTable(
+        name=path.name,
+        temperatures_c=np.array([temperature for temperature, _ in outputs]),
+        load=np.array([_number(path, rows, row, loads[0]) for row in steps]),
+        load_unit=unit,
+        output=np.array([[_number(path, rows, row, c) for _, c in outputs] for row in steps]),
+    )
+    return table if keep_copied_columns else leave_out_copies(table)
+
+
+def output_columns(header: list[str]) -> list[tuple[float, int]]:
+    """List temperature, °C, and position of the output columns."""
+    found = [(_OUTPUT.fullmatch(name.strip()), c) for c, name in enumerate(header)]
+    return [(float(match[1]), c) for match, c in found if match]
+
+
+def write_chamber_table(source: Path, target: Path, table: ChamberTable) -> None:
+    """
+    Write a copy of a table with other outputs.
+
+    Parameters
+    ----------
+    source : Path
+        Where steps, loads and other columns are taken from, verbatim.
+    target : Path
+        The file to make; it must not exist yet.
+    table : ChamberTable
+        The outputs. Columns whose temperature it left out are absent from the target.
+
+    """
+    rows = _read_rows(source)
+    outputs = output_columns(rows[0])
+    at = {temperature: p for p, temperature in enumerate(table.temperatures_c.tolist())}
+    dropped = {column for temperature, column in outputs if temperature not in at}
+    for temperature, column in outputs:
+        for step, row in enumerate(rows[1:] if column not in dropped else []):
+            row[column] = repr(float(table.output[step, at[temperature]]))
+    kept = [column for column in range(len(rows[0])) if column not in dropped]
+    with target.open('x', encoding='utf-8', newline='') as file:
+        writer = csv.writer(file, lineterminator='\n')
+        writer.writerows([row[column] for column in kept] for row in rows)

@@ -1,0 +1,127 @@
+"""
+Where a node keeps what it made: models, own recordings, and which model is active.
+
+    <directory>/models/*.yaml        every calibration's result
+    <directory>/recordings/*.csv     the node's own recordings
+    <directory>/active.json          the active model, and the ones before it, newest last
+"""
+
+import json
+from datetime import datetime, timezone
+from pathlib import Path
+
+from wrist_ft_comp import ModelFileError
+from wrist_ft_comp.files.atomic import replaced_on_success
+
+#: How many steps back ``previous`` can go.
+MAX_HISTORY = 20
+#: How many of the node's own recordings a calibration uses.
+MAX_RECORDINGS = 10
+
+
+class ModelStore:
+    """
+    A node's folder.
+
+    Parameters
+    ----------
+    directory : Path
+        Made when something is first written.
+
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+
+    def new_model_path(self) -> Path:
+        """Name a new model file after the present time (UTC)."""
+        return _unused(self.directory / 'models', 'model', '.yaml')
+
+    def new_recording_path(self) -> Path:
+        """Name a new recording after the present time (UTC); its folder exists afterwards."""
+        path = _unused(self.directory / 'recordings', 'recording', '.csv')
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def recordings(self) -> list[Path]:
+        """List the newest of the node's own recordings, oldest first."""
+        return sorted((self.directory / 'recordings').glob('*.csv'))[-MAX_RECORDINGS:]
+
+    def contains(self, path: Path) -> bool:
+        """Tell whether a path lies inside the folder, symbolic links resolved."""
+        return path.resolve().is_relative_to(self.directory.resolve())
+
+    def history(self) -> list[Path | None]:
+        """
+        List the models that were active, newest last.
+
+        Returns
+        -------
+        list of Path or None
+            The last is active now; None stands for "no model"; empty when nothing ever was.
+
+        Raises
+        ------
+        ModelFileError
+            When the list cannot be read.
+
+        """
+        path = self.directory / 'active.json'
+        try:
+            entries = json.loads(path.read_text(encoding='utf-8'))
+        except FileNotFoundError:
+            return []
+        except (OSError, ValueError, RecursionError) as error:
+            raise ModelFileError(
+                f'{path} cannot be read ({error}). Remove it and set model_file.'
+            ) from error
+        if not isinstance(entries, list) or not all(
+            entry is None or isinstance(entry, str) for entry in entries
+        ):
+            raise ModelFileError(
+                f'{path} must hold a list of model files. Remove it and set model_file.'
+            )
+        return [None if entry is None else self.directory / entry for entry in entries]
+
+    def activate(self, history: list[Path | None]) -> None:
+        """
+        Remember the active model and the ones before it.
+
+        Parameters
+        ----------
+        history : list of Path or None
+            Newest last; paths inside the folder are kept relative to it.
+
+        Raises
+        ------
+        ModelFileError
+            When it cannot be written; what was remembered before stays.
+
+        """
+        path = self.directory / 'active.json'
+        entries = [None if entry is None else self._written(entry) for entry in history]
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with replaced_on_success(path) as neighbour:
+                neighbour.write_text(json.dumps(entries[-MAX_HISTORY:], indent=1), 'utf-8')
+        except OSError as error:
+            raise ModelFileError(
+                f'{path} cannot be written: {error.strerror}. Make room, or choose another '
+                'data_directory; the model is active until the node ends.'
+            ) from error
+
+    def _written(self, path: Path) -> str:
+        """Spell a path so that the folder can be moved."""
+        resolved, base = path.resolve(), self.directory.resolve()
+        return str(resolved.relative_to(base) if resolved.is_relative_to(base) else resolved)
+
+
+def _unused(folder: Path, stem: str, suffix: str) -> Path:
+    """Name a file after the present time, numbered when several fall into a second."""
+    now = datetime.now(timezone.utc).strftime('%Y%m%dT%H%M%SZ')
+    path = folder / f'{stem}_{now}{suffix}'
+    number = 2
+    while path.exists():
+        path = folder / f'{stem}_{now}_{number}{suffix}'
+        number += 1
+    return path

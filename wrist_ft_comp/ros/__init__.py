@@ -1,0 +1,1 @@
+"""The nodes: the only modules that import rclpy."""

@@ -1,0 +1,89 @@
+"""
+A service that answers later, on every executor, without stopping the stream.
+
+A callback has to return at once, and a coroutine as callback fails on the EventsExecutor and starves
+timers on the others. So the service object's ``send_response`` is replaced by one that keeps the
+request's header; the original is called when the work is done.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+
+
+class Reply:
+    """
+    The answer to one request: call it once, now or later.
+
+    Parameters
+    ----------
+    response : object
+        A response with ``success`` and ``message``, such as std_srvs/Trigger's.
+    send : callable
+        Sends a response to the asker a header names.
+
+    """
+
+    def __init__(self, response: Any, send: Callable[[Any, Any], None]) -> None:
+        self.response = response
+        self._send = send
+        self._header: Any = None
+        self._answered = False
+
+    def __call__(self, *, success: bool, message: str) -> None:
+        """Answer."""
+        if self._answered:
+            return
+        self._answered = True
+        self.response.success, self.response.message = success, message
+        if self._header is not None:
+            self._send(self.response, self._header)
+
+    def arrive(self, header: Any) -> None:
+        """Take the header, which comes after the callback has returned."""
+        self._header = header
+        if self._answered:
+            self._send(self.response, header)
+
+
+class DeferredService:
+    """
+    A service whose handler gets a Reply instead of returning a response.
+
+    Parameters
+    ----------
+    node : Node
+        The owner.
+    service_type : type
+        Response with ``success`` and ``message``.
+    name : str
+        Service name.
+    handler : callable
+        Called as ``handler(request, reply)``.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        service_type: Any,
+        name: str,
+        handler: Callable[[Any, Reply], None],
+    ) -> None:
+        self._handler = handler
+        self._replies: dict[int, Reply] = {}
+        self.service: Any = node.create_service(service_type, name, self._on_request)
+        self._send = self.service.send_response
+        self.service.send_response = self._on_header
+
+    def _on_request(self, request: Any, response: Any) -> Any:
+        """Give the request to the handler; the executor then asks to send what is returned."""
+        reply = Reply(response, self._send)
+        self._replies[id(response)] = reply
+        self._handler(request, reply)
+        return response
+
+    def _on_header(self, response: Any, header: Any) -> None:
+        """Keep the header until the answer is there."""
+        self._replies.pop(id(response)).arrive(header)

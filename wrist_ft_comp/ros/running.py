@@ -1,0 +1,202 @@
+"""
+Run one node from start to end: context, executor, signals, exit code.
+
+Why not ``rclpy.spin``: shutting a context down under a running executor, as rclpy's own signal
+handlers do, can abort the process, and the EventsExecutor of some builds delivers nothing
+without a timeout. So signals only raise a flag, and the loop below looks at it.
+"""
+
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+from rclpy.context import Context
+from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import get_logger
+from rclpy.node import Node
+from rclpy.qos_overriding_options import InvalidQosOverridesError
+
+from wrist_ft_comp import SettingsError, WristFtCompError
+from wrist_ft_comp.ros.parameters import Parameter
+
+NodeFactory = Callable[..., Node]
+
+#: Longest time between a signal and the look at its flag, seconds.
+POLL_PERIOD_S = 0.1
+
+#: What a user can cause and mend; anything else is a fault of ours and keeps its traceback.
+USER_ERRORS = (
+    WristFtCompError,
+    ParameterException,
+    NameValidationException,
+    InvalidQosOverridesError,
+)
+
+#: Row for the table of a node that lets its user choose.
+EXECUTOR_PARAMETER = Parameter(
+    'executor',
+    'auto',
+    'What runs the callbacks: events (EventsExecutor, needs less than half of the processor '
+    'time), default (SingleThreadedExecutor), or auto: events where rclpy has it.',
+    choices=('auto', 'events', 'default'),
+    read_only=True,
+)
+
+
+def run_node(
+    factory: NodeFactory, argv: Sequence[str] | None = None, executor: str | None = None
+) -> int:
+    """
+    Run a node until SIGINT, SIGTERM, or an error of this package.
+
+    Parameters
+    ----------
+    factory : callable
+        Called as ``factory(context=…)``; returns the node. A node class will do.
+    argv : sequence of str, optional
+        Command line, as sys.argv, which is also the default.
+    executor : {'auto', 'events', 'default'}, optional
+        Overrides the node's parameter ``executor``; without either, 'auto'.
+
+    Returns
+    -------
+    int
+        Exit code: 0 after a signal, 1 after an error, which was logged as one sentence.
+
+    """
+    context = Context()
+    try:
+        with _stop_flag() as stop:
+            _initialise(context, argv)
+            _create_and_spin(factory, context, executor, stop)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except USER_ERRORS as error:
+        logger: Any = get_logger('wrist_ft_comp')
+        logger.fatal(str(error))
+        return 1
+    finally:
+        context.try_shutdown()
+    return 0
+
+
+def make_executor(choice: str, context: Context) -> Executor:
+    """
+    Make an executor.
+
+    Parameters
+    ----------
+    choice : {'auto', 'events', 'default'}
+        As EXECUTOR_PARAMETER describes.
+    context : Context
+        The context of the nodes that it will run.
+
+    Returns
+    -------
+    Executor
+        Without a node yet.
+
+    Raises
+    ------
+    SettingsError
+        When the choice is unknown, or this rclpy has no EventsExecutor.
+
+    """
+    if choice not in EXECUTOR_PARAMETER.choices:
+        raise SettingsError(
+            f'executor must be one of {", ".join(EXECUTOR_PARAMETER.choices)}; got {choice!r}.'
+        )
+    if choice != 'default':
+        try:
+            # Inside the function because older rclpy lack it.
+            from rclpy.experimental.events_executor import EventsExecutor  # noqa: PLC0415
+        except ImportError:
+            if choice == 'events':
+                raise SettingsError(
+                    'executor is events, but this rclpy has no EventsExecutor (it came with '
+                    '7.1). Set executor to auto or default.'
+                ) from None
+        else:
+            return EventsExecutor(context=context)
+    return SingleThreadedExecutor(context=context)
+
+
+def spin(executor: Executor, context: Context, stop: threading.Event) -> None:
+    """
+    Run callbacks until a flag is set or the context is shut down.
+
+    Parameters
+    ----------
+    executor : Executor
+        Holds the nodes.
+    context : Context
+        The executor's context.
+    stop : threading.Event
+        Looked at after every callback, and every POLL_PERIOD_S.
+
+    """
+    while context.ok() and not stop.is_set():
+        executor.spin_once(timeout_sec=POLL_PERIOD_S)
+
+
+def _initialise(context: Context, argv: Sequence[str] | None) -> None:
+    """Initialise a context; bad ROS arguments become a sentence."""
+    try:
+        context.init(list(sys.argv if argv is None else argv))
+    except RuntimeError as error:
+        # rcl ends its message with ", at FILE:LINE" of its own sources, once per call level.
+        reason = str(error).split(', at /')[0].rstrip('.')
+        raise SettingsError(
+            f'The arguments behind --ros-args cannot be read: {reason}. Write '
+            '-p NAME:=VALUE, -r FROM:=TO or --params-file FILE; the numbers of an array must '
+            'all be written with or all without a decimal point.'
+        ) from error
+
+
+def _create_and_spin(
+    factory: NodeFactory, context: Context, choice: str | None, stop: threading.Event
+) -> None:
+    """Create node and executor, spin, and take them down in the order that does not abort."""
+    node: Any = factory(context=context)
+    try:
+        if choice is None:
+            declared = node.has_parameter('executor')
+            choice = str(node.get_parameter('executor').value) if declared else 'auto'
+        executor = make_executor(choice, context)
+        try:
+            executor.add_node(node)
+            spin(executor, context, stop)
+        finally:
+            executor.shutdown()
+    finally:
+        node.destroy_node()
+
+
+@contextmanager
+def _stop_flag() -> Iterator[threading.Event]:
+    """
+    Yield a flag that SIGINT and SIGTERM set; outside the main thread nothing sets it.
+
+    A repeated signal changes nothing: ``ros2 launch`` and the terminal both send one.
+    """
+    stop = threading.Event()
+
+    def set_flag(_number: int, _frame: FrameType | None) -> None:
+        stop.set()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    before: dict[int, Any] = {
+        number: signal.signal(number, set_flag) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

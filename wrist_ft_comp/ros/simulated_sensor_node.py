@@ -1,0 +1,278 @@
+"""
+The executable ``simulated_sensor``: a wrist sensor that warms up, as a driver's node.
+
+Simulated time runs ``speed`` times as fast as the wall clock and shows in the stamps only, so
+hours of warm-up pass in seconds. A run is the same for the same parameters, message by message.
+Where the machine stalls or is too slow, the run falls behind the wall clock: messages of at most
+LONGEST_WAKE_S are made up for at once, and no message is left out.
+"""
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import Temperature
+
+from wrist_ft_comp.core.recording import NANOSECONDS, FloatArray, IntArray
+from wrist_ft_comp.core.simulated_run import (
+    RunSettings,
+    draw_run,
+    drive,
+    room_temperature,
+    true_wrench,
+)
+from wrist_ft_comp.core.thermal_sensor import (
+    ThermalSensorSettings,
+    ThermalState,
+    build_sensor,
+    digitised_temperatures,
+    digitised_wrench,
+    measured_wrench,
+    start,
+    trajectory,
+)
+from wrist_ft_comp.ros.parameters import Parameter, declare, values
+from wrist_ft_comp.ros.running import EXECUTOR_PARAMETER, run_node
+
+#: Best effort as real drivers publish; deep enough for all messages of one wake-up.
+DRIVER_STREAM = cast('Any', QoSProfile)(
+    history=QoSHistoryPolicy.KEEP_LAST, depth=100, reliability=QoSReliabilityPolicy.BEST_EFFORT
+)
+#: Messages due within this time leave in one wake-up, which costs less than a wake-up for each.
+SHORTEST_WAKE_S = 0.004
+#: The longest pause that is made up for.
+LONGEST_WAKE_S = 0.05
+
+_RUN = RunSettings()
+
+
+def _row(name: str, default: Any, description: str, **more: Any) -> Parameter:
+    """Make a row that is read at start-up only, as all are: a run is fixed when it begins."""
+    return Parameter(name, default, description, read_only=True, **more)
+
+
+PARAMETERS = (
+    EXECUTOR_PARAMETER,
+    _row('seed', 1, 'Draws the specimen of the sensor, its gauges and their places.', minimum=0),
+    _row('run', 0, 'Draws noise, loads and room of this run, for the same sensor.', minimum=0),
+    _row('speed', 1.0, 'Simulated seconds per wall second.', minimum=0.01, maximum=10000.0),
+    _row('wrench_rate', 100.0, 'Wrenches per wall second.', unit='Hz',
+         minimum=0.1, maximum=8000.0),
+    _row('temperature_rate', 10.0, 'Temperatures per wall second, of each thermometer.',
+         unit='Hz', minimum=0.1, maximum=1000.0),
+    _row('frame_id', 'wrist_ft', 'Frame of the messages.'),
+    _row('start_stamp_s', 0.0, 'First stamp; 0 means the time of the start.', unit='s',
+         minimum=0.0, maximum=2.0**31 - 1),
+    _row('wait_for_subscriber', True,
+         'Whether the run begins with the first subscriber of wrench_raw or temperature.'),
+    _row('room_temperature_c', _RUN.room_c, 'Mean room temperature.', unit='°C',
+         minimum=-40.0, maximum=85.0),
+    _row('room_swing_k', _RUN.room_swing_k, 'Amplitude of the slow swing of the room temperature.',
+         unit='K', minimum=0.0, maximum=20.0),
+    _row('room_swing_period_s', _RUN.room_swing_period_s, 'Period of that swing.',
+         unit='simulated s', minimum=1.0),
+    _row('load.force_n', _RUN.force_n, 'Largest force of an axis; 0 is unloaded.', unit='N',
+         minimum=0.0, maximum=1000.0),
+    _row('load.torque_nm', _RUN.torque_nm, 'Largest torque of an axis; 0 is unloaded.',
+         unit='N m', minimum=0.0, maximum=100.0),
+    _row('load.period_s', _RUN.load_period_s, 'About the time from one peak of load to the next.',
+         unit='simulated s', minimum=0.1),
+    _row('duty_cycle.start_s', _RUN.duty_start_s,
+         'Ascending times at which the duty cycle of the motor changes.', unit='simulated s',
+         minimum=0.0),
+    _row('duty_cycle.level', _RUN.duty_level, 'Duty cycle from each of these times on.',
+         minimum=0.0, maximum=1.0),
+)  # fmt: skip
+
+
+class SimulatedSensor(Node):
+    """Publishes what the sensor reads, what its thermometers read, and the true wrench."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        """
+        Read the parameters and get ready to run.
+
+        Parameters
+        ----------
+        **kwargs
+            Passed on to rclpy's node.
+
+        """
+        super().__init__('simulated_sensor', **kwargs)
+        declare(self, PARAMETERS)
+        chosen = values(self, PARAMETERS)
+        random = np.random.SeedSequence([chosen['seed'], chosen['run']]).spawn(3)
+        draws, self._wrench_rng, self._temperature_rng = map(np.random.default_rng, random)
+        self._run = draw_run(_run_settings(chosen), draws)
+        self._sensor = build_sensor(ThermalSensorSettings(), chosen['seed'])
+        self._state = start(self._sensor, float(room_temperature(self._run, 0.0)))
+        self._step = 0
+        self._speed: float = chosen['speed']
+        self._wrenches = _Ticks(chosen['wrench_rate'], self._speed)
+        self._temperatures = _Ticks(chosen['temperature_rate'], self._speed)
+        self._start_ns = round(chosen['start_stamp_s'] * NANOSECONDS)
+        self._ran_s = 0.0
+        self._woken_s: float | None = None
+        self._waits: bool = chosen['wait_for_subscriber']
+        self._make_messages(chosen['frame_id'])
+        self._make_publishers()
+        wake_s = max(SHORTEST_WAKE_S, 1.0 / max(self._wrenches.rate, self._temperatures.rate))
+        # A steady clock: neither a simulated nor a stepped clock changes the rate.
+        self.create_timer(wake_s, self._wake, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _make_messages(self, frame_id: str) -> None:
+        """Make the messages once; only stamps and readings change."""
+        self._reference, self._raw = WrenchStamped(), WrenchStamped()
+        self._readings = [Temperature(), Temperature()]
+        for message in (self._reference, self._raw, *self._readings):
+            message.header.frame_id = frame_id
+        for message in self._readings:
+            message.variance = self._sensor.settings.thermometer_noise_k**2
+
+    def _make_publishers(self) -> None:
+        """Advertise the topics; their QoS can be overridden by parameters."""
+
+        def advertise(message_type: Any, topic: str) -> Any:
+            overridable = QoSOverridingOptions.with_default_policies()
+            return self.create_publisher(
+                message_type, topic, DRIVER_STREAM, qos_overriding_options=overridable
+            )
+
+        self._raw_publisher = advertise(WrenchStamped, 'wrench_raw')
+        self._reference_publisher = advertise(WrenchStamped, 'wrench_reference')
+        self._temperature_publishers = [
+            advertise(Temperature, topic) for topic in ('temperature', 'temperature_2')
+        ]
+
+    def _wake(self) -> None:
+        """Publish what has become due since the last wake-up, in the order of the stamps."""
+        now_s = time.monotonic()
+        if self._woken_s is None:
+            if self._waits and not self._has_subscriber():
+                return
+            self._start_ns = self._start_ns or self.get_clock().now().nanoseconds
+            self._woken_s = now_s
+        self._ran_s += min(now_s - self._woken_s, LONGEST_WAKE_S)
+        self._woken_s = now_s
+        self._publish_due()
+
+    def _has_subscriber(self) -> bool:
+        """Whether somebody listens to the wrench or to the sensor's own thermometer."""
+        publishers = (self._raw_publisher, self._temperature_publishers[0])
+        return any(publisher.get_subscription_count() > 0 for publisher in publishers)
+
+    def _publish_due(self) -> None:
+        """Take the heat to the present, read the sensor, and send the readings."""
+        wrench_ns = self._wrenches.due(self._ran_s)
+        temperature_ns = self._temperatures.due(self._ran_s)
+        wrench_nodes_c, temperature_nodes_c = self._warm_up(wrench_ns, temperature_ns)
+        true = true_wrench(self._run, wrench_ns / NANOSECONDS)
+        ideal = measured_wrench(self._sensor, wrench_nodes_c, true)
+        raw = digitised_wrench(self._sensor, ideal, self._wrench_rng)
+        read = digitised_temperatures(self._sensor, temperature_nodes_c, self._temperature_rng)
+        waiting = list(zip(temperature_ns.tolist(), read.tolist(), strict=True))[::-1]
+        for elapsed_ns, load, reading in zip(
+            wrench_ns.tolist(), true.tolist(), raw.tolist(), strict=True
+        ):
+            while waiting and waiting[-1][0] <= elapsed_ns:
+                self._send_temperatures(*waiting.pop())
+            self._send_wrench(self._reference_publisher, self._reference, elapsed_ns, load)
+            self._send_wrench(self._raw_publisher, self._raw, elapsed_ns, reading)
+        while waiting:
+            self._send_temperatures(*waiting.pop())
+
+    def _warm_up(self, *streams_ns: IntArray) -> list[FloatArray]:
+        """Advance the heat to the latest of some times; node temperatures at each of them."""
+        step_s = self._sensor.settings.step_s
+        steps = [elapsed_ns // round(step_s * NANOSECONDS) for elapsed_ns in streams_ns]
+        first = self._step
+        self._step = max(first, *(int(each[-1]) for each in steps if len(each)), first)
+        begins_s: FloatArray = np.arange(first, self._step) * step_s
+        passed = drive(self._run, begins_s)
+        nodes_c = trajectory(self._sensor, self._state, passed)
+        self._state = ThermalState(nodes_c[-1])
+        return [nodes_c[np.maximum(each - first, 0)] for each in steps]
+
+    def _stamp(self, message: Any, elapsed_ns: int) -> None:
+        """Write the stamp of a simulated time."""
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(self._start_ns + elapsed_ns, NANOSECONDS)
+
+    def _send_wrench(
+        self, publisher: Any, message: Any, elapsed_ns: int, wrench: list[float]
+    ) -> None:
+        """Send a wrench, N and N m in the order of AXES."""
+        self._stamp(message, elapsed_ns)
+        force, torque = message.wrench.force, message.wrench.torque
+        force.x, force.y, force.z, torque.x, torque.y, torque.z = wrench
+        publisher.publish(message)
+
+    def _send_temperatures(self, elapsed_ns: int, temperature_c: list[float]) -> None:
+        """Send the readings of both thermometers, °C."""
+        for publisher, message, value in zip(
+            self._temperature_publishers, self._readings, temperature_c, strict=True
+        ):
+            self._stamp(message, elapsed_ns)
+            message.temperature = value
+            publisher.publish(message)
+
+
+class _Ticks:
+    """Counts the messages of one stream: which are due, and their simulated times."""
+
+    def __init__(self, rate: float, speed: float) -> None:
+        self.rate = rate
+        self._step_ns = speed / rate * NANOSECONDS
+        self._sent = 0
+
+    def due(self, ran_s: float) -> IntArray:
+        """Give the simulated times of the messages due after ran_s of wall time, ns, and count."""
+        total = int(ran_s * self.rate) + 1
+        ticks = np.arange(self._sent, total)
+        self._sent = max(total, self._sent)
+        elapsed_ns: IntArray = np.rint(ticks * self._step_ns).astype(np.int64)
+        return elapsed_ns
+
+
+def _run_settings(chosen: dict[str, Any]) -> RunSettings:
+    """Translate the parameters of a run."""
+    return RunSettings(
+        duty_start_s=chosen['duty_cycle.start_s'],
+        duty_level=chosen['duty_cycle.level'],
+        room_c=chosen['room_temperature_c'],
+        room_swing_k=chosen['room_swing_k'],
+        room_swing_period_s=chosen['room_swing_period_s'],
+        force_n=chosen['load.force_n'],
+        torque_nm=chosen['load.torque_nm'],
+        load_period_s=chosen['load.period_s'],
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """
+    Run the node until a signal ends it.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Command line; sys.argv by default.
+
+    Returns
+    -------
+    int
+        Exit code.
+
+    """
+    return run_node(SimulatedSensor, argv)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
