@@ -88,6 +88,20 @@ def test_the_stream_gives_what_the_batch_gives(drawn: tuple[int, list[Sample]]) 
     np.testing.assert_array_equal(measured, batch.measured[:ready])
 
 
+@settings(deadline=None, max_examples=200, derandomize=True)
+@given(drawn=streams(), patience_s=st.floats(0.1, 5.0))
+def test_an_impatient_stream_still_gives_every_cell_once(
+    drawn: tuple[int, list[Sample]], patience_s: float
+) -> None:
+    thermometers, stream = drawn
+    grid = ThermalGrid(SECOND, thermometers, patience_s)
+    completed = feed(grid, stream)
+    assert len(grid._open) <= math.ceil(patience_s) + 1
+    if completed:
+        temperature_c, _ = dense(completed)
+        assert np.isfinite(temperature_c).all()
+
+
 def test_a_cell_is_complete_with_the_first_sample_of_the_next() -> None:
     grid = ThermalGrid(SECOND, 1, 5.0)
     assert not feed(grid, seconds(0, (0.2, 20.0), (0.999999999, 22.0)))

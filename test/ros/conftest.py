@@ -25,6 +25,7 @@ with suppress(ImportError):
     from rclpy.context import Context
     from rclpy.node import Node
     from rclpy.parameter import Parameter
+    from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 
     from wrist_ft_comp.ros.running import make_executor, spin
 
@@ -117,10 +118,16 @@ class Bench:
         self._stack.callback(take_down)
         return node
 
-    def listen(self, message_type: Any, topic: str, qos: Any = 1000) -> 'queue.Queue[Any]':
-        """Subscribe; the messages come in the queue, to be read with ``get(timeout=…)``."""
+    def listen(self, message_type: Any, topic: str, qos: Any = None) -> 'queue.Queue[Any]':
+        """
+        Subscribe; the messages come in the queue, to be read with ``get(timeout=…)``.
+
+        Without qos it is best effort, which hears every publisher, and deep.
+        """
+        best_effort = QoSReliabilityPolicy.BEST_EFFORT
+        profile = qos or QoSProfile(depth=5000, reliability=best_effort)
         messages: queue.Queue[Any] = queue.Queue()
-        self.helper.create_subscription(message_type, topic, messages.put, qos)
+        self.helper.create_subscription(message_type, topic, messages.put, profile)
         return messages
 
     def publisher(self, message_type: Any, topic: str, qos: Any = 1000) -> Any:

@@ -103,9 +103,14 @@ class ChamberTable:
         stamps: IntArray = (ends[np.newaxis, :] - before_end[:, np.newaxis]).astype(np.int64)
         return stamps * NANOSECONDS
 
-    def samples(self) -> tuple[Samples, ...]:
+    def samples(self, reference: FloatArray | None = None) -> tuple[Samples, ...]:
         """
         Lay the table out in time.
+
+        Parameters
+        ----------
+        reference : ndarray, shape (S,), optional
+            Loads in units of output; this table's own ``reference`` by default.
 
         Returns
         -------
@@ -118,11 +123,12 @@ class ChamberTable:
         temperature_c = np.repeat(self.temperatures_c, steps)
         temperature_stamps = np.arange(len(temperature_c), dtype=np.int64) * STEP_S * NANOSECONDS
         readings = self.reading_stamps_ns.T.ravel()
-        reference = np.tile(self.reference, len(self.temperatures_c))
+        loads = self.reference if reference is None else reference
+        repeated = np.tile(loads, len(self.temperatures_c))
         return (
             Samples(('temperature_c',), temperature_stamps, temperature_c[:, np.newaxis]),
             Samples(('force_z',), readings, self.output.T.reshape(-1, 1)),
-            Samples(('reference_force_z',), readings, reference[:, np.newaxis]),
+            Samples(('reference_force_z',), readings, repeated[:, np.newaxis]),
         )
 
     def with_output(self, output: FloatArray) -> 'ChamberTable':

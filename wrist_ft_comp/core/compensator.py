@@ -129,10 +129,13 @@ class Compensator:
         self._state: DriftState | None = None
         self._ramp = _Ramp()
         self._last: tuple[int, Sequence[float]] | None = None
+        #: Whether the first cell may move the output: not after a tare or a change of model.
+        self._keep_output = False
         self._offset = [0.0] * len(AXES)
         self._use_period(round(settings.thermal_period_s * NANOSECONDS))
         if model is not None:
             self.go_live(model)
+            self._keep_output = False
 
     @property
     def compensating(self) -> bool:
@@ -196,7 +199,7 @@ class Compensator:
             self._state, target = drift.step(self.model, self._state, cells.temperature_c)
             self._set_drift(target)
             if first:
-                self._ramp.settle(self.drift)
+                self._settle(self._reading() if self._keep_output else None)
         elif count == 1:
             self._state, target = drift.step(self.model, self._state, cells.temperature_c)
             self._set_drift(target)
@@ -274,7 +277,7 @@ class Compensator:
                 f'{self.thermometers} (temperature_topics). Calibrate with these, or list the '
                 "model's topics."
             )
-        before = None if self._last is None else self.correct(*self._last)
+        reading = self._reading()
         if model is not None and model.period_ns != self._grid.period_ns:
             self._use_period(model.period_ns)
         self.model, self._state = model, None
@@ -284,10 +287,24 @@ class Compensator:
             resting = drift.start(model, temperature_c[0])
             self._state, track = drift.run(model, resting, temperature_c)
             self._set_drift(Drift(track.zero[-1], track.sensitivity[-1]))
+        self._keep_output = True
+        self._settle(reading)
+
+    def _reading(self) -> tuple[FloatArray, FloatArray] | None:
+        """Newest raw wrench and what it is corrected to; what is not finite counts as unloaded."""
+        if self._last is None:
+            return None
+        stamp_ns, raw = self._last
+        zero, _ = self._ramp.at(self._share(stamp_ns))
+        finite = np.where(np.isfinite(raw), raw, zero + self.tare)
+        return finite, np.array(self.correct(stamp_ns, finite.tolist()))
+
+    def _settle(self, reading: tuple[FloatArray, FloatArray] | None) -> None:
+        """Stand at the drift at once; the tare takes up what this would move the reading by."""
         self._ramp.settle(self.drift)
-        if before is not None and self._last is not None:
-            gain = 1.0 + self.drift.sensitivity
-            self.tare = np.array(self._last[1]) - self.drift.zero - gain * np.array(before)
+        if reading is not None:
+            raw, corrected = reading
+            self.tare = raw - self.drift.zero - (1.0 + self.drift.sensitivity) * corrected
         self._refresh_offset()
 
     def set_tare(self, raw: FloatArray, stamp_ns: int) -> FloatArray:
@@ -309,6 +326,7 @@ class Compensator:
         """
         zero, _ = self._ramp.at(self._share(stamp_ns))
         self.tare = raw - zero
+        self._keep_output = True
         self._refresh_offset()
         return self.tare
 

@@ -217,7 +217,9 @@ def run(
     return after, drift
 
 
-def correct(raw: FloatArray, drift: Drift, tare: FloatArray | None = None) -> FloatArray:
+def correct(
+    raw: FloatArray, drift: Drift, tare: FloatArray | float = 0.0
+) -> FloatArray:
     """
     Remove drift and tare from raw wrenches.
 
@@ -227,7 +229,7 @@ def correct(raw: FloatArray, drift: Drift, tare: FloatArray | None = None) -> Fl
         Raw wrench, N and N m.
     drift : Drift
         Of the same times.
-    tare : ndarray, shape (6,), optional
+    tare : float or ndarray that broadcasts against raw
         Raw offset to subtract, N and N m.
 
     Returns
@@ -236,6 +238,5 @@ def correct(raw: FloatArray, drift: Drift, tare: FloatArray | None = None) -> Fl
         Compensated wrench ŵ, N and N m.
 
     """
-    offset = drift.zero if tare is None else drift.zero + tare
-    corrected: FloatArray = (raw - offset) / (1.0 + drift.sensitivity)
+    corrected: FloatArray = (raw - drift.zero - tare) / (1.0 + drift.sensitivity)
     return corrected

@@ -191,25 +191,38 @@ def evaluate(
         When the recording does not fit the model, or holds nothing to compare with.
 
     """
-    compensated = drift.correct(recording.wrench, simulate_drift(model, recording))
+    simulated = simulate_drift(model, recording)
     true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
+    nothing = Drift(np.zeros_like(simulated.zero), np.zeros_like(simulated.sensitivity))
+    before = _tared_errors(recording, true, nothing, tare_s)
+    after = _tared_errors(recording, true, simulated, tare_s)
     found = {}
     for column, axis in enumerate(AXES):
-        errors = np.stack((recording.wrench[:, column], compensated[:, column])) - true[:, column]
-        at = np.flatnonzero(np.isfinite(errors).all(axis=0))
-        if not len(at):
-            continue
-        errors = errors[:, at]
-        tare = (at - at[0]) * recording.period_s <= tare_s
-        errors -= errors[:, tare].mean(axis=1, keepdims=True)
-        rms = np.sqrt(np.mean(errors**2, axis=1))
-        peak = np.max(np.abs(errors), axis=1)
-        found[axis] = AxisEvaluation(
-            float(rms[0]), float(rms[1]), float(peak[0]), float(peak[1])
-        )
+        errors = np.stack((before[:, column], after[:, column]))
+        errors = errors[:, np.isfinite(errors).all(axis=0)]
+        if errors.shape[1]:
+            rms = np.sqrt(np.mean(errors**2, axis=1))
+            peak = np.max(np.abs(errors), axis=1)
+            found[axis] = AxisEvaluation(
+                float(rms[0]), float(rms[1]), float(peak[0]), float(peak[1])
+            )
     if not found:
         raise RecordingError(
             f'{recording.name} holds no cell with both wrench and reference. Declare the '
             'reference unloaded or constant, or record it.'
         )
     return found
+
+
+def _tared_errors(
+    recording: Recording, true: FloatArray, simulated: Drift, tare_s: float
+) -> FloatArray:
+    """Compensated minus true wrench of every cell, shape (N, 6), tared on the first seconds."""
+    # What a robot subtracts when it tares under the load w: r - o - (1 + s) w.
+    offset = recording.wrench - simulated.zero - (1.0 + simulated.sensitivity) * true
+    tare = np.zeros(len(AXES))
+    for column, values in enumerate(offset.T):
+        at = np.flatnonzero(np.isfinite(values))
+        if len(at):
+            tare[column] = values[at[(at - at[0]) * recording.period_s <= tare_s]].mean()
+    return drift.correct(recording.wrench, simulated, tare) - true

@@ -26,6 +26,7 @@ METHODS: tuple[Method, ...] = get_args(Method)
 #: More distinct temperatures than this are no plateaus; hats then get evenly spaced knots.
 _MAX_PLATEAUS = 12
 _EVEN_KNOTS = 6
+_MAX_LATENTS = 8
 _GRID_POINTS = 13
 #: A candidate has to lower the mean square error by this share to be worth its complexity.
 _WORTHWHILE = 0.05
@@ -225,7 +226,7 @@ def _identify_two_step(
     width = features.expand(features.reference_c).shape[0]
     if method == 'filtered_pls':
         width *= len(settings.orders.time_constants_s)
-    numbers = range(1, min(width, 8) + 1) if settings.latents is None else [settings.latents]
+    numbers = _latents_to_try(settings, features, width)
 
     def fit(part: AxisProblem, latents: int) -> tuple[ArxPls | None, tuple[str, ...]]:
         return identify(method, part, features, replace(settings.orders, latents=latents))
@@ -238,6 +239,15 @@ def _identify_two_step(
     chosen = competing[simplest_good([errors[name] for name in competing])]
     dynamics, notes = fit(problem, numbers[competing.index(chosen)])
     return _finish(problem, features, dynamics, chosen, errors, notes)
+
+
+def _latents_to_try(
+    settings: IdentificationSettings, features: Features, width: int
+) -> Sequence[int]:
+    """List numbers of latents; hats take all, so that every knot keeps its own coefficients."""
+    if settings.latents is not None:
+        return [settings.latents]
+    return [width] if features.kind == 'hats' else range(1, min(width, _MAX_LATENTS) + 1)
 
 
 def _held_out(

@@ -41,7 +41,7 @@ class RunSettings:
     duty_start_s: tuple[float, ...] = (0.0, 120.0)
     duty_level: tuple[float, ...] = (0.0, 0.8)
     room_c: float = 22.0
-    room_swing_k: float = 2.0
+    room_swing_k: float = 1.0
     room_swing_period_s: float = 7200.0
     force_n: float = 20.0
     torque_nm: float = 1.0

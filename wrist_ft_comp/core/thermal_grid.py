@@ -61,7 +61,9 @@ class ThermalGrid:
         self._latest: list[int | None] = [None] * thermometers
         self._last_stamp_ns: list[int | None] = [None] * thermometers
         self._held: list[float] = [math.nan] * thermometers
+        self._first: list[int | None] = [None] * thermometers
         self._next: int | None = None
+        self._forgotten: int | None = None  # cells before it are only held, while _next is None
         self._open: dict[int, tuple[list[float], list[int]]] = {}
 
     def add(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[CompletedCells]:
@@ -99,6 +101,8 @@ class ThermalGrid:
             self.rejected += 1
             return []
         self._latest[thermometer] = cell
+        if self._first[thermometer] is None:
+            self._first[thermometer] = cell
         sums, counts = self._open.setdefault(
             cell, ([0.0] * self._thermometers, [0] * self._thermometers)
         )
@@ -111,23 +115,22 @@ class ThermalGrid:
         self.restarts += 1
         self._latest = [None] * self._thermometers
         self._last_stamp_ns = [None] * self._thermometers
-        self._next = None
+        self._first = [None] * self._thermometers
+        self._next = self._forgotten = None
         self._open.clear()
 
     def _complete(self) -> list[CompletedCells]:
         """Emit all cells that no sample can be expected for any more."""
         known = [cell for cell in self._latest if cell is not None]
-        if len(known) < self._thermometers:
-            return []
         end = max(min(known), max(known) - self._patience)
+        if len(known) < self._thermometers:
+            # One never reported: what is older than the patience is only held, not kept.
+            self._forget_before(max(known) - self._patience)
+            return []
         if self._next is None:
             # As in a batch: begin with the first cell by whose end all have reported.
-            self._next = max(
-                min(cell for cell, (_, counts) in self._open.items() if counts[j])
-                for j in range(self._thermometers)
-            )
-            for cell in sorted(cell for cell in self._open if cell < self._next):
-                self._hold(*self._open.pop(cell))
+            self._forget_before(max(cell for cell in self._first if cell is not None))
+            self._next = self._forgotten
         done: list[CompletedCells] = []
         for cell in sorted(cell for cell in self._open if cell < end):
             if cell > self._next:
@@ -138,6 +141,12 @@ class ThermalGrid:
         if end > self._next:
             done.append(self._emit(end))
         return done
+
+    def _forget_before(self, end: int) -> None:
+        """Keep only the values of cells that will not be emitted."""
+        self._forgotten = end if self._forgotten is None else max(end, self._forgotten)
+        for cell in sorted(cell for cell in self._open if cell < self._forgotten):
+            self._hold(*self._open.pop(cell))
 
     def _hold(self, sums: list[float], counts: list[int]) -> None:
         """Make a cell's means the held values."""

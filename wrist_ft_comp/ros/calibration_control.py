@@ -108,7 +108,9 @@ class CalibrationControl:
 
         """
         store = self._node.store
-        paths = [value] if name == 'model_file' else value if name == 'calibration.recordings' else []
+        paths = (
+            [value] if name == 'model_file' else value if name == 'calibration.recordings' else []
+        )
         for path in paths or []:
             if path and not store.contains(Path(path)):
                 raise SettingsError(

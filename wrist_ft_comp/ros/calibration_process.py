@@ -25,7 +25,7 @@ class CalibrationProcess:
     """
 
     def __init__(self, job: CalibrationJob) -> None:
-        self._process = subprocess.Popen(  # noqa: S603 -- our own module, no shell
+        self._process = subprocess.Popen(
             [sys.executable, '-m', 'wrist_ft_comp.files.calibration_job'],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

@@ -254,7 +254,9 @@ class CompensatorNode(Node):  # type: ignore[misc] # rclpy carries no types
     def _on_tare(self, _request: Any, reply: Reply) -> None:
         """Start to collect wrenches; the answer comes when there are enough."""
         if self._tare is not None:
-            reply(success=False, message='A tare is running; wait for its answer, then call again.')
+            reply(
+                success=False, message='A tare is running; wait for its answer, then call again.'
+            )
             return
         given = values(self, PARAMETERS)
         collector = TareCollector(given['tare.duration'], given['tare.max_deviation'])
@@ -273,8 +275,7 @@ class CompensatorNode(Node):  # type: ignore[misc] # rclpy carries no types
             return
         tare = self.compensator.set_tare(mean, stamp_ns)
         offsets = ', '.join(
-            f'{axis} {value:.4g} {axis_unit(axis)}'
-            for axis, value in zip(AXES, tare, strict=True)
+            f'{axis} {value:.4g} {axis_unit(axis)}' for axis, value in zip(AXES, tare, strict=True)
         )
         self.get_logger().info(f'tared: {offsets}')
         reply(success=True, message=f'tared: {offsets}')

@@ -41,8 +41,8 @@ USER_ERRORS = (
 EXECUTOR_PARAMETER = Parameter(
     'executor',
     'auto',
-    'What runs the callbacks: events (EventsExecutor, needs less than half of the processor '
-    'time), default (SingleThreadedExecutor), or auto: events where rclpy has it.',
+    'What runs the callbacks: events (EventsExecutor, which needs less processor time), '
+    'default (SingleThreadedExecutor), or auto (events where rclpy has it).',
     choices=('auto', 'events', 'default'),
     read_only=True,
 )

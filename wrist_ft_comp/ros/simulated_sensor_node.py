@@ -10,6 +10,7 @@ LONGEST_WAKE_S are made up for at once, and no message is left out.
 import sys
 import time
 from collections.abc import Sequence
+from copy import copy
 from typing import Any, cast
 
 import numpy as np
@@ -72,7 +73,7 @@ PARAMETERS = (
     _row('start_stamp_s', 0.0, 'First stamp; 0 means the time of the start.', unit='s',
          minimum=0.0, maximum=2.0**31 - 1),
     _row('wait_for_subscriber', True,
-         'Whether the run begins with the first subscriber of wrench_raw or temperature.'),
+         'Whether the run begins with the first subscriber of one of its topics.'),
     _row('room_temperature_c', _RUN.room_c, 'Mean room temperature.', unit='°C',
          minimum=-40.0, maximum=85.0),
     _row('room_swing_k', _RUN.room_swing_k, 'Amplitude of the slow swing of the room temperature.',
@@ -124,6 +125,8 @@ class SimulatedSensor(Node):
         self._waits: bool = chosen['wait_for_subscriber']
         self._make_messages(chosen['frame_id'])
         self._make_publishers()
+        if self._waits:
+            self.get_logger().info('Waiting for a subscriber; the run begins with it.')
         wake_s = max(SHORTEST_WAKE_S, 1.0 / max(self._wrenches.rate, self._temperatures.rate))
         # A steady clock: neither a simulated nor a stepped clock changes the rate.
         self.create_timer(wake_s, self._wake, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -142,8 +145,9 @@ class SimulatedSensor(Node):
 
         def advertise(message_type: Any, topic: str) -> Any:
             overridable = QoSOverridingOptions.with_default_policies()
+            profile = copy(DRIVER_STREAM)  # rclpy writes the overrides into it
             return self.create_publisher(
-                message_type, topic, DRIVER_STREAM, qos_overriding_options=overridable
+                message_type, topic, profile, qos_overriding_options=overridable
             )
 
         self._raw_publisher = advertise(WrenchStamped, 'wrench_raw')
@@ -165,8 +169,12 @@ class SimulatedSensor(Node):
         self._publish_due()
 
     def _has_subscriber(self) -> bool:
-        """Whether somebody listens to the wrench or to the sensor's own thermometer."""
-        publishers = (self._raw_publisher, self._temperature_publishers[0])
+        """Whether somebody listens to one of the topics."""
+        publishers = (
+            self._raw_publisher,
+            self._reference_publisher,
+            *self._temperature_publishers,
+        )
         return any(publisher.get_subscription_count() > 0 for publisher in publishers)
 
     def _publish_due(self) -> None:
@@ -195,7 +203,7 @@ class SimulatedSensor(Node):
         steps = [elapsed_ns // round(step_s * NANOSECONDS) for elapsed_ns in streams_ns]
         first = self._step
         self._step = max(first, *(int(each[-1]) for each in steps if len(each)), first)
-        begins_s: FloatArray = np.arange(first, self._step) * step_s
+        begins_s: FloatArray = np.arange(first, self._step, dtype=np.float64) * step_s
         passed = drive(self._run, begins_s)
         nodes_c = trajectory(self._sensor, self._state, passed)
         self._state = ThermalState(nodes_c[-1])

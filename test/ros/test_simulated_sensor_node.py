@@ -1,0 +1,238 @@
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.qos import QoSReliabilityPolicy
+from sensor_msgs.msg import Temperature
+
+from wrist_ft_comp import SettingsError
+from wrist_ft_comp.ros import simulated_sensor_node
+from wrist_ft_comp.ros.simulated_sensor_node import LONGEST_WAKE_S, SimulatedSensor
+
+BEST_EFFORT, RELIABLE = QoSReliabilityPolicy.BEST_EFFORT, QoSReliabilityPolicy.RELIABLE
+MODULE = 'wrist_ft_comp.ros.simulated_sensor_node'
+TIMEOUT_S = 20.0
+START_S = 1000
+FAST = {
+    'start_stamp_s': float(START_S),
+    'speed': 100.0,
+    'wrench_rate': 500.0,
+    'temperature_rate': 100.0,
+}
+#: Two hours in about a second.
+WARM_UP = {
+    'start_stamp_s': float(START_S),
+    'speed': 8000.0,
+    'temperature_rate': 200.0,
+    'room_temperature_c': 20.0,
+    'room_swing_k': 0.0,
+}
+
+
+def stamp_ns(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def six(message):
+    force, torque = message.wrench.force, message.wrench.torque
+    return (force.x, force.y, force.z, torque.x, torque.y, torque.z)
+
+
+def take(messages, count):
+    return [messages.get(timeout=TIMEOUT_S) for _ in range(count)]
+
+
+def until(messages, elapsed_s):
+    taken = take(messages, 1)
+    while stamp_ns(taken[-1]) < (START_S + elapsed_s) * 10**9:
+        taken += take(messages, 1)
+    return taken
+
+
+@pytest.mark.parametrize('executor', ['default', 'auto'])
+def test_every_topic_carries_its_type_frame_and_readings(bench, executor):
+    raw = bench.listen(WrenchStamped, 'wrench_raw')
+    reference = bench.listen(WrenchStamped, 'wrench_reference')
+    first = bench.listen(Temperature, 'temperature')
+    second = bench.listen(Temperature, 'temperature_2')
+    bench.start(SimulatedSensor, parameters={'frame_id': 'tool0'}, executor=executor)
+    messages = [each.get(timeout=TIMEOUT_S) for each in (raw, reference, first, second)]
+    assert {message.header.frame_id for message in messages} == {'tool0'}
+    assert np.isfinite([six(message) for message in messages[:2]]).all()
+    assert all(15 < message.temperature < 30 for message in messages[2:])
+    assert all(message.variance > 0 for message in messages[2:])
+
+
+def test_stamps_advance_by_speed_over_rate(bench):
+    raw = bench.listen(WrenchStamped, 'wrench_raw')
+    temperature = bench.listen(Temperature, 'temperature')
+    bench.start(SimulatedSensor, parameters={**FAST, 'temperature_rate': 40.0})
+    for messages, step_ns in ((raw, 200_000_000), (temperature, 2_500_000_000)):
+        stamps = np.array([stamp_ns(message) - START_S * 10**9 for message in take(messages, 20)])
+        assert (stamps % step_ns == 0).all()
+        assert (np.diff(stamps) == step_ns).all()
+
+
+def test_without_a_start_stamp_the_clock_gives_it(bench):
+    raw = bench.listen(WrenchStamped, 'wrench_raw')
+    before_ns = bench.helper.get_clock().now().nanoseconds
+    bench.start(SimulatedSensor)
+    first_ns = stamp_ns(raw.get(timeout=TIMEOUT_S))
+    assert before_ns <= first_ns <= bench.helper.get_clock().now().nanoseconds + 10**9
+
+
+def record(bench, name, parameters, count=50):
+    """Listen to a node of its own name and namespace; messages by topic and stamp."""
+    listened = {
+        topic: bench.listen(message_type, f'{name}/{topic}')
+        for topic, message_type in (
+            ('wrench_raw', WrenchStamped),
+            ('wrench_reference', WrenchStamped),
+            ('temperature', Temperature),
+        )
+    }
+    bench.start(SimulatedSensor, namespace=name, parameters={**FAST, **parameters})
+    return {
+        topic: {stamp_ns(message): message for message in take(messages, count)}
+        for topic, messages in listened.items()
+    }
+
+
+def common(one, other):
+    stamps = sorted(one.keys() & other.keys())
+    assert len(stamps) >= 10
+    return [one[stamp] for stamp in stamps], [other[stamp] for stamp in stamps]
+
+
+def test_same_parameters_give_the_same_messages(bench):
+    one, other = (record(bench, name, {'seed': 3}) for name in ('one', 'other'))
+    for topic in one:
+        mine, theirs = common(one[topic], other[topic])
+        assert mine == theirs
+
+
+def test_another_run_has_other_noise_and_loads(bench):
+    one, other = (record(bench, f'run{run}', {'run': run}) for run in (0, 1))
+    for topic in ('wrench_raw', 'wrench_reference'):
+        mine, theirs = common(one[topic], other[topic])
+        assert all(six(a) != six(b) for a, b in zip(mine, theirs, strict=True))
+
+
+def test_without_load_the_reference_is_zero(bench):
+    seen = record(bench, 'unloaded', {'load.force_n': 0.0, 'load.torque_nm': 0})
+    assert {six(message) for message in seen['wrench_reference'].values()} == {(0.0,) * 6}
+    assert len({six(message) for message in seen['wrench_raw'].values()}) > 10
+
+
+def test_cold_reading_is_the_reference_but_for_zero_and_noise(bench):
+    seen = record(bench, 'cold', {'room_temperature_c': 25.0, 'room_swing_k': 0.0})
+    raw, reference = common(seen['wrench_raw'], seen['wrench_reference'])
+    difference = np.array([six(a) for a in raw]) - [six(b) for b in reference]
+    assert np.abs(difference[:, :3]).max() < 0.6
+    assert np.abs(difference).min() > 0
+
+
+def test_topics_can_be_remapped(bench):
+    raw = bench.listen(WrenchStamped, '/arm/ft')
+    temperature = bench.listen(Temperature, '/arm/heat')
+    bench.start(SimulatedSensor, remap={'wrench_raw': '/arm/ft', 'temperature': '/arm/heat'})
+    assert raw.get(timeout=TIMEOUT_S)
+    assert temperature.get(timeout=TIMEOUT_S)
+
+
+def test_quality_of_service_can_be_overridden(bench):
+    override = {'qos_overrides./wrench_raw.publisher.reliability': 'reliable'}
+    node = bench.start(SimulatedSensor, parameters=override)
+    for topic, expected in (('/wrench_raw', RELIABLE), ('/temperature', BEST_EFFORT)):
+        (endpoint,) = node.get_publishers_info_by_topic(topic)
+        assert endpoint.qos_profile.reliability == expected
+
+
+def test_temperatures_rise_while_the_motor_works(bench):
+    electronics = bench.listen(Temperature, 'temperature')
+    flange = bench.listen(Temperature, 'temperature_2')
+    schedule = {'duty_cycle.start_s': [0, 600], 'duty_cycle.level': [0.0, 0.9]}
+    bench.start(SimulatedSensor, parameters={**WARM_UP, **schedule})
+    near = until(flange, 7200)
+    idle = [m.temperature for m in near if stamp_ns(m) < (START_S + 600) * 10**9]
+    assert np.ptp([20.0, *idle]) < 0.2
+    assert near[-1].temperature > 20 + 15
+    far = until(electronics, 7200)
+    assert 20 + 1 < far[-1].temperature < near[-1].temperature - 5
+
+
+def test_without_duty_temperatures_stay_at_the_room_s(bench):
+    flange = bench.listen(Temperature, 'temperature_2')
+    schedule = {'duty_cycle.start_s': [0.0], 'duty_cycle.level': [0.0]}
+    bench.start(SimulatedSensor, parameters={**WARM_UP, **schedule})
+    assert np.ptp([20.0, *(message.temperature for message in until(flange, 7200))]) < 0.2
+
+
+@pytest.fixture
+def unspun(ros_context, monkeypatch):
+    """Make a node that only the test wakes, at times it chooses; give both and what was sent."""
+    now = [0.0]
+    monkeypatch.setattr(simulated_sensor_node.time, 'monotonic', lambda: now[0])
+    rules = [part for item in FAST.items() for part in ('-p', '{}:={}'.format(*item))]
+    node = SimulatedSensor(context=ros_context, cli_args=['--ros-args', *rules])
+    sent = []
+    monkeypatch.setattr(node, '_send_wrench', lambda *arguments: sent.append(arguments[2]))
+
+    def wake(*times_s):
+        for now[0] in times_s:
+            node._wake()
+
+    yield node, wake, sent
+    node.destroy_node()
+
+
+def test_run_waits_for_its_first_subscriber(unspun, monkeypatch):
+    node, wake, sent = unspun
+    wake(0.0, 5.0, 10.0)
+    assert sent == []
+    monkeypatch.setattr(node, '_has_subscriber', lambda: True)
+    wake(15.0)
+    assert sent == [0, 0]
+
+
+def test_pause_is_made_up_for_in_part_only(unspun, monkeypatch):
+    node, wake, sent = unspun
+    monkeypatch.setattr(node, '_has_subscriber', lambda: True)
+    wake(0.0, 0.0105, 10.0, 10.0105)
+    ran_s = 0.0105 + LONGEST_WAKE_S + 0.0105
+    assert len(sent) == 2 * (1 + int(ran_s * FAST['wrench_rate']))
+    assert (np.diff(sent[::2]) == 200_000_000).all()
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'word'),
+    [
+        ('[100.0, 50.0]', 'ascend'),
+        ('[0.0, 1.0, 2.0]', 'as many start times'),
+        ('[-5.0, 0.0]', 'duty_cycle.start_s must be'),
+    ],
+)
+def test_schedule_that_cannot_be_followed_is_a_sentence(ros_context, wrong, word):
+    with pytest.raises(SettingsError, match=word):
+        SimulatedSensor(
+            context=ros_context, cli_args=['--ros-args', '-p', f'duty_cycle.start_s:={wrong}']
+        )
+
+
+def test_executable_publishes_and_ends_by_a_signal(bench, executable):
+    raw = bench.listen(WrenchStamped, 'wrench_raw')
+    node = executable(MODULE, '-p', 'speed:=400', '-p', 'frame_id:=tool0')
+    assert raw.get(timeout=TIMEOUT_S).header.frame_id == 'tool0'
+    code, errors = node.end()
+    assert code == 0
+    assert 'Waiting for a subscriber' in errors
+    assert 'Traceback' not in errors
+
+
+def test_executable_refuses_a_bad_schedule_in_one_sentence(executable):
+    code, errors = executable(MODULE, '-p', 'duty_cycle.level:=[0.0, 7.0]').result()
+    assert code == 1
+    assert 'duty_cycle.level must be an array of which every element is a number' in errors
+    assert 'Traceback' not in errors

@@ -1,0 +1,158 @@
+"""Chamber tables as recordings: fitting them, compensating them, and leaving a temperature out."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrist_ft_comp import CalibrationRefusedError
+from wrist_ft_comp.core import drift
+from wrist_ft_comp.core.calibration import CalibrationSettings, calibrate
+from wrist_ft_comp.core.chamber import (
+    ChamberTable,
+    accuracy,
+    max_deviation,
+    sensitivity_drift,
+    zero_spread,
+)
+from wrist_ft_comp.core.drift import Drift, DriftModel
+from wrist_ft_comp.core.evaluation import simulate_drift
+from wrist_ft_comp.core.recording import AXES, FloatArray, Recording
+from wrist_ft_comp.core.sampling import grid_samples
+
+#: The axis a chamber table is read as.
+_COLUMN = AXES.index('force_z')
+
+
+@dataclass(frozen=True)
+class ChamberFigures:
+    """
+    How good a sensor is over temperature.
+
+    Attributes
+    ----------
+    max_sensitivity_drift : float
+        Largest |K_s| (eq. 23), %FS/°C.
+    zero_spread : float
+        max - min over temperature without load, %FS.
+    max_deviation : float
+        Largest difference from the reference temperature at the same load, %FS.
+    accuracy : float
+        A (eq. 24), %FS.
+
+    """
+
+    max_sensitivity_drift: float
+    zero_spread: float
+    max_deviation: float
+    accuracy: float
+
+
+def chamber_figures(table: ChamberTable) -> ChamberFigures:
+    """
+    Compute all figures of a table.
+
+    Parameters
+    ----------
+    table : ChamberTable
+        Raw or compensated.
+
+    Returns
+    -------
+    ChamberFigures
+        In % of full scale.
+
+    """
+    return ChamberFigures(
+        float(np.nanmax(np.abs(sensitivity_drift(table)))),
+        zero_spread(table),
+        max_deviation(table),
+        accuracy(table),
+    )
+
+
+def table_recording(table: ChamberTable, period_s: float) -> Recording:
+    """
+    Put a table's nominal course of test onto the thermal grid.
+
+    Parameters
+    ----------
+    table : ChamberTable
+        Any.
+    period_s : float
+        Cell length, s; at most the 30 s between two readings.
+
+    Returns
+    -------
+    Recording
+        force_z, its reference, and one thermometer.
+
+    """
+    return grid_samples(table.samples(), name=table.name, period_s=period_s)
+
+
+def compensate_table(table: ChamberTable, model: DriftModel) -> ChamberTable:
+    """
+    Compensate every reading of a table by the model's free run over the course of the test.
+
+    The sensor is tared once, without load at the reference temperature, as a robot's would be.
+
+    Parameters
+    ----------
+    table : ChamberTable
+        Raw.
+    model : DriftModel
+        With one thermometer.
+
+    Returns
+    -------
+    ChamberTable
+        The same test with compensated outputs.
+
+    """
+    recording = table_recording(table, model.period_ns / 1e9)
+    simulated = simulate_drift(model, recording)
+    cells = table.reading_stamps_ns // model.period_ns - recording.first_cell  # (S, P)
+    at_readings = Drift(*(part[cells][..., _COLUMN] for part in simulated))
+    reference = table.reference_column
+    tare = table.output[0, reference] - at_readings.zero[0, reference]
+    return table.with_output(drift.correct(table.output, at_readings, tare))
+
+
+def leave_one_temperature_out(
+    table: ChamberTable, settings: CalibrationSettings, period_s: float
+) -> ChamberTable | None:
+    """
+    Compensate every column by a model that was fitted to the others.
+
+    Parameters
+    ----------
+    table : ChamberTable
+        Raw.
+    settings : CalibrationSettings
+        As for the fit to all columns; hats get their knots at the columns that are left.
+    period_s : float
+        Cell length, s.
+
+    Returns
+    -------
+    ChamberTable or None
+        What a temperature between (or beyond) the calibrated ones may expect; None when the
+        columns that are left do not allow a fit.
+
+    """
+    output: FloatArray = np.empty_like(table.output)
+    for column in range(len(table.temperatures_c)):
+        kept = np.arange(len(table.temperatures_c)) != column
+        others = replace(
+            table, temperatures_c=table.temperatures_c[kept], output=table.output[:, kept]
+        )
+        # Loads stay in the whole table's unit, also when its reference column is left out.
+        recording = grid_samples(
+            others.samples(table.reference), name=table.name, period_s=period_s
+        )
+        try:
+            model = calibrate([recording], settings).model
+        except CalibrationRefusedError:
+            return None
+        output[:, column] = compensate_table(table, model).output[:, column]
+    return table.with_output(output)
