@@ -128,6 +128,12 @@ def calibrate(
     axes = [
         axis for axis in AXES if any(axis in recording.axes_present for recording in recordings)
     ]
+    if not axes:
+        names = ', '.join(recording.name for recording in recordings)
+        raise CalibrationRefusedError(
+            f'{names} holds no wrench on the thermal cells that have a temperature. '
+            'Record wrench and temperature at the same time.'
+        )
     _check_wrenches(recordings, axes, settings)
     blocks = cross_validation_blocks(recordings)
     fits: dict[str, AxisFit] = {}

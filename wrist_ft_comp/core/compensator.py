@@ -149,9 +149,7 @@ class Compensator:
 
     def _use_period(self, period_ns: int) -> None:
         """Start a grid of this period, without history."""
-        self._grid = ThermalGrid(
-            period_ns, self.thermometers, self.settings.temperature_timeout_s
-        )
+        self._grid = ThermalGrid(period_ns, self.thermometers, self.settings.temperature_timeout_s)
         cells = round(self.settings.history_s * NANOSECONDS / period_ns)
         self._history: deque[FloatArray] = deque(maxlen=max(cells, 1))
 

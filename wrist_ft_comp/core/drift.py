@@ -217,9 +217,7 @@ def run(
     return after, drift
 
 
-def correct(
-    raw: FloatArray, drift: Drift, tare: FloatArray | float = 0.0
-) -> FloatArray:
+def correct(raw: FloatArray, drift: Drift, tare: FloatArray | float = 0.0) -> FloatArray:
     """
     Remove drift and tare from raw wrenches.
 

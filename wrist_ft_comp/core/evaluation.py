@@ -134,7 +134,9 @@ def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:
     )
 
 
-def correct_many(track: DriftTrack, stamps_ns: IntArray, raw: FloatArray) -> FloatArray:
+def correct_many(
+    track: DriftTrack, stamps_ns: IntArray, raw: FloatArray, tare: FloatArray | float = 0.0
+) -> FloatArray:
     """
     Correct a block of wrenches.
 
@@ -146,6 +148,8 @@ def correct_many(track: DriftTrack, stamps_ns: IntArray, raw: FloatArray) -> Flo
         Stamps, ns.
     raw : ndarray, shape (n, 6)
         Raw wrenches, N and N m.
+    tare : ndarray, shape (6,), optional
+        Raw offset to subtract, N and N m.
 
     Returns
     -------
@@ -160,7 +164,7 @@ def correct_many(track: DriftTrack, stamps_ns: IntArray, raw: FloatArray) -> Flo
         np.stack([np.interp(at, knots, column) for column in part.T], axis=1)
         for part in track.drift
     )
-    return drift.correct(raw, Drift(zero, sensitivity))
+    return drift.correct(raw, Drift(zero, sensitivity), tare)
 
 
 def evaluate(
@@ -214,15 +218,45 @@ def evaluate(
     return found
 
 
-def _tared_errors(
+def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> FloatArray:
+    """
+    Tare on the first, unloaded seconds of a recording.
+
+    Parameters
+    ----------
+    model, recording
+        As for simulate_drift.
+    tare_s : float
+        How long, s, from each axis' first wrench; 0 gives no tare.
+
+    Returns
+    -------
+    ndarray, shape (6,)
+        Raw offset, N and N m.
+
+    """
+    if tare_s == 0:
+        return np.zeros(len(AXES))
+    unloaded = np.zeros_like(recording.wrench)
+    return _tare(recording, unloaded, simulate_drift(model, recording), tare_s)
+
+
+def _tare(
     recording: Recording, true: FloatArray, simulated: Drift, tare_s: float
 ) -> FloatArray:
-    """Compensated minus true wrench of every cell, shape (N, 6), tared on the first seconds."""
-    # What a robot subtracts when it tares under the load w: r - o - (1 + s) w.
+    """What a robot subtracts when it tares under the load w: r - o - (1 + s) w, shape (6,)."""
     offset = recording.wrench - simulated.zero - (1.0 + simulated.sensitivity) * true
     tare = np.zeros(len(AXES))
     for column, values in enumerate(offset.T):
         at = np.flatnonzero(np.isfinite(values))
         if len(at):
             tare[column] = values[at[(at - at[0]) * recording.period_s <= tare_s]].mean()
+    return tare
+
+
+def _tared_errors(
+    recording: Recording, true: FloatArray, simulated: Drift, tare_s: float
+) -> FloatArray:
+    """Compensated minus true wrench of every cell, shape (N, 6), tared on the first seconds."""
+    tare = _tare(recording, true, simulated, tare_s)
     return drift.correct(recording.wrench, simulated, tare) - true

@@ -27,6 +27,8 @@ METHODS: tuple[Method, ...] = get_args(Method)
 _MAX_PLATEAUS = 12
 _EVEN_KNOTS = 6
 _MAX_LATENTS = 8
+#: Drift that ranges this many times wider where no wrench was recorded has run away.
+_RUNAWAY = 3.0
 _GRID_POINTS = 13
 #: A candidate has to lower the mean square error by this share to be worth its complexity.
 _WORTHWHILE = 0.05
@@ -307,31 +309,65 @@ def _identify_simulation_error(problem: AxisProblem, settings: IdentificationSet
     errors: dict[str, FloatArray] = {'none': np.array(none)}
     structures: dict[str, tuple[oe.Structure, float]] = {}
     for structure in _structures(settings, features, grid):
-        inputs = structure.degree * features.thermometers
-        inputs = inputs if features.kind == 'powers' else moments.inputs
+        inputs = _inputs(structure, features)
         strengths = oe.RIDGE_STRENGTHS if structure.regularised else (0.0,)
         tried = [oe.held_out_errors(moments, structure, inputs, s) for s in strengths]
         best = int(np.argmin([error.mean() for error in tried]))
         errors[structure.name] = tried[best]
         structures[structure.name] = (structure, strengths[best])
     competing = list(errors) if settings.method == 'auto' else list(structures)
-    chosen = competing[simplest_good([errors[name] for name in competing])]
-    if chosen == 'none':
-        return _finish(problem, features, None, chosen, errors, ())
-    structure, strength = structures[chosen]
+    notes: tuple[str, ...] = ()
+    while True:
+        chosen = competing[simplest_good([errors[name] for name in competing])]
+        if chosen == 'none':
+            return _finish(problem, features, None, chosen, errors, notes)
+        inputs, dynamics = _fit_structure(problem, features, moments, *structures[chosen])
+        if len(competing) == 1 or _stays_bounded(problem, inputs, dynamics):
+            return _finish(problem, inputs, dynamics, chosen, errors, notes)
+        competing.remove(chosen)
+        notes = (*notes, f'{chosen}: left out, its drift runs away where no wrench was recorded')
+
+
+def _fit_structure(
+    problem: AxisProblem,
+    features: Features,
+    moments: oe.Moments,
+    structure: oe.Structure,
+    strength: float,
+) -> tuple[Features, ArxPls | None]:
+    """Fit the winner to all blocks, its time constants refined; return its features, too."""
+    inputs = _inputs(structure, features)
     if features.kind == 'powers':
         features = replace(features, degree=structure.degree)
-    inputs = (
-        moments.inputs if features.kind == 'hats' else structure.degree * features.thermometers
-    )
     taus = np.array(structure.bank_s or (0.0,))
     if structure.free_time_constants:
+        everything = np.ones(len(moments.counts), dtype=bool)
         columns, _ = oe.fit_columns(moments, structure, everything, inputs, strength)
-        found = np.unique(columns[columns < len(grid) * moments.inputs] // moments.inputs)
-        taus = oe.refine_time_constants(problem, features, grid[found])
-    gains, _ = oe.fit_gains(problem, features, taus, max(strength, 1e-9))
-    dynamics = _to_dynamics(problem, features, taus, gains)
-    return _finish(problem, features, dynamics, chosen, errors, ())
+        half = len(moments.time_constants_s) * moments.inputs
+        found = np.unique(columns[columns < half] // moments.inputs)
+        taus = oe.refine_time_constants(problem, features, moments.time_constants_s[found])
+    gains, _ = oe.fit_gains(problem, features, taus, max(strength, oe.TINY_RIDGE))
+    return features, _to_dynamics(problem, features, taus, gains)
+
+
+def _inputs(structure: oe.Structure, features: Features) -> int:
+    """Count the features that take part in a structure: powers up to its degree, or all hats."""
+    if features.kind == 'powers':
+        return structure.degree * features.thermometers
+    return sum(len(knots) for knots in features.knots_c)
+
+
+def _stays_bounded(problem: AxisProblem, features: Features, dynamics: ArxPls | None) -> bool:
+    """Tell whether the drift in cells without a wrench stays near that in cells with one."""
+    if dynamics is None:
+        return True
+    for temperature_c, residual in zip(problem.temperature_c, problem.residual, strict=True):
+        x = features.expand(temperature_c)
+        drift = dynamics.run(dynamics.start(x[0]), x)[1]
+        seen = np.isfinite(residual)
+        if seen.any() and (np.ptp(drift, axis=0) > _RUNAWAY * np.ptp(drift[seen], axis=0)).any():
+            return False
+    return True
 
 
 def _structures(
@@ -425,11 +461,14 @@ def anchor(problem: AxisProblem, features: Features, dynamics: ArxPls) -> ArxPls
     if problem.load is None:
         return anchored
     left = unexplained(problem, features, anchored)
-    above, below = 0.0, 0.0
+    above, below, whole = 0.0, 0.0, 0.0
     for values, load in zip(left, problem.load, strict=True):
         rows = np.isfinite(values) & np.isfinite(load)
         if rows.any():
             w = load[rows] - load[rows].mean()
             above += float(w @ values[rows])
             below += float(w @ w)
-    return replace(anchored, output_mean=mean + np.array([0.0, above / below]))
+            whole += float(load[rows] @ load[rows])
+    # A load that is constant within each recording leaves the gain error at T_ref open.
+    gain_error = above / below if below > 1e-12 * whole else 0.0
+    return replace(anchored, output_mean=mean + np.array([0.0, gain_error]))

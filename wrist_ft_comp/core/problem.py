@@ -127,13 +127,22 @@ def _why_no_sensitivity(residual: Sequence[FloatArray], load: Sequence[FloatArra
     if not len(loads):
         return 'no reference wrench was recorded for this axis'
     deviation = float(np.std(loads))
-    noise = noise_level(residual)
+    noise = noise_level([_beside_load(r, w) for r, w in zip(residual, load, strict=True)])
     if deviation == 0 or deviation < MIN_LOAD_TO_NOISE * noise:
         return (
             f'its load varied by {deviation:.3g} (standard deviation), less than '
             f'{MIN_LOAD_TO_NOISE:g} times the noise of {noise:.3g}'
         )
     return ''
+
+
+def _beside_load(residual: FloatArray, load: FloatArray) -> FloatArray:
+    """Take a constant gain error out of r - w, so that a moving load is not mistaken for noise."""
+    both = np.isfinite(residual) & np.isfinite(load)
+    r, w = residual[both], load[both]
+    centred = w - w.mean() if len(w) else w
+    power = float(centred @ centred)
+    return r - (float(centred @ r) / power) * w if power > 0 else r
 
 
 def noise_level(series: Sequence[FloatArray]) -> float:

@@ -53,7 +53,7 @@ class RunSettings:
         if len(starts) != len(levels):
             raise SettingsError(
                 'The duty schedule needs as many start times as levels; got '
-                f'{len(starts)} and {len(levels)}.'
+                f'{len(starts)} and {len(levels)}. Give a level from each start time on.'
             )
         if not np.isfinite(starts).all() or not (np.diff(starts) > 0).all():
             raise SettingsError(

@@ -23,7 +23,9 @@ from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.recording import FloatArray, IntArray
 
 #: Ridge that only keeps equations of collinear columns solvable, relative to their variance.
-_TINY_RIDGE = 1e-9
+TINY_RIDGE = 1e-9
+#: Share of a column's sum of squares below which what centring leaves is rounding.
+_SILENT = 1e-12
 #: Ridge strengths tried for a bank of relaxations, relative to the variance of the columns.
 RIDGE_STRENGTHS = tuple(float(value) for value in 10.0 ** np.arange(-7.0, 0.5, 0.5))
 
@@ -135,6 +137,10 @@ class Moments:
             inside = keep & (self.group == group)
             sums = self.sums[inside].sum(axis=0)
             total = total - np.outer(sums, sums) / self.counts[inside].sum()
+        # A column that is constant within every group holds nothing; rounding must not pretend so.
+        silent = np.diagonal(total) <= _SILENT * np.diagonal(self.products[keep].sum(axis=0))
+        total[silent] = 0.0
+        total[:, silent] = 0.0
         return total, float(self.counts[keep].sum())
 
 
@@ -307,10 +313,10 @@ def fit_columns(
         return columns, solve_ridge(products, columns, strength)[0]
     if structure.free_time_constants == 0:
         columns = moments.columns([0], inputs)
-        return columns, solve_ridge(products, columns, _TINY_RIDGE)[0]
+        return columns, solve_ridge(products, columns, TINY_RIDGE)[0]
     choices = list(combinations(range(1, len(grid)), structure.free_time_constants))
     candidates = np.stack([moments.columns(choice, inputs) for choice in choices])
-    coefficients, left = solve_ridge(products, candidates, _TINY_RIDGE)
+    coefficients, left = solve_ridge(products, candidates, TINY_RIDGE)
     best = int(np.argmin(left))
     return candidates[best], coefficients[best]
 
@@ -344,6 +350,28 @@ def held_out_errors(
     return np.array(errors)
 
 
+def uncompensated_errors(moments: Moments) -> FloatArray:
+    """
+    Score doing nothing.
+
+    Parameters
+    ----------
+    moments : Moments
+        Of the axis.
+
+    Returns
+    -------
+    ndarray, shape (blocks,)
+        As held_out_errors.
+
+    """
+    errors = []
+    for block in np.unique(moments.block):
+        products, count = moments.centred(moments.block == block)
+        errors.append(float(products[-1, -1]) / count)
+    return np.array(errors)
+
+
 def refine_time_constants(
     problem: AxisProblem, features: Features, start_s: Sequence[float]
 ) -> FloatArray:
@@ -367,13 +395,16 @@ def refine_time_constants(
     """
 
     def left(log_tau: FloatArray) -> float:
-        return fit_gains(problem, features, np.exp(log_tau), _TINY_RIDGE)[1]
+        return fit_gains(problem, features, np.exp(log_tau), TINY_RIDGE)[1]
 
     start = np.log(np.asarray(start_s, dtype=float))
+    # Slower than the longest recording cannot be told from a trend, and would run away with it.
+    longest_s = max(len(residual) for residual in problem.residual) * problem.period_s
     found = minimize(
         left,
         start,
         method='Nelder-Mead',
+        bounds=[(np.log(problem.period_s), np.log(longest_s))] * len(start),
         options={
             'xatol': 1e-4,
             'fatol': 1e-9 * left(start),

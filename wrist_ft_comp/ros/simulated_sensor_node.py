@@ -23,13 +23,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.core.recording import NANOSECONDS, FloatArray, IntArray
-from wrist_ft_comp.core.simulated_run import (
-    RunSettings,
-    draw_run,
-    drive,
-    room_temperature,
-    true_wrench,
-)
+from wrist_ft_comp.core.simulated_run import draw_run, drive, room_temperature, true_wrench
 from wrist_ft_comp.core.thermal_sensor import (
     ThermalSensorSettings,
     ThermalState,
@@ -40,8 +34,9 @@ from wrist_ft_comp.core.thermal_sensor import (
     start,
     trajectory,
 )
-from wrist_ft_comp.ros.parameters import Parameter, declare, values
-from wrist_ft_comp.ros.running import EXECUTOR_PARAMETER, run_node
+from wrist_ft_comp.ros.parameters import declare, values
+from wrist_ft_comp.ros.running import run_node
+from wrist_ft_comp.ros.simulated_sensor_parameters import PARAMETERS, run_settings
 
 #: Best effort as real drivers publish; deep enough for all messages of one wake-up.
 DRIVER_STREAM = cast('Any', QoSProfile)(
@@ -51,47 +46,6 @@ DRIVER_STREAM = cast('Any', QoSProfile)(
 SHORTEST_WAKE_S = 0.004
 #: The longest pause that is made up for.
 LONGEST_WAKE_S = 0.05
-
-_RUN = RunSettings()
-
-
-def _row(name: str, default: Any, description: str, **more: Any) -> Parameter:
-    """Make a row that is read at start-up only, as all are: a run is fixed when it begins."""
-    return Parameter(name, default, description, read_only=True, **more)
-
-
-PARAMETERS = (
-    EXECUTOR_PARAMETER,
-    _row('seed', 1, 'Draws the specimen of the sensor, its gauges and their places.', minimum=0),
-    _row('run', 0, 'Draws noise, loads and room of this run, for the same sensor.', minimum=0),
-    _row('speed', 1.0, 'Simulated seconds per wall second.', minimum=0.01, maximum=10000.0),
-    _row('wrench_rate', 100.0, 'Wrenches per wall second.', unit='Hz',
-         minimum=0.1, maximum=8000.0),
-    _row('temperature_rate', 10.0, 'Temperatures per wall second, of each thermometer.',
-         unit='Hz', minimum=0.1, maximum=1000.0),
-    _row('frame_id', 'wrist_ft', 'Frame of the messages.'),
-    _row('start_stamp_s', 0.0, 'First stamp; 0 means the time of the start.', unit='s',
-         minimum=0.0, maximum=2.0**31 - 1),
-    _row('wait_for_subscriber', True,
-         'Whether the run begins with the first subscriber of one of its topics.'),
-    _row('room_temperature_c', _RUN.room_c, 'Mean room temperature.', unit='°C',
-         minimum=-40.0, maximum=85.0),
-    _row('room_swing_k', _RUN.room_swing_k, 'Amplitude of the slow swing of the room temperature.',
-         unit='K', minimum=0.0, maximum=20.0),
-    _row('room_swing_period_s', _RUN.room_swing_period_s, 'Period of that swing.',
-         unit='simulated s', minimum=1.0),
-    _row('load.force_n', _RUN.force_n, 'Largest force of an axis; 0 is unloaded.', unit='N',
-         minimum=0.0, maximum=1000.0),
-    _row('load.torque_nm', _RUN.torque_nm, 'Largest torque of an axis; 0 is unloaded.',
-         unit='N m', minimum=0.0, maximum=100.0),
-    _row('load.period_s', _RUN.load_period_s, 'About the time from one peak of load to the next.',
-         unit='simulated s', minimum=0.1),
-    _row('duty_cycle.start_s', _RUN.duty_start_s,
-         'Ascending times at which the duty cycle of the motor changes.', unit='simulated s',
-         minimum=0.0),
-    _row('duty_cycle.level', _RUN.duty_level, 'Duty cycle from each of these times on.',
-         minimum=0.0, maximum=1.0),
-)  # fmt: skip
 
 
 class SimulatedSensor(Node):
@@ -112,7 +66,7 @@ class SimulatedSensor(Node):
         chosen = values(self, PARAMETERS)
         random = np.random.SeedSequence([chosen['seed'], chosen['run']]).spawn(3)
         draws, self._wrench_rng, self._temperature_rng = map(np.random.default_rng, random)
-        self._run = draw_run(_run_settings(chosen), draws)
+        self._run = draw_run(run_settings(chosen), draws)
         self._sensor = build_sensor(ThermalSensorSettings(), chosen['seed'])
         self._state = start(self._sensor, float(room_temperature(self._run, 0.0)))
         self._step = 0
@@ -126,7 +80,8 @@ class SimulatedSensor(Node):
         self._make_messages(chosen['frame_id'])
         self._make_publishers()
         if self._waits:
-            self.get_logger().info('Waiting for a subscriber; the run begins with it.')
+            logger = cast('Any', self).get_logger()
+            logger.info('Waiting for a subscriber; the run begins with it.')
         wake_s = max(SHORTEST_WAKE_S, 1.0 / max(self._wrenches.rate, self._temperatures.rate))
         # A steady clock: neither a simulated nor a stepped clock changes the rate.
         self.create_timer(wake_s, self._wake, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -248,20 +203,6 @@ class _Ticks:
         self._sent = max(total, self._sent)
         elapsed_ns: IntArray = np.rint(ticks * self._step_ns).astype(np.int64)
         return elapsed_ns
-
-
-def _run_settings(chosen: dict[str, Any]) -> RunSettings:
-    """Translate the parameters of a run."""
-    return RunSettings(
-        duty_start_s=chosen['duty_cycle.start_s'],
-        duty_level=chosen['duty_cycle.level'],
-        room_c=chosen['room_temperature_c'],
-        room_swing_k=chosen['room_swing_k'],
-        room_swing_period_s=chosen['room_swing_period_s'],
-        force_n=chosen['load.force_n'],
-        torque_nm=chosen['load.torque_nm'],
-        load_period_s=chosen['load.period_s'],
-    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,0 +1,69 @@
+"""wrist_ft_comp compensate: a recording with its drift removed."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from wrist_ft_comp.cli import options
+from wrist_ft_comp.core.evaluation import correct_many, initial_tare, track_drift
+from wrist_ft_comp.core.recording import NANOSECONDS
+from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.files.recordings import read_recording, rewrite_recording
+
+EXAMPLES = """\
+examples:
+  wrist_ft_comp compensate model.yaml run.csv -o compensated.csv
+  wrist_ft_comp compensate model.yaml bag/ -o bag_compensated/ --tare 60
+"""
+
+
+def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        'compensate',
+        help='remove the drift from a recording',
+        description='Write a recording of the same kind with compensated wrenches. In CSV files '
+        'they replace the raw ones; in bags they come beside them, on a topic of their own.',
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(run=run)
+    parser.add_argument('model', type=Path, metavar='MODEL.yaml')
+    parser.add_argument('recording', type=Path, metavar='REC', help=options.RECORDING_HELP)
+    parser.add_argument('-o', '--output', required=True, type=Path, metavar='OUT')
+    parser.add_argument(
+        '--tare',
+        type=options.not_negative,
+        default=0.0,
+        metavar='SECONDS',
+        help='tare on the first SECONDS, which must be unloaded (default: 0, no tare)',
+    )
+    parser.add_argument('--output-topic', default='/wrench', metavar='TOPIC', help='in bags')
+    options.add_topics(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command; returns the exit code."""
+    model = load_model(arguments.model).model
+    topics = options.topics_from(arguments)
+    with options.progress_bar('compensating') as progress:
+        recording = read_recording(
+            arguments.recording,
+            period_s=model.period_ns / NANOSECONDS,
+            topics=topics,
+            progress=lambda done: progress(done / 3),
+        )
+        track = track_drift(model, recording)
+        tare = initial_tare(model, recording, arguments.tare)
+        warnings = rewrite_recording(
+            arguments.recording,
+            arguments.output,
+            lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare),
+            topics=topics,
+            output_topic=arguments.output_topic,
+            progress=lambda done: progress((1 + 2 * done) / 3),
+        )
+    for warning in dict.fromkeys((*recording.warnings, *warnings)):
+        print(f'warning: {warning}', file=sys.stderr)
+    print(f'wrote {arguments.output}')
+    return 0

@@ -1,0 +1,120 @@
+"""wrist_ft_comp show: what a file is."""
+
+import argparse
+import json
+from pathlib import Path
+
+from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli.tables import table_text
+from wrist_ft_comp.core.recording import NANOSECONDS, axis_unit
+from wrist_ft_comp.files.model_file import StoredModel, load_model
+from wrist_ft_comp.files.recordings import RecordingSummary, describe_recording
+
+
+def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        'show',
+        help='say what a model or a recording holds',
+        description='Say what a model file or a recording holds.',
+    )
+    parser.set_defaults(run=run)
+    parser.add_argument('file', type=Path, metavar='FILE', help='MODEL.yaml or REC')
+    options.add_topics(parser)
+    parser.add_argument('--json', action='store_true', help='print JSON for scripts')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command; returns the exit code."""
+    if arguments.file.suffix in ('.yaml', '.yml'):
+        stored = load_model(arguments.file)
+        if arguments.json:
+            print(json.dumps({'sha256': stored.sha256, **stored.document}, indent=1))
+        else:
+            print(_model_text(stored))
+        return 0
+    with options.progress_bar('reading') as progress:
+        summary = describe_recording(arguments.file, options.topics_from(arguments), progress)
+    print(json.dumps(_summary_json(summary), indent=1) if arguments.json else _text(summary))
+    return 0
+
+
+def _model_text(stored: StoredModel) -> str:
+    """Describe a model for people."""
+    document = stored.document
+    provenance = document['provenance']
+    lines = [
+        f'{stored.path}: a drift model, sha256 {stored.sha256[:12]}',
+        f'made {provenance.get("created", "at an unknown time")} from '
+        f'{document["duration_s"] / 3600:.2f} h in {len(provenance.get("recordings", []))} '
+        f'recordings; thermal period {stored.model.period_ns / NANOSECONDS:g} s',
+        *(
+            f'thermometer {j}: calibrated from {low:.1f} to {high:.1f} °C'
+            for j, (low, high) in enumerate(
+                (thermometer['range_c'] for thermometer in document['thermometers']), start=1
+            )
+        ),
+        '',
+        table_text(
+            ['axis', 'unit', 'RMS before', 'after (held out)', 'drift', 'time constants, s'],
+            [
+                [
+                    axis,
+                    axis_unit(axis),
+                    f'{entry["rms_before"]:.4g}',
+                    f'{entry["rms_after"]:.4g}',
+                    _drifts(stored, axis),
+                    ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-',
+                ]
+                for axis, entry in document['axes'].items()
+            ],
+        ),
+        '',
+        *(f'{axis}: {entry["chosen"]}' for axis, entry in document['axes'].items()),
+        *(f'warning: {warning}' for warning in document['warnings']),
+    ]
+    return '\n'.join(lines)
+
+
+def _drifts(stored: StoredModel, axis: str) -> str:
+    """Say which drifts of an axis are compensated."""
+    model = stored.model.axes.get(axis)
+    if model is None:
+        return 'none'
+    return 'zero, gain' if len(model.dynamics.output_mean) == 2 else 'zero'
+
+
+def _duration_s(summary: RecordingSummary) -> float | None:
+    """Time span of a recording, s."""
+    if summary.first_ns is None or summary.last_ns is None:
+        return None
+    return (summary.last_ns - summary.first_ns) / NANOSECONDS
+
+
+def _text(summary: RecordingSummary) -> str:
+    """Describe a recording for people."""
+    duration_s = _duration_s(summary)
+    span = 'no samples' if duration_s is None else f'{duration_s:.1f} s'
+    rows = [[c.name, c.kind, str(c.samples), c.role or '-'] for c in summary.channels]
+    return '\n'.join(
+        [
+            f'{summary.name}: {summary.kind}, {span}',
+            table_text(['channel', 'type or unit', 'samples', 'used as'], rows),
+            *(f'warning: {warning}' for warning in summary.warnings),
+        ]
+    )
+
+
+def _summary_json(summary: RecordingSummary) -> dict[str, object]:
+    """Describe a recording for scripts."""
+    return {
+        'name': summary.name,
+        'kind': summary.kind,
+        'first_ns': summary.first_ns,
+        'last_ns': summary.last_ns,
+        'channels': [
+            {'name': c.name, 'kind': c.kind, 'samples': c.samples, 'role': c.role}
+            for c in summary.channels
+        ],
+        'warnings': list(summary.warnings),
+    }
