@@ -61,7 +61,7 @@ def warm_up() -> Callable[..., Array]:
         t = np.arange(cells) * period_s
         working = np.repeat(rng.uniform(0.0, 1.0, cells // 30 + 1), 30)[:cells]
         temperature = 15.0 * (1 - np.exp(-t / rng.uniform(1000, 2000)))
-        temperature += 3.0 * np.sin(2 * np.pi * t / rng.uniform(3000, 6000) + rng.uniform(0, 6))
+        temperature += 3.0 * np.sin(2 * np.pi * t / rng.uniform(3000, 6000))
         heat, heated = 0.0, np.empty(cells)
         for k in range(cells):
             heat += period_s / 200.0 * (5.0 * working[k] - heat)

@@ -69,9 +69,7 @@ def test_regressors_are_the_rows_of_eq_20(order: int, inputs: int, first_lag: in
 
 
 @orders
-def test_a_noise_free_system_is_recovered_exactly(
-    order: int, inputs: int, first_lag: int
-) -> None:
+def test_a_noise_free_system_is_recovered_exactly(order: int, inputs: int, first_lag: int) -> None:
     true = seeded_arx(order, inputs, first_lag)
     t = np.random.default_rng(5).standard_normal(400)
     found = fit_one_step([(t, textbook_output(true, t))], order, inputs, first_lag)

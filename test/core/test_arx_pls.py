@@ -15,12 +15,14 @@ from wrist_ft_comp.core.arx_pls import ArxPls, from_loadings
 Array = np.ndarray
 
 # The paper's section 4.2.
-PAPER_P = np.array([
-    [-0.0311, -0.2423, 0.9985, -0.1724],
-    [-0.1953, 0.5380, 0.0277, -0.8360],
-    [0.9545, 0.1054, 0.0463, -0.0732],
-    [0.2231, -0.8004, -0.0025, -0.5157],
-])
+PAPER_P = np.array(
+    [
+        [-0.0311, -0.2423, 0.9985, -0.1724],
+        [-0.1953, 0.5380, 0.0277, -0.8360],
+        [0.9545, 0.1054, 0.0463, -0.0732],
+        [0.2231, -0.8004, -0.0025, -0.5157],
+    ]
+)
 PAPER_Q = np.array([[0.5941, 0.9614, 0.5974, 0.9452], [0.8044, -0.2750, -0.8019, 0.3265]])
 PAPER_W_X = np.array([0.2868, 0.2710, 0.2446, 0.2936])
 PAPER_W_Y = np.array([0.2572, 0.2694])
@@ -94,9 +96,7 @@ def test_a_general_model_is_the_equations_written_out(general: ArxPls) -> None:
     for k in range(60):
         t = [
             sum(
-                (x[i, f] - general.input_mean[f])
-                * general.input_weight[f]
-                * general.rotations[f]
+                (x[i, f] - general.input_mean[f]) * general.input_weight[f] * general.rotations[f]
                 for f in range(3)
             )
             for i in range(k + 1)

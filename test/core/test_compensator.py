@@ -95,12 +95,16 @@ def test_the_output_is_the_equation_with_the_drift_of_its_time(model: DriftModel
     compensator = Compensator(1, StreamSettings(), model)
     stamps, outputs = stream(compensator, (0, 120))
     temperatures = np.arange(240) * SECOND // 2
-    recording = grid_samples([
-        Samples(
-            ('temperature_c',), temperatures, np.array([[warming(s)] for s in temperatures.tolist()])
-        ),
-        Samples(AXES, stamps, np.tile(LOAD, (len(stamps), 1))),
-    ])
+    recording = grid_samples(
+        [
+            Samples(
+                ('temperature_c',),
+                temperatures,
+                np.array([[warming(s)] for s in temperatures.tolist()]),
+            ),
+            Samples(AXES, stamps, np.tile(LOAD, (len(stamps), 1))),
+        ]
+    )
     track = track_drift(model, recording)
     batch = correct_many(track, stamps, np.tile(LOAD, (len(stamps), 1)))
     settled = stamps >= 2 * SECOND
@@ -280,9 +284,7 @@ class TestModelSwap:
         with pytest.raises(SettingsError, match='expects 2 thermometers, the node has 1'):
             compensator.go_live(make_model(TRUTH, thermometers=2))
         assert compensator.model is model
-        np.testing.assert_array_equal(
-            stream(compensator, (30, 40))[1], stream(twin, (30, 40))[1]
-        )
+        np.testing.assert_array_equal(stream(compensator, (30, 40))[1], stream(twin, (30, 40))[1])
         with pytest.raises(SettingsError):
             Compensator(2, StreamSettings(), model)
 

@@ -18,7 +18,11 @@ from wrist_ft_comp.core.recording import AXES
 Array = np.ndarray
 Lagged = Callable[..., Array]
 #: Per axis: gain of zero drift, of sensitivity drift, time constant.
-TRUTH = {'force_x': (0.5, 1e-3, 40.0), 'force_z': (-2.0, 0.0, 300.0), 'torque_y': (0.03, 2e-3, 9.0)}
+TRUTH = {
+    'force_x': (0.5, 1e-3, 40.0),
+    'force_z': (-2.0, 0.0, 300.0),
+    'torque_y': (0.03, 2e-3, 9.0),
+}
 
 
 @pytest.fixture(scope='module')
@@ -116,9 +120,7 @@ class TestRefusals:
             replace(model, thermometers=1)
 
     @pytest.mark.parametrize('change', [{'period_ns': 0}, {'thermometers': 0}])
-    def test_no_period_or_no_thermometer(
-        self, model: DriftModel, change: dict[str, int]
-    ) -> None:
+    def test_no_period_or_no_thermometer(self, model: DriftModel, change: dict[str, int]) -> None:
         with pytest.raises(ModelFileError, match='positive thermal period and at least one'):
             replace(model, **change)
 

@@ -17,9 +17,7 @@ def hats(*knots_c: list[float], lower: float = -100.0, upper: float = 200.0) -> 
 
 
 def test_powers_are_ordered_by_power_then_thermometer() -> None:
-    features = Features(
-        'powers', np.array([20.0, 30.0]), np.zeros(2), np.full(2, 99.0), degree=3
-    )
+    features = Features('powers', np.array([20.0, 30.0]), np.zeros(2), np.full(2, 99.0), degree=3)
     np.testing.assert_allclose(
         features.expand(np.array([22.0, 33.0])), [2.0, 3.0, 4.0, 9.0, 8.0, 27.0]
     )

@@ -81,7 +81,9 @@ def test_inputs_are_scores_times_loadings_plus_a_remainder_they_do_not_explain(
     if latents == inputs:
         np.testing.assert_allclose(remainder, 0, atol=1e-10)
     np.testing.assert_allclose(x @ pls.rotations, pls.scores, atol=1e-10)  # eq. 4
-    np.testing.assert_allclose(x @ pls.coefficients, pls.scores * pls.inner @ pls.output_loadings.T)
+    np.testing.assert_allclose(
+        x @ pls.coefficients, pls.scores * pls.inner @ pls.output_loadings.T
+    )
 
 
 @pytest.mark.parametrize('outputs', [1, 2, 3])
@@ -124,9 +126,7 @@ def test_scikit_learn_with_its_own_scaling_predicts_the_same_in_any_unit() -> No
     units, offsets = np.array([1e3, 1.0, 1e-3, 0.5]), np.array([273.15, 0.0, -4.0, 1.0])
     peer = regression(n_components=2, scale=True, tol=1e-24, max_iter=20_000)
     peer.fit(x * units + offsets, y * 4.448 + 7.0)
-    np.testing.assert_allclose(
-        ours * 4.448 + 7.0, peer.predict(x * units + offsets), atol=1e-8
-    )
+    np.testing.assert_allclose(ours * 4.448 + 7.0, peer.predict(x * units + offsets), atol=1e-8)
 
 
 @shapes
@@ -170,7 +170,7 @@ def test_data_are_not_modified(fit: Fit) -> None:
 @pytest.mark.parametrize('fit', [fit_pls, fit_pcr])
 class TestDegenerateData:
     def test_a_constant_input_gets_no_part(self, fit: Fit) -> None:
-            x, y = made_up(40, 4, 2)
+        x, y = made_up(40, 4, 2)
         x[:, 2] = 0.0
         found = fit(x, y, 4)
         assert found.latents == 3
@@ -180,7 +180,7 @@ class TestDegenerateData:
         )
 
     def test_lost_rank_gives_fewer_latents_and_still_least_squares(self, fit: Fit) -> None:
-            x, y = made_up(40, 3, 2)
+        x, y = made_up(40, 3, 2)
         x = np.column_stack([x, x[:, 0] - x[:, 1], 2 * x[:, 2]])
         found = fit(x, y, 5)
         assert found.latents == 3
@@ -190,20 +190,20 @@ class TestDegenerateData:
 
     @pytest.mark.parametrize('silent', ['x', 'y', 'both'])
     def test_a_silent_block_leaves_nothing(self, fit: Fit, silent: str) -> None:
-            x, y = made_up(40, 3, 2)
+        x, y = made_up(40, 3, 2)
         found = fit(x * (silent == 'y'), y * (silent == 'x'), 3)
         assert found.latents == 0
         assert found.coefficients.shape == (3, 2)
         assert not found.coefficients.any()
 
     def test_fewer_samples_than_inputs_are_fitted_exactly(self, fit: Fit) -> None:
-            x, y = made_up(5, 8, 1)
+        x, y = made_up(5, 8, 1)
         found = fit(x, y, 8)
         assert found.latents <= 4
         np.testing.assert_allclose(x @ found.coefficients, y, atol=1e-9)
 
     def test_less_than_one_latent_is_refused(self, fit: Fit) -> None:
-            with pytest.raises(SettingsError, match='at least 1 latent; got 0'):
+        with pytest.raises(SettingsError, match='at least 1 latent; got 0'):
             fit(*made_up(10, 2, 1), 0)
 
 

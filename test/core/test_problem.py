@@ -230,9 +230,7 @@ class TestScores:
         recording = make_recording(temperature_c, {'force_x': raw}, {'force_x': load})
         problem = pose_problem([recording], 'force_x', 'recorded', one_block(recording))
         np.testing.assert_allclose(unexplained(problem, features, dynamics)[0], noise, atol=1e-9)
-        np.testing.assert_array_equal(
-            unexplained(problem, features, None)[0], problem.residual[0]
-        )
+        np.testing.assert_array_equal(unexplained(problem, features, None)[0], problem.residual[0])
 
     def test_a_block_is_scored_after_a_constant_per_recording(
         self, make_recording: MakeRecording, temperature_c: Array

@@ -48,9 +48,7 @@ def streams(draw: st.DrawFn) -> list[Samples]:
             )
         )
         stamps = np.cumsum(steps) + draw(st.integers(0, 5)) * SECOND
-        values = draw(
-            st.lists(st.floats(-50, 150), min_size=len(steps), max_size=len(steps))
-        )
+        values = draw(st.lists(st.floats(-50, 150), min_size=len(steps), max_size=len(steps)))
         blocks.append(Samples((channel,), stamps, np.array(values)[:, np.newaxis]))
     return blocks
 
@@ -103,18 +101,20 @@ def test_how_samples_are_cut_into_blocks_does_not_matter(
 
 @pytest.mark.parametrize('origin', [0, EPOCH, -EPOCH])
 def test_cells_are_half_open(origin: int) -> None:
-    recording = grid_samples([
-        samples('temperature_c', (0.0, 1.0), (0.999999999, 3.0), (1.0, 10.0), origin=origin),
-        wrenches(0.0, origin=origin),
-    ])
+    recording = grid_samples(
+        [
+            samples('temperature_c', (0.0, 1.0), (0.999999999, 3.0), (1.0, 10.0), origin=origin),
+            wrenches(0.0, origin=origin),
+        ]
+    )
     assert recording.first_cell == origin // SECOND
     np.testing.assert_array_equal(recording.temperature_c[:, 0], [2.0, 10.0])
 
 
 def test_a_cell_without_a_sample_holds_the_last_value() -> None:
-    recording = grid_samples([
-        samples('temperature_c', (0.5, 20.0), (3.5, 26.0)), wrenches(0.1, 5.2)
-    ])
+    recording = grid_samples(
+        [samples('temperature_c', (0.5, 20.0), (3.5, 26.0)), wrenches(0.1, 5.2)]
+    )
     np.testing.assert_array_equal(recording.temperature_c[:, 0], [20, 20, 20, 26, 26, 26])
     np.testing.assert_array_equal(recording.measured[:, 0], [1, 0, 0, 1, 0, 0])
     np.testing.assert_array_equal(np.isfinite(recording.wrench[:, 2]), [1, 0, 0, 0, 0, 1])
@@ -122,11 +122,13 @@ def test_a_cell_without_a_sample_holds_the_last_value() -> None:
 
 def test_the_first_cell_is_the_one_by_whose_end_all_thermometers_have_reported() -> None:
     """The second one reported before, and again later: its value is held from before."""
-    recording = grid_samples([
-        samples('temperature_c', (10.2, 1.0), (11.2, 2.0), (12.2, 3.0)),
-        samples('temperature_2_c', (5.5, 7.0), (8.5, 8.0), (12.5, 9.0)),
-        wrenches(3.0, 11.0),
-    ])
+    recording = grid_samples(
+        [
+            samples('temperature_c', (10.2, 1.0), (11.2, 2.0), (12.2, 3.0)),
+            samples('temperature_2_c', (5.5, 7.0), (8.5, 8.0), (12.5, 9.0)),
+            wrenches(3.0, 11.0),
+        ]
+    )
     assert recording.first_cell == 10
     np.testing.assert_array_equal(recording.temperature_c, [[1, 8], [2, 8], [3, 9]])
     np.testing.assert_array_equal(recording.measured, [[1, 0], [1, 0], [1, 1]])
@@ -244,7 +246,10 @@ class TestRecords:
             ({'temperature_c': np.zeros((0, 1))}, 'run holds no temperature'),
             ({'temperature_c': np.zeros((3, 0))}, 'run holds no temperature'),
             ({'temperature_c': np.full((3, 1), np.nan)}, 'must be finite'),
-            ({'measured': np.ones((3, 2), dtype=bool)}, r'measured of run must have shape \(3, 1\)'),
+            (
+                {'measured': np.ones((3, 2), dtype=bool)},
+                r'measured of run must have shape \(3, 1\)',
+            ),
             ({'wrench': np.zeros((3, 5))}, r'wrench of run must have shape \(3, 6\)'),
             ({'reference': np.zeros((2, 6))}, r'reference of run must have shape \(3, 6\)'),
         ],

@@ -90,9 +90,7 @@ def moments_of(problem: AxisProblem, taus: Array = GRID) -> oe.Moments:
     return oe.accumulate(problem, oe.bank_inputs(problem, FEATURES, taus), taus)
 
 
-def test_the_bank_is_the_textbook_loop(
-    problem: AxisProblem, lagged: Callable[..., Array]
-) -> None:
+def test_the_bank_is_the_textbook_loop(problem: AxisProblem, lagged: Callable[..., Array]) -> None:
     for found, expected in zip(
         oe.bank_inputs(problem, FEATURES, GRID), textbook_bank(problem, GRID, lagged), strict=True
     ):
@@ -223,11 +221,12 @@ class TestConstantColumns:
         np.testing.assert_allclose(gains[:, 0].sum(), 0.5, rtol=1e-4)
 
 
-class TestTimeConstants:
-    @pytest.fixture(scope='class')
-    def temperatures(self, warm_up: Callable[..., Array]) -> list[Array]:
-        return [warm_up(360, 10 + i) for i in range(2)]
+@pytest.fixture(scope='module')
+def temperatures(warm_up: Callable[..., Array]) -> list[Array]:
+    return [warm_up(360, 10 + i) for i in range(2)]
 
+
+class TestTimeConstants:
     def pose(
         self,
         make_recording: Callable[..., Recording],
@@ -280,10 +279,12 @@ class TestTimeConstants:
 
         def run(parameters: Array) -> Array:
             gain, log_tau, *constants = parameters
-            return np.concatenate([
-                gain * lagged(t - 30, np.exp(log_tau)) + constant
-                for t, constant in zip(temperatures, constants, strict=True)
-            ])
+            return np.concatenate(
+                [
+                    gain * lagged(t - 30, np.exp(log_tau)) + constant
+                    for t, constant in zip(temperatures, constants, strict=True)
+                ]
+            )
 
         at = np.array([0.5, np.log(true), 0.0, 0.0])
         jacobian = optimize.approx_fprime(at, run, 1e-6)

@@ -36,7 +36,9 @@ def test_the_stretch_is_complete_when_its_duration_has_passed() -> None:
     assert done == [False] * 5 + [True] * 2
 
 
-@pytest.mark.parametrize(('axis', 'name', 'limit'), [(2, 'force_z', '1 N'), (4, 'torque_y', '0.1 N m')])
+@pytest.mark.parametrize(
+    ('axis', 'name', 'limit'), [(2, 'force_z', '1 N'), (4, 'torque_y', '0.1 N m')]
+)
 def test_a_load_that_moves_is_refused(axis: int, name: str, limit: str) -> None:
     """A slow ramp: its ends are off the mean by four tenths of it in the outer fifths."""
     allowed = 1.0 if axis < 3 else 0.1
@@ -52,7 +54,14 @@ def test_a_load_that_moves_is_refused(axis: int, name: str, limit: str) -> None:
 
 
 def test_noise_alone_is_no_motion() -> None:
-    wrenches = WRENCH + np.random.default_rng(1).normal(0, 0.5, (500, 6)) * [1, 1, 1, 0.1, 0.1, 0.1]
+    wrenches = WRENCH + np.random.default_rng(1).normal(0, 0.5, (500, 6)) * [
+        1,
+        1,
+        1,
+        0.1,
+        0.1,
+        0.1,
+    ]
     mean, _ = collect(wrenches, rate_hz=500).result()
     np.testing.assert_allclose(mean, WRENCH, atol=0.15)
 

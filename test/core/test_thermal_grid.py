@@ -40,9 +40,7 @@ def streams(draw: st.DrawFn) -> tuple[int, list[Sample]]:
     thermometers = draw(st.integers(1, 3))
     step = st.one_of(st.integers(1, SECOND), st.integers(SECOND, 9 * SECOND))
     value = st.one_of(st.floats(-50, 150), st.sampled_from([20.0, math.nan, math.inf]))
-    drawn = draw(
-        st.lists(st.tuples(st.integers(0, thermometers - 1), step, value), max_size=80)
-    )
+    drawn = draw(st.lists(st.tuples(st.integers(0, thermometers - 1), step, value), max_size=80))
     stamp, stream = draw(st.integers(0, 3 * SECOND)), []
     for thermometer, wait, temperature in drawn:
         stamp += wait

@@ -5,8 +5,11 @@ import sys
 from pathlib import Path
 
 from wrist_ft_comp.cli import options
+from wrist_ft_comp.core.chamber_fit import table_tare
+from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.evaluation import correct_many, initial_tare, track_drift
-from wrist_ft_comp.core.recording import NANOSECONDS
+from wrist_ft_comp.core.recording import NANOSECONDS, FloatArray, Recording
+from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import read_recording, rewrite_recording
 
@@ -36,7 +39,8 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
         type=options.not_negative,
         default=0.0,
         metavar='SECONDS',
-        help='tare on the first SECONDS, which must be unloaded (default: 0, no tare)',
+        help='tare on the first SECONDS, which must be unloaded (default: 0, no tare; a chamber '
+        'table is tared without load at its reference temperature)',
     )
     parser.add_argument('--output-topic', default='/wrench', metavar='TOPIC', help='in bags')
     options.add_topics(parser)
@@ -54,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress=lambda done: progress(done / 3),
         )
         track = track_drift(model, recording)
-        tare = initial_tare(model, recording, arguments.tare)
+        tare = _tare(arguments, model, recording)
         warnings = rewrite_recording(
             arguments.recording,
             arguments.output,
@@ -67,3 +71,10 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'warning: {warning}', file=sys.stderr)
     print(f'wrote {arguments.output}')
     return 0
+
+
+def _tare(arguments: argparse.Namespace, model: DriftModel, recording: Recording) -> FloatArray:
+    """Find the raw offset to subtract, shape (6,)."""
+    if arguments.recording.is_file() and is_chamber_table(arguments.recording):
+        return table_tare(read_chamber_table(arguments.recording), model)
+    return initial_tare(model, recording, arguments.tare)

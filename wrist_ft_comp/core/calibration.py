@@ -27,6 +27,10 @@ MIN_SAMPLES = 30
 _JUMP_TO_NOISE = 12.0
 #: … and this share of the axis' whole range.
 _JUMP_TO_RANGE = 0.2
+#: … and this many steps of its resolution.
+_JUMP_TO_RESOLUTION = 3.5
+#: An axis that moves no more often than this may have been loaded and unloaded, and shows none.
+_FEW_STEPS = 4
 
 
 @dataclass(frozen=True)
@@ -208,7 +212,11 @@ def _check_wrenches(
             raw = recording.wrench[:, AXES.index(axis)]
             at = np.flatnonzero(np.isfinite(raw))
             steps = np.abs(np.diff(raw[at]))
-            limit = max(_JUMP_TO_NOISE * noise_level([raw]), _JUMP_TO_RANGE * _range(raw[at]))
+            limit = max(
+                _JUMP_TO_NOISE * noise_level([raw]),
+                _JUMP_TO_RANGE * _range(raw[at]),
+                _JUMP_TO_RESOLUTION * _resolution(raw[at]),
+            )
             if len(steps) > MIN_SAMPLES and steps.max() > limit > 0:
                 cell = int(at[int(np.argmax(steps)) + 1])
                 raise CalibrationRefusedError(
@@ -217,6 +225,14 @@ def _check_wrenches(
                     f'{settings.reference}. Record again without contact or payload change, or '
                     'record the load as reference.'
                 )
+
+
+def _resolution(values: FloatArray) -> float:
+    """Smallest step between neighbours, where there are more than a few; else what rounding is."""
+    steps = np.abs(np.diff(values))
+    rounding = 1e-12 * float(np.max(np.abs(values), initial=0.0))
+    real = steps[steps > rounding]
+    return float(real.min()) if len(real) > _FEW_STEPS else rounding
 
 
 def _range(values: FloatArray) -> float:

@@ -16,7 +16,7 @@ from wrist_ft_comp.core.chamber import (
 )
 from wrist_ft_comp.core.drift import Drift, DriftModel
 from wrist_ft_comp.core.evaluation import simulate_drift
-from wrist_ft_comp.core.recording import AXES, FloatArray, Recording
+from wrist_ft_comp.core.recording import AXES, NANOSECONDS, FloatArray, Recording
 from wrist_ft_comp.core.sampling import grid_samples
 
 #: The axis a chamber table is read as.
@@ -109,13 +109,44 @@ def compensate_table(table: ChamberTable, model: DriftModel) -> ChamberTable:
         The same test with compensated outputs.
 
     """
-    recording = table_recording(table, model.period_ns / 1e9)
+    at_readings = _drift_at_readings(table, model)
+    return table.with_output(
+        drift.correct(table.output, at_readings, _tare(table, at_readings))
+    )
+
+
+def table_tare(table: ChamberTable, model: DriftModel) -> FloatArray:
+    """
+    Tare a table's sensor as compensate_table does.
+
+    Parameters
+    ----------
+    table, model
+        As for compensate_table.
+
+    Returns
+    -------
+    ndarray, shape (6,)
+        Raw offset, all zero but for the table's axis.
+
+    """
+    tare = np.zeros(len(AXES))
+    tare[_COLUMN] = _tare(table, _drift_at_readings(table, model))
+    return tare
+
+
+def _drift_at_readings(table: ChamberTable, model: DriftModel) -> Drift:
+    """Simulate the test; drift at every reading, arrays of shape (S, P)."""
+    recording = table_recording(table, model.period_ns / NANOSECONDS)
     simulated = simulate_drift(model, recording)
     cells = table.reading_stamps_ns // model.period_ns - recording.first_cell  # (S, P)
-    at_readings = Drift(*(part[cells][..., _COLUMN] for part in simulated))
+    return Drift(*(part[cells][..., _COLUMN] for part in simulated))
+
+
+def _tare(table: ChamberTable, at_readings: Drift) -> float:
+    """Raw offset without load at the reference temperature."""
     reference = table.reference_column
-    tare = table.output[0, reference] - at_readings.zero[0, reference]
-    return table.with_output(drift.correct(table.output, at_readings, tare))
+    return float(table.output[0, reference] - at_readings.zero[0, reference])
 
 
 def leave_one_temperature_out(

@@ -195,11 +195,7 @@ def evaluate(
         When the recording does not fit the model, or holds nothing to compare with.
 
     """
-    simulated = simulate_drift(model, recording)
-    true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
-    nothing = Drift(np.zeros_like(simulated.zero), np.zeros_like(simulated.sensitivity))
-    before = _tared_errors(recording, true, nothing, tare_s)
-    after = _tared_errors(recording, true, simulated, tare_s)
+    before, after = tared_errors(model, recording, reference, tare_s)
     found = {}
     for column, axis in enumerate(AXES):
         errors = np.stack((before[:, column], after[:, column]))
@@ -250,13 +246,38 @@ def _tare(
     for column, values in enumerate(offset.T):
         at = np.flatnonzero(np.isfinite(values))
         if len(at):
-            tare[column] = values[at[(at - at[0]) * recording.period_s <= tare_s]].mean()
+            first = (at - at[0]) * recording.period_s < max(tare_s, recording.period_s)
+            tare[column] = values[at[first]].mean()
     return tare
 
 
-def _tared_errors(
-    recording: Recording, true: FloatArray, simulated: Drift, tare_s: float
-) -> FloatArray:
-    """Compensated minus true wrench of every cell, shape (N, 6), tared on the first seconds."""
-    tare = _tare(recording, true, simulated, tare_s)
-    return drift.correct(recording.wrench, simulated, tare) - true
+def tared_errors(
+    model: DriftModel, recording: Recording, reference: Reference, tare_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """
+    Subtract the reference from raw and compensated means of cells, both tared.
+
+    Parameters
+    ----------
+    model, recording, reference, tare_s
+        As for evaluate.
+
+    Returns
+    -------
+    tuple of ndarrays, shape (N, 6)
+        Errors before and after, N and N m; NaN where there is nothing to compare.
+
+    Raises
+    ------
+    RecordingError
+        When the recording does not fit the model.
+
+    """
+    simulated = simulate_drift(model, recording)
+    true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
+    nothing = Drift(np.zeros_like(simulated.zero), np.zeros_like(simulated.sensitivity))
+    before, after = (
+        drift.correct(recording.wrench, part, _tare(recording, true, part, tare_s)) - true
+        for part in (nothing, simulated)
+    )
+    return before, after

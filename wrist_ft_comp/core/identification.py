@@ -6,6 +6,7 @@ Every method ends in the same type, so whatever was chosen runs by the same free
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
@@ -128,8 +129,14 @@ class AxisFit:
     notes: tuple[str, ...] = ()
 
 
+#: Fits a problem: features, dynamics (None for no compensation), and what had to be mended.
+_Fit = Callable[[AxisProblem], tuple[Features, ArxPls | None, tuple[str, ...]]]
+
+
 def build_features(
-    temperature_c: Sequence[FloatArray], settings: IdentificationSettings
+    temperature_c: Sequence[FloatArray],
+    settings: IdentificationSettings,
+    observed: Sequence[FloatArray] | None = None,
 ) -> Features:
     """
     Choose reference, range and knots of the features from the recorded temperatures.
@@ -140,6 +147,8 @@ def build_features(
         Temperatures of all recordings, °C.
     settings : IdentificationSettings
         Kind, degree, knots.
+    observed : sequence of ndarrays, shape (n_i, J), optional
+        The temperatures at which there are samples; knots are laid there. All by default.
 
     Returns
     -------
@@ -151,7 +160,8 @@ def build_features(
     lower, upper = everything.min(axis=0), everything.max(axis=0)
     knots: tuple[FloatArray, ...] = ()
     if settings.features == 'hats':
-        knots = tuple(_knots(column, settings) for column in everything.T)
+        where = everything if observed is None else np.concatenate(list(observed))
+        knots = tuple(_knots(column, settings) for column in where.T)
     return Features(
         kind=settings.features,
         reference_c=everything.mean(axis=0),
@@ -215,50 +225,71 @@ def identify_axis(problem: AxisProblem, settings: IdentificationSettings) -> Axi
         When an ARX does not find enough consecutive samples.
 
     """
-    if settings.method in get_args(OuterInnerMethod):
-        return _identify_two_step(problem, settings, settings.method)
+    method = settings.method
+    if method not in ('arx_pls_oe', 'auto'):
+        return _identify_two_step(problem, settings, (method,))
+    if method == 'auto' and settings.features == 'hats':
+        # Knots follow the temperatures that are left when a block is held out, so moments that
+        # were summed once cannot serve all candidates.
+        return _identify_two_step(problem, settings, ('none', 'pls'))
     return _identify_simulation_error(problem, settings)
 
 
 def _identify_two_step(
-    problem: AxisProblem, settings: IdentificationSettings, method: OuterInnerMethod
+    problem: AxisProblem,
+    settings: IdentificationSettings,
+    methods: Sequence[OuterInnerMethod | Literal['none']],
 ) -> AxisFit:
-    """Let held-out blocks choose the number of latents of a two-step method."""
-    features = build_features(problem.temperature_c, settings)
-    width = features.expand(features.reference_c).shape[0]
-    if method == 'filtered_pls':
-        width *= len(settings.orders.time_constants_s)
-    numbers = _latents_to_try(settings, features, width)
-
-    def fit(part: AxisProblem, latents: int) -> tuple[ArxPls | None, tuple[str, ...]]:
-        return identify(method, part, features, replace(settings.orders, latents=latents))
-
-    errors = {'none': _held_out(problem, features, lambda _: None)}
-    for r in numbers:
-        name = f'{method}, {r} latent{"s" * (r > 1)}'
-        errors[name] = _held_out(problem, features, lambda part, r=r: fit(part, r)[0])
-    competing = list(errors)[1:]
+    """Let held-out blocks choose among two-step methods and their numbers of latents."""
+    candidates: dict[str, _Fit] = {'none': lambda part: (_features(part, settings), None, ())}
+    for method in methods:
+        if method != 'none':
+            for r in _latents_to_try(settings, _features(problem, settings), method):
+                name = f'{method}, {r} latent{"s" * (r > 1)}'
+                candidates[name] = partial(_fit_two_step, settings, method, r)
+    errors = {name: _held_out(problem, fit) for name, fit in candidates.items()}
+    competing = [name for name in candidates if name != 'none' or 'none' in methods]
     chosen = competing[simplest_good([errors[name] for name in competing])]
-    dynamics, notes = fit(problem, numbers[competing.index(chosen)])
+    features, dynamics, notes = candidates[chosen](problem)
     return _finish(problem, features, dynamics, chosen, errors, notes)
 
 
+def _features(problem: AxisProblem, settings: IdentificationSettings) -> Features:
+    """Build the features of a problem, with knots only where there are samples."""
+    observed = [
+        temperature_c[np.isfinite(residual)]
+        for temperature_c, residual in zip(problem.temperature_c, problem.residual, strict=True)
+    ]
+    return build_features(problem.temperature_c, settings, observed)
+
+
+def _fit_two_step(
+    settings: IdentificationSettings, method: OuterInnerMethod, latents: int, part: AxisProblem
+) -> tuple[Features, ArxPls | None, tuple[str, ...]]:
+    """Fit one candidate to what is not held out."""
+    features = _features(part, settings)
+    orders = replace(settings.orders, latents=latents)
+    return features, *identify(method, part, features, orders)
+
+
 def _latents_to_try(
-    settings: IdentificationSettings, features: Features, width: int
+    settings: IdentificationSettings, features: Features, method: OuterInnerMethod
 ) -> Sequence[int]:
     """List numbers of latents; hats take all, so that every knot keeps its own coefficients."""
     if settings.latents is not None:
         return [settings.latents]
+    width = features.expand(features.reference_c).shape[0]
+    if method == 'filtered_pls':
+        # Hats behind a bank of filters are too many and too alike for each to keep its own.
+        return range(1, min(width * len(settings.orders.time_constants_s), _MAX_LATENTS) + 1)
     return [width] if features.kind == 'hats' else range(1, min(width, _MAX_LATENTS) + 1)
 
 
-def _held_out(
-    problem: AxisProblem, features: Features, fit: Callable[[AxisProblem], ArxPls | None]
-) -> FloatArray:
+def _held_out(problem: AxisProblem, fit: _Fit) -> FloatArray:
     """Fit without each block in turn and score it there: mean square errors, shape (blocks,)."""
     scores = []
     for block in problem.block_numbers:
-        dynamics = fit(problem.without(block))
+        features, dynamics, _ = fit(problem.without(block))
         left = unexplained(problem, features, dynamics)
         total, count = block_errors(problem, left, block)
         scores.append(total / count)
@@ -300,13 +331,7 @@ def _identify_simulation_error(problem: AxisProblem, settings: IdentificationSet
     grid = time_constant_grid(problem)
     banked = oe.bank_inputs(problem, features, grid)
     moments = oe.accumulate(problem, banked, grid)
-    everything = np.ones(len(moments.counts), dtype=bool)
-    none = [
-        np.sum(moments.centred(moments.block == b)[0][-1, -1])
-        / moments.counts[moments.block == b].sum()
-        for b in np.unique(moments.block)
-    ]
-    errors: dict[str, FloatArray] = {'none': np.array(none)}
+    errors = {'none': oe.uncompensated_errors(moments)}
     structures: dict[str, tuple[oe.Structure, float]] = {}
     for structure in _structures(settings, features, grid):
         inputs = _inputs(structure, features)

@@ -45,6 +45,9 @@ class AxisProblem:
         Number of the cross-validation block of each cell.
     no_sensitivity : str
         Why sensitivity drift is not learnt; empty when it is.
+    tared : bool
+        Whether a held-out block has a constant of its own, because taring removes it. Plateaus of
+        a chamber test keep the constant of the others: their difference is the drift.
 
     """
 
@@ -55,6 +58,7 @@ class AxisProblem:
     load: tuple[FloatArray, ...] | None
     blocks: tuple[IntArray, ...]
     no_sensitivity: str = ''
+    tared: bool = True
 
     @property
     def block_numbers(self) -> list[int]:
@@ -118,6 +122,7 @@ def pose_problem(
         load=None if why or load is None else tuple(load),
         blocks=tuple(blocks),
         no_sensitivity=why,
+        tared=_plateaus(recordings) is None,
     )
 
 
@@ -215,11 +220,19 @@ def cross_validation_blocks(recordings: Sequence[Recording], folds: int = 5) -> 
     """
     if len(recordings) > 1:
         return [np.full(len(recording), i) for i, recording in enumerate(recordings)]
+    plateaus = _plateaus(recordings)
+    if plateaus is not None:
+        return [plateaus]
+    return [np.arange(len(recordings[0])) * folds // len(recordings[0])]
+
+
+def _plateaus(recordings: Sequence[Recording]) -> IntArray | None:
+    """Number the plateaus of a chamber test, shape (N,); None when it does not look like one."""
+    if len(recordings) > 1:
+        return None
     recording = recordings[0]
     parts = stretches(np.isfinite(recording.wrench).any(axis=1), recording.period_s)
-    if 3 <= parts[-1] + 1 <= 12:
-        return [parts]
-    return [np.arange(len(recording)) * folds // len(recording)]
+    return parts if 3 <= parts[-1] + 1 <= 12 else None
 
 
 def observe_drift(problem: AxisProblem) -> list[FloatArray]:
@@ -311,7 +324,7 @@ def block_errors(
     problem: AxisProblem, left: Sequence[FloatArray], block: int
 ) -> tuple[float, int]:
     """
-    Score a block: sum of squares after a free constant per recording, because taring removes it.
+    Score a block: sum of squares around the constant of each recording (see AxisProblem.tared).
 
     Parameters
     ----------
@@ -330,8 +343,10 @@ def block_errors(
     """
     total, count = 0.0, 0
     for number, values in zip(problem.blocks, left, strict=True):
-        inside = values[(number == block) & np.isfinite(values)]
+        finite = np.isfinite(values)
+        inside = values[(number == block) & finite]
         if len(inside):
-            total += float(np.sum((inside - inside.mean()) ** 2))
+            constant = (inside if problem.tared else values[(number != block) & finite]).mean()
+            total += float(np.sum((inside - constant) ** 2))
             count += len(inside)
     return total, count

@@ -20,7 +20,7 @@ from scipy.optimize import minimize
 from wrist_ft_comp.core.arx import free_run, relaxation
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.problem import AxisProblem
-from wrist_ft_comp.core.recording import FloatArray, IntArray
+from wrist_ft_comp.core.recording import BoolArray, FloatArray, IntArray
 
 #: Ridge that only keeps equations of collinear columns solvable, relative to their variance.
 TINY_RIDGE = 1e-9
@@ -82,6 +82,8 @@ class Moments:
         F, number of features.
     loaded : bool
         Whether the columns are doubled by the load, and the load itself is a column.
+    tared : bool
+        As AxisProblem.tared.
 
     """
 
@@ -93,6 +95,7 @@ class Moments:
     block: IntArray
     inputs: int
     loaded: bool
+    tared: bool = True
 
     def columns(self, grid: Sequence[int], inputs: int) -> IntArray:
         """
@@ -117,7 +120,7 @@ class Moments:
         half = len(self.time_constants_s) * self.inputs
         return np.array([*zero, *(half + column for column in zero), 2 * half])
 
-    def centred(self, keep: np.ndarray) -> tuple[FloatArray, float]:
+    def centred(self, keep: BoolArray) -> tuple[FloatArray, float]:
         """
         Sum the kept entries after removing each group's constant.
 
@@ -142,6 +145,35 @@ class Moments:
         total[silent] = 0.0
         total[:, silent] = 0.0
         return total, float(self.counts[keep].sum())
+
+
+    def mean_square(self, inside: BoolArray, theta: FloatArray) -> float:
+        """
+        Score a combination of columns on held-out entries.
+
+        Parameters
+        ----------
+        inside : ndarray of bool, shape (B,)
+            The held-out entries.
+        theta : ndarray, shape (P + 1,)
+            What the combination leaves of r - w, as coefficients of all columns.
+
+        Returns
+        -------
+        float
+            Mean square around the constant of each recording.
+
+        """
+        total = 0.0
+        for group in np.unique(self.group[inside]):
+            held = inside & (self.group == group)
+            others = held if self.tared else ~inside & (self.group == group)
+            count = self.counts[held].sum()
+            constant = float(theta @ self.sums[others].sum(axis=0)) / self.counts[others].sum()
+            square = float(theta @ self.products[held].sum(axis=0) @ theta)
+            linear = float(theta @ self.sums[held].sum(axis=0))
+            total += max(square - 2 * constant * linear + count * constant**2, 0.0)
+        return total / float(self.counts[inside].sum())
 
 
 def bank_inputs(
@@ -215,6 +247,7 @@ def accumulate(
         block=np.array(block),
         inputs=banked[0].shape[1] // len(time_constants_s),
         loaded=problem.load is not None,
+        tared=problem.tared,
     )
 
 
@@ -281,7 +314,7 @@ def solve_ridge(
 
 
 def fit_columns(
-    moments: Moments, structure: Structure, keep: np.ndarray, inputs: int, strength: float
+    moments: Moments, structure: Structure, keep: BoolArray, inputs: int, strength: float
 ) -> tuple[IntArray, FloatArray]:
     """
     Fit a candidate to some of the blocks.
@@ -342,11 +375,10 @@ def held_out_errors(
     for block in np.unique(moments.block):
         inside = moments.block == block
         columns, coefficients = fit_columns(moments, structure, ~inside, inputs, strength)
-        products, count = moments.centred(inside)
-        theta = np.zeros(len(products))
+        theta = np.zeros(moments.sums.shape[1])
         theta[columns] = coefficients
         theta[-1] = -1.0
-        errors.append(max(float(theta @ products @ theta), 0.0) / count)
+        errors.append(moments.mean_square(inside, theta))
     return np.array(errors)
 
 
@@ -365,11 +397,10 @@ def uncompensated_errors(moments: Moments) -> FloatArray:
         As held_out_errors.
 
     """
-    errors = []
-    for block in np.unique(moments.block):
-        products, count = moments.centred(moments.block == block)
-        errors.append(float(products[-1, -1]) / count)
-    return np.array(errors)
+    nothing = np.zeros(moments.sums.shape[1])
+    nothing[-1] = 1.0
+    blocks = np.unique(moments.block)
+    return np.array([moments.mean_square(moments.block == block, nothing) for block in blocks])
 
 
 def refine_time_constants(

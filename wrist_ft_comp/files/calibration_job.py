@@ -1,9 +1,10 @@
 """
 The calibration job: read recordings, fit, save the model. One function, and a process around it.
 
-The command line calls ``run_job``. The node starts ``python -m wrist_ft_comp.files.calibration_job``
-instead, because a fit in its own process neither stops the stream nor fights it for the interpreter:
-the job comes as one JSON object on standard input, the outcome goes as one to standard output.
+The command line calls ``run_job``. The node starts this module as a program instead
+(``python -m wrist_ft_comp.files.calibration_job``), because a fit in its own process neither stops
+the stream nor fights it for the interpreter: the job comes as one JSON object on standard input,
+the outcome goes as one to standard output.
 """
 
 import hashlib
@@ -12,12 +13,16 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from wrist_ft_comp import RecordingError, WristFtCompError
 from wrist_ft_comp.core.calibration import Calibration, CalibrationSettings, calibrate
 from wrist_ft_comp.core.identification import IdentificationSettings
+from wrist_ft_comp.core.outer_inner import Orders
 from wrist_ft_comp.core.recording import Recording
 from wrist_ft_comp.core.summary import summarise
 from wrist_ft_comp.files.model_file import StoredModel, save_model
@@ -44,7 +49,8 @@ class CalibrationJob:
     topics : Topics
         Topic names in bags.
     skip_unusable : bool
-        Leave out recordings that cannot be read, with a warning, as long as one can.
+        Leave out, with a warning, recordings that cannot be read, have other thermometers than
+        topics names, or lack the reference; as long as one is left.
     keep_copied_columns : bool
         Fit columns of a chamber table that repeat another one, too.
 
@@ -102,27 +108,51 @@ def _read(
     used: list[Path] = []
     left_out: list[str] = []
     failure: RecordingError | None = None
-    share = 0.5 / max(len(job.recordings), 1)
     for number, path in enumerate(job.recordings):
         try:
-            recording = read_recording(
-                path,
-                period_s=job.period_s,
-                topics=job.topics,
-                keep_copied_columns=job.keep_copied_columns,
-                progress=lambda done, number=number: report(share * (number + done)),
-            )
+            recordings.append(_read_one(job, path, partial(_report_part, report, job, number)))
         except RecordingError as error:
             if not job.skip_unusable:
                 raise
             failure = error
             left_out.append(f'{path.name} was left out: {error}')
-            continue
-        recordings.append(recording)
-        used.append(path)
+        else:
+            used.append(path)
     if failure is not None and not recordings:
         raise failure
     return recordings, used, tuple(left_out)
+
+
+def _report_part(
+    report: Callable[[float], None], job: CalibrationJob, number: int, done: float
+) -> None:
+    """Report the share that is done when a share of one recording is."""
+    report(0.5 * (number + done) / len(job.recordings))
+
+
+def _read_one(job: CalibrationJob, path: Path, report: Callable[[float], None]) -> Recording:
+    """Read a recording; where others may do, refuse one that this calibration cannot use."""
+    recording = read_recording(
+        path,
+        period_s=job.period_s,
+        topics=job.topics,
+        keep_copied_columns=job.keep_copied_columns,
+        progress=report,
+    )
+    if not job.skip_unusable:
+        return recording
+    thermometers = len(job.topics.temperatures)
+    if recording.thermometers != thermometers:
+        raise RecordingError(
+            f'{path.name} has {recording.thermometers} thermometers; {thermometers} are expected. '
+            'Record again with these, or name the recordings to calibrate from.'
+        )
+    if job.settings.reference == 'recorded' and not np.isfinite(recording.reference).any():
+        raise RecordingError(
+            f'{path.name} holds no reference wrench. Record wrench_reference beside the raw '
+            'wrench, or declare the reference unloaded or constant.'
+        )
+    return recording
 
 
 def hash_recording(path: Path) -> str:
@@ -156,36 +186,27 @@ def encode_job(job: CalibrationJob) -> str:
 
 def decode_job(text: str) -> CalibrationJob:
     """Read a job that encode_job wrote."""
-    plain = json.loads(text)
-    settings = plain['settings']
+    job = _with_tuples(json.loads(text))
+    settings = job['settings']
     identification = settings['identification']
-    orders = identification['orders']
-    orders['time_constants_s'] = tuple(orders['time_constants_s'])
-    identification['hat_temperatures_c'] = tuple(identification['hat_temperatures_c'])
-    topics = plain['topics']
+    identification['orders'] = Orders(**identification['orders'])
+    settings['identification'] = IdentificationSettings(**identification)
     return CalibrationJob(
-        recordings=tuple(Path(path) for path in plain['recordings']),
-        output=Path(plain['output']),
-        settings=_rebuild(settings),
-        period_s=plain['period_s'],
-        topics=Topics(**{**topics, 'temperatures': tuple(topics['temperatures'])}),
-        skip_unusable=plain['skip_unusable'],
-        keep_copied_columns=plain['keep_copied_columns'],
-    )
-
-
-def _rebuild(settings: dict[str, Any]) -> CalibrationSettings:
-    """Build settings from plain values."""
-    identification = settings['identification']
-    orders_type = type(IdentificationSettings().orders)
-    return CalibrationSettings(
         **{
-            **settings,
-            'identification': IdentificationSettings(
-                **{**identification, 'orders': orders_type(**identification['orders'])}
-            ),
+            **job,
+            'recordings': tuple(Path(path) for path in job['recordings']),
+            'output': Path(job['output']),
+            'settings': CalibrationSettings(**settings),
+            'topics': Topics(**job['topics']),
         }
     )
+
+
+def _with_tuples(value: Any) -> Any:
+    """Turn the lists of a JSON value back into the tuples they were."""
+    if isinstance(value, dict):
+        return {key: _with_tuples(each) for key, each in value.items()}
+    return tuple(_with_tuples(each) for each in value) if isinstance(value, list) else value
 
 
 def main() -> int:

@@ -47,9 +47,31 @@ class ModelStore:
         """List the newest of the node's own recordings, oldest first."""
         return sorted((self.directory / 'recordings').glob('*.csv'))[-MAX_RECORDINGS:]
 
+    def locate(self, given: str) -> Path:
+        """
+        Find a file that a person named.
+
+        Parameters
+        ----------
+        given : str
+            Absolute, below ``~``, or relative to this folder or else to the working directory.
+
+        Returns
+        -------
+        Path
+            Whether it exists is not said.
+
+        """
+        path = _expanded(given)
+        inside = self.directory / path
+        return inside if inside.exists() else path
+
     def contains(self, path: Path) -> bool:
         """Tell whether a path lies inside the folder, symbolic links resolved."""
-        return path.resolve().is_relative_to(self.directory.resolve())
+        try:
+            return path.resolve().is_relative_to(self.directory.resolve())
+        except (OSError, RuntimeError, ValueError):
+            return False  # a loop of links, or no possible name, leads nowhere
 
     def history(self) -> list[Path | None]:
         """
@@ -114,6 +136,14 @@ class ModelStore:
         """Spell a path so that the folder can be moved."""
         resolved, base = path.resolve(), self.directory.resolve()
         return str(resolved.relative_to(base) if resolved.is_relative_to(base) else resolved)
+
+
+def _expanded(given: str) -> Path:
+    """Resolve ``~`` where there is a home to resolve it to."""
+    try:
+        return Path(given).expanduser()
+    except RuntimeError:
+        return Path(given)
 
 
 def _unused(folder: Path, stem: str, suffix: str) -> Path:

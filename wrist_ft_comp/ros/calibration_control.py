@@ -1,15 +1,20 @@
-"""Which model is live: calibrating, rolling back, loading, remembering."""
+"""The service ~/calibrate: from parameters to a process, from its outcome to an answer."""
 
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wrist_ft_comp import RecordingError, SettingsError, WristFtCompError
+from wrist_ft_comp import (
+    CalibrationRefusedError,
+    RecordingError,
+    SettingsError,
+    WristFtCompError,
+)
 from wrist_ft_comp.core.calibration import CalibrationSettings
 from wrist_ft_comp.core.identification import IdentificationSettings
 from wrist_ft_comp.core.recording import NANOSECONDS
 from wrist_ft_comp.files.calibration_job import CalibrationJob
-from wrist_ft_comp.files.model_file import StoredModel, load_model, restore_model
+from wrist_ft_comp.files.model_file import restore_model
 from wrist_ft_comp.files.recordings import Topics
 from wrist_ft_comp.ros.calibration_process import CalibrationProcess
 from wrist_ft_comp.ros.compensator_parameters import PARAMETERS
@@ -22,7 +27,7 @@ if TYPE_CHECKING:
 
 class CalibrationControl:
     """
-    Owns the live model of a node, and the process that makes the next one.
+    Owns the process that makes the next model, if one runs.
 
     Parameters
     ----------
@@ -32,106 +37,17 @@ class CalibrationControl:
     """
 
     def __init__(self, node: 'CompensatorNode') -> None:
-        self.stored: StoredModel | None = None
+        #: What the last one answered; empty before the first.
         self.last_outcome = ''
+        #: Whether the last one changed nothing.
         self.refused = False
         self._node = node
-        self._history: list[Path | None] = []
         self._running: tuple[CalibrationProcess, Reply, float] | None = None
 
     @property
     def running_s(self) -> float | None:
         """How long a calibration has been running, s; None when none is."""
         return None if self._running is None else time.monotonic() - self._running[2]
-
-    def start_with(self, model_file: str) -> None:
-        """
-        Take the model a parameter names, or the one that was live last.
-
-        Parameters
-        ----------
-        model_file : str
-            The operator's choice; empty for the last one. An unusable choice ends the node; an
-            unusable last one is reported, and the node starts without a model.
-
-        Raises
-        ------
-        WristFtCompError
-            When model_file cannot be used.
-
-        """
-        logger = self._node.get_logger()
-        if model_file:
-            path = Path(model_file).expanduser()
-            self._swap(load_model(path))
-            self._history = [path]
-            return
-        try:
-            self._history = self._node.store.history()
-            last = self._history[-1] if self._history else None
-            if last is not None:
-                self._swap(load_model(last))
-        except WristFtCompError as error:
-            self.last_outcome, self.refused = str(error), True
-            logger.error(f'The last model cannot be used: {error}')
-        if self.stored is None:
-            logger.warning(
-                'no model: wrenches are not compensated. Record a warm-up (~/record), then call '
-                '~/calibrate.'
-            )
-
-    def _swap(self, stored: StoredModel | None) -> None:
-        """Make a model live, without a step in the output; the old one stays when this raises."""
-        self._node.compensator.go_live(None if stored is None else stored.model)
-        self.stored = stored
-        if stored is not None:
-            self._node.get_logger().info(
-                f'compensating {len(stored.model.axes)} axes with {stored.path} '
-                f'({stored.sha256[:12]})'
-            )
-
-    def judge(self, name: str, value: Any) -> None:
-        """
-        Check a parameter that names files, without side effects.
-
-        Parameters
-        ----------
-        name : str
-            Parameter.
-        value : object
-            What it would become.
-
-        Raises
-        ------
-        WristFtCompError
-            When a file lies outside data_directory, or the model cannot be used.
-
-        """
-        store = self._node.store
-        paths = (
-            [value] if name == 'model_file' else value if name == 'calibration.recordings' else []
-        )
-        for path in paths or []:
-            if path and not store.contains(Path(path)):
-                raise SettingsError(
-                    f'{name} set at run time must lie inside data_directory ({store.directory}); '
-                    f'got {path}. Copy the file there, or give it at start-up.'
-                )
-        if name == 'model_file' and value:
-            model = load_model(Path(value)).model
-            if model.thermometers != self._node.compensator.thermometers:
-                raise SettingsError(
-                    f'{value} expects {model.thermometers} thermometers, the node has '
-                    f'{self._node.compensator.thermometers} (temperature_topics).'
-                )
-
-    def use_file(self, path: Path) -> None:
-        """Make a file's model live and remember it; it was judged before."""
-        try:
-            self._swap(load_model(path))
-            self._remember([*self._history, path])
-        except WristFtCompError as error:
-            self._node.get_logger().error(str(error))
 
     def on_request(self, _request: Any, reply: Reply) -> None:
         """Start a calibration; the answer comes when it is done."""
@@ -143,17 +59,17 @@ class CalibrationControl:
             )
             return
         try:
-            job = self._job()
+            process = _started(self._job())
         except WristFtCompError as error:
             self._refuse(str(error), reply)
             return
-        self._running = (CalibrationProcess(job), reply, time.monotonic())
+        self._running = (process, reply, time.monotonic())
 
     def _job(self) -> CalibrationJob:
         """Build the job from the parameters."""
         node = self._node
         given = values(node, PARAMETERS)
-        named = tuple(Path(path).expanduser() for path in given['calibration.recordings'])
+        named = tuple(node.store.locate(path) for path in given['calibration.recordings'])
         recordings = named or tuple(node.store.recordings())
         if not recordings:
             raise RecordingError(
@@ -186,51 +102,29 @@ class CalibrationControl:
         if outcome is None:
             return
         self._running = None
-        if not outcome['success']:
-            self._refuse(outcome['message'], reply)
-            return
         try:
-            path = Path(outcome['path'])
-            self._swap(restore_model(path, outcome['sha256'], outcome['document']))
-            self._remember([*(self._history or [None]), path])
+            message = self._take(outcome)
         except WristFtCompError as error:
             self._refuse(str(error), reply)
             return
-        self.last_outcome, self.refused = outcome['message'], False
-        self._node.get_logger().info(f'calibrated: {outcome["message"]}')
-        reply(success=True, message=outcome['message'])
+        self.last_outcome, self.refused = message, False
+        self._node.log.info(f'calibrated: {message}')
+        reply(success=True, message=message)
+
+    def _take(self, outcome: dict[str, Any]) -> str:
+        """Make the model of a successful outcome live; return what to answer."""
+        if not outcome['success']:
+            raise CalibrationRefusedError(outcome['message'])
+        stored = restore_model(Path(outcome['path']), outcome['sha256'], outcome['document'])
+        problem = self._node.model.take(stored)
+        message: str = outcome['message']
+        return f'{message}\nwarning: {problem}' if problem else message
 
     def _refuse(self, why: str, reply: Reply) -> None:
         """Answer that nothing changed, and why."""
         self.last_outcome, self.refused = why, True
-        self._node.get_logger().error(f'not calibrated: {why}')
+        self._node.log.error(f'not calibrated: {why}')
         reply(success=False, message=why)
-
-    def on_rollback(self, _request: Any, response: Any) -> Any:
-        """Go back to the model before the last calibration."""
-        try:
-            response.message, response.success = self._roll_back(), True
-        except WristFtCompError as error:
-            response.message, response.success = str(error), False
-        return response
-
-    def _roll_back(self) -> str:
-        """Swap the previous model in; say which."""
-        if len(self._history) < 2:
-            raise SettingsError(
-                'There is no earlier model to go back to; the running model stays.'
-            )
-        before = self._history[-2]
-        self._swap(None if before is None else load_model(before))
-        self._remember(self._history[:-1])
-        if before is None:
-            return 'no model was live before: wrenches pass uncompensated'
-        return f'compensating with {before} again'
-
-    def _remember(self, history: list[Path | None]) -> None:
-        """Keep the history over a restart."""
-        self._history = history
-        self._node.store.activate(history)
 
     def end(self) -> None:
         """Stop a running calibration; its asker is told."""
@@ -239,3 +133,14 @@ class CalibrationControl:
             self._running = None
             process.end()
             reply(success=False, message='The node is shutting down; the model is unchanged.')
+
+
+def _started(job: CalibrationJob) -> CalibrationProcess:
+    """Start the process; a machine that cannot is a sentence."""
+    try:
+        return CalibrationProcess(job)
+    except OSError as error:
+        raise SettingsError(
+            f'The calibration process cannot be started: {error.strerror}. Free some memory or '
+            'processes, then call again.'
+        ) from error

@@ -10,6 +10,8 @@ from typing import Any
 
 from wrist_ft_comp.files.calibration_job import CalibrationJob, encode_job
 
+#: What runs a job that comes on standard input.
+COMMAND = (sys.executable, '-m', 'wrist_ft_comp.files.calibration_job')
 _END_TIMEOUT_S = 5.0
 
 
@@ -22,28 +24,43 @@ class CalibrationProcess:
     job : CalibrationJob
         What to do.
 
+    Raises
+    ------
+    OSError
+        When the process cannot be started.
+
     """
 
     def __init__(self, job: CalibrationJob) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, '-m', 'wrist_ft_comp.files.calibration_job'],
+            COMMAND,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            text=True,
             start_new_session=True,  # Ctrl-C in the terminal is the node's to handle
         )
-        assert self._process.stdin is not None  # noqa: S101 -- it is a pipe
-        with suppress(BrokenPipeError):  # then the process died, and poll says how
-            self._process.stdin.write(encode_job(job))
-            self._process.stdin.close()
-        self._process.stdin = None
-        assert self._process.stdout is not None  # noqa: S101 -- it is a pipe
-        assert self._process.stderr is not None  # noqa: S101 -- it is a pipe
-        self._parts: tuple[list[bytes], list[bytes]] = ([], [])
-        self._pipes = (self._process.stdout.fileno(), self._process.stderr.fileno())
-        for pipe in self._pipes:
-            os.set_blocking(pipe, False)
+        _, output, errors = self._pipes()
+        for pipe in (output, errors):
+            os.set_blocking(pipe.fileno(), False)
+        self._read: tuple[list[bytes], list[bytes]] = ([], [])
+        self._give(encode_job(job).encode())
+
+    def _pipes(self) -> tuple[Any, Any, Any]:
+        """Return standard input, output and error."""
+        return self._process.stdin, self._process.stdout, self._process.stderr
+
+    def _give(self, job: bytes) -> None:
+        """Write the job; a process that has died already says so in poll."""
+        entrance = self._pipes()[0]
+        with suppress(BrokenPipeError):
+            entrance.write(job)
+        with suppress(BrokenPipeError):
+            entrance.close()
+
+    @property
+    def pid(self) -> int:
+        """Process id, which is also its group's."""
+        return self._process.pid
 
     def poll(self) -> dict[str, Any] | None:
         """
@@ -57,39 +74,38 @@ class CalibrationProcess:
 
         """
         ended = self._process.poll()
-        for pipe, parts in zip(self._pipes, self._parts, strict=True):
-            _drain(pipe, parts)
+        for pipe, parts in zip(self._pipes()[1:], self._read, strict=True):
+            _drain(pipe.fileno(), parts)
         if ended is None:
             return None
-        output, errors = (b''.join(parts).decode(errors='replace') for parts in self._parts)
+        output, errors = (b''.join(parts).decode(errors='replace') for parts in self._read)
         self._close()
         try:
             outcome: dict[str, Any] = json.loads(output)
         except ValueError:
             last = errors.strip().rsplit('\n', 1)[-1]
+            how = f'by signal {-ended}' if ended < 0 else f'with code {ended}'
             return {
                 'success': False,
-                'message': f'The calibration process ended with code {ended} and no result '
-                f'({last or "no message"}). The running model stays; call again.',
+                'message': f'The calibration process was ended {how} and gave no result '
+                f'({last or "it said nothing"}). The running model stays; call again.',
             }
         return outcome
 
     def end(self) -> None:
         """Stop it, if it runs."""
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGTERM)
-        try:
-            self._process.wait(_END_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            with suppress(ProcessLookupError):
+                os.killpg(self.pid, number)
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(_END_TIMEOUT_S)
+                break
         self._close()
 
     def _close(self) -> None:
         """Close the pipes."""
-        for pipe in (self._process.stdout, self._process.stderr):
-            if pipe is not None:
-                pipe.close()
+        for pipe in self._pipes():
+            pipe.close()
 
 
 def _drain(pipe: int, parts: list[bytes]) -> None:

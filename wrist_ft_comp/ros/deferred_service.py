@@ -1,9 +1,9 @@
 """
 A service that answers later, on every executor, without stopping the stream.
 
-A callback has to return at once, and a coroutine as callback fails on the EventsExecutor and starves
-timers on the others. So the service object's ``send_response`` is replaced by one that keeps the
-request's header; the original is called when the work is done.
+A callback has to return at once, and a coroutine as callback fails on the EventsExecutor and
+starves timers on the others. So the service object's ``send_response`` is replaced by one that
+keeps the request's header; the original is called when the work is done.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from rclpy.node import Node
 
 class Reply:
     """
-    The answer to one request: call it once, now or later.
+    The answer to one request: call it once, now or later; further calls do nothing.
 
     Parameters
     ----------
@@ -80,8 +80,8 @@ class DeferredService:
     def _on_request(self, request: Any, response: Any) -> Any:
         """Give the request to the handler; the executor then asks to send what is returned."""
         reply = Reply(response, self._send)
-        self._replies[id(response)] = reply
         self._handler(request, reply)
+        self._replies[id(response)] = reply  # which keeps the response, so the id stays its own
         return response
 
     def _on_header(self, response: Any, header: Any) -> None:

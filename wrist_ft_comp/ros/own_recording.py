@@ -1,7 +1,9 @@
 """The node's own recording: one row per thermal cell, on disk as it comes."""
 
+from contextlib import suppress
 from pathlib import Path
 
+from wrist_ft_comp import RecordingError
 from wrist_ft_comp.core.reduction import StreamReducer, row_channels
 from wrist_ft_comp.files.csv_writer import CsvRecordingWriter
 
@@ -28,6 +30,7 @@ class OwnRecording:
 
     def __init__(self, path: Path, period_ns: int, thermometers: int) -> None:
         self.path = path
+        self.period_ns = period_ns
         self.rows = 0
         self.reducer = StreamReducer(period_ns, thermometers)
         self._writer = CsvRecordingWriter(path, row_channels(thermometers))
@@ -58,10 +61,20 @@ class OwnRecording:
         Raises
         ------
         RecordingError
-            When the disk refuses.
+            When the disk refuses; the file is closed nevertheless.
 
         """
         try:
             self.write(final=True)
-        finally:
+        except RecordingError:
+            self.abandon()
+            raise
+        try:
+            self._writer.close()
+        except OSError as error:
+            raise RecordingError(f'{self.path} cannot be written: {error.strerror}.') from error
+
+    def abandon(self) -> None:
+        """Close after the disk refused: what it took stays, the rest is lost."""
+        with suppress(RecordingError, OSError):
             self._writer.close()

@@ -6,18 +6,26 @@ understanding: it goes out as it came in.
 """
 
 import struct
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from wrist_ft_comp.core.recording import NANOSECONDS
 from wrist_ft_comp.files.cdr import locate_doubles
 
+#: Byte at which frame_id begins.
+_FRAME = 16
+#: Layouts kept per topic; a sender that varies its frame names starts the collection anew.
+_MAX_LAYOUTS = 100
+
 
 class Layout(NamedTuple):
     """
-    Where the numbers of a message lie.
+    Where the parts of a message lie.
 
     Attributes
     ----------
+    frame_end : int
+        First byte behind frame_id.
     offset : int
         First byte of the doubles.
     doubles : struct.Struct
@@ -27,6 +35,7 @@ class Layout(NamedTuple):
 
     """
 
+    frame_end: int
     offset: int
     doubles: struct.Struct
     stamp: struct.Struct
@@ -50,7 +59,7 @@ class Wire:
 
     def layout(self, data: bytes) -> Layout:
         """
-        Find out where the numbers lie.
+        Find out where the parts lie.
 
         Parameters
         ----------
@@ -60,7 +69,7 @@ class Wire:
         Returns
         -------
         Layout
-            For read and replace.
+            For read, replace and frame_id.
 
         Raises
         ------
@@ -68,14 +77,18 @@ class Wire:
             When the bytes are no such message.
 
         """
-        key = (len(data), data[:2], data[12:16])
+        key = (len(data), data[:2], data[12:_FRAME])
         known = self._known.get(key)
         if known is None:
             offset, order = locate_doubles(data, self._count)
+            (frame_bytes,) = struct.unpack_from(f'{order}I', data, 12)
             known = Layout(
-                offset, struct.Struct(f'{order}{self._count}d'), struct.Struct(f'{order}iI')
+                _FRAME + frame_bytes,
+                offset,
+                struct.Struct(f'{order}{self._count}d'),
+                struct.Struct(f'{order}iI'),
             )
-            if len(self._known) > 100:  # a sender that varies its frame names
+            if len(self._known) >= _MAX_LAYOUTS:
                 self._known.clear()
             self._known[key] = known
         return known
@@ -102,7 +115,27 @@ def read(layout: Layout, data: bytes) -> tuple[int, tuple[float, ...]]:
     return seconds * NANOSECONDS + nanoseconds, layout.doubles.unpack_from(data, layout.offset)
 
 
-def replace(layout: Layout, data: bytes, doubles: list[float]) -> bytes:
+def frame_id(layout: Layout, data: bytes) -> str:
+    """
+    Read the frame name.
+
+    Parameters
+    ----------
+    layout : Layout
+        From Wire.layout of the same bytes.
+    data : bytes
+        Serialized message.
+
+    Returns
+    -------
+    str
+        Without the bytes that only align what follows it.
+
+    """
+    return data[_FRAME : layout.frame_end].rstrip(b'\0').decode(errors='replace')
+
+
+def replace(layout: Layout, data: bytes, doubles: Sequence[float]) -> bytes:
     """
     Write other doubles behind the same header.
 
@@ -112,7 +145,7 @@ def replace(layout: Layout, data: bytes, doubles: list[float]) -> bytes:
         From Wire.layout of the same bytes.
     data : bytes
         Serialized message.
-    doubles : list of float
+    doubles : sequence of float
         As many as the message holds.
 
     Returns

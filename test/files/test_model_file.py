@@ -1,0 +1,443 @@
+"""Model files: what is saved is what runs, and what is refused is named."""
+
+import copy
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from wrist_ft_comp import ModelFileError
+from wrist_ft_comp.core import drift
+from wrist_ft_comp.core.arx import Arx
+from wrist_ft_comp.core.arx_pls import ArxPls
+from wrist_ft_comp.core.calibration import Calibration
+from wrist_ft_comp.core.drift import AxisModel, DriftModel
+from wrist_ft_comp.core.features import Features
+from wrist_ft_comp.core.identification import AxisFit, Candidate
+from wrist_ft_comp.files.model_file import FORMAT, MAX_BYTES, VERSION, load_model, save_model
+
+Array = np.ndarray
+Document = dict[str, Any]
+
+
+def make_axis(kind: str, outputs: int, seed: int) -> AxisModel:
+    """Numbers with all their digits, of very different sizes."""
+    rng = np.random.default_rng(seed)
+    features = Features(
+        kind,  # type: ignore[arg-type]
+        reference_c=rng.uniform(20, 30, 2),
+        lower_c=rng.uniform(0, 10, 2),
+        upper_c=rng.uniform(40, 60, 2),
+        degree=2 if kind == 'powers' else 1,
+        knots_c=() if kind == 'powers' else (np.array([0.1, 20.0, 60.0]), np.array([1 / 3, 50.0])),
+    )
+    inputs = 4 if kind == 'powers' else 5
+    return AxisModel(
+        features,
+        ArxPls(
+            input_mean=rng.standard_normal(inputs) * 1e-12,
+            input_weight=rng.uniform(0.1, 1, inputs) * 1e7,
+            rotations=rng.standard_normal((inputs, 3)),
+            latents=(
+                Arx(np.array([-np.exp(-1 / 777.0)]), np.array([1 - np.exp(-1 / 777.0)])),
+                Arx(np.zeros(0), np.array([rng.uniform()])),
+                Arx(np.array([-1.2, 0.5]), rng.standard_normal(2), first_lag=3),
+            ),
+            output_loadings=rng.standard_normal((outputs, 3)),
+            output_weight=rng.uniform(0.1, 3, outputs),
+            output_mean=rng.standard_normal(outputs),
+        ),
+    )
+
+
+@pytest.fixture(scope='module')
+def calibration() -> Calibration:
+    axes = {'force_x': make_axis('powers', 1, 0), 'torque_z': make_axis('hats', 2, 1)}
+    fits = {
+        axis: AxisFit(
+            model=axes.get(axis),
+            chosen='2 time constants, degree 2' if axis in axes else 'none',
+            candidates=(Candidate('none', 1 / 3), Candidate('static, degree 1', 1e-17)),
+            rms_before=1 / 3,
+            rms_after=1e-17,
+            time_constants_s=(0.1, 777.0) if axis in axes else (),
+            notes=('zero drift only: “constant”',),
+        )
+        for axis in ('force_x', 'force_y', 'torque_z')
+    }
+    return Calibration(
+        model=DriftModel(period_ns=1_000_000_000, thermometers=2, axes=axes),
+        fits=fits,
+        temperature_range_c=np.array([[20.1, 40.2], [19.0, 23.3]]),
+        duration_s=7200.5,
+        warnings=('Thermometer 1 of a: b.csv is silent; – really.',),
+    )
+
+
+@pytest.fixture(scope='module')
+def saved(calibration: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp('saved') / 'model.yaml'
+    save_model(path, calibration, {'settings': {'method': 'auto', 'latents': None}})
+    return path
+
+
+@pytest.fixture
+def document(saved: Path) -> Document:
+    return copy.deepcopy(yaml.safe_load(saved.read_text(encoding='utf-8')))
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Callable[[object], DriftModel]:
+    """Write a document, or text, or bytes, and load it."""
+
+    def write_and_load(content: object) -> DriftModel:
+        path = tmp_path / 'changed.yaml'
+        if not isinstance(content, (str, bytes)):
+            content = yaml.safe_dump(content)
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return load_model(path).model
+
+    return write_and_load
+
+
+def run(model: DriftModel) -> tuple[Array, Array]:
+    temperature_c = 25 + np.cumsum(np.random.default_rng(0).standard_normal((300, 2)), axis=0)
+    return tuple(drift.run(model, drift.start(model, temperature_c[0]), temperature_c)[1])
+
+
+def places(node: object, path: tuple[object, ...] = ()) -> Iterator[tuple[object, ...]]:
+    """Yield the path to everything inside a document."""
+    items: Iterator[tuple[object, object]] = iter(())
+    if isinstance(node, dict):
+        items = iter(node.items())
+    elif isinstance(node, list):
+        items = iter(enumerate(node))
+    for key, value in items:
+        yield (*path, key)
+        yield from places(value, (*path, key))
+
+
+def parent_of(document: Document, path: tuple[Any, ...]) -> Any:
+    node: Any = document
+    for key in path[:-1]:
+        node = node[key]
+    return node
+
+
+class TestRoundTrip:
+    def test_the_drift_is_equal_to_the_last_bit(
+        self, calibration: Calibration, saved: Path
+    ) -> None:
+        loaded = load_model(saved).model
+        for found, expected in zip(run(loaded), run(calibration.model), strict=True):
+            np.testing.assert_array_equal(found, expected)
+        assert np.ptp(run(loaded)[0][:, 0]) > 0
+        assert loaded.period_ns == calibration.model.period_ns
+        assert loaded.thermometers == 2
+        assert set(loaded.axes) == {'force_x', 'torque_z'}
+
+    def test_every_array_is_equal_to_the_last_bit(
+        self, calibration: Calibration, saved: Path
+    ) -> None:
+        for axis, found in load_model(saved).model.axes.items():
+            expected = calibration.model.axes[axis]
+            for name in ('reference_c', 'lower_c', 'upper_c', 'knots_c'):
+                for one, other in zip(
+                    getattr(found.features, name), getattr(expected.features, name), strict=True
+                ):
+                    np.testing.assert_array_equal(one, other)
+            for name in (
+                'input_mean', 'input_weight', 'rotations', 'output_loadings', 'output_weight',
+                'output_mean',
+            ):  # fmt: skip
+                np.testing.assert_array_equal(
+                    getattr(found.dynamics, name), getattr(expected.dynamics, name)
+                )
+            for one, other in zip(found.dynamics.latents, expected.dynamics.latents, strict=True):
+                np.testing.assert_array_equal(one.a, other.a)
+                np.testing.assert_array_equal(one.b, other.b)
+                assert one.first_lag == other.first_lag
+
+    def test_the_evidence_is_there_for_people(self, calibration: Calibration, saved: Path) -> None:
+        stored = load_model(saved)
+        assert stored.path == saved
+        assert stored.sha256 == hashlib.sha256(saved.read_bytes()).hexdigest()
+        assert stored.document['format'] == FORMAT
+        assert stored.document['version'] == VERSION
+        assert stored.document['warnings'] == list(calibration.warnings)
+        assert stored.document['thermometers'][1]['range_c'] == [19.0, 23.3]
+        assert stored.document['provenance']['settings'] == {'method': 'auto', 'latents': None}
+        assert stored.document['axes']['force_y']['model'] is None
+        assert stored.document['axes']['force_x']['rms_after'] == 1e-17
+        assert '“constant”' in saved.read_text(encoding='utf-8')
+
+    def test_a_model_without_any_drift_is_a_model(
+        self, calibration: Calibration, tmp_path: Path
+    ) -> None:
+        nothing = Calibration(
+            model=DriftModel(period_ns=10**9, thermometers=2, axes={}),
+            fits={'force_y': calibration.fits['force_y']},
+            temperature_range_c=calibration.temperature_range_c,
+            duration_s=1.0,
+            warnings=(),
+        )
+        stored = save_model(tmp_path / 'none.yaml', nothing, {})
+        assert stored.model.axes == {}
+
+    def test_plain_yaml_reads_it_too(self, saved: Path, document: Document) -> None:
+        assert document == load_model(saved).document
+
+
+class TestSchema:
+    def test_every_key_of_it_is_needed(
+        self, document: Document, load: Callable[[object], DriftModel]
+    ) -> None:
+        load(document)
+        removed = 0
+        for path in list(places(document)):
+            if not isinstance(path[-1], str) or path[:1] == ('provenance',) and len(path) > 1:
+                continue
+            if path[:-1] == ('axes',):
+                continue  # an axis may be absent
+            changed = copy.deepcopy(document)
+            del parent_of(changed, path)[path[-1]]
+            with pytest.raises(ModelFileError, match=str(path[-1])):
+                load(changed)
+            removed += 1
+        assert removed > 40
+
+    def test_every_value_has_its_type(
+        self, document: Document, load: Callable[[object], DriftModel]
+    ) -> None:
+        """Text, true and null in place of numbers; numbers in place of all else."""
+        tried = 0
+        numbers_tried = set()
+        for path in list(places(document)):
+            if path[:1] == ('provenance',) and len(path) > 1:
+                continue
+            value = parent_of(document, path)[path[-1]]
+            if isinstance(value, (int, float)):
+                # One number of each array stands for the others.
+                kind = tuple(key for key in path if isinstance(key, str))
+                if kind in numbers_tried:
+                    continue
+                numbers_tried.add(kind)
+                wrong: list[object] = ['1.0', True, None]
+            else:
+                wrong = [17]
+            for other in wrong:
+                changed = copy.deepcopy(document)
+                parent_of(changed, path)[path[-1]] = other
+                with pytest.raises(ModelFileError):
+                    load(changed)
+                tried += 1
+        assert tried > 100
+
+    @pytest.mark.parametrize('value', [float('nan'), float('inf'), -float('inf')])
+    def test_what_runs_is_finite(
+        self, document: Document, load: Callable[[object], DriftModel], value: float
+    ) -> None:
+        tried = 0
+        for path in list(places(document)):
+            number = parent_of(document, path)[path[-1]]
+            if (
+                'model' not in path
+                or not isinstance(number, (int, float))
+                or path[-1] in (1, 2, 3)
+            ):
+                continue
+            changed = copy.deepcopy(document)
+            parent_of(changed, path)[path[-1]] = value
+            with pytest.raises(ModelFileError):
+                load(changed)
+            tried += 1
+        assert tried > 30
+
+    def test_arrays_have_the_shape_that_fits_the_others(
+        self, document: Document, load: Callable[[object], DriftModel]
+    ) -> None:
+        tried = 0
+        for path in list(places(document)):
+            value = parent_of(document, path)[path[-1]]
+            if 'dynamics' not in path or not isinstance(value, list) or path[-1] == 'a':
+                continue
+            if 'latents' in path and path[-1] != 'latents':
+                continue
+            changed = copy.deepcopy(document)
+            parent_of(changed, path)[path[-1]] = [*value, value[-1]]
+            with pytest.raises(ModelFileError):
+                load(changed)
+            tried += 1
+        assert tried > 20
+
+    def test_a_transposed_matrix_is_refused(
+        self, document: Document, load: Callable[[object], DriftModel]
+    ) -> None:
+        dynamics = document['axes']['force_x']['model']['dynamics']
+        dynamics['rotations'] = np.array(dynamics['rotations']).T.tolist()
+        with pytest.raises(ModelFileError, match='rotations must have shape'):
+            load(document)
+
+    @pytest.mark.parametrize('version', [0, 2, '1', 1.5, None, [1]])
+    def test_another_version_is_refused(
+        self, document: Document, load: Callable[[object], DriftModel], version: object
+    ) -> None:
+        document['version'] = version
+        with pytest.raises(ModelFileError, match='of version .* reads version 1'):
+            load(document)
+
+    @pytest.mark.parametrize(
+        ('path', 'value', 'sentence'),
+        [
+            (('axes', 'force_q'), {}, 'force_q'),
+            (('format',), 'another', 'expected "format: wrist_ft_comp drift model"'),
+            (('period_ns',), 0, 'period_ns'),
+            (('period_ns',), 1.5, 'period_ns'),
+            (('thermometers',), [], 'thermometers'),
+            (('thermometers',), [{'range_c': [1.0, 2.0]}], 'shape'),
+            (('axes', 'force_x', 'model', 'features', 'degree'), 1, 'features give 2 inputs'),
+            (('axes', 'force_x', 'model', 'features', 'upper_c'), [-9.0, -9.0], 'range'),
+            (('axes', 'force_x', 'model', 'dynamics', 'output_weight'), [0.0], 'positive'),
+            (
+                ('axes', 'force_x', 'model', 'dynamics', 'latents', 0, 'a'),
+                [-1.0001],
+                'pole of radius 1.0001',
+            ),
+            (('axes', 'torque_z', 'model', 'features', 'knots_c'), [[0.0, 1.0]], 'knots'),
+            (
+                ('axes', 'torque_z', 'model', 'features', 'knots_c', 0),
+                [20.0, 10.0, 60.0],
+                'increasing',
+            ),
+        ],
+    )
+    def test_what_cannot_be_is_refused_with_its_place(
+        self,
+        document: Document,
+        load: Callable[[object], DriftModel],
+        path: tuple[Any, ...],
+        value: object,
+        sentence: str,
+    ) -> None:
+        parent_of(document, path)[path[-1]] = value
+        with pytest.raises(ModelFileError, match=sentence) as refusal:
+            load(document)
+        assert 'changed.yaml' in str(refusal.value)
+        assert len(str(refusal.value)) < 600
+
+    def test_a_number_beyond_floats_is_refused(
+        self, document: Document, load: Callable[[object], DriftModel]
+    ) -> None:
+        document['axes']['force_x']['model']['dynamics']['input_mean'][0] = 10**400
+        with pytest.raises(ModelFileError):
+            load(document)
+
+
+class TestHostileFiles:
+    def test_an_alias_bomb_is_refused_before_it_goes_off(
+        self, load: Callable[[object], DriftModel]
+    ) -> None:
+        lines = ['a0: &a0 [x, x, x, x, x, x, x, x, x]']
+        lines += [f'a{i}: &a{i} [{", ".join([f"*a{i - 1}"] * 9)}]' for i in range(1, 30)]
+        with pytest.raises(ModelFileError, match='aliases are not allowed'):
+            load('\n'.join(lines))
+
+    @pytest.mark.parametrize('opening', ['[', '{a: ', '- '])
+    def test_deep_nesting_is_refused(
+        self, load: Callable[[object], DriftModel], opening: str
+    ) -> None:
+        with pytest.raises(ModelFileError, match='is not a model file'):
+            load(opening * 20_000)
+
+    def test_a_huge_file_is_refused_unread(self, tmp_path: Path) -> None:
+        path = tmp_path / 'huge.yaml'
+        with path.open('wb') as file:
+            file.truncate(50 * MAX_BYTES)
+        with pytest.raises(ModelFileError, match=f'larger than {MAX_BYTES} bytes'):
+            load_model(path)
+
+    @pytest.mark.parametrize(
+        'content',
+        [
+            b'',
+            b'\x00\x01\x02',
+            bytes(range(256)),
+            b'\xff\xfe\x00',
+            b'just text',
+            b'- 1\n- 2\n',
+            b'a: [1, 2',
+            b'a: !!python/object/apply:os.system [true]',
+            b'? [1]\n: 2',
+            b'a: !!timestamp soon',
+            b'a: !!bool maybe',
+            b'a: !!int ""',
+            b'a: !!float x',
+            b'a: !!binary "."',
+            b'a: 2024-13-45',
+            b'a: ' + b'9' * 10_000,
+        ],
+        ids=str,
+    )
+    def test_what_is_no_model_is_refused(
+        self, load: Callable[[object], DriftModel], content: bytes
+    ) -> None:
+        with pytest.raises(ModelFileError, match=r'changed.yaml is not a model file'):
+            load(content)
+
+    def test_a_missing_file_is_named(self, tmp_path: Path) -> None:
+        with pytest.raises(ModelFileError, match=r'gone.yaml cannot be read: No such file'):
+            load_model(tmp_path / 'gone.yaml')
+
+    def test_a_folder_is_no_file(self, tmp_path: Path) -> None:
+        with pytest.raises(ModelFileError, match='cannot be read: Is a directory'):
+            load_model(tmp_path)
+
+
+class TestSaving:
+    def test_the_folder_is_made_and_an_old_file_replaced(
+        self, calibration: Calibration, tmp_path: Path
+    ) -> None:
+        path = tmp_path / 'new' / 'deep' / 'model.yaml'
+        save_model(path, calibration, {})
+        path.write_text('old', encoding='utf-8')
+        save_model(path, calibration, {})
+        assert load_model(path).model.thermometers == 2
+        assert [entry.name for entry in path.parent.iterdir()] == ['model.yaml']
+
+    def test_a_failing_save_leaves_the_old_file_and_nothing_else(
+        self, calibration: Calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        path = tmp_path / 'model.yaml'
+        path.write_text('old', encoding='utf-8')
+
+        def full(*_: object, **__: object) -> None:
+            raise OSError(28, 'No space left on device')
+
+        monkeypatch.setattr(os, 'fsync', full)
+        with pytest.raises(ModelFileError, match='cannot be written: No space left on device'):
+            save_model(path, calibration, {})
+        assert path.read_text(encoding='utf-8') == 'old'
+        assert [entry.name for entry in tmp_path.iterdir()] == ['model.yaml']
+
+    def test_a_target_that_is_a_folder_is_refused(
+        self, calibration: Calibration, tmp_path: Path
+    ) -> None:
+        with pytest.raises(ModelFileError, match='cannot be written'):
+            save_model(tmp_path, calibration, {})
+        (tmp_path / 'file').write_text('', encoding='utf-8')
+        with pytest.raises(ModelFileError, match='cannot be written'):
+            save_model(tmp_path / 'file' / 'model.yaml', calibration, {})
+
+    @pytest.mark.skipif(os.geteuid() == 0, reason='root may write to any folder')
+    def test_a_folder_that_cannot_be_written_to_is_refused(
+        self, calibration: Calibration, tmp_path: Path
+    ) -> None:
+        tmp_path.chmod(0o555)
+        with pytest.raises(ModelFileError, match='cannot be written: Permission denied'):
+            save_model(tmp_path / 'model.yaml', calibration, {})
+        tmp_path.chmod(0o755)

@@ -1,0 +1,84 @@
+"""What the demonstration received, as a file between two processes."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from wrist_ft_comp import RecordingError
+from wrist_ft_comp.core.recording import FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class DemoLog:
+    """
+    Wrenches and temperatures as they came from the topics.
+
+    Attributes
+    ----------
+    stamps_ns : ndarray of int64, shape (n,)
+        Stamps for which raw, compensated and reference wrench all came.
+    raw, compensated, reference : ndarray, shape (n, 6)
+        N and N m, axis order AXES.
+    temperature_stamps_ns : ndarray of int64, shape (m,)
+        Stamps of the thermometers' samples, of each in turn.
+    thermometer : ndarray of int64, shape (m,)
+        Which one.
+    temperature_c : ndarray, shape (m,)
+        °C.
+    calibrated_ns : int
+        Stamp of the last wrench before the model went live.
+
+    """
+
+    stamps_ns: IntArray
+    raw: FloatArray
+    compensated: FloatArray
+    reference: FloatArray
+    temperature_stamps_ns: IntArray
+    thermometer: IntArray
+    temperature_c: FloatArray
+    calibrated_ns: int
+
+
+def save_demo_log(path: Path, log: DemoLog) -> None:
+    """
+    Write a log.
+
+    Parameters
+    ----------
+    path : Path
+        Target, ``.npz``.
+    log : DemoLog
+        What was received.
+
+    """
+    np.savez(path, **vars(log))
+
+
+def load_demo_log(path: Path) -> DemoLog:
+    """
+    Read a log.
+
+    Parameters
+    ----------
+    path : Path
+        From save_demo_log.
+
+    Returns
+    -------
+    DemoLog
+        What was received.
+
+    Raises
+    ------
+    RecordingError
+        When it is not there or not whole.
+
+    """
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            fields = {name: arrays[name] for name in arrays.files}
+            return DemoLog(**{**fields, 'calibrated_ns': int(fields['calibrated_ns'])})
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise RecordingError(f'{path} is not a whole log of the demonstration: {error}.') from error

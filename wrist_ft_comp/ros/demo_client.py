@@ -1,0 +1,173 @@
+"""
+The operator of the demonstration: records, calibrates, listens, over nothing but topics and services.
+
+It is a program of its own (``python -m wrist_ft_comp.ros.demo_client``) that writes one JSON object a
+line to standard output: what it does and how far it is. Everything it received goes into a file.
+"""
+
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from rclpy.context import Context
+from rclpy.node import Node
+from sensor_msgs.msg import Temperature
+from std_srvs.srv import SetBool, Trigger
+
+from wrist_ft_comp import RecordingError, WristFtCompError
+from wrist_ft_comp.core.recording import NANOSECONDS
+from wrist_ft_comp.files.cdr import TEMPERATURE_DOUBLES, WRENCH_DOUBLES
+from wrist_ft_comp.files.demo_log import DemoLog, save_demo_log
+from wrist_ft_comp.ros import qos, wire
+from wrist_ft_comp.ros.running import make_executor
+
+_WRENCH_TOPICS = ('wrench_raw', 'wrench', 'wrench_reference')
+_SERVICE_TIMEOUT_S = 60.0
+_SILENCE_TIMEOUT_S = 15.0
+
+
+def tell(event: str, **more: Any) -> None:
+    """Write one line for the program that started this one."""
+    sys.stdout.write(json.dumps({'event': event, **more}) + '\n')
+    sys.stdout.flush()
+
+
+class DemoClient:
+    """
+    Talks to the compensator and keeps what the topics bring.
+
+    Parameters
+    ----------
+    context : Context
+        Initialised.
+    temperature_topics : sequence of str
+        One per thermometer.
+
+    """
+
+    def __init__(self, context: Context, temperature_topics: Sequence[str]) -> None:
+        self.node: Any = Node('demo_client', context=context)
+        self._executor = make_executor('auto', context)
+        self._executor.add_node(self.node)
+        self._wires = wire.Wire(WRENCH_DOUBLES), wire.Wire(TEMPERATURE_DOUBLES)
+        self.wrenches: dict[str, dict[int, tuple[float, ...]]] = {t: {} for t in _WRENCH_TOPICS}
+        self.temperatures: list[tuple[int, int, float]] = []
+        self.latest_ns = 0
+        for topic in _WRENCH_TOPICS:
+            self.node.create_subscription(
+                WrenchStamped, topic, partial(self._on_wrench, topic), qos.FAST_SENSOR, raw=True
+            )
+        for number, topic in enumerate(temperature_topics):
+            self.node.create_subscription(
+                Temperature,
+                topic,
+                partial(self._on_temperature, number),
+                qos.SLOW_SENSOR,
+                raw=True,
+            )
+
+    def _on_wrench(self, topic: str, data: bytes) -> None:
+        """Keep one wrench."""
+        stamp_ns, wrench = wire.read(self._wires[0].layout(data), data)
+        self.wrenches[topic][stamp_ns] = wrench
+        self.latest_ns = max(self.latest_ns, stamp_ns)
+
+    def _on_temperature(self, number: int, data: bytes) -> None:
+        """Keep one temperature."""
+        stamp_ns, (value, _) = wire.read(self._wires[1].layout(data), data)
+        self.temperatures.append((stamp_ns, number, value))
+
+    def spin_until(self, done: Callable[[], bool], what: str, timeout_s: float) -> None:
+        """Run callbacks until a condition holds."""
+        clock = self.node.get_clock()
+        deadline = clock.now().nanoseconds + int(timeout_s * NANOSECONDS)
+        while not done():
+            if clock.now().nanoseconds > deadline:
+                raise RecordingError(f'{what} did not happen within {timeout_s:.0f} s.')
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def call(self, service_type: Any, name: str, request: Any) -> str:
+        """Call one of the compensator's services; a refusal is an error."""
+        client = self.node.create_client(service_type, f'wrist_ft_comp/{name}')
+        self.spin_until(client.service_is_ready, f'The service {name}', _SERVICE_TIMEOUT_S)
+        future = client.call_async(request)
+        self.spin_until(future.done, f'The answer of {name}', _SERVICE_TIMEOUT_S)
+        response = future.result()
+        if not response.success:
+            raise RecordingError(f'{name} was refused: {response.message}')
+        return str(response.message)
+
+    def listen_for(self, first_ns: int, seconds: float, what: str) -> None:
+        """Listen until the stamps have moved on, telling how far they are."""
+        while self.latest_ns < first_ns + int(seconds * NANOSECONDS):
+            before, step = self.latest_ns, int(seconds / 40 * NANOSECONDS)
+            self.spin_until(
+                lambda before=before, step=step: self.latest_ns > before + step,
+                'The next message of the sensor',
+                _SILENCE_TIMEOUT_S,
+            )
+            done = (self.latest_ns - first_ns) / (seconds * NANOSECONDS)
+            tell('progress', what=what, share=min(done, 1.0))
+
+    def log(self, calibrated_ns: int) -> DemoLog:
+        """Put together what came on all three wrench topics."""
+        raw, compensated, reference = (self.wrenches[topic] for topic in _WRENCH_TOPICS)
+        stamps = sorted(raw.keys() & compensated.keys() & reference.keys())
+        temperatures = np.array(self.temperatures)
+        return DemoLog(
+            np.array(stamps, dtype=np.int64),
+            *(np.array([part[s] for s in stamps]) for part in (raw, compensated, reference)),
+            np.array([stamp for stamp, _, _ in self.temperatures], dtype=np.int64),
+            temperatures[:, 1].astype(np.int64),
+            temperatures[:, 2],
+            calibrated_ns,
+        )
+
+    def close(self) -> None:
+        """End node and executor."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+
+
+def play(client: DemoClient, target: Path, record_s: float, test_s: float) -> None:
+    """Record a warm-up, calibrate from it, and listen to what follows."""
+    tell('message', text=client.call(SetBool, 'record', SetBool.Request(data=True)))
+    tell('recording')  # the sensor may start now, cold
+    client.spin_until(lambda: client.latest_ns > 0, 'The first wrench', _SERVICE_TIMEOUT_S)
+    client.listen_for(client.latest_ns, record_s, 'recording a warm-up')
+    tell('message', text=client.call(SetBool, 'record', SetBool.Request(data=False)))
+    summary = client.call(Trigger, 'calibrate', Trigger.Request())
+    tell('message', text=summary)
+    calibrated_ns = client.latest_ns
+    client.listen_for(calibrated_ns, test_s, 'cooling down and warming up differently')
+    save_demo_log(target, client.log(calibrated_ns))
+    tell('done')
+
+
+def main() -> int:
+    """Play the demonstration; arguments: target file, seconds to record, seconds to test."""
+    target, record_s, test_s, *topics = sys.argv[1:]
+    context = Context()
+    context.init([])
+    client = DemoClient(context, topics)
+    try:
+        play(client, Path(target), float(record_s), float(test_s))
+    except WristFtCompError as error:
+        tell('failed', text=str(error))
+        return 1
+    except KeyboardInterrupt:
+        return os.EX_TEMPFAIL
+    finally:
+        client.close()
+        context.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,210 @@
+"""Which model is live: choosing the first, swapping, rolling back, remembering."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from wrist_ft_comp import SettingsError, WristFtCompError
+from wrist_ft_comp.files.model_file import StoredModel, load_model
+
+if TYPE_CHECKING:
+    from wrist_ft_comp.ros.compensator_node import CompensatorNode
+
+
+class LiveModel:
+    """
+    Owns the live model of a node and the list of those before it.
+
+    Parameters
+    ----------
+    node : CompensatorNode
+        The owner.
+    thermometers : int
+        Number of thermometers J that the node listens to.
+
+    """
+
+    def __init__(self, node: 'CompensatorNode', thermometers: int) -> None:
+        #: What is live; None is no compensation.
+        self.stored: StoredModel | None = None
+        #: Why the model that should be live is not, or will not be after a restart.
+        self.problem = ''
+        self._node = node
+        self._thermometers = thermometers
+        #: Newest last, the live one included; None stands for no compensation.
+        self._history: list[Path | None] = []
+
+    def first(self, model_file: str) -> StoredModel | None:
+        """
+        Choose the model to start with: the one a parameter names, or the one that was live last.
+
+        Parameters
+        ----------
+        model_file : str
+            The operator's choice; empty for the last one. An unusable choice ends the node; an
+            unusable last one is reported, and the node starts without a model.
+
+        Returns
+        -------
+        StoredModel or None
+            None when there is none.
+
+        Raises
+        ------
+        WristFtCompError
+            When model_file cannot be used.
+
+        """
+        if model_file:
+            self.stored = self._load(self._node.store.locate(model_file))
+            self._history = [self.stored.path]
+        else:
+            self._recall()
+        if self.stored is None:
+            self._node.log.warning(
+                'no model: wrenches are not compensated. Record a warm-up (~/record), then call '
+                '~/calibrate.'
+            )
+        else:
+            self._announce(self.stored)
+        return self.stored
+
+    def _recall(self) -> None:
+        """Load the model that was live last; one that cannot be used leaves none live."""
+        try:
+            self._history = self._node.store.history()
+            if self._history and self._history[-1] is not None:
+                self.stored = self._load(self._history[-1])
+        except WristFtCompError as error:
+            self._history = [*self._history[:-1], None]
+            self.problem = f'The last model cannot be used: {error}'
+            self._node.log.error(self.problem)
+
+    def _load(self, path: Path) -> StoredModel:
+        """Load a model that fits this node."""
+        stored = load_model(path)
+        if stored.model.thermometers != self._thermometers:
+            raise SettingsError(
+                f'{path} expects {stored.model.thermometers} thermometers, the node has '
+                f'{self._thermometers} (temperature_topics). Calibrate with these, or list the '
+                "model's topics."
+            )
+        return stored
+
+    def _announce(self, stored: StoredModel) -> None:
+        """Log what is live."""
+        self._node.log.info(
+            f'compensating {len(stored.model.axes)} axes with {stored.path} ({stored.sha256[:12]})'
+        )
+
+    def _swap(self, stored: StoredModel | None) -> None:
+        """Make a model live, without a step in the output; the old one stays when this raises."""
+        self._node.compensator.go_live(None if stored is None else stored.model)
+        self.stored = stored
+        self._node.recording.follow_period()
+        if stored is not None:
+            self._announce(stored)
+
+    def _remember(self, history: list[Path | None]) -> str:
+        """Keep the history over a restart; return what went wrong, if anything did."""
+        self._history, self.problem = history, ''
+        try:
+            self._node.store.activate(history)
+        except WristFtCompError as error:
+            self.problem = str(error)
+            self._node.log.error(self.problem)
+        return self.problem
+
+    def take(self, stored: StoredModel) -> str:
+        """
+        Make a calibration's result live, and remember it.
+
+        Parameters
+        ----------
+        stored : StoredModel
+            The result.
+
+        Returns
+        -------
+        str
+            A sentence when it is live but could not be remembered, else empty.
+
+        Raises
+        ------
+        WristFtCompError
+            When it does not fit this node; the running model stays.
+
+        """
+        self._swap(stored)
+        return self._remember([*(self._history or [None]), stored.path])
+
+    def judge(self, name: str, value: Any) -> None:
+        """
+        Check a parameter that names files and is set at run time, without side effects.
+
+        Parameters
+        ----------
+        name : str
+            Parameter.
+        value : object
+            What it would become.
+
+        Raises
+        ------
+        WristFtCompError
+            When a file lies outside data_directory, or the model cannot be used.
+
+        """
+        if name not in {'model_file', 'calibration.recordings'}:
+            return
+        store = self._node.store
+        for given in [value] if name == 'model_file' else value or []:
+            if given and not store.contains(store.locate(given)):
+                raise SettingsError(
+                    f'{name} set at run time must lie inside data_directory ({store.directory}); '
+                    f'got {given}. Copy the file there, or give it at start-up.'
+                )
+        if name == 'model_file' and value:
+            self._load(store.locate(value))
+
+    def use_file(self, given: str) -> None:
+        """Make the model of a file live and remember it; it was judged before."""
+        try:
+            stored = self._load(self._node.store.locate(given))
+            self._swap(stored)
+        except WristFtCompError as error:
+            self._node.log.error(str(error))
+            return
+        before = self._history or [None]
+        again = before[-1] == stored.path
+        self._remember(before if again else [*before, stored.path])
+
+    def on_rollback(self, _request: Any, response: Any) -> Any:
+        """Go back to the model before the live one."""
+        try:
+            response.message, response.success = self._roll_back(), True
+        except WristFtCompError as error:
+            response.message, response.success = str(error), False
+        return response
+
+    def _roll_back(self) -> str:
+        """Swap the model before in; say which."""
+        if len(self._history) < 2:
+            raise SettingsError(
+                'There is no earlier model to go back to; the running model stays.'
+            )
+        before = self._history[-2]
+        try:
+            self._swap(None if before is None else self._load(before))
+        except WristFtCompError as error:
+            # Taken off the list, or it would bar the way to those before it.
+            self._remember([*self._history[:-2], self._history[-1]])
+            raise SettingsError(
+                f'{error} The running model stays; call again for the model before that one.'
+            ) from error
+        problem = self._remember(self._history[:-1])
+        now = (
+            'no model was live before: wrenches pass uncompensated'
+            if before is None
+            else f'compensating with {before} again'
+        )
+        return f'{now}\nwarning: {problem}' if problem else now
