@@ -55,6 +55,8 @@ def calls_of(tree: ast.AST) -> Iterator[str]:
     """Yield the last name of everything that is called."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Call):
+            if any(ast.unparse(argument) == 'os.devnull' for argument in node.args):
+                continue  # the documented answer to a broken pipe, and no file
             if isinstance(node.func, ast.Name):
                 yield node.func.id
             elif isinstance(node.func, ast.Attribute):

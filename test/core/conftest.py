@@ -29,7 +29,7 @@ def _wrenches(cells: int, axes: Mapping[str, object]) -> Array:
 def make_recording() -> Callable[..., Recording]:
     """Build a recording from temperatures and the axes by name."""
 
-    def make(
+    def make(  # noqa: PLR0913 -- a factory names what it can vary
         temperature_c: Array,
         wrench: Mapping[str, object],
         reference: Mapping[str, object] | None = None,

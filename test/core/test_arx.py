@@ -102,7 +102,7 @@ def test_rows_that_touch_a_gap_are_left_out() -> None:
 
 
 def test_one_step_least_squares_is_unbiased_for_noise_in_the_equation() -> None:
-    """Noise that the system itself carries on (the ARX assumption): within four standard errors."""
+    """Noise that the system itself carries on, as ARX assumes: within four standard errors."""
     true = seeded_arx(2, 2, 1)
     rng = np.random.default_rng(8)
     t, e = rng.standard_normal(5000), 0.3 * rng.standard_normal(5000)

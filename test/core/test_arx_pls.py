@@ -1,6 +1,7 @@
 """Outer and inner model together, and the model that the paper publishes."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -126,7 +127,7 @@ def test_a_run_split_anywhere_is_the_whole_run(
     whole_state, whole = model.run(first, x)
     state, parts = first, []
     edges = [0, *sorted(cuts), 40]
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         if high > low:
             state, part = model.run(state, x[low:high])
             parts.append(part)

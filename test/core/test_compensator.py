@@ -126,6 +126,22 @@ def test_the_output_has_no_steps_between_cells(model: DriftModel) -> None:
     assert (between <= per_cell / 50 * 1.5 + 1e-12).all()
 
 
+def test_irregular_temperatures_make_no_step(model: DriftModel) -> None:
+    """A ramp that is overtaken by the next cell goes on from where it stands."""
+    compensator = Compensator(1, StreamSettings(), model)
+    rng = np.random.default_rng(0)
+    due, outputs = 0.0, []
+    for k in range(120 * 200):
+        stamp = k * SECOND // 200
+        if stamp >= due * SECOND:
+            compensator.add_temperature(0, stamp, warming(stamp))
+            due += rng.uniform(0.2, 1.1)
+        outputs.append(compensator.correct(stamp, LOAD.tolist()))
+    moving = np.array(outputs[3 * 200 :])
+    assert steps(moving[::200])[2] > 0.03
+    assert steps(moving)[2] < steps(moving[::200])[2] / 50
+
+
 def test_a_late_temperature_steps_by_no_more_than_its_share_of_a_cell(model: DriftModel) -> None:
     compensator = Compensator(1, StreamSettings(temperature_timeout_s=1000.0), model)
     outputs = []
@@ -269,7 +285,7 @@ class TestModelSwap:
         # Without sensitivity drift the two differ by the tare alone, whatever happens.
         np.testing.assert_allclose(offset[:, 3], -late.tare[3], atol=1e-9)
 
-    def test_history_is_as_long_as_it_is_said_to_be(self, model: DriftModel) -> None:
+    def test_history_is_as_long_as_it_is_said_to_be(self) -> None:
         compensator = Compensator(1, StreamSettings(history_s=20.0))
         stream(compensator, (0, 100))
         assert len(compensator._history) == 20

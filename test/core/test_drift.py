@@ -138,5 +138,5 @@ class TestRefusals:
             output_weight=np.ones(3),
             output_mean=np.zeros(3),
         )
-        with pytest.raises(ModelFileError, match='one output .* or two .* got 3'):
+        with pytest.raises(ModelFileError, match=r'one output .* or two .* got 3'):
             AxisModel(axis.features, three)

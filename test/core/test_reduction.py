@@ -26,7 +26,7 @@ def test_rows_read_back_as_the_samples_would() -> None:
     raw = np.cumsum(rng.standard_normal((2000, 6)), axis=0)
     heat = np.sort(rng.integers(0, 30 * SECOND, 90))
     celsius = 20 + np.cumsum(rng.standard_normal(90))
-    reducer, grid = StreamReducer(SECOND, 1), ThermalGrid(SECOND, 1, 5.0)
+    reducer, grid = StreamReducer(SECOND), ThermalGrid(SECOND, 1, 5.0)
     events = [(int(s), 'raw', k) for k, s in enumerate(stamps)]
     events += [(int(s), 'heat', k) for k, s in enumerate(heat)]
     rows = []
@@ -64,16 +64,35 @@ def test_columns_are_wrench_reference_temperatures() -> None:
 
 
 def test_what_is_missing_is_not_a_number() -> None:
-    reducer = StreamReducer(SECOND, 1)
+    reducer = StreamReducer(SECOND)
     reducer.add_cells([cells(3, 20.0, measured=False)])
+    reducer.add_raw(3 * SECOND + 1, [1.0] * 6)
     ((stamp, values),) = reducer.rows(final=True)
     assert stamp == 3 * SECOND + SECOND // 2
+    assert values[:6] == [1.0] * 6
     assert len(values) == len(row_channels(1))
-    assert all(math.isnan(value) for value in values)
+    assert all(math.isnan(value) for value in values[6:])
+
+
+def test_a_cell_without_any_sample_is_no_row() -> None:
+    reducer = StreamReducer(SECOND)
+    reducer.add_cells([cells(3, 20.0, measured=False)])
+    assert reducer.rows(final=True) == []
+
+
+def test_wrenches_of_a_gap_in_the_temperature_are_kept() -> None:
+    reducer = StreamReducer(SECOND)
+    for second in range(3, 9):
+        reducer.add_raw(second * SECOND, [float(second)] * 6)
+    reducer.add_cells([cells(3, 20.0), cells(4, 20.0, measured=False, count=4), cells(8, 21.0)])
+    rows = reducer.rows(final=True)
+    assert [stamp // SECOND for stamp, _ in rows] == [3, 4, 5, 6, 7, 8]
+    assert [values[2] for _, values in rows] == [3.0, 4.0, 5.0, 6.0, 7.0, 8.0]
+    assert [math.isnan(values[12]) for _, values in rows] == [False] + [True] * 4 + [False]
 
 
 def test_a_row_waits_for_the_wrenches_of_its_cell() -> None:
-    reducer = StreamReducer(SECOND, 1)
+    reducer = StreamReducer(SECOND)
     reducer.add_cells([cells(3, 20.0)])
     reducer.add_raw(3 * SECOND, [1.0] * 6)
     assert reducer.rows() == []
@@ -86,7 +105,7 @@ def test_a_row_waits_for_the_wrenches_of_its_cell() -> None:
 
 
 def test_a_silent_sensor_does_not_hold_the_rows_for_ever() -> None:
-    reducer = StreamReducer(SECOND, 1)
+    reducer = StreamReducer(SECOND)
     for cell in range(200):
         reducer.add_cells([cells(cell, 20.0)])
     rows = reducer.rows()

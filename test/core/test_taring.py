@@ -32,8 +32,14 @@ def test_the_tare_is_the_mean_and_the_middle_of_its_time() -> None:
 
 def test_the_stretch_is_complete_when_its_duration_has_passed() -> None:
     collector = TareCollector(duration_s=0.5, max_deviation_n=1.0)
-    done = [collector.add(10 + k * SECOND // 10, WRENCH.tolist()) for k in range(7)]
-    assert done == [False] * 5 + [True] * 2
+    done = [collector.add(10 + k * SECOND // 20, WRENCH.tolist()) for k in range(12)]
+    assert done == [False] * 10 + [True] * 2
+
+
+def test_a_slow_sensor_is_given_the_time_for_enough_wrenches() -> None:
+    collector = TareCollector(duration_s=0.5, max_deviation_n=1.0)
+    done = [collector.add(k * SECOND, WRENCH.tolist()) for k in range(11)]
+    assert done == [False] * 9 + [True] * 2
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """The thermal grid as a stream, against the batch and in trouble."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ def seconds(thermometer: int, *pairs: tuple[float, float]) -> list[Sample]:
 
 def dense(completed: list[CompletedCells]) -> tuple[np.ndarray, np.ndarray]:
     """One row per cell; the cells must follow each other without gap or overlap."""
-    for before, after in zip(completed[:-1], completed[1:], strict=True):
+    for before, after in pairwise(completed):
         assert after.first_cell == before.first_cell + before.count
     return (
         np.concatenate([np.tile(cells.temperature_c, (cells.count, 1)) for cells in completed]),

@@ -200,7 +200,7 @@ class TestSchema:
         load(document)
         removed = 0
         for path in list(places(document)):
-            if not isinstance(path[-1], str) or path[:1] == ('provenance',) and len(path) > 1:
+            if not isinstance(path[-1], str) or (path[:1] == ('provenance',) and len(path) > 1):
                 continue
             if path[:-1] == ('axes',):
                 continue  # an axis may be absent
@@ -288,7 +288,7 @@ class TestSchema:
         self, document: Document, load: Callable[[object], DriftModel], version: object
     ) -> None:
         document['version'] = version
-        with pytest.raises(ModelFileError, match='of version .* reads version 1'):
+        with pytest.raises(ModelFileError, match=r'of version .* reads version 1'):
             load(document)
 
     @pytest.mark.parametrize(

@@ -5,7 +5,8 @@ The fit works on cell means, so a row per cell loses nothing that it would use, 
 1 kHz is 3600 rows.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from math import isnan
 
 from wrist_ft_comp.core.recording import (
     AXES,
@@ -58,6 +59,10 @@ class _CellMeans:
         for i, value in enumerate(wrench, start=1):
             sums[i] += value
 
+    def between(self, first: int, end: int) -> list[int]:
+        """List the cells from first to end, end excluded, that have a wrench."""
+        return sorted(cell for cell in self._cells if first <= cell < end)
+
     def pop(self, cell: int) -> list[float]:
         """Take a cell's means, NaN where there were none."""
         sums = self._cells.pop(cell, None)
@@ -77,14 +82,11 @@ class StreamReducer:
     ----------
     period_ns : int
         Cell length h, ns.
-    thermometers : int
-        Number of thermometers J.
 
     """
 
-    def __init__(self, period_ns: int, thermometers: int) -> None:
+    def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
-        self._no_temperature = [_NAN] * thermometers
         self._raw = _CellMeans()
         self._reference = _CellMeans()
         self._waiting: list[tuple[int, list[float]]] = []
@@ -104,7 +106,9 @@ class StreamReducer:
                 float(value) if measured else _NAN
                 for value, measured in zip(cells.temperature_c, cells.measured, strict=True)
             ]
-            self._waiting.append((cells.first_cell, temperatures))
+            first, end = cells.first_cell, cells.first_cell + cells.count
+            self._waiting.append((first, temperatures))
+            self._waiting += [(cell, temperatures) for cell in self._raw.between(first + 1, end)]
 
     def rows(self, *, final: bool = False) -> list[Row]:
         """
@@ -118,18 +122,23 @@ class StreamReducer:
         Returns
         -------
         list of tuples of int and list of float
-            Stamp of the cell's middle, ns, and values in the order of row_channels.
+            Stamp of the cell's middle, ns, and values in the order of row_channels; cells
+            without any sample are left out.
 
         """
-        done: list[Row] = []
+        return [row for row in self._complete(final=final) if not all(map(isnan, row[1]))]
+
+    def _complete(self, *, final: bool) -> Iterator[Row]:
+        """Take complete cells, those without any sample included."""
         while self._waiting:
             cell, temperatures = self._waiting[0]
             overdue = self._waiting[-1][0] - cell > _PATIENCE_CELLS
-            if self._raw.latest <= cell and not overdue and not final:
-                break
+            # A reference is waited for when there is one at all.
+            behind = self._raw.latest <= cell or 0 <= self._reference.latest <= cell
+            if behind and not overdue and not final:
+                return
             del self._waiting[0]
             values = [*self._raw.pop(cell), *self._reference.pop(cell), *temperatures]
-            done.append((cell * self._period_ns + self._period_ns // 2, values))
+            yield cell * self._period_ns + self._period_ns // 2, values
             self._raw.forget_before(cell)
             self._reference.forget_before(cell)
-        return done

@@ -198,10 +198,8 @@ def bank_inputs(
 
     """
     bank = [relaxation(float(tau), problem.period_s) for tau in time_constants_s]
-    return [
-        np.concatenate([free_run(h, features.expand(temperature_c)) for h in bank], axis=1)
-        for temperature_c in problem.temperature_c
-    ]
+    inputs = [features.expand(temperature_c) for temperature_c in problem.temperature_c]
+    return [np.concatenate([free_run(h, x) for h in bank], axis=1) for x in inputs]
 
 
 def accumulate(
@@ -437,7 +435,7 @@ def refine_time_constants(
         method='Nelder-Mead',
         bounds=[(np.log(problem.period_s), np.log(longest_s))] * len(start),
         options={
-            'xatol': 1e-4,
+            'xatol': 1e-3,
             'fatol': 1e-9 * left(start),
             'maxfev': 120 * len(start),
             'initial_simplex': np.concatenate(

@@ -47,12 +47,13 @@ class TareCollector:
         Returns
         -------
         bool
-            Whether the stretch is complete.
+            Whether the stretch is complete, and holds enough wrenches to average.
 
         """
         self._stamps_ns.append(stamp_ns)
         self._wrenches.append(raw)
-        return stamp_ns - self._stamps_ns[0] >= self._duration_ns
+        long_enough = stamp_ns - self._stamps_ns[0] >= self._duration_ns
+        return long_enough and len(self._wrenches) >= _MIN_SAMPLES
 
     def result(self) -> tuple[FloatArray, int]:
         """

@@ -111,7 +111,7 @@ def _read(
     for number, path in enumerate(job.recordings):
         try:
             recordings.append(_read_one(job, path, partial(_report_part, report, job, number)))
-        except RecordingError as error:
+        except RecordingError as error:  # noqa: PERF203 -- one must not end the others
             if not job.skip_unusable:
                 raise
             failure = error

@@ -7,6 +7,7 @@ Where a node keeps what it made: models, own recordings, and which model is acti
 """
 
 import json
+import os
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -136,6 +137,25 @@ class ModelStore:
         """Spell a path so that the folder can be moved."""
         resolved, base = path.resolve(), self.directory.resolve()
         return str(resolved.relative_to(base) if resolved.is_relative_to(base) else resolved)
+
+
+def default_directory(node_name: str) -> Path:
+    """
+    Choose the folder of a node that was given none.
+
+    Parameters
+    ----------
+    node_name : str
+        Fully qualified, such as ``/arm/wrist_ft_comp``.
+
+    Returns
+    -------
+    Path
+        Below ROS_HOME, which is ``~/.ros`` where it is not set.
+
+    """
+    home = _expanded(os.environ.get('ROS_HOME') or '~/.ros')
+    return home / 'wrist_ft_comp' / node_name.strip('/').replace('/', '__')
 
 
 def _expanded(given: str) -> Path:

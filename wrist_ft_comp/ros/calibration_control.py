@@ -108,7 +108,7 @@ class CalibrationControl:
             self._refuse(str(error), reply)
             return
         self.last_outcome, self.refused = message, False
-        self._node.log.info(f'calibrated: {message}')
+        self._node.console.info(f'calibrated: {message}')
         reply(success=True, message=message)
 
     def _take(self, outcome: dict[str, Any]) -> str:
@@ -123,7 +123,7 @@ class CalibrationControl:
     def _refuse(self, why: str, reply: Reply) -> None:
         """Answer that nothing changed, and why."""
         self.last_outcome, self.refused = why, True
-        self._node.log.error(f'not calibrated: {why}')
+        self._node.console.error(f'not calibrated: {why}')
         reply(success=False, message=why)
 
     def end(self) -> None:

@@ -32,7 +32,7 @@ class CalibrationProcess:
     """
 
     def __init__(self, job: CalibrationJob) -> None:
-        self._process = subprocess.Popen(
+        self._process = subprocess.Popen(  # noqa: S603 -- our own command line
             COMMAND,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

@@ -19,8 +19,8 @@ PARAMETERS = (
     Parameter(
         'model_file',
         '',
-        'Model to run; empty takes the one that was active last. Set at run time, it must lie '
-        'inside data_directory.',
+        'Model to run, relative to data_directory or to the working directory; empty takes the '
+        'one that was live last. Set at run time, it must lie inside data_directory.',
     ),
     Parameter(
         'data_directory',
@@ -34,7 +34,7 @@ PARAMETERS = (
         _STREAM.thermal_period_s,
         'Length of a thermal cell while no model says otherwise, and in recordings.',
         unit='s',
-        minimum=0.01,
+        minimum=0.1,
         maximum=600.0,
         read_only=True,
     ),
@@ -66,8 +66,8 @@ PARAMETERS = (
     Parameter(
         'calibration.recordings',
         (),
-        "Recordings to calibrate from; empty takes the node's own. Set at run time, they must lie "
-        'inside data_directory.',
+        "Recordings to calibrate from; empty takes the node's own, the newest ten. Set at run "
+        'time, they must lie inside data_directory.',
         element=str,
     ),
     Parameter(
@@ -97,14 +97,15 @@ PARAMETERS = (
         'How long a tare averages, in stamps of the wrench.',
         unit='s',
         minimum=0.01,
-        maximum=3600.0,
+        maximum=60.0,
     ),
     Parameter(
         'tare.max_deviation',
         1.0,
-        'A tare is refused when a force moves by more; a torque, by more than a tenth of it in N m.',
+        'A tare is refused when a force moves by more, or a torque by more than a tenth of it in '
+        'N m.',
         unit='N',
-        minimum=0.0,
+        minimum=0.001,
         maximum=1e6,
     ),
     EXECUTOR_PARAMETER,

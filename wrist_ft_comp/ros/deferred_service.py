@@ -75,7 +75,7 @@ class DeferredService:
         self._replies: dict[int, Reply] = {}
         self.service: Any = node.create_service(service_type, name, self._on_request)
         self._send = self.service.send_response
-        self.service.send_response = self._on_header
+        self.service.send_response = self._on_header  # type: ignore[method-assign] # see above
 
     def _on_request(self, request: Any, response: Any) -> Any:
         """Give the request to the handler; the executor then asks to send what is returned."""

@@ -1,7 +1,10 @@
 """Which model is live: choosing the first, swapping, rolling back, remembering."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from rcl_interfaces.msg import SetParametersResult
 
 from wrist_ft_comp import SettingsError, WristFtCompError
 from wrist_ft_comp.files.model_file import StoredModel, load_model
@@ -60,7 +63,7 @@ class LiveModel:
         else:
             self._recall()
         if self.stored is None:
-            self._node.log.warning(
+            self._node.console.warning(
                 'no model: wrenches are not compensated. Record a warm-up (~/record), then call '
                 '~/calibrate.'
             )
@@ -77,7 +80,7 @@ class LiveModel:
         except WristFtCompError as error:
             self._history = [*self._history[:-1], None]
             self.problem = f'The last model cannot be used: {error}'
-            self._node.log.error(self.problem)
+            self._node.console.error(self.problem)
 
     def _load(self, path: Path) -> StoredModel:
         """Load a model that fits this node."""
@@ -92,7 +95,7 @@ class LiveModel:
 
     def _announce(self, stored: StoredModel) -> None:
         """Log what is live."""
-        self._node.log.info(
+        self._node.console.info(
             f'compensating {len(stored.model.axes)} axes with {stored.path} ({stored.sha256[:12]})'
         )
 
@@ -111,7 +114,7 @@ class LiveModel:
             self._node.store.activate(history)
         except WristFtCompError as error:
             self.problem = str(error)
-            self._node.log.error(self.problem)
+            self._node.console.error(self.problem)
         return self.problem
 
     def take(self, stored: StoredModel) -> str:
@@ -137,23 +140,30 @@ class LiveModel:
         self._swap(stored)
         return self._remember([*(self._history or [None]), stored.path])
 
-    def judge(self, name: str, value: Any) -> None:
+    def judge(self, parameters: Sequence[Any]) -> SetParametersResult:
         """
-        Check a parameter that names files and is set at run time, without side effects.
+        Judge, without side effects, files that parameters name at run time.
 
         Parameters
         ----------
-        name : str
-            Parameter.
-        value : object
-            What it would become.
+        parameters : sequence of rclpy.parameter.Parameter
+            What is to be set.
 
-        Raises
-        ------
-        WristFtCompError
-            When a file lies outside data_directory, or the model cannot be used.
+        Returns
+        -------
+        SetParametersResult
+            Refused when a file lies outside data_directory, or the model cannot be used.
 
         """
+        try:
+            for parameter in parameters:
+                self._judge(parameter.name, parameter.value)
+        except WristFtCompError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _judge(self, name: str, value: Any) -> None:
+        """Refuse one parameter, if there is a reason."""
         if name not in {'model_file', 'calibration.recordings'}:
             return
         store = self._node.store
@@ -172,7 +182,7 @@ class LiveModel:
             stored = self._load(self._node.store.locate(given))
             self._swap(stored)
         except WristFtCompError as error:
-            self._node.log.error(str(error))
+            self._node.console.error(str(error))
             return
         before = self._history or [None]
         again = before[-1] == stored.path

@@ -112,7 +112,7 @@ class RecordingControl:
                 f'{error} The recording has ended after {recording.rows} thermal cells. Make '
                 'room or choose another data_directory, then record again.'
             )
-            self._node.log.error(self.failure)
+            self._node.console.error(self.failure)
 
     def follow_period(self) -> None:
         """End the recording when a new model has brought another thermal period."""
@@ -123,13 +123,13 @@ class RecordingControl:
                 f'The recording into {recording.path} has ended: the new model has thermal cells '
                 f'of {period_ns / NANOSECONDS:g} s. Record again.'
             )
-            self._node.log.warning(self.failure)
+            self._node.console.warning(self.failure)
 
     def end(self) -> None:
         """Close the recording that runs, if one does, and log what it holds."""
         if self.current is None:
             return
         try:
-            self._node.log.info(self._end())
+            self._node.console.info(self._end())
         except RecordingError as error:
-            self._node.log.error(str(error))
+            self._node.console.error(str(error))

@@ -76,7 +76,7 @@ class TareControl:
         offsets = ', '.join(
             f'{axis} {value:.4g} {axis_unit(axis)}' for axis, value in zip(AXES, tare, strict=True)
         )
-        self._node.log.info(f'tared: {offsets}')
+        self._node.console.info(f'tared: {offsets}')
         self._answer(success=True, message=f'tared: {offsets}')
 
     def _answer(self, *, success: bool, message: str) -> None:

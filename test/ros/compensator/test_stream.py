@@ -1,0 +1,179 @@
+import struct
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.serialization import serialize_message
+
+from wrist_ft_comp.core.compensator import Compensator, StreamSettings
+from wrist_ft_comp.core.drift import Drift, correct
+from wrist_ft_comp.ros.wrench_message import wrench_message
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+LOAD = np.array([1.5, -2.0, 30.0, 0.25, -0.5, 1.0])
+TIMEOUT_S = 20.0
+executors = pytest.mark.parametrize('executor', ['default', 'events'])
+
+
+def hear_bytes(rig):
+    """Listen to the node's output as bytes."""
+    messages = []
+    rig.bench.helper.create_subscription(
+        WrenchStamped, rig.topic('wrench'), messages.append, 100, raw=True
+    )
+    rig.bench.wait_until(lambda: rig.node._output.get_subscription_count() > 1, 'both listeners')
+    return messages
+
+
+def swapped(data):
+    """Spell a serialized wrench in the other byte order."""
+    seconds, nanoseconds, length = struct.unpack_from('<iII', data, 4)
+    doubles = struct.unpack_from('<6d', data, len(data) - 48)
+    head = b'\0\0' + data[2:4] + struct.pack('>iII', seconds, nanoseconds, length)
+    return head + data[16:-48] + struct.pack('>6d', *doubles)
+
+
+@executors
+def test_the_header_goes_out_byte_for_byte(rig, make_model, executor):
+    model = make_model('m.yaml', {'force_x': (1.0, 0.0, 0.0)})
+    node = rig(executor=executor, parameters={'model_file': str(model.path)})
+    for second in range(3):
+        node.warm(START + second * SECOND, 30.0)
+    heard = hear_bytes(node)
+    frames = ['', 'a', 'ab', 'tool0', 'wrist_3', 'wrist_ft_sensor/größe', 'f' * 301]
+    sent = [
+        serialize_message(wrench_message(START + 10 * SECOND + k, frame, LOAD))
+        for k, frame in enumerate(frames)
+    ]
+    sent += [swapped(data) for data in sent]
+    for data in sent:
+        node.put_bytes(data)
+    node.take(len(sent))
+    node.bench.wait_until(lambda: len(heard) == len(sent), 'all outputs as bytes')
+    assert [data[:-48] for data in heard] == [data[:-48] for data in sent]
+    for data in heard:
+        order = '<' if data[1] else '>'
+        expected = LOAD - [10.0, 0, 0, 0, 0, 0]
+        np.testing.assert_allclose(struct.unpack_from(f'{order}6d', data, len(data) - 48), expected)
+
+
+@executors
+def test_every_wrench_gets_one_output_in_order(rig, executor):
+    node = rig(executor=executor)
+    stamps = START + np.arange(2000) * 1_000_000
+    wrenches = np.random.default_rng(1).normal(size=(2000, 6))
+    np.testing.assert_array_equal(node.stream(stamps, wrenches), wrenches)
+    assert node.outputs.empty()
+    assert node.node.counts.published == 2000
+
+
+def test_the_output_is_the_core_s_correction(rig, make_model):
+    axes = {'force_x': (0.5, 1e-3, 4.0), 'force_z': (-2.0, 0.0, 2.0), 'torque_y': (0.1, -2e-3, 9.0)}
+    model = make_model('m.yaml', axes)
+    node = rig(parameters={'model_file': str(model.path)})
+    twin = Compensator(1, StreamSettings(), model.model)
+    for k in range(40):
+        stamp, celsius = START + k * SECOND // 2, 20.0 + 10.0 * np.sin(k / 8)
+        node.warm(stamp, celsius)
+        twin.add_temperature(0, stamp, celsius)
+        stamps = stamp + np.arange(1, 5) * SECOND // 10
+        expected = [twin.correct(int(each), LOAD) for each in stamps]
+        np.testing.assert_array_equal(node.stream(stamps, [LOAD] * 4), expected)
+    assert not np.allclose(expected, LOAD, atol=1.0)
+
+
+def test_a_contact_is_scaled_by_the_sensitivity_drift(rig, make_model):
+    model = make_model('m.yaml', {'force_z': (0.3, 0.004, 0.0)})
+    node = rig(parameters={'model_file': str(model.path)})
+    for second in range(4):
+        node.warm(START + second * SECOND, 45.0)
+    drift = Drift(np.array([0, 0, 7.5, 0, 0, 0]), np.array([0, 0, 0.1, 0, 0, 0]))
+    raw = (1 + drift.sensitivity) * LOAD + drift.zero
+    np.testing.assert_allclose(node.ask_output(START + 9 * SECOND, raw), LOAD, atol=1e-9)
+    np.testing.assert_allclose(correct(raw, drift), LOAD, atol=1e-12)
+
+
+def test_a_restarted_robot_reads_what_it_read_before(rig, make_model):
+    """The first cell after a start removes the whole zero drift; there is no output to keep."""
+    model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)})
+    node = rig(parameters={'model_file': str(model.path)})
+    raw = [0, 0, 25.0, 0, 0, 0]
+    assert node.ask_output(START, raw)[2] == 25.0
+    for second in range(3):
+        node.warm(START + second * SECOND, 30.0)
+    assert node.ask_output(START + 5 * SECOND, raw)[2] == pytest.approx(5.0)
+
+
+def test_the_drift_topic_tells_what_is_subtracted(rig, make_model):
+    model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0), 'torque_x': (-0.1, 0.0, 0.0)})
+    node = rig(parameters={'model_file': str(model.path)})
+    drifts = node.bench.listen(WrenchStamped, f'{node.namespace}/wrist_ft_comp/drift')
+    node.bench.wait_until(lambda: node.node._drift.get_subscription_count() > 0, 'a listener')
+    node.ask_output(START, LOAD)
+    for second in range(4):
+        node.warm(START + second * SECOND, 21.0 + second)
+    for second in range(1, 4):
+        message = drifts.get(timeout=TIMEOUT_S)
+        assert message.header.stamp.sec == START // SECOND + second
+        assert message.header.frame_id == 'tool0'
+        assert message.wrench.force.z == pytest.approx(2.0 * second)
+        assert message.wrench.torque.x == pytest.approx(-0.1 * second)
+    assert drifts.empty()
+
+
+@executors
+def test_unusable_wrenches_are_counted_and_the_stream_goes_on(rig, executor):
+    node = rig(executor=executor)
+    whole = serialize_message(wrench_message(START, 'tool0', LOAD))
+    for data in (whole[:-8], whole + bytes(8), b'\x07\x01' + whole[2:], whole[:20]):
+        node.put_bytes(data)
+    for bad in (np.nan, np.inf, -np.inf):
+        node.put(START, [0, 0, bad, 0, 0, 0])
+    node.put(START, [0, np.inf, -np.inf, 0, 0, 0])
+    assert node.ask_output(START + 1, LOAD) == tuple(LOAD)
+    assert node.outputs.empty()
+    counts = node.node.counts
+    assert (counts.malformed, counts.not_finite, counts.wrenches) == (4, 4, 1)
+    status = node.diagnosis('input')
+    numbers = {each.key: each.value for each in status.values}
+    assert (numbers['dropped_malformed'], numbers['dropped_not_finite']) == ('4', '4')
+
+
+def test_unusable_temperatures_do_not_move_the_drift(rig, make_model):
+    model = make_model('m.yaml')
+    node = rig(parameters={'model_file': str(model.path)})
+    for second in range(4):
+        node.warm(START + second * SECOND, 25.0)
+        node.warm(START + second * SECOND + 1000, np.nan)
+    node._temperatures[0].publish(b'\0\1\0\0 too short')
+    node.bench.wait_until(lambda: node.node.counts.bad_temperatures == 5, 'the last one')
+    assert node.ask_output(START + 5 * SECOND, LOAD)[2] == pytest.approx(LOAD[2] - 10.0)
+
+
+def test_without_a_model_wrenches_pass_or_nothing_does(rig):
+    node = rig(parameters={'uncalibrated': 'silent'})
+    node.put(START, LOAD)
+    node.bench.wait_until(lambda: node.node.counts.wrenches == 1, 'the wrench')
+    assert node.set('uncalibrated', 'passthrough').successful
+    assert node.ask_output(START + 1, LOAD) == tuple(LOAD)
+    assert node.set('uncalibrated', 'silent').successful
+    node.put(START + 2, LOAD)
+    node.bench.wait_until(lambda: node.node.counts.wrenches == 3, 'the wrench')
+    assert node.outputs.empty()
+    assert node.node.counts.published == 1
+
+
+def test_a_driver_that_does_not_stamp_is_compensated(rig, make_model):
+    model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)}, period_s=0.1)
+    node = rig(parameters={'model_file': str(model.path)})
+
+    def compensates():
+        node.put_temperature(0, 30.0)
+        return node.node.compensator.compensating
+
+    node.bench.wait_until(compensates, 'a thermal cell of the clock')
+    assert node.ask_output(0, [0, 0, 50.0, 0, 0, 0])[2] == pytest.approx(30.0)

@@ -1,0 +1,35 @@
+"""Wrenches as typed messages, where speed does not matter."""
+
+from collections.abc import Iterable
+
+from geometry_msgs.msg import WrenchStamped
+
+from wrist_ft_comp.core.recording import AXES, NANOSECONDS
+
+
+def wrench_message(stamp_ns: int, frame_id: str, values: Iterable[float]) -> WrenchStamped:
+    """
+    Build a message.
+
+    Parameters
+    ----------
+    stamp_ns : int
+        Header stamp, ns.
+    frame_id : str
+        Header frame.
+    values : iterable of 6 floats
+        N and N m, axis order AXES.
+
+    Returns
+    -------
+    WrenchStamped
+        The message.
+
+    """
+    message = WrenchStamped()
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
+    message.header.frame_id = frame_id
+    for axis, value in zip(AXES, values, strict=True):
+        part, component = axis.split('_')
+        setattr(getattr(message.wrench, part), component, float(value))
+    return message
