@@ -1,113 +1,137 @@
-"""One row per thermal cell: what the node's own recording holds."""
-
 import math
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.core.recording import AXES, REFERENCE_CHANNELS, Samples
+from wrist_ft_comp.core.recording import AXES, REFERENCE_CHANNELS
 from wrist_ft_comp.core.reduction import StreamReducer, row_channels
-from wrist_ft_comp.core.sampling import grid_samples
-from wrist_ft_comp.core.thermal_grid import CompletedCells, ThermalGrid
+from wrist_ft_comp.core.thermal_grid import ThermalGrid
 
 SECOND = 1_000_000_000
+NAN = math.nan
 
 
-def cells(
-    first: int, temperature_c: float, *, measured: bool = True, count: int = 1
-) -> CompletedCells:
-    return CompletedCells(first, count, np.array([temperature_c]), (measured,))
+class Node:
+    """Feeds a grid and a reducer as the node does."""
+
+    def __init__(self, thermometers=1, patience_s=3.0):
+        self.grid = ThermalGrid(SECOND, thermometers, patience_s)
+        self.reducer = StreamReducer(SECOND)
+
+    def heat(self, at_s, *celsius):
+        for j, value in enumerate(celsius):
+            if value is not None:
+                self.reducer.add_cells(self.grid.add(j, round(at_s * SECOND), value))
+
+    def raw(self, at_s, value):
+        self.reducer.add_raw(round(at_s * SECOND), [value] * 6)
+
+    def reference(self, at_s, value):
+        self.reducer.add_reference(round(at_s * SECOND), [value] * 6)
 
 
-def test_rows_read_back_as_the_samples_would() -> None:
-    """Recording through rows or through all samples gives the same cells."""
-    rng = np.random.default_rng(0)
-    stamps = np.sort(rng.integers(0, 30 * SECOND, 2000))
-    raw = np.cumsum(rng.standard_normal((2000, 6)), axis=0)
-    heat = np.sort(rng.integers(0, 30 * SECOND, 90))
-    celsius = 20 + np.cumsum(rng.standard_normal(90))
-    reducer, grid = StreamReducer(SECOND), ThermalGrid(SECOND, 1, 5.0)
-    events = [(int(s), 'raw', k) for k, s in enumerate(stamps)]
-    events += [(int(s), 'heat', k) for k, s in enumerate(heat)]
-    rows = []
-    for stamp, kind, k in sorted(events):
-        if kind == 'raw':
-            reducer.add_raw(stamp, raw[k].tolist())
-            reducer.add_reference(stamp, (-raw[k]).tolist())
-        else:
-            reducer.add_cells(grid.add(0, stamp, float(celsius[k])))
-        rows += reducer.rows()
-    rows += reducer.rows(final=True)
-    found = grid_samples(
-        Samples((channel,), np.array([s for s, _ in rows])[keep], values[keep, np.newaxis])
-        for channel, values in zip(row_channels(1), np.array([v for _, v in rows]).T, strict=True)
-        for keep in [np.isfinite(values)]
-    )
-    expected = grid_samples(
-        [
-            Samples(
-                AXES, stamps[np.diff(stamps, prepend=-1) > 0], raw[np.diff(stamps, prepend=-1) > 0]
-            ),
-            Samples(('temperature_c',), heat, celsius[:, np.newaxis]),
-        ]
-    )
-    shared = len(found)
-    assert shared >= 28
-    assert found.first_cell == expected.first_cell
-    np.testing.assert_allclose(found.temperature_c, expected.temperature_c[:shared], atol=1e-9)
-    np.testing.assert_allclose(found.wrench, expected.wrench[:shared], atol=1e-9)
-    np.testing.assert_allclose(found.reference, -expected.wrench[:shared], atol=1e-9)
+def cells(rows):
+    """Cell, force_x, reference_force_x and temperatures of each row."""
+    return [(stamp // SECOND, row[0], row[6], *row[12:]) for stamp, row in rows]
 
 
-def test_columns_are_wrench_reference_temperatures() -> None:
+def test_the_columns_are_the_recording_s():
     assert row_channels(2) == (*AXES, *REFERENCE_CHANNELS, 'temperature_c', 'temperature_2_c')
 
 
-def test_what_is_missing_is_not_a_number() -> None:
-    reducer = StreamReducer(SECOND)
-    reducer.add_cells([cells(3, 20.0, measured=False)])
-    reducer.add_raw(3 * SECOND + 1, [1.0] * 6)
-    ((stamp, values),) = reducer.rows(final=True)
-    assert stamp == 3 * SECOND + SECOND // 2
-    assert values[:6] == [1.0] * 6
-    assert len(values) == len(row_channels(1))
-    assert all(math.isnan(value) for value in values[6:])
+def test_a_row_holds_the_means_of_its_cell():
+    rng = np.random.default_rng(1)
+    node = Node()
+    raw, reference = rng.normal(size=(300, 6)), rng.normal(size=(300, 6))
+    celsius = rng.normal(25, 1, 300)
+    rows = []
+    for k in range(300):
+        stamp = 5 * SECOND + k * 10_000_000
+        node.reducer.add_reference(stamp, reference[k])
+        node.reducer.add_raw(stamp, raw[k])
+        node.reducer.add_cells(node.grid.add(0, stamp, float(celsius[k])))
+        rows += node.reducer.rows()
+    rows += node.reducer.rows(final=True)
+    assert [stamp for stamp, _ in rows] == [5_500_000_000, 6_500_000_000]
+    for row, first in zip(rows, (0, 100), strict=True):
+        part = slice(first, first + 100)
+        expected = [*raw[part].mean(axis=0), *reference[part].mean(axis=0), celsius[part].mean()]
+        np.testing.assert_allclose(row[1], expected, rtol=1e-12)
 
 
-def test_a_cell_without_any_sample_is_no_row() -> None:
-    reducer = StreamReducer(SECOND)
-    reducer.add_cells([cells(3, 20.0, measured=False)])
-    assert reducer.rows(final=True) == []
+def test_a_row_waits_for_wrenches_of_a_later_cell():
+    node = Node()
+    node.raw(0.2, 1.0)
+    node.heat(0.5, 20.0)
+    node.heat(1.5, 21.0)
+    assert node.reducer.rows() == []
+    node.raw(0.9, 3.0)
+    assert node.reducer.rows() == []
+    node.raw(1.0, 9.0)
+    np.testing.assert_equal(cells(node.reducer.rows()), [(0, 2.0, NAN, 20.0)])
 
 
-def test_wrenches_of_a_gap_in_the_temperature_are_kept() -> None:
-    reducer = StreamReducer(SECOND)
-    for second in range(3, 9):
-        reducer.add_raw(second * SECOND, [float(second)] * 6)
-    reducer.add_cells([cells(3, 20.0), cells(4, 20.0, measured=False, count=4), cells(8, 21.0)])
-    rows = reducer.rows(final=True)
-    assert [stamp // SECOND for stamp, _ in rows] == [3, 4, 5, 6, 7, 8]
-    assert [values[2] for _, values in rows] == [3.0, 4.0, 5.0, 6.0, 7.0, 8.0]
-    assert [math.isnan(values[12]) for _, values in rows] == [False] + [True] * 4 + [False]
+def test_a_reference_is_waited_for_once_there_is_one():
+    node = Node()
+    node.reference(0.1, 5.0)
+    node.raw(0.1, 1.0)
+    node.heat(0.5, 20.0)
+    node.heat(1.5, 21.0)
+    node.raw(1.5, 2.0)
+    assert node.reducer.rows() == []
+    node.reference(0.9, 7.0)
+    node.reference(1.1, 0.0)
+    np.testing.assert_equal(cells(node.reducer.rows()), [(0, 1.0, 6.0, 20.0)])
 
 
-def test_a_row_waits_for_the_wrenches_of_its_cell() -> None:
-    reducer = StreamReducer(SECOND)
-    reducer.add_cells([cells(3, 20.0)])
-    reducer.add_raw(3 * SECOND, [1.0] * 6)
-    assert reducer.rows() == []
-    reducer.add_raw(3 * SECOND + SECOND // 2, [3.0] * 6)
-    reducer.add_raw(4 * SECOND, [9.0] * 6)
-    ((_, values),) = reducer.rows()
-    assert values[:6] == pytest.approx([2.0] * 6)
-    assert values[12] == 20.0
-    assert reducer.rows() == []
+def test_without_wrenches_rows_come_after_all():
+    node = Node()
+    for second in range(60):
+        node.heat(second + 0.5, 20.0 + second)
+    rows = cells(node.reducer.rows())
+    assert [row[0] for row in rows] == list(range(len(rows)))
+    assert 0 < len(rows) < 60
+    assert all(math.isnan(row[1]) for row in rows)
 
 
-def test_a_silent_sensor_does_not_hold_the_rows_for_ever() -> None:
-    reducer = StreamReducer(SECOND)
-    for cell in range(200):
-        reducer.add_cells([cells(cell, 20.0)])
-    rows = reducer.rows()
-    assert 100 < len(rows) < 200
-    assert [stamp // SECOND for stamp, _ in rows] == list(range(len(rows)))
+@pytest.mark.parametrize('other', [25.0, None])
+def test_a_held_temperature_is_not_written_as_measured(other):
+    node = Node(thermometers=2)
+    node.heat(0.5, 20.0, 30.0)
+    for second in range(1, 12):
+        node.raw(second, 1.0)
+        node.heat(second + 0.5, 20.0, other)
+    rows = cells(node.reducer.rows(final=True))
+    expected = NAN if other is None else other
+    np.testing.assert_equal(rows[1], (1, 1.0, NAN, 20.0, expected))
+
+
+def test_wrenches_in_a_gap_of_the_thermometer_are_kept():
+    node = Node()
+    for second in range(20):
+        node.raw(second + 0.1, float(second))
+        if not 3 <= second < 15:
+            node.heat(second + 0.2, 20.0)
+    rows = cells(node.reducer.rows(final=True))
+    assert [row[0] for row in rows] == list(range(19))
+    assert [row[1] for row in rows] == list(range(19))
+    assert [row[0] for row in rows if math.isnan(row[3])] == list(range(3, 15))
+
+
+def test_a_gap_in_everything_leaves_no_empty_rows():
+    node = Node()
+    for second in (0, 1, 100_000, 100_001):
+        node.raw(second + 0.1, 1.0)
+        node.heat(second + 0.2, 20.0)
+    rows = cells(node.reducer.rows(final=True))
+    assert [row[0] for row in rows] == [0, 1, 100_000]
+
+
+def test_late_wrenches_are_dropped_and_do_not_pile_up():
+    node = Node()
+    for second in range(200):
+        node.heat(second + 0.5, 20.0)
+        node.raw(second + 0.1, 1.0)
+        node.raw(max(second - 30, 0), 99.0)
+        node.reducer.rows()
+    assert len(node.reducer._raw._cells) < 35

@@ -9,6 +9,7 @@ from scipy import optimize
 
 from wrist_ft_comp.core import simulation_error as oe
 from wrist_ft_comp.core.features import Features
+from wrist_ft_comp.core.moments import Moments, accumulate, bank_inputs
 from wrist_ft_comp.core.problem import (
     AxisProblem,
     cross_validation_blocks,
@@ -86,13 +87,13 @@ def textbook_ridge(x: Array, y: Array, width: int, strength: float) -> Array:
     return np.linalg.lstsq(stacked, np.concatenate((target, np.zeros(width))), rcond=None)[0]
 
 
-def moments_of(problem: AxisProblem, taus: Array = GRID) -> oe.Moments:
-    return oe.accumulate(problem, oe.bank_inputs(problem, FEATURES, taus), taus)
+def moments_of(problem: AxisProblem, taus: Array = GRID) -> Moments:
+    return accumulate(problem, bank_inputs(problem, FEATURES, taus), taus)
 
 
 def test_the_bank_is_the_textbook_loop(problem: AxisProblem, lagged: Callable[..., Array]) -> None:
     for found, expected in zip(
-        oe.bank_inputs(problem, FEATURES, GRID), textbook_bank(problem, GRID, lagged), strict=True
+        bank_inputs(problem, FEATURES, GRID), textbook_bank(problem, GRID, lagged), strict=True
     ):
         np.testing.assert_allclose(found, expected, atol=1e-10)
 

@@ -1,15 +1,16 @@
 """wrist_ft_comp calibrate: recordings to a model."""
 
 import argparse
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
 
-from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.tables import chamber_table_text
+from wrist_ft_comp import SettingsError
+from wrist_ft_comp.cli import options, paths, values
+from wrist_ft_comp.cli.tables import chamber_table_text, figures_json
 from wrist_ft_comp.core.calibration import Calibration, CalibrationSettings
 from wrist_ft_comp.core.chamber_fit import (
+    ChamberFigures,
     chamber_figures,
     compensate_table,
     leave_one_temperature_out,
@@ -21,14 +22,17 @@ from wrist_ft_comp.files.calibration_job import CalibrationJob, run_job
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.model_file import StoredModel
 from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.files.report import write_report
+from wrist_ft_comp.files.report import ReportedRecording, write_report
 
 EXAMPLES = """\
 examples:
   wrist_ft_comp calibrate warm_up.mcap -o model.yaml
   wrist_ft_comp calibrate monday/ tuesday/ -o model.yaml --report report.html
-  wrist_ft_comp calibrate data/keller_pa10/table2_sensor_b_raw.csv -o keller_b.yaml
+  wrist_ft_comp calibrate loaded.csv --reference recorded -o model.yaml --json
+  wrist_ft_comp calibrate data/keller_pa10/table2_sensor_b_raw.csv -o b.yaml
 """
+
+Columns = dict[str, ChamberFigures]
 
 
 def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
@@ -36,7 +40,8 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
     parser = commands.add_parser(
         'calibrate',
         help='learn the drift from recordings',
-        description='Learn the drift of every recorded axis and write a model file.',
+        description='Learn the drift of every recorded axis and write a model file.\n'
+        'An existing model file is replaced; any other existing file is not.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -47,7 +52,10 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='MODEL.yaml')
     options.add_reference(parser)
     parser.add_argument(
-        '--method', choices=METHODS, help='(default: pls for chamber tables, else auto)'
+        '--method',
+        choices=METHODS,
+        metavar='METHOD',
+        help=f'{", ".join(METHODS)} (default: pls for chamber tables, else auto)',
     )
     _add_structure(parser)
     options.add_topics(parser)
@@ -63,58 +71,93 @@ def _add_structure(parser: argparse.ArgumentParser) -> None:
         help='powers of temperature, or hat functions at given temperatures '
         '(default: hats for chamber tables, else powers)',
     )
-    parser.add_argument('--degree', type=int, default=defaults.identification.degree)
+    parser.add_argument(
+        '--degree',
+        type=int,
+        default=defaults.identification.degree,
+        help='highest power of temperature, 1 to 4 (default: %(default)s)',
+    )
     parser.add_argument(
         '--hat-temperatures',
-        type=options.temperatures,
+        type=values.temperatures,
         default=(),
         metavar='T1,T2,…',
-        help='°C (default: the plateaus that were recorded)',
+        help='of hat functions, °C (default: the plateaus that were recorded)',
     )
-    parser.add_argument('--latents', type=int, help='(default: chosen on held-out blocks)')
-    parser.add_argument('--thermal-period', type=options.positive, default=1.0, metavar='SECONDS')
+    parser.add_argument(
+        '--latents', type=int, metavar='N', help='(default: chosen on held-out blocks)'
+    )
+    parser.add_argument(
+        '--thermal-period',
+        type=values.period,
+        default=1.0,
+        metavar='SECONDS',
+        help='length of a thermal cell (default: %(default)s)',
+    )
     parser.add_argument(
         '--min-temperature-span',
-        type=options.not_negative,
+        type=values.not_negative,
         default=defaults.min_temperature_span_k,
         metavar='KELVIN',
+        help='refuse when no thermometer spans this much (default: %(default)s)',
     )
-    parser.add_argument(
-        '--keep-copied-columns',
-        action='store_true',
-        help='fit columns of a chamber table that repeat another one, too',
-    )
+    options.add_copied_columns(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
+    paths.check_recordings(arguments.recordings)
+    paths.check_model_target(arguments.output)
+    paths.check_report_target(arguments.report, [arguments.output, *arguments.recordings])
     job = _job(arguments)
     with options.progress_bar('calibrating') as progress:
         calibration, stored, _ = run_job(job, progress)
-    if arguments.report:
-        recordings = [
-            read_recording(path, period_s=job.period_s, topics=job.topics)
-            for path in job.recordings
-        ]
-        write_report(arguments.report, stored, recordings, job.settings.reference)
+    tables = _chamber_figures(job, stored)
     if arguments.json:
-        print(json.dumps(_as_json(calibration, stored), indent=1))
+        options.print_json(_as_json(calibration, stored, tables))
     else:
         print(summarise(calibration))
         print(f'saved as {stored.path}')
-        _print_chamber_figures(job, stored)
+        for name, columns in tables.items():
+            print(f'\n{name}\n{chamber_table_text(columns)}')
+    if arguments.report:
+        _write_report(arguments.report, job, stored, tables)
     return 0
 
 
+def _write_report(
+    path: Path, job: CalibrationJob, stored: StoredModel, tables: dict[str, Columns]
+) -> None:
+    """Show what the model does to the recordings it was learnt from."""
+    reported = [
+        ReportedRecording(
+            read_recording(
+                recording,
+                period_s=job.period_s,
+                topics=job.topics,
+                keep_copied_columns=job.keep_copied_columns,
+            ),
+            job.settings.reference,
+            tables.get(str(recording), {}),
+        )
+        for recording in job.recordings
+    ]
+    write_report(path, stored, reported)
+
+
 def _job(arguments: argparse.Namespace) -> CalibrationJob:
-    """Build the job; chamber tables have their own defaults."""
+    """Build the job; chamber tables have their own defaults, and knots mean hats."""
+    if arguments.hat_temperatures and arguments.features == 'powers':
+        raise SettingsError('--hat-temperatures belongs to --features hats; leave one out.')
+    hats: FeatureKind | None = 'hats' if arguments.hat_temperatures else None
     tables = all(path.is_file() and is_chamber_table(path) for path in arguments.recordings)
+    default: FeatureKind = 'hats' if tables else 'powers'
     settings = CalibrationSettings(
         reference=arguments.reference or ('recorded' if tables else 'unloaded'),
         min_temperature_span_k=arguments.min_temperature_span,
         identification=IdentificationSettings(
             method=arguments.method or ('pls' if tables else 'auto'),
-            features=arguments.features or ('hats' if tables else 'powers'),
+            features=arguments.features or hats or default,
             degree=arguments.degree,
             hat_temperatures_c=arguments.hat_temperatures,
             latents=arguments.latents,
@@ -130,7 +173,9 @@ def _job(arguments: argparse.Namespace) -> CalibrationJob:
     )
 
 
-def _as_json(calibration: Calibration, stored: StoredModel) -> dict[str, object]:
+def _as_json(
+    calibration: Calibration, stored: StoredModel, tables: dict[str, Columns]
+) -> dict[str, object]:
     """Everything a script may want."""
     return {
         'model': str(stored.path),
@@ -149,11 +194,13 @@ def _as_json(calibration: Calibration, stored: StoredModel) -> dict[str, object]
         'temperature_range_c': calibration.temperature_range_c.tolist(),
         'duration_s': calibration.duration_s,
         'warnings': list(calibration.warnings),
+        'chamber_tables': figures_json(tables),
     }
 
 
-def _print_chamber_figures(job: CalibrationJob, stored: StoredModel) -> None:
-    """Show a chamber table's figures: raw, fitted, and every temperature left out in turn."""
+def _chamber_figures(job: CalibrationJob, stored: StoredModel) -> dict[str, Columns]:
+    """Judge chamber tables: raw, fitted, and every temperature left out in turn."""
+    tables: dict[str, Columns] = {}
     for path in job.recordings:
         if not is_chamber_table(path):
             continue
@@ -165,4 +212,5 @@ def _print_chamber_figures(job: CalibrationJob, stored: StoredModel) -> None:
         left_out = leave_one_temperature_out(table, job.settings, job.period_s)
         if left_out is not None:
             columns['left out'] = chamber_figures(left_out)
-        print(f'\n{path.name}\n{chamber_table_text(columns)}')
+        tables[str(path)] = columns
+    return tables

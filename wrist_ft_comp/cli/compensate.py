@@ -1,10 +1,9 @@
 """wrist_ft_comp compensate: a recording with its drift removed."""
 
 import argparse
-import sys
 from pathlib import Path
 
-from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli import options, paths, values
 from wrist_ft_comp.core.chamber_fit import table_tare
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.evaluation import correct_many, initial_tare, track_drift
@@ -25,8 +24,9 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
     parser = commands.add_parser(
         'compensate',
         help='remove the drift from a recording',
-        description='Write a recording of the same kind with compensated wrenches. In CSV files '
-        'they replace the raw ones; in bags they come beside them, on a topic of their own.',
+        description='Write a recording of the same kind with compensated wrenches.\n'
+        'In CSV files they replace the raw ones; in bags they come beside them, on a\n'
+        'topic of their own. An existing file or folder is never overwritten.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -36,18 +36,25 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='OUT')
     parser.add_argument(
         '--tare',
-        type=options.not_negative,
+        type=values.not_negative,
         default=0.0,
         metavar='SECONDS',
         help='tare on the first SECONDS, which must be unloaded (default: 0, no tare; a chamber '
         'table is tared without load at its reference temperature)',
     )
-    parser.add_argument('--output-topic', default='/wrench', metavar='TOPIC', help='in bags')
-    options.add_topics(parser)
+    group = options.add_topics(parser)
+    group.add_argument(
+        '--output-topic',
+        default='/wrench',
+        metavar='TOPIC',
+        help='of compensated wrenches (default: %(default)s)',
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
+    paths.check_model(arguments.model)
+    paths.check_recordings([arguments.recording])
     model = load_model(arguments.model).model
     topics = options.topics_from(arguments)
     with options.progress_bar('compensating') as progress:
@@ -67,8 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
             output_topic=arguments.output_topic,
             progress=lambda done: progress((1 + 2 * done) / 3),
         )
-    for warning in dict.fromkeys((*recording.warnings, *warnings)):
-        print(f'warning: {warning}', file=sys.stderr)
+    options.print_warnings((*recording.warnings, *warnings))
     print(f'wrote {arguments.output}')
     return 0
 

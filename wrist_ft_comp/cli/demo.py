@@ -1,37 +1,29 @@
 """wrist_ft_comp demo: a simulated sensor, the real node, and a table of what it removed."""
 
 import argparse
-import json
-import os
-import signal
-import subprocess
-import sys
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
+from matplotlib.figure import Figure
 
 from wrist_ft_comp import RecordingError
-from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli import values
+from wrist_ft_comp.cli.demo_processes import TOPICS, play
 from wrist_ft_comp.cli.evaluate import evaluation_text
 from wrist_ft_comp.core.evaluation import AxisEvaluation
-from wrist_ft_comp.core.recording import AXES, NANOSECONDS, axis_unit
+from wrist_ft_comp.core.recording import AXES, NANOSECONDS, FloatArray, axis_unit
 from wrist_ft_comp.files.demo_log import DemoLog, load_demo_log
 from wrist_ft_comp.files.pictures import DriftSeries, TemperatureSeries, draw_drift, save_png
 
-TOPICS = ('temperature', 'temperature_2')
-#: The sensor warms up, rests, works, and cools while recording; then it lives another day.
-_RECORD_DUTY = ((0, 0.0), (300, 0.9), (3600, 0.0), (5700, 0.5), (8100, 1.0), (9600, 0.0))
-_RECORD_S = 11400
-_TEST_DUTY = ((0, 0.0), (2400, 0.7), (4800, 0.2), (6600, 1.0), (8400, 0.0), (9300, 0.6))
-_TEST_S = 10800
 _TARE_S = 60.0
 _WANTED_RATIO = 10.0
-_END_TIMEOUT_S = 10.0
+EXAMPLES = """\
+examples:
+  wrist_ft_comp demo
+  wrist_ft_comp demo --seed 2 --output /tmp/demo
+"""
 
 
 def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
@@ -39,14 +31,35 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
     parser = commands.add_parser(
         'demo',
         help='watch the node learn and remove a simulated drift',
-        description='Start a simulated sensor and the compensator as processes, record a warm-up, '
-        'calibrate, let the robot cool down and warm up differently, and print what is left of '
-        'the drift. Exit code 0 when drift of force z fell at least tenfold.',
+        description='Start a simulated sensor and the compensator as processes, record a\n'
+        'warm-up, calibrate, let the robot cool down and warm up differently, and print\n'
+        'what is left of the drift.\n'
+        f'Exit code 0 when drift of force z fell at least {_WANTED_RATIO:.0f} times.',
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)
-    parser.add_argument('--output', type=Path, default=Path('out'), metavar='FOLDER')
-    parser.add_argument('--seed', type=int, default=1, help='specimen of the simulated sensor')
-    parser.add_argument('--speed', type=options.positive, default=450.0, help='times real time')
+    parser.add_argument(
+        '--output',
+        type=Path,
+        default=Path('out'),
+        metavar='FOLDER',
+        help='for the picture, demo.png (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--seed',
+        type=int,
+        default=1,
+        metavar='N',
+        help='specimen of the simulated sensor (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--speed',
+        type=values.positive,
+        default=450.0,
+        metavar='TIMES',
+        help='how many times faster than real time (default: %(default)g)',
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -64,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
         ) from error
     with tempfile.TemporaryDirectory(prefix='wrist_ft_comp_demo_') as folder:
         log_file = Path(folder, 'log.npz')
-        _play(arguments, Path(folder), log_file)
+        play(Path(folder), log_file, arguments.seed, arguments.speed)
         log = load_demo_log(log_file)
     results = judge(log)
     print(f'\nafter the calibration, over {len(log.stamps_ns)} wrenches received from the topics:')
@@ -78,112 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if ratio >= _WANTED_RATIO else 1
 
 
-def _play(arguments: argparse.Namespace, folder: Path, log_file: Path) -> None:
-    """Run the three processes until the operator is done."""
-    environment = {
-        **os.environ,
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        'ROS_DOMAIN_ID': os.environ.get('ROS_DOMAIN_ID', '94'),
-    }
-    with ExitStack() as stack:
-        stack.enter_context(
-            _process(
-                'compensator_node',
-                *_ros_arguments(
-                    data_directory=folder / 'data',
-                    temperature_topics=_array(TOPICS),
-                    **{'calibration.reference': 'recorded'},
-                ),
-                environment=environment,
-            )
-        )
-        operator = stack.enter_context(
-            _process(
-                'demo_client',
-                str(log_file),
-                str(_RECORD_S),
-                str(_TEST_S),
-                *TOPICS,
-                environment=environment,
-                stdout=subprocess.PIPE,
-            )
-        )
-        bar = stack.enter_context(tqdm(total=1.0, disable=None, leave=False))
-        for event in _events(operator):
-            if event['event'] == 'recording':
-                stack.enter_context(
-                    _process('simulated_sensor_node', *_sensor(arguments), environment=environment)
-                )
-            elif event['event'] == 'progress':
-                bar.set_description(str(event['what']))
-                bar.update(float(str(event['share'])) - bar.n)
-            elif event['event'] == 'failed':
-                raise RecordingError(f'The demonstration failed: {event["text"]}')
-            elif event['event'] == 'message':
-                bar.clear()
-                print(event['text'], flush=True)
-    if not log_file.exists():
-        raise RecordingError('The demonstration ended without a result; see the messages above.')
-
-
-def _events(operator: 'subprocess.Popen[str]') -> Iterator[dict[str, object]]:
-    """Read what the operator tells, a JSON object a line."""
-    if operator.stdout is not None:
-        for line in operator.stdout:
-            yield json.loads(line)
-
-
-def _sensor(arguments: argparse.Namespace) -> list[str]:
-    """Set the simulated sensor up for both days."""
-    duty = [*_RECORD_DUTY, *((_RECORD_S + start, level) for start, level in _TEST_DUTY)]
-    return _ros_arguments(
-        seed=arguments.seed,
-        speed=arguments.speed,
-        wrench_rate=500.0,
-        temperature_rate=arguments.speed,
-        **{
-            'duty_cycle.start_s': _array([float(start) for start, _ in duty]),
-            'duty_cycle.level': _array([float(level) for _, level in duty]),
-        },
-    )
-
-
-def _ros_arguments(**parameters: object) -> list[str]:
-    """Write parameters as a ROS command line."""
-    pairs = (['-p', f'{name}:={value}'] for name, value in parameters.items())
-    return ['--ros-args', *(word for pair in pairs for word in pair)]
-
-
-def _array(values: Sequence[object]) -> str:
-    """Write an array as ROS parameters are written."""
-    return f'[{", ".join(str(value) for value in values)}]'
-
-
-@contextmanager
-def _process(
-    module: str, *arguments: str, environment: dict[str, str], stdout: int | None = None
-) -> Iterator['subprocess.Popen[str]']:
-    """Run one of the package's programs; end it by its own id."""
-    process = subprocess.Popen(  # noqa: S603 -- our own modules, no shell
-        [sys.executable, '-m', f'wrist_ft_comp.ros.{module}', *arguments],
-        env=environment,
-        stdout=stdout,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.send_signal(signal.SIGINT)
-        try:
-            process.wait(_END_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        if process.stdout is not None:
-            process.stdout.close()
-
-
-def errors(log: DemoLog) -> tuple[np.ndarray, np.ndarray]:
+def errors(log: DemoLog) -> tuple[FloatArray, FloatArray]:
     """
     Compare with the reference everything after the calibration, tared on its first minute.
 
@@ -197,10 +105,20 @@ def errors(log: DemoLog) -> tuple[np.ndarray, np.ndarray]:
     tuple of ndarrays, shape (n, 6)
         Raw and compensated minus reference.
 
+    Raises
+    ------
+    RecordingError
+        When nothing was received in that minute.
+
     """
     after = log.stamps_ns > log.calibrated_ns
     since = log.stamps_ns[after] - log.calibrated_ns
     tare = since <= _TARE_S * NANOSECONDS
+    if not tare.any():
+        raise RecordingError(
+            f'No wrench was received in the {_TARE_S:g} s after the calibration, so the '
+            'demonstration cannot be judged. Try a lower --speed.'
+        )
     raw, compensated = (
         wrench[after] - log.reference[after] for wrench in (log.raw, log.compensated)
     )
@@ -234,7 +152,7 @@ def judge(log: DemoLog) -> dict[str, AxisEvaluation]:
     }
 
 
-def _draw(log: DemoLog) -> 'object':
+def _draw(log: DemoLog) -> Figure:
     """Draw what came after the calibration."""
     raw, compensated = errors(log)
     after = log.stamps_ns > log.calibrated_ns

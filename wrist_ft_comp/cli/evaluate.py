@@ -1,29 +1,56 @@
 """wrist_ft_comp evaluate: what a model leaves of the drift in other recordings."""
 
 import argparse
-import json
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.tables import chamber_table_text, table_text
+from wrist_ft_comp.cli import options, paths, values
+from wrist_ft_comp.cli.tables import chamber_table_text, figures_json, table_text
 from wrist_ft_comp.core.chamber_fit import ChamberFigures, chamber_figures, compensate_table
 from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate
 from wrist_ft_comp.core.problem import Reference
 from wrist_ft_comp.core.recording import AXES, NANOSECONDS, Recording, axis_unit
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
-from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.files.model_file import StoredModel, load_model
 from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.files.report import write_report
+from wrist_ft_comp.files.report import ReportedRecording, write_report
 
 EXAMPLES = """\
 examples:
   wrist_ft_comp evaluate model.yaml wednesday.mcap
   wrist_ft_comp evaluate model.yaml loaded.csv --reference recorded --json
 """
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """
+    One recording and what a model leaves of its drift.
+
+    Attributes
+    ----------
+    path : Path
+        As typed.
+    recording : Recording
+        On the model's grid.
+    reference : {'unloaded', 'constant', 'recorded'}
+        What it was compared with.
+    axes : dict of str to AxisEvaluation
+        By axis.
+    figures : dict of str to ChamberFigures
+        Of a chamber table, by title.
+
+    """
+
+    path: Path
+    recording: Recording
+    reference: Reference
+    axes: dict[str, AxisEvaluation]
+    figures: dict[str, ChamberFigures]
 
 
 def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
@@ -43,50 +70,72 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
     options.add_reference(parser)
     parser.add_argument(
         '--tare',
-        type=options.not_negative,
+        type=values.not_negative,
         default=60.0,
         metavar='SECONDS',
         help='tare on the first SECONDS (default: 60)',
     )
+    options.add_copied_columns(parser)
     options.add_topics(parser)
     options.add_output_forms(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
+    paths.check_model(arguments.model)
+    paths.check_recordings(arguments.recordings)
+    paths.check_report_target(arguments.report, [arguments.model, *arguments.recordings])
     stored = load_model(arguments.model)
-    period_s = stored.model.period_ns / NANOSECONDS
-    recordings: list[Recording] = []
-    results: list[dict[str, AxisEvaluation]] = []
-    tables: dict[str, dict[str, ChamberFigures]] = {}
-    reference: Reference = 'unloaded'
+    count = len(arguments.recordings)
     with options.progress_bar('evaluating') as progress:
-        for number, path in enumerate(arguments.recordings):
-            recording = read_recording(
-                path, period_s=period_s, topics=options.topics_from(arguments)
-            )
-            is_table = path.is_file() and is_chamber_table(path)
-            reference = arguments.reference or ('recorded' if is_table else 'unloaded')
-            results.append(evaluate(stored.model, recording, reference, arguments.tare))
-            recordings.append(recording)
-            if is_table:
-                table = read_chamber_table(path)
-                compensated = compensate_table(table, stored.model)
-                tables[path.name] = {
-                    'raw': chamber_figures(table),
-                    'compensated': chamber_figures(compensated),
-                }
-            progress((number + 1) / len(arguments.recordings))
-    pooled = pool(results, [len(recording) for recording in recordings])
-    if arguments.report:
-        write_report(arguments.report, stored, recordings, reference)
+        judged = [
+            _judge(arguments, stored, path, partial(_report_part, progress, number, count))
+            for number, path in enumerate(arguments.recordings)
+        ]
+    pooled = pool([each.axes for each in judged], [len(each.recording) for each in judged])
     if arguments.json:
-        print(json.dumps(_as_json(pooled, recordings, results, tables), indent=1))
+        options.print_json(_as_json(stored, arguments.tare, pooled, judged))
     else:
         print(evaluation_text(pooled))
-        for name, columns in tables.items():
-            print(f'\n{name}\n{chamber_table_text(columns)}')
+        for each in judged:
+            if each.figures:
+                print(f'\n{each.path}\n{chamber_table_text(each.figures)}')
+    options.print_warnings(warning for each in judged for warning in each.recording.warnings)
+    if arguments.report:
+        reported = [ReportedRecording(e.recording, e.reference, e.figures) for e in judged]
+        write_report(arguments.report, stored, reported, arguments.tare)
     return 0
+
+
+def _report_part(report: Callable[[float], None], number: int, count: int, done: float) -> None:
+    """Report the share that is done when a share of one recording is."""
+    report((number + done) / count)
+
+
+def _judge(
+    arguments: argparse.Namespace,
+    stored: StoredModel,
+    path: Path,
+    progress: Callable[[float], None],
+) -> _Judged:
+    """Read a recording and compare; chamber tables have loads and figures of their own."""
+    keep = arguments.keep_copied_columns
+    recording = read_recording(
+        path,
+        period_s=stored.model.period_ns / NANOSECONDS,
+        topics=options.topics_from(arguments),
+        keep_copied_columns=keep,
+        progress=progress,
+    )
+    is_table = path.is_file() and is_chamber_table(path)
+    reference: Reference = arguments.reference or ('recorded' if is_table else 'unloaded')
+    axes = evaluate(stored.model, recording, reference, arguments.tare)
+    figures = {}
+    if is_table:
+        table = read_chamber_table(path, keep_copied_columns=keep)
+        figures['raw'] = chamber_figures(table)
+        figures['compensated'] = chamber_figures(compensate_table(table, stored.model))
+    return _Judged(path, recording, reference, axes, figures)
 
 
 def pool(
@@ -110,20 +159,22 @@ def pool(
     """
     pooled = {}
     for axis in AXES:
-        found = [(result[axis], n) for result, n in zip(results, cells, strict=True) if axis in result]
+        of_axis = [result.get(axis) for result in results]
+        found = [(e, n) for e, n in zip(of_axis, cells, strict=True) if e is not None]
         if found:
             weights = [n for _, n in found]
-            before, after = (
-                float(np.sqrt(np.average([getattr(e, name) ** 2 for e, _ in found], weights=weights)))
-                for name in ('rms_before', 'rms_after')
-            )
             pooled[axis] = AxisEvaluation(
-                before,
-                after,
+                _root_mean_square([e.rms_before for e, _ in found], weights),
+                _root_mean_square([e.rms_after for e, _ in found], weights),
                 max(e.max_before for e, _ in found),
                 max(e.max_after for e, _ in found),
             )
     return pooled
+
+
+def _root_mean_square(values: Sequence[float], weights: Sequence[int]) -> float:
+    """Pool root mean squares."""
+    return float(np.sqrt(np.average(np.square(values), weights=weights)))
 
 
 def evaluation_text(axes: dict[str, AxisEvaluation]) -> str:
@@ -146,25 +197,29 @@ def evaluation_text(axes: dict[str, AxisEvaluation]) -> str:
 
 
 def _as_json(
+    stored: StoredModel,
+    tare_s: float,
     pooled: dict[str, AxisEvaluation],
-    recordings: Sequence[Recording],
-    results: Sequence[dict[str, AxisEvaluation]],
-    tables: dict[str, dict[str, ChamberFigures]],
+    judged: Sequence[_Judged],
 ) -> dict[str, object]:
     """Everything a script may want."""
     return {
+        'model': str(stored.path),
+        'sha256': stored.sha256,
+        'tare_s': tare_s,
         'axes': {axis: asdict(e) for axis, e in pooled.items()},
         'recordings': [
             {
-                'name': recording.name,
-                'duration_s': recording.duration_s,
-                'axes': {axis: asdict(e) for axis, e in result.items()},
-                'warnings': list(recording.warnings),
+                'name': each.recording.name,
+                'path': str(each.path),
+                'reference': each.reference,
+                'duration_s': each.recording.duration_s,
+                'axes': {axis: asdict(e) for axis, e in each.axes.items()},
+                'warnings': list(each.recording.warnings),
             }
-            for recording, result in zip(recordings, results, strict=True)
+            for each in judged
         ],
-        'chamber_tables': {
-            name: {title: asdict(figures) for title, figures in columns.items()}
-            for name, columns in tables.items()
-        },
+        'chamber_tables': figures_json(
+            {str(each.path): each.figures for each in judged if each.figures}
+        ),
     }

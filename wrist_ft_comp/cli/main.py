@@ -1,16 +1,29 @@
-"""The command ``wrist_ft_comp``: exit code 0 done, 1 refused or failed with one sentence, 2 usage."""
+"""
+The command ``wrist_ft_comp``.
+
+Exit code 0 done, 1 refused or failed with one sentence on standard error, 2 usage.
+"""
 
 import argparse
+import io
 import os
 import sys
 from collections.abc import Sequence
 
 import wrist_ft_comp
 from wrist_ft_comp import WristFtCompError
-from wrist_ft_comp.cli import calibrate, compensate, demo, evaluate, show
+from wrist_ft_comp.cli import calibrate, compensate, demo, evaluate, show, values
 
 #: What a shell reports for a command that Ctrl-C ended.
 _INTERRUPTED = 130
+EXAMPLES = """\
+examples:
+  wrist_ft_comp calibrate warm_up.mcap -o model.yaml
+  wrist_ft_comp evaluate model.yaml another_day.mcap
+  wrist_ft_comp compensate model.yaml another_day.mcap -o compensated/
+
+Run "wrist_ft_comp COMMAND --help" for the options of a command.
+"""
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -18,7 +31,8 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='wrist_ft_comp',
         description='Remove the temperature drift of a wrist force/torque sensor.',
-        epilog='Run "wrist_ft_comp COMMAND --help" for the options of a command.',
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('--version', action='version', version=wrist_ft_comp.__version__)
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
@@ -42,21 +56,54 @@ def main(argv: Sequence[str] | None = None) -> int:
         Exit code.
 
     """
-    arguments = build_parser().parse_args(argv)
+    _print_any_text()
     try:
-        code: int = arguments.run(arguments)
-        sys.stdout.flush()
+        return _run(sys.argv[1:] if argv is None else argv)
     except WristFtCompError as error:
-        print(f'wrist_ft_comp: {error}', file=sys.stderr)
-        return 1
+        return _refuse(str(error))
     except KeyboardInterrupt:
-        print('wrist_ft_comp: interrupted; nothing was left half-written.', file=sys.stderr)
+        _refuse('interrupted; nothing was left half-written.')
         return _INTERRUPTED
-    except BrokenPipeError:
-        # The reader of our output has gone (such as "head"); Python must not try to flush again.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # the reader of our output has gone, such as "head"
+        _abandon_output()
         return 0
+    except OSError as error:
+        where = f'{error.filename}: ' if error.filename is not None else 'Reading or writing: '
+        return _refuse(f'{where}{error.strerror or error}. Check the path, rights and free space.')
+
+
+def _run(argv: Sequence[str]) -> int:
+    """Parse and run; what was printed has left the process then, or an error says why not."""
+    try:
+        arguments = build_parser().parse_args(values.with_negative_values(argv))
+    except SystemExit:  # --help and --version have printed
+        sys.stdout.flush()
+        raise
+    code = int(arguments.run(arguments))
+    sys.stdout.flush()
     return code
+
+
+def _refuse(sentence: str) -> int:
+    """Say on one line of standard error why there is no result."""
+    print(f'wrist_ft_comp: {" ".join(sentence.split())}', file=sys.stderr)
+    try:
+        sys.stdout.flush()
+    except OSError:
+        _abandon_output()
+    return 1
+
+
+def _print_any_text() -> None:
+    """Write characters that a narrow locale lacks, such as "°", as escapes instead of failing."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors='backslashreplace')
+
+
+def _abandon_output() -> None:
+    """Let Python's own flush at exit succeed although nobody takes our output."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == '__main__':

@@ -1,8 +1,10 @@
-"""Options that several commands share, and how their values become settings."""
+"""Options that several commands share, and the forms of their output."""
 
 import argparse
+import json
 import math
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import get_args
@@ -18,97 +20,13 @@ RECORDING_HELP = (
 )
 
 
-def positive(text: str) -> float:
-    """
-    Parse a positive number.
-
-    Parameters
-    ----------
-    text : str
-        As typed.
-
-    Returns
-    -------
-    float
-        Finite and above 0.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        When it is not.
-
-    """
-    value = _number(text)
-    if value <= 0:
-        raise argparse.ArgumentTypeError(f'expected a number above 0, got {text}')
-    return value
-
-
-def not_negative(text: str) -> float:
-    """
-    Parse a number of at least 0.
-
-    Parameters
-    ----------
-    text : str
-        As typed.
-
-    Returns
-    -------
-    float
-        Finite and at least 0.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        When it is not.
-
-    """
-    value = _number(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f'expected a number of at least 0, got {text}')
-    return value
-
-
-def temperatures(text: str) -> tuple[float, ...]:
-    """
-    Parse temperatures that are separated by commas.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``-40,0,20,50``.
-
-    Returns
-    -------
-    tuple of float
-        Increasing, without repetitions, °C.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        When one is not a number.
-
-    """
-    return tuple(sorted({_number(part) for part in text.split(',')}))
-
-
-def _number(text: str) -> float:
-    """Parse a finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f'expected a number, got {text!r}')
-    return value
-
-
-def add_topics(parser: argparse.ArgumentParser) -> None:
-    """Add the names of topics in bags."""
+def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Add the names of topics in bags; returns their group."""
     defaults = Topics()
     group = parser.add_argument_group('topics in bags')
-    group.add_argument('--wrench-topic', default=defaults.wrench, metavar='TOPIC')
+    group.add_argument(
+        '--wrench-topic', default=defaults.wrench, metavar='TOPIC', help='(default: %(default)s)'
+    )
     group.add_argument(
         '--temperature-topic',
         action='append',
@@ -116,7 +34,13 @@ def add_topics(parser: argparse.ArgumentParser) -> None:
         help='once per thermometer, the one inside the sensor first '
         f'(default: {", ".join(defaults.temperatures)})',
     )
-    group.add_argument('--reference-topic', default=defaults.reference, metavar='TOPIC')
+    group.add_argument(
+        '--reference-topic',
+        default=defaults.reference,
+        metavar='TOPIC',
+        help='(default: %(default)s)',
+    )
+    return group
 
 
 def topics_from(arguments: argparse.Namespace) -> Topics:
@@ -139,10 +63,57 @@ def add_reference(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_copied_columns(parser: argparse.ArgumentParser) -> None:
+    """Add whether to use columns that cannot have been measured."""
+    parser.add_argument(
+        '--keep-copied-columns',
+        action='store_true',
+        help='use columns of a chamber table that repeat another one, too',
+    )
+
+
 def add_output_forms(parser: argparse.ArgumentParser) -> None:
     """Add the forms of output."""
     parser.add_argument('--report', type=Path, metavar='REPORT.html', help='write a report, too')
     parser.add_argument('--json', action='store_true', help='print JSON for scripts')
+
+
+def print_json(value: object) -> None:
+    """
+    Print JSON for scripts: nothing else goes to standard output then.
+
+    Parameters
+    ----------
+    value : object
+        Dictionaries, lists and plain values; numbers that are not finite become null.
+
+    """
+    print(json.dumps(_finite(value), indent=1, allow_nan=False, default=str))
+
+
+def _finite(value: object) -> object:
+    """Put None in the place of numbers that JSON does not know."""
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def print_warnings(sentences: Iterable[str]) -> None:
+    """
+    Print warnings to standard error, each once.
+
+    Parameters
+    ----------
+    sentences : iterable of str
+        Of two that begin alike the longer one is printed.
+
+    """
+    distinct = dict.fromkeys(sentences)
+    for sentence in distinct:
+        if not any(other != sentence and other.startswith(sentence) for other in distinct):
+            print(f'warning: {sentence}', file=sys.stderr)
 
 
 @contextmanager

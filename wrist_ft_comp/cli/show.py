@@ -1,7 +1,6 @@
 """wrist_ft_comp show: what a file is."""
 
 import argparse
-import json
 from pathlib import Path
 
 from wrist_ft_comp.cli import options
@@ -9,6 +8,13 @@ from wrist_ft_comp.cli.tables import table_text
 from wrist_ft_comp.core.recording import NANOSECONDS, axis_unit
 from wrist_ft_comp.files.model_file import StoredModel, load_model
 from wrist_ft_comp.files.recordings import RecordingSummary, describe_recording
+from wrist_ft_comp.files.sniffing import looks_like_model
+
+EXAMPLES = """\
+examples:
+  wrist_ft_comp show model.yaml
+  wrist_ft_comp show warm_up.mcap --json
+"""
 
 
 def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
@@ -17,6 +23,8 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
         'show',
         help='say what a model or a recording holds',
         description='Say what a model file or a recording holds.',
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)
     parser.add_argument('file', type=Path, metavar='FILE', help='MODEL.yaml or REC')
@@ -26,28 +34,28 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    if arguments.file.suffix in ('.yaml', '.yml'):
+    if arguments.file.suffix in {'.yaml', '.yml'} or looks_like_model(arguments.file):
         stored = load_model(arguments.file)
         if arguments.json:
-            print(json.dumps({'sha256': stored.sha256, **stored.document}, indent=1))
+            options.print_json({'sha256': stored.sha256, **stored.document})
         else:
             print(_model_text(stored))
         return 0
     with options.progress_bar('reading') as progress:
         summary = describe_recording(arguments.file, options.topics_from(arguments), progress)
-    print(json.dumps(_summary_json(summary), indent=1) if arguments.json else _text(summary))
+    if arguments.json:
+        options.print_json(_summary_json(summary))
+    else:
+        print(_text(summary))
     return 0
 
 
 def _model_text(stored: StoredModel) -> str:
     """Describe a model for people."""
     document = stored.document
-    provenance = document['provenance']
     lines = [
         f'{stored.path}: a drift model, sha256 {stored.sha256[:12]}',
-        f'made {provenance.get("created", "at an unknown time")} from '
-        f'{document["duration_s"] / 3600:.2f} h in {len(provenance.get("recordings", []))} '
-        f'recordings; thermal period {stored.model.period_ns / NANOSECONDS:g} s',
+        _origin(stored),
         *(
             f'thermometer {j}: calibrated from {low:.1f} to {high:.1f} °C'
             for j, (low, high) in enumerate(
@@ -55,25 +63,48 @@ def _model_text(stored: StoredModel) -> str:
             )
         ),
         '',
-        table_text(
-            ['axis', 'unit', 'RMS before', 'after (held out)', 'drift', 'time constants, s'],
-            [
-                [
-                    axis,
-                    axis_unit(axis),
-                    f'{entry["rms_before"]:.4g}',
-                    f'{entry["rms_after"]:.4g}',
-                    _drifts(stored, axis),
-                    ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-',
-                ]
-                for axis, entry in document['axes'].items()
-            ],
-        ),
+        _axes_text(stored),
         '',
         *(f'{axis}: {entry["chosen"]}' for axis, entry in document['axes'].items()),
+        *(
+            f'{axis}: {note}'
+            for axis, entry in document['axes'].items()
+            for note in entry['notes']
+        ),
         *(f'warning: {warning}' for warning in document['warnings']),
     ]
     return '\n'.join(lines)
+
+
+def _origin(stored: StoredModel) -> str:
+    """Say when and from how much a model was made; people may have edited its provenance."""
+    provenance = stored.document['provenance']
+    recordings = provenance.get('recordings')
+    count = len(recordings) if isinstance(recordings, list) else 0
+    return (
+        f'made {provenance.get("created", "at an unknown time")} from '
+        f'{stored.document["duration_s"] / 3600:.2f} h in {count} '
+        f'recording{"" if count == 1 else "s"}; thermal period '
+        f'{stored.model.period_ns / NANOSECONDS:g} s'
+    )
+
+
+def _axes_text(stored: StoredModel) -> str:
+    """Put the evidence of every axis into a table."""
+    return table_text(
+        ['axis', 'unit', 'RMS before', 'after (held out)', 'drift', 'time constants, s'],
+        [
+            [
+                axis,
+                axis_unit(axis),
+                f'{entry["rms_before"]:.4g}',
+                f'{entry["rms_after"]:.4g}',
+                _drifts(stored, axis),
+                ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-',
+            ]
+            for axis, entry in stored.document['axes'].items()
+        ],
+    )
 
 
 def _drifts(stored: StoredModel, axis: str) -> str:

@@ -1,6 +1,7 @@
 """Tables that fit 80 columns."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 
 from wrist_ft_comp.core.chamber_fit import ChamberFigures
 
@@ -61,3 +62,26 @@ def chamber_table_text(columns: Mapping[str, ChamberFigures]) -> str:
             for title, name, form in rows
         ],
     )
+
+
+def figures_json(
+    tables: Mapping[str, Mapping[str, ChamberFigures]],
+) -> dict[str, dict[str, dict[str, float]]]:
+    """
+    Turn the figures of chamber tables into plain values.
+
+    Parameters
+    ----------
+    tables : mapping of str to mapping of str to ChamberFigures
+        By path, then by title.
+
+    Returns
+    -------
+    dict
+        The same, %FS and %FS/°C.
+
+    """
+    return {
+        path: {title: asdict(figures) for title, figures in columns.items()}
+        for path, columns in tables.items()
+    }

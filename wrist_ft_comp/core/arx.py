@@ -278,7 +278,7 @@ def free_run(arx: Arx, t: FloatArray) -> FloatArray:
     order = arx.longest_lag
     numerator, denominator = arx.polynomials(order)
     if not order:
-        return numerator[0] * t
+        return np.asarray(numerator[0] * t)
     resting = resting_state(numerator, denominator, arx.gain)
     start = resting.reshape((order,) + (1,) * (t.ndim - 1)) * t[:1]
     outputs: FloatArray = lfilter(numerator, denominator, t, axis=0, zi=start)[0]
@@ -304,4 +304,5 @@ def resting_state(numerator: FloatArray, denominator: FloatArray, gain: float) -
     """
     # z_i = Σ_{j > i} (b_j t - a_j u) with t = 1 and u = gain
     remainder = numerator[1:] - denominator[1:] * gain
-    return np.cumsum(remainder[::-1])[::-1]
+    state: FloatArray = np.cumsum(remainder[::-1])[::-1]
+    return state

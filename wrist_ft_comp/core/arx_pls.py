@@ -213,7 +213,7 @@ def from_loadings(
     return ArxPls(
         input_mean=np.zeros(inputs),
         input_weight=input_weight,
-        rotations=np.linalg.inv(loadings).T,
+        rotations=np.asarray(np.linalg.inv(loadings).T, dtype=float),
         latents=tuple(latents),
         output_loadings=output_loadings,
         output_weight=output_weight,

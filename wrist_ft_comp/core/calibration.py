@@ -1,6 +1,4 @@
-"""
-The use case of calibration: recordings and settings to a model with its evidence, or a refusal.
-"""
+"""The use case of calibration: from recordings to a model with its evidence, or a refusal."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -16,8 +14,9 @@ from wrist_ft_comp.core.problem import (
     cross_validation_blocks,
     noise_level,
     pose_problem,
+    stretches,
 )
-from wrist_ft_comp.core.recording import AXES, FloatArray, Recording, axis_unit
+from wrist_ft_comp.core.recording import AXES, BoolArray, FloatArray, Recording, axis_unit
 
 Progress = Callable[[float], None]
 
@@ -211,7 +210,9 @@ def _check_wrenches(
         for axis in axes:
             raw = recording.wrench[:, AXES.index(axis)]
             at = np.flatnonzero(np.isfinite(raw))
-            steps = np.abs(np.diff(raw[at]))
+            # A gap is no jump: drift moves on while nothing is recorded.
+            joined = np.diff(stretches(np.isfinite(raw), recording.period_s)[at]) == 0
+            steps = np.abs(np.diff(raw[at])) * joined
             limit = max(
                 _JUMP_TO_NOISE * noise_level([raw]),
                 _JUMP_TO_RANGE * _range(raw[at]),
@@ -264,7 +265,7 @@ def _warnings(
     return tuple(found)
 
 
-def _longest_gap(measured: np.ndarray) -> int:
+def _longest_gap(measured: BoolArray) -> int:
     """Longest run of False, in cells."""
     edges = np.flatnonzero(np.diff(np.concatenate(([True], measured, [True])).astype(int)))
     return int(np.max(edges[1::2] - edges[::2], initial=0))

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrist_ft_comp import CalibrationRefusedError
+from wrist_ft_comp import WristFtCompError
 from wrist_ft_comp.core import drift
 from wrist_ft_comp.core.calibration import CalibrationSettings, calibrate
 from wrist_ft_comp.core.chamber import (
@@ -31,7 +31,7 @@ class ChamberFigures:
     Attributes
     ----------
     max_sensitivity_drift : float
-        Largest |K_s| (eq. 23), %FS/°C.
+        Largest |K_s| (eq. 23), %FS/°C; NaN when there is only the reference temperature.
     zero_spread : float
         max - min over temperature without load, %FS.
     max_deviation : float
@@ -62,8 +62,10 @@ def chamber_figures(table: ChamberTable) -> ChamberFigures:
         In % of full scale.
 
     """
+    k_s = np.abs(sensitivity_drift(table))
+    known = k_s[np.isfinite(k_s)]
     return ChamberFigures(
-        float(np.nanmax(np.abs(sensitivity_drift(table)))),
+        float(known.max()) if len(known) else float('nan'),
         zero_spread(table),
         max_deviation(table),
         accuracy(table),
@@ -110,9 +112,7 @@ def compensate_table(table: ChamberTable, model: DriftModel) -> ChamberTable:
 
     """
     at_readings = _drift_at_readings(table, model)
-    return table.with_output(
-        drift.correct(table.output, at_readings, _tare(table, at_readings))
-    )
+    return table.with_output(drift.correct(table.output, at_readings, _tare(table, at_readings)))
 
 
 def table_tare(table: ChamberTable, model: DriftModel) -> FloatArray:
@@ -174,16 +174,16 @@ def leave_one_temperature_out(
     output: FloatArray = np.empty_like(table.output)
     for column in range(len(table.temperatures_c)):
         kept = np.arange(len(table.temperatures_c)) != column
-        others = replace(
-            table, temperatures_c=table.temperatures_c[kept], output=table.output[:, kept]
-        )
-        # Loads stay in the whole table's unit, also when its reference column is left out.
-        recording = grid_samples(
-            others.samples(table.reference), name=table.name, period_s=period_s
-        )
         try:
+            others = replace(
+                table, temperatures_c=table.temperatures_c[kept], output=table.output[:, kept]
+            )
+            # Loads stay in the whole table's unit, also when its reference column is left out.
+            recording = grid_samples(
+                others.samples(table.reference), name=table.name, period_s=period_s
+            )
             model = calibrate([recording], settings).model
-        except CalibrationRefusedError:
+        except WristFtCompError:
             return None
         output[:, column] = compensate_table(table, model).output[:, column]
     return table.with_output(output)

@@ -121,7 +121,7 @@ class Compensator:
         self.settings = settings
         self.thermometers = thermometers
         self.model: DriftModel | None = None
-        self.tare = np.zeros(len(AXES))
+        self.tare: FloatArray = np.zeros(len(AXES))
         self.temperature_c: FloatArray | None = None
         self.drift = Drift(np.zeros(len(AXES)), np.zeros(len(AXES)))
         self.limited: tuple[str, ...] = ()
@@ -135,7 +135,6 @@ class Compensator:
         self._use_period(round(settings.thermal_period_s * NANOSECONDS))
         if model is not None:
             self.go_live(model)
-            self._keep_output = False
 
     @property
     def compensating(self) -> bool:
@@ -178,8 +177,7 @@ class Compensator:
         for completed in cells:
             self._advance(completed)
         if cells and self._state is not None:
-            share = self._share(stamp_ns)
-            self._ramp.restart(stamp_ns, share, self.drift)
+            self._ramp.restart(stamp_ns, self._share(stamp_ns), self.drift)
             self._refresh_offset()
         return cells
 
@@ -285,7 +283,7 @@ class Compensator:
             resting = drift.start(model, temperature_c[0])
             self._state, track = drift.run(model, resting, temperature_c)
             self._set_drift(Drift(track.zero[-1], track.sensitivity[-1]))
-        self._keep_output = True
+        self._keep_output = reading is not None
         self._settle(reading)
 
     def _reading(self) -> tuple[FloatArray, FloatArray] | None:

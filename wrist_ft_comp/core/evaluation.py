@@ -237,10 +237,8 @@ def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> Floa
     return _tare(recording, unloaded, simulate_drift(model, recording), tare_s)
 
 
-def _tare(
-    recording: Recording, true: FloatArray, simulated: Drift, tare_s: float
-) -> FloatArray:
-    """What a robot subtracts when it tares under the load w: r - o - (1 + s) w, shape (6,)."""
+def _tare(recording: Recording, true: FloatArray, simulated: Drift, tare_s: float) -> FloatArray:
+    """Tare as a robot does under the load w: r - o - (1 + s) w, shape (6,)."""
     offset = recording.wrench - simulated.zero - (1.0 + simulated.sensitivity) * true
     tare = np.zeros(len(AXES))
     for column, values in enumerate(offset.T):

@@ -17,7 +17,7 @@ from wrist_ft_comp.core.arx_pls import ArxPls
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.pls import Pls, fit_pcr, fit_pls
 from wrist_ft_comp.core.problem import AxisProblem, observe_drift
-from wrist_ft_comp.core.recording import FloatArray
+from wrist_ft_comp.core.recording import BoolArray, FloatArray
 
 OuterInnerMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']
 
@@ -69,7 +69,7 @@ class Blocks:
 
     features: Features
     inputs: tuple[FloatArray, ...]
-    valid: tuple[np.ndarray, ...]
+    valid: tuple[BoolArray, ...]
     observed: tuple[FloatArray, ...]
     output_weight: FloatArray
 
@@ -127,7 +127,7 @@ def identify(
 def _build_blocks(problem: AxisProblem, features: Features) -> Blocks:
     """Expand the features and scale the observations."""
     observed = tuple(observe_drift(problem))
-    valid = tuple(np.isfinite(y).all(axis=1) for y in observed)
+    valid: tuple[BoolArray, ...] = tuple(np.all(np.isfinite(y), axis=1) for y in observed)
     centred = [
         y[rows] - y[rows].mean(axis=0)
         for y, rows in zip(observed, valid, strict=True)
@@ -144,7 +144,7 @@ def _build_blocks(problem: AxisProblem, features: Features) -> Blocks:
 
 
 def _moments(
-    inputs: Sequence[FloatArray], valid: Sequence[np.ndarray]
+    inputs: Sequence[FloatArray], valid: Sequence[BoolArray]
 ) -> tuple[FloatArray, FloatArray]:
     """Mean and one over the deviation of the inputs, shapes (F,); weight 0 for constant ones."""
     rows = np.concatenate([x[keep] for x, keep in zip(inputs, valid, strict=True)])
@@ -260,7 +260,7 @@ def from_gains(
     latents: list[Arx] = []
     scale = np.where(input_weight > 0, input_weight, 1.0)
     for dynamics, gain in zip(bank, gains, strict=True):
-        # (F, M) = (F, R_k) (R_k, R_k) (R_k, M)
+        # Shapes: (F, M) into (F, R_k), (R_k, R_k) and (R_k, M).
         left, singular, right = np.linalg.svd(gain / scale[:, np.newaxis], full_matrices=False)
         for r in np.flatnonzero(singular > 1e-12 * max(singular[0], 1e-300)):
             rotations.append(left[:, r])

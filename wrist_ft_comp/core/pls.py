@@ -149,7 +149,7 @@ def _empty(x: FloatArray, y: FloatArray) -> Pls:
 
 
 def _dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
-    """Find the weight vector of the next latent, shape (F,), of length 1 (0 if x explains none)."""
+    """Find the next latent's weights, shape (F,), of length 1; 0 if x explains nothing."""
     covariance = e.T @ f  # (F, M)
     w = covariance[:, np.argmax(np.sum(covariance**2, axis=0))]
     for _ in range(_MAX_ITERATIONS):

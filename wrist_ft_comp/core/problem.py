@@ -12,7 +12,7 @@ import numpy as np
 
 from wrist_ft_comp.core.arx_pls import ArxPls
 from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.recording import AXES, FloatArray, IntArray, Recording
+from wrist_ft_comp.core.recording import AXES, BoolArray, FloatArray, IntArray, Recording
 
 Reference = Literal['unloaded', 'constant', 'recorded']
 
@@ -147,7 +147,7 @@ def _beside_load(residual: FloatArray, load: FloatArray) -> FloatArray:
     r, w = residual[both], load[both]
     centred = w - w.mean() if len(w) else w
     power = float(centred @ centred)
-    return r - (float(centred @ r) / power) * w if power > 0 else r
+    return np.asarray(r - (float(centred @ r) / power) * w if power > 0 else r, dtype=float)
 
 
 def noise_level(series: Sequence[FloatArray]) -> float:
@@ -172,9 +172,9 @@ def noise_level(series: Sequence[FloatArray]) -> float:
     return float(np.median(np.abs(steps)) / 0.6745 / np.sqrt(2))
 
 
-def stretches(present: np.ndarray, period_s: float) -> IntArray:
+def stretches(present: BoolArray, period_s: float) -> IntArray:
     """
-    Number the stretches of a channel that are separated by gaps.
+    Count the stretches of a channel that are separated by gaps.
 
     Parameters
     ----------
@@ -227,11 +227,12 @@ def cross_validation_blocks(recordings: Sequence[Recording], folds: int = 5) -> 
 
 
 def _plateaus(recordings: Sequence[Recording]) -> IntArray | None:
-    """Number the plateaus of a chamber test, shape (N,); None when it does not look like one."""
+    """Count a chamber test's plateaus, shape (N,); None when it does not look like one."""
     if len(recordings) > 1:
         return None
     recording = recordings[0]
-    parts = stretches(np.isfinite(recording.wrench).any(axis=1), recording.period_s)
+    present = np.any(np.isfinite(recording.wrench), axis=1)
+    parts = stretches(present, recording.period_s)
     return parts if 3 <= parts[-1] + 1 <= 12 else None
 
 
@@ -290,7 +291,7 @@ def unexplained(
     problem: AxisProblem, features: Features, dynamics: ArxPls | None
 ) -> list[FloatArray]:
     """
-    What a model leaves of r - w, by its free run from the steady state of the first cell.
+    Subtract a model's free run, from the steady state of the first cell, from r - w.
 
     Parameters
     ----------

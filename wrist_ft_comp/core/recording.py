@@ -153,8 +153,7 @@ class Recording:
     @property
     def elapsed_s(self) -> FloatArray:
         """Time of each cell's centre since the recording's first cell began, shape (N,)."""
-        elapsed: FloatArray = (np.arange(len(self)) + 0.5) * self.period_s
-        return elapsed
+        return np.asarray((np.arange(len(self)) + 0.5) * self.period_s, dtype=float)
 
     @property
     def thermometers(self) -> int:
@@ -164,5 +163,5 @@ class Recording:
     @property
     def axes_present(self) -> tuple[str, ...]:
         """Axes that have at least one wrench sample."""
-        present = np.isfinite(self.wrench).any(axis=0)
+        present = np.any(np.isfinite(self.wrench), axis=0)
         return tuple(axis for axis, here in zip(AXES, present, strict=True) if here)

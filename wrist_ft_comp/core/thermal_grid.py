@@ -1,20 +1,21 @@
 """
 The thermal grid as a stream: samples of several thermometers in, completed cells out.
 
-It gives the temperatures that GridBuilder gives for the same samples. A cell is complete when every
-thermometer has delivered a later one, or when the others are ahead of a silent one by more than the
-patience. Time comes in with the samples.
+It gives the temperatures that GridBuilder gives for the same samples. A cell is complete when
+every thermometer has delivered a later one, or when the others are ahead of a silent one by more
+than the patience. Time comes in with the samples.
 """
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
 from wrist_ft_comp.core.recording import FloatArray
 
 
-class CompletedCells(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class CompletedCells:
     """
     Consecutive cells with the same temperatures: one that was measured, or held ones after a gap.
 
@@ -131,6 +132,11 @@ class ThermalGrid:
             # As in a batch: begin with the first cell by whose end all have reported.
             self._forget_before(max(cell for cell in self._first if cell is not None))
             self._next = self._forgotten
+        return self._emit_until(end)
+
+    def _emit_until(self, end: int) -> list[CompletedCells]:
+        """Emit what is complete before a cell, measured ones singly, held ones together."""
+        assert self._next is not None  # noqa: S101 -- set before anything is emitted
         done: list[CompletedCells] = []
         for cell in sorted(cell for cell in self._open if cell < end):
             if cell > self._next:

@@ -81,4 +81,6 @@ def load_demo_log(path: Path) -> DemoLog:
             fields = {name: arrays[name] for name in arrays.files}
             return DemoLog(**{**fields, 'calibrated_ns': int(fields['calibrated_ns'])})
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise RecordingError(f'{path} is not a whole log of the demonstration: {error}.') from error
+        raise RecordingError(
+            f'{path} is not a whole log of the demonstration: {error}.'
+        ) from error

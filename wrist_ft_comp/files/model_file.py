@@ -212,7 +212,8 @@ def load_model(path: Path) -> StoredModel:
     content = _read_bounded(path)
     try:
         document = yaml.load(content, Loader=_Loader)  # noqa: S506 -- _Loader is a SafeLoader
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+    except (yaml.YAMLError, ValueError, LookupError, AttributeError, RecursionError) as error:
+        # PyYAML's constructors raise the plain ones for scalars such as "!!bool maybe".
         reason = ' '.join(str(error).split())
         raise ModelFileError(
             f'{path} is not a model file: expected YAML, but {reason}. '
@@ -302,9 +303,13 @@ def _check_document(path: Path, document: Any) -> None:
 def _array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
     """Turn nested lists into a finite array of a given shape."""
     try:
-        array = np.array(values, dtype=float).reshape(shape)
-    except ValueError as error:
+        array = np.array(values, dtype=float)
+    except (ValueError, OverflowError) as error:
         raise ModelFileError(f'{name} must have shape {shape}; restore the file.') from error
+    if array.shape != shape:
+        raise ModelFileError(
+            f'{name} must have shape {shape}; got {array.shape}. Restore the file.'
+        )
     if not np.isfinite(array).all():
         raise ModelFileError(f'{name} must hold finite numbers only; restore the file.')
     return array

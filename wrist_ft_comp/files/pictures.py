@@ -1,10 +1,13 @@
 """Pictures of drift without and with compensation, readable by colour-blind people."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 
+from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
@@ -91,7 +94,9 @@ def draw_drift(
         every = slice(None, None, max(len(series.elapsed_s) // _POINTS, 1))
         hours = series.elapsed_s[every] / 3600
         panel.plot(hours, series.raw[every], color=RAW_COLOUR, lw=1.0, label='without')
-        panel.plot(hours, series.compensated[every], color=COMPENSATED_COLOUR, lw=1.0, label='with')
+        panel.plot(
+            hours, series.compensated[every], color=COMPENSATED_COLOUR, lw=1.0, label='with'
+        )
         panel.set_title(series.title, fontsize=10)
         if number == 0:
             panel.legend(title='compensation', fontsize=8, title_fontsize=8)
@@ -112,12 +117,12 @@ def draw_drift(
     return figure
 
 
-def _decorate(panel: object, marks: Mapping[str, float]) -> None:
+def _decorate(panel: Axes, marks: Mapping[str, float]) -> None:
     """Add grid lines and marks."""
-    panel.grid(alpha=0.3)  # type: ignore[attr-defined] # matplotlib's axes are untyped
+    panel.grid(alpha=0.3)
     for name, at_s in marks.items():
-        panel.axvline(at_s / 3600, color='0.4', lw=1.0, ls='--')  # type: ignore[attr-defined]
-        panel.annotate(  # type: ignore[attr-defined]
+        panel.axvline(at_s / 3600, color='0.4', lw=1.0, ls='--')
+        panel.annotate(
             name,
             (at_s / 3600, 1.0),
             xycoords=('data', 'axes fraction'),
@@ -152,23 +157,27 @@ def save_png(path: Path, figure: Figure) -> None:
         raise RecordingError(f'{path} cannot be written: {error.strerror}.') from error
 
 
-def svg_text(figure: Figure) -> str:
+def svg_text(figure: Figure, name: str) -> str:
     """
-    Turn a picture into SVG that can stand inside a page.
+    Turn a picture into SVG that can stand inside a page, beside others.
 
     Parameters
     ----------
     figure : Figure
         What to show.
+    name : str
+        Letters and digits, put before every id; each picture of a page needs another one.
 
     Returns
     -------
     str
-        From ``<svg`` on.
+        From ``<svg`` on; the same figure gives the same text.
 
     """
     FigureCanvasSVG(figure)
     buffer = StringIO()
-    figure.savefig(buffer, format='svg', metadata={'Date': None})
+    with rc_context({'svg.hashsalt': name}):
+        figure.savefig(buffer, format='svg', metadata={'Date': None})
     text = buffer.getvalue()
-    return text[text.index('<svg') :]
+    text = re.sub(r'<metadata>.*?</metadata>', '', text[text.index('<svg') :], flags=re.DOTALL)
+    return re.sub(r'(\bid="|href="#|url\(#)', rf'\g<1>{name}-', text)

@@ -1,0 +1,202 @@
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+
+def test_learns_a_drift_from_one_thermometer(done, drift_csv, tmp_path):
+    out = done('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', '--json')
+    axes = json.loads(out)['axes']
+    assert list(axes) == ['force_z', 'torque_x']
+    assert axes['force_z']['rms_before'] > 2
+    assert axes['force_z']['rms_after'] < 0.1
+    assert axes['torque_x']['rms_after'] < 0.005
+
+
+def test_learns_a_drift_from_two_thermometers(done, make, tmp_path):
+    path = make.csv(tmp_path / 'two.csv', make.drifting(both=True))
+    model = tmp_path / 'm.yaml'
+    axes = json.loads(done('calibrate', path, '-o', model, '--method', 'pls', '--json'))['axes']
+    assert axes['force_z']['rms_after'] < 0.05 * axes['force_z']['rms_before']
+    assert len(yaml.safe_load(model.read_text())['thermometers']) == 2
+
+
+def test_learns_from_several_recordings_with_their_own_offsets(done, make, tmp_path):
+    paths = [
+        make.csv(tmp_path / f'{k}.csv', make.drifting(seed=k, offset=100.0 * k)) for k in range(2)
+    ]
+    out = done('calibrate', *paths, '-o', tmp_path / 'm.yaml', '--method', 'pls', '--json')
+    found = json.loads(out)
+    assert found['axes']['force_z']['rms_after'] < 0.1
+    assert found['duration_s'] == 800
+    recordings = yaml.safe_load((tmp_path / 'm.yaml').read_text())['provenance']['recordings']
+    assert [each['path'] for each in recordings] == [str(path) for path in paths]
+
+
+def test_learns_gain_drift_where_the_reference_was_recorded(done, make, tmp_path):
+    path = make.csv(tmp_path / 'loaded.csv', make.loaded())
+    model = tmp_path / 'm.yaml'
+    done('calibrate', path, '-o', model, '--reference', 'recorded', '--method', 'pls')
+    other = make.csv(tmp_path / 'other.csv', make.loaded(seed=5))
+    out = done('evaluate', model, other, '--reference', 'recorded', '--json')
+    force = json.loads(out)['axes']['force_z']
+    assert force['rms_after'] < 0.05
+    assert force['rms_before'] > 2
+    assert 'gain' in done('show', model)
+
+
+def test_text_says_what_was_learnt_and_where_it_is(done, drift_csv, tmp_path):
+    out = done('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', '--method', 'pls')
+    assert out.startswith('force_z: ')
+    assert f'saved as {tmp_path / "m.yaml"}' in out
+    assert all(len(line) <= 80 for line in out.splitlines() if str(tmp_path) not in line)
+
+
+def test_json_is_all_of_standard_output_even_with_warnings(run, make, tmp_path):
+    columns = make.drifting()
+    columns['temperature_c'][7] = float('nan')
+    columns['force_z'][9] = 'nan'
+    path = make.csv(tmp_path / 'run.csv', columns)
+    outcome = run('calibrate', path, '-o', tmp_path / 'm.yaml', '--method', 'pls', '--json')
+    found = json.loads(outcome.out)
+    assert outcome.code == 0
+    assert not outcome.err
+    assert found['warnings']
+    assert found['model'] == str(tmp_path / 'm.yaml')
+    assert len(found['sha256']) == 64
+    low, high = found['temperature_range_c'][0]
+    finite = [t for t in columns['temperature_c'] if np.isfinite(t)]
+    assert (low, high) == pytest.approx((min(finite), max(finite)))
+
+
+def test_json_names_every_candidate_and_the_chosen_one(done, drift_csv, tmp_path):
+    out = done('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', '--json')
+    axis = json.loads(out)['axes']['force_z']
+    scores = {candidate['name']: candidate['rms'] for candidate in axis['candidates']}
+    assert scores['none'] == axis['rms_before']
+    assert scores[axis['chosen']] == axis['rms_after']
+
+
+@pytest.mark.parametrize('method', ['pcr', 'pls', 'filtered_pls', 'arx_pls', 'arx_pls_oe'])
+def test_every_method_gives_a_model_that_runs(method, done, drift_csv, tmp_path):
+    model = tmp_path / 'm.yaml'
+    done('calibrate', drift_csv, '-o', model, '--method', method)
+    force = json.loads(done('evaluate', model, drift_csv, '--json'))['axes']['force_z']
+    assert force['rms_after'] < 0.5 * force['rms_before']
+
+
+def test_knots_below_zero_mean_hats(done, drift_csv, tmp_path):
+    model = tmp_path / 'm.yaml'
+    done(
+        'calibrate', drift_csv, '-o', model, '--method', 'pls',
+        '--hat-temperatures', '-40,20,30,40',
+    )  # fmt: skip
+    features = yaml.safe_load(model.read_text())['axes']['force_z']['model']['features']
+    assert features['kind'] == 'hats'
+    assert features['knots_c'] == [[-40.0, 20.0, 30.0, 40.0]]
+
+
+def test_a_thermal_period_reaches_the_model(done, drift_csv, tmp_path):
+    model = tmp_path / 'm.yaml'
+    done('calibrate', drift_csv, '-o', model, '--method', 'pls', '--thermal-period', '2.5')
+    assert yaml.safe_load(model.read_text())['period_ns'] == 2_500_000_000
+
+
+def test_missing_folders_of_the_model_are_made(done, drift_csv, tmp_path):
+    model = tmp_path / 'a' / 'b' / 'm.yaml'
+    done('calibrate', drift_csv, '-o', model, '--method', 'pls')
+    assert model.exists()
+
+
+def test_an_older_model_and_an_empty_file_are_replaced(done, drift_csv, model, tmp_path):
+    for name, content in (('old.yaml', model.read_bytes()), ('empty.yaml', b'')):
+        target = tmp_path / name
+        target.write_bytes(content)
+        done('calibrate', drift_csv, '-o', target, '--method', 'pcr')
+        assert 'pcr' in target.read_text()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['empty.yaml', 'old.yaml']
+
+
+def test_a_recording_in_the_place_of_the_model_is_kept(run, drift_csv, tmp_path):
+    copy = tmp_path / 'run.csv'
+    copy.write_bytes(drift_csv.read_bytes())
+    assert 'not overwritten' in run('calibrate', copy, '-o', copy).sentence
+    assert copy.read_bytes() == drift_csv.read_bytes()
+
+
+def test_a_refusal_leaves_the_model_as_it_was(run, make, model, tmp_path):
+    target = tmp_path / 'm.yaml'
+    target.write_bytes(model.read_bytes())
+    columns = make.drifting()
+    columns['temperature_c'] = [20.0 + 1e-3 * k for k in range(400)]
+    flat = make.csv(tmp_path / 'flat.csv', columns)
+    assert 'spans 0.4 K' in run('calibrate', flat, '-o', target).sentence
+    assert target.read_bytes() == model.read_bytes()
+    assert {path.name for path in tmp_path.iterdir()} == {'m.yaml', 'flat.csv'}
+
+
+def test_a_report_that_cannot_be_written_stops_before_the_fit(run, drift_csv, tmp_path):
+    model = tmp_path / 'm.yaml'
+    outcome = run('calibrate', drift_csv, '-o', model, '--report', tmp_path / 'no' / 'r.html')
+    assert str(tmp_path / 'no') in outcome.sentence
+    assert not model.exists()
+
+
+@pytest.mark.parametrize('victim', ['recording', 'model', 'folder'])
+def test_a_report_overwrites_nothing_else(victim, run, drift_csv, tmp_path):
+    copy, model = tmp_path / 'run.csv', tmp_path / 'm.yaml'
+    copy.write_bytes(drift_csv.read_bytes())
+    target = {'recording': copy, 'model': model, 'folder': tmp_path}[victim]
+    assert 'report' in run('calibrate', copy, '-o', model, '--report', target).sentence
+    assert copy.read_bytes() == drift_csv.read_bytes()
+
+
+def test_a_report_shows_every_axis_and_recording(done, make, tmp_path):
+    paths = [make.csv(tmp_path / f'{k}.csv', make.drifting(seed=k)) for k in range(2)]
+    page = tmp_path / 'r.html'
+    done('calibrate', *paths, '-o', tmp_path / 'm.yaml', '--method', 'pls', '--report', page)
+    text = page.read_text()
+    for word in ('0.csv', '1.csv', 'force_z', 'torque_x', 'pls'):
+        assert word in text
+    assert text.count('<svg') == 2
+
+
+@pytest.mark.parametrize(
+    ('options', 'expected'),
+    [
+        (['--hat-temperatures', 'warm'], 'number'),
+        (['--hat-temperatures', '20,nan'], 'number'),
+        (['--hat-temperatures', '20'], 'at least two'),
+        (['--hat-temperatures', ''], 'number'),
+        (['--thermal-period', '0'], '0.1 to 600'),
+        (['--thermal-period', '1e30'], '0.1 to 600'),
+        (['--min-temperature-span', '-1'], 'at least 0'),
+        (['--min-temperature-span', 'inf'], 'number'),
+        (['--method', 'magic'], 'invalid choice'),
+        (['--degree', 'two'], 'invalid int'),
+    ],
+)
+def test_nonsense_is_a_matter_of_usage(options, expected, run, drift_csv, tmp_path):
+    outcome = run('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', *options)
+    assert outcome.code == 2
+    assert expected in outcome.err
+    assert not outcome.out
+
+
+@pytest.mark.parametrize(
+    ('options', 'expected'),
+    [
+        (['--degree', '0'], 'between 1 and 4'),
+        (['--degree', '5'], 'between 1 and 4'),
+        (['--latents', '0'], 'At least 1 latent'),
+        (['--features', 'powers', '--hat-temperatures', '10,20'], 'hats'),
+        (['--min-temperature-span', '50'], '50.0 K are needed'),
+        (['--reference', 'recorded'], 'no reference wrench'),
+        (['--thermal-period', '600'], 'needed'),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(options, expected, run, drift_csv, tmp_path):
+    outcome = run('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', *options)
+    assert expected in outcome.sentence
+    assert not (tmp_path / 'm.yaml').exists()

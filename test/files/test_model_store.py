@@ -1,0 +1,133 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from wrist_ft_comp import ModelFileError
+from wrist_ft_comp.files import model_store
+from wrist_ft_comp.files.model_store import MAX_HISTORY, MAX_RECORDINGS, ModelStore
+
+
+@pytest.fixture
+def store(tmp_path):
+    return ModelStore(tmp_path / 'data')
+
+
+def test_nothing_is_made_before_something_is_written(store):
+    assert store.history() == []
+    assert store.recordings() == []
+    assert store.new_model_path().parent == store.directory / 'models'
+    assert not store.directory.exists()
+
+
+def test_history_comes_back(store):
+    models = [store.directory / 'models/a.yaml', None, store.directory / 'models/b.yaml']
+    store.activate(models)
+    assert store.history() == models
+
+
+def test_history_moves_with_its_folder_but_not_with_others(store, tmp_path):
+    outside = tmp_path / 'outside.yaml'
+    store.activate([outside, store.directory / 'models/a.yaml'])
+    moved = store.directory.rename(tmp_path / 'moved')
+    assert ModelStore(moved).history() == [outside, moved / 'models/a.yaml']
+
+
+def test_history_is_bounded_and_keeps_the_newest(store):
+    paths = [store.directory / f'models/{k}.yaml' for k in range(MAX_HISTORY + 5)]
+    store.activate(paths)
+    assert store.history() == paths[5:]
+
+
+@pytest.mark.parametrize(
+    'content',
+    [b'', b'{', b'{}', b'[1]', b'"a.yaml"', b'\xff\xfe', b'[' * 100_000],
+    ids=['empty', 'cut', 'object', 'number', 'text', 'not UTF-8', 'deep'],
+)
+def test_a_broken_list_is_a_sentence(store, content):
+    store.directory.mkdir()
+    (store.directory / 'active.json').write_bytes(content)
+    with pytest.raises(ModelFileError, match=r'active\.json .*Remove it and set model_file'):
+        store.history()
+
+
+def test_a_list_that_cannot_be_written_is_a_sentence_and_changes_nothing(store, monkeypatch):
+    store.activate([store.directory / 'models/a.yaml'])
+
+    def refuse(_path):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr('wrist_ft_comp.files.atomic.sync', refuse)
+    with pytest.raises(ModelFileError, match='No space left on device'):
+        store.activate([None])
+    assert store.history() == [store.directory / 'models/a.yaml']
+    assert [path.name for path in store.directory.iterdir()] == ['active.json']
+
+
+def test_a_directory_that_is_a_file_is_a_sentence(tmp_path):
+    (tmp_path / 'data').write_text('')
+    store = ModelStore(tmp_path / 'data')
+    assert store.recordings() == []
+    with pytest.raises(ModelFileError, match='Make room, or choose another data_directory'):
+        store.activate([None])
+    with pytest.raises(OSError, match='data'):
+        store.new_recording_path()
+
+
+def test_names_within_one_second_differ(store):
+    paths = []
+    for _ in range(3):
+        paths.append(store.new_recording_path())
+        paths[-1].write_text('')
+    assert len(set(paths)) == 3
+    assert store.recordings() == sorted(paths)
+
+
+def test_the_newest_recordings_are_listed_oldest_first(store):
+    store.new_recording_path()
+    names = [f'recording_202401{day:02d}T000000Z.csv' for day in range(1, 20)]
+    for name in names:
+        (store.directory / 'recordings' / name).write_text('')
+    (store.directory / 'recordings' / 'zzz.txt').write_text('')
+    assert [path.name for path in store.recordings()] == names[-MAX_RECORDINGS:]
+
+
+def test_links_are_followed_before_a_path_counts_as_inside(store, tmp_path):
+    (store.directory / 'models').mkdir(parents=True)
+    outside = tmp_path / 'outside.yaml'
+    outside.write_text('')
+    (store.directory / 'link.yaml').symlink_to(outside)
+    (store.directory / 'loop.yaml').symlink_to(store.directory / 'loop.yaml')
+    (tmp_path / 'door').symlink_to(store.directory)
+    inside = ['models/m.yaml', 'models/../m.yaml', '.', str(tmp_path / 'door/m.yaml')]
+    assert all(store.contains(store.directory / path) for path in inside)
+    for path in ('link.yaml', 'loop.yaml', '../m.yaml', 'models/../../m.yaml', '/etc/passwd'):
+        assert not store.contains(store.directory / path), path
+    assert not store.contains(Path('bad\0name'))
+    assert not store.contains(Path(f'{store.directory}_beside/m.yaml'))
+
+
+def test_a_relative_name_is_looked_up_in_the_folder_first(store, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('HOME', str(tmp_path / 'home'))
+    (store.directory / 'models').mkdir(parents=True)
+    (store.directory / 'models/a.yaml').write_text('')
+    assert store.locate('models/a.yaml') == store.directory / 'models/a.yaml'
+    assert store.locate('b.yaml') == Path('b.yaml')
+    assert store.locate('/x/a.yaml') == Path('/x/a.yaml')
+    assert store.locate('~/a.yaml') == tmp_path / 'home/a.yaml'
+    assert store.locate('~nobody_of_this_name/a.yaml') == Path('~nobody_of_this_name/a.yaml')
+
+
+@pytest.mark.parametrize(('home', 'base'), [('/somewhere', '/somewhere'), ('', '/home/user/.ros')])
+def test_a_node_without_a_folder_gets_one_below_ros_home(monkeypatch, home, base):
+    monkeypatch.setenv('HOME', '/home/user')
+    monkeypatch.setenv('ROS_HOME', home)
+    found = model_store.default_directory('/left/arm/wrist_ft_comp')
+    assert found == Path(base) / 'wrist_ft_comp/left__arm__wrist_ft_comp'
+
+
+def test_the_list_is_readable_by_people(store):
+    store.activate([None, store.directory / 'models/a.yaml'])
+    text = (store.directory / 'active.json').read_text()
+    assert json.loads(text) == [None, 'models/a.yaml']

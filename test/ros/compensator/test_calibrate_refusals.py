@@ -1,0 +1,167 @@
+import os
+import signal
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
+
+START = 1_700_000_000_000_000_000
+LOAD = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
+executors = pytest.mark.parametrize('executor', ['default', 'events'])
+
+
+def begin(node):
+    """Call calibrate; return where the answer comes, and the process."""
+    answers = node.ask('calibrate')
+    control = node.node.calibration
+    node.bench.wait_until(lambda: control.running_s is not None, 'the calibration')
+    return answers, control._running[0]
+
+
+def goes_on(node):
+    """Tell whether the stream goes on; each wrench is answered."""
+    stamps = START + np.arange(50)
+    return (node.stream(stamps, [LOAD] * 50) == LOAD).all()
+
+
+def check_refused(node, answer, *words):
+    assert not answer.success
+    assert all(word in answer.message for word in words), answer.message
+    status = node.diagnosis('calibration', lambda each: each.level != b'\0')
+    assert {each.key: each.value for each in status.values}['last'] == answer.message
+    assert goes_on(node)
+
+
+def test_without_a_recording_it_says_what_to_do(rig):
+    node = rig()
+    folder = node.directory / 'recordings'
+    check_refused(
+        node,
+        node.call('calibrate'),
+        f'There is no recording in {folder}. Record a warm-up with ~/record',
+    )
+
+
+def test_too_small_a_span_leaves_the_live_model(rig, make_robot, make_model):
+    live = make_model('live.yaml', {'torque_z': (0.0, 0.0, 0.0)}, period_s=10.0)
+    node = rig(parameters={'model_file': str(live.path), 'thermal_period': 10.0})
+    robot = make_robot()
+    robot.temperature_c = 20.0 + 0.1 * (robot.temperature_c - 20.0)
+    robot.write(node.directory / 'recordings/calm.csv')
+    answer = node.call('calibrate')
+    check_refused(node, answer, 'spans 1.', 'at least 3.0 K are needed', 'Record a warm-up')
+    assert node.node.model.stored.sha256 == live.sha256
+    assert [path.name for path in (node.directory / 'models').iterdir()] == ['live.yaml']
+    assert node.set('calibration.min_temperature_span', 1).successful
+    assert node.call('calibrate').success
+
+
+def test_a_corrupt_recording_is_named(rig):
+    node = rig()
+    path = node.directory / 'recordings/bad.csv'
+    path.parent.mkdir(parents=True)
+    path.write_bytes(b'stamp_ns,force_z,temperature_c\n1,2,3\n2,hello,3\n3,1,1\n')
+    check_refused(node, node.call('calibrate'), 'bad.csv', 'hello')
+    path.write_bytes(bytes(range(256)))
+    check_refused(node, node.call('calibrate'), 'bad.csv')
+
+
+def test_a_corrupt_recording_beside_a_good_one_is_a_warning(rig, make_robot):
+    node = rig(parameters={'thermal_period': 10.0})
+    make_robot().write(node.directory / 'recordings/good.csv')
+    make_robot(2).write(node.directory / 'recordings/two.csv')
+    (node.directory / 'recordings/bad.csv').write_text('nothing of the kind')
+    answer = node.call('calibrate')
+    assert answer.success, answer.message
+    assert '\nwarning: bad.csv was left out: ' in answer.message
+    assert '\nwarning: two.csv was left out: two.csv has 2 thermometers' in answer.message
+
+
+def test_a_reference_that_was_not_recorded_is_asked_for(rig, make_robot):
+    node = rig(parameters={'thermal_period': 10.0, 'calibration.reference': 'recorded'})
+    make_robot().write(node.directory / 'recordings/run.csv')
+    check_refused(node, node.call('calibrate'), 'holds no reference wrench', 'wrench_reference')
+
+
+@executors
+def test_a_second_call_is_refused_while_one_runs(rig, make_robot, gate, executor):
+    node = rig(executor=executor, parameters={'thermal_period': 10.0})
+    make_robot().write(node.directory / 'recordings/run.csv')
+    answers, _ = begin(node)
+    second = node.call('calibrate')
+    assert not second.success
+    assert 'A calibration has been running for ' in second.message
+    assert 'wait for its answer, then call again' in second.message
+    assert node.diagnosis('calibration').message.startswith('running for ')
+    assert goes_on(node)
+    assert answers.empty()
+    gate.open()
+    assert answers.get(timeout=60.0).success
+
+
+@executors
+def test_a_killed_process_is_a_sentence_and_the_next_one_works(rig, make_robot, gate, executor):
+    node = rig(executor=executor, parameters={'thermal_period': 10.0})
+    make_robot().write(node.directory / 'recordings/run.csv')
+    answers, process = begin(node)
+    os.kill(process.pid, signal.SIGKILL)
+    check_refused(
+        node,
+        answers.get(timeout=20.0),
+        'The calibration process was ended by signal 9 and gave no result',
+        'The running model stays; call again.',
+    )
+    gate.open()
+    assert node.call('calibrate').success
+
+
+@pytest.mark.parametrize(
+    ('source', 'words'),
+    [
+        ('raise ValueError("a fault")', 'with code 1 and gave no result (ValueError: a fault)'),
+        ('pass', 'with code 0 and gave no result (it said nothing)'),
+        ('import sys; sys.stdin.close(); sys.exit(3)', 'with code 3'),
+        ('import sys; sys.stderr.write("x" * 10**6); print("half {")', 'with code 0'),
+    ],
+)
+def test_a_process_without_a_result_is_a_sentence(rig, make_robot, monkeypatch, source, words):
+    node = rig(parameters={'thermal_period': 10.0})
+    make_robot().write(node.directory / 'recordings/run.csv', cells=3)
+    command = (os.sys.executable, '-c', source)
+    monkeypatch.setattr('wrist_ft_comp.ros.calibration_process.COMMAND', command)
+    check_refused(node, node.call('calibrate'), words, 'call again')
+
+
+def test_a_process_that_cannot_be_started_is_a_sentence(rig, make_robot, monkeypatch):
+    node = rig(parameters={'thermal_period': 10.0})
+    make_robot().write(node.directory / 'recordings/run.csv', cells=3)
+    command = ('/nowhere/python',)
+    monkeypatch.setattr('wrist_ft_comp.ros.calibration_process.COMMAND', command)
+    check_refused(node, node.call('calibrate'), 'cannot be started: No such file', 'call again')
+
+
+def test_who_waits_is_told_of_the_end_and_no_process_stays(rig, make_robot, gate):
+    node = rig(parameters={'thermal_period': 10.0})
+    make_robot().write(node.directory / 'recordings/run.csv')
+    answers, process = begin(node)
+    node.node.calibration.end()
+    answer = answers.get(timeout=20.0)
+    assert not answer.success
+    assert answer.message == 'The node is shutting down; the model is unchanged.'
+    with pytest.raises(ProcessLookupError):
+        os.kill(process.pid, 0)
+    assert gate.command
+
+
+def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(rig, make_robot):
+    node = rig(parameters={'thermal_period': 10.0})
+    make_robot().write(node.directory / 'recordings/run.csv')
+    (node.directory / 'active.json').mkdir()
+    answer = node.call('calibrate')
+    assert answer.success
+    assert '\nwarning: ' in answer.message
+    assert 'active.json cannot be written' in answer.message
+    assert 'until the node ends' in answer.message
+    assert node.node.model.stored is not None
+    assert 'active.json' in node.diagnosis('model', lambda each: each.level == b'\1').message

@@ -1,0 +1,208 @@
+import math
+import os
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
+
+from wrist_ft_comp.files.recordings import read_recording
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+executors = pytest.mark.parametrize('executor', ['default', 'events'])
+
+
+def start_recording(rig):
+    answer = rig.call('record', True)
+    assert answer.success, answer.message
+    (path,) = (rig.directory / 'recordings').glob('*.csv')
+    assert str(path) in answer.message
+    return path
+
+
+def feed(rig, cells, *, first=0, per_cell=4, celsius=(25.0,)):
+    """Send cells of wrenches that count up, and temperatures; return the wrenches, per cell."""
+    sent = []
+    for cell in range(first, first + cells):
+        stamps = START + cell * SECOND + np.arange(per_cell) * (SECOND // per_cell)
+        wrenches = np.arange(per_cell)[:, np.newaxis] + np.full(6, 10.0 * cell)
+        rig.stream(stamps, wrenches)
+        rig.warm(START + cell * SECOND + SECOND // 2, *(value + cell for value in celsius))
+        sent.append(wrenches)
+    return sent
+
+
+@executors
+def test_rows_are_the_means_per_cell(rig, executor):
+    node = rig(executor=executor, thermometers=2)
+    path = start_recording(node)
+    send_reference = node.reference()
+    for k in range(8):
+        send_reference(START + k * SECOND, [float(k)] * 6)
+        send_reference(START + k * SECOND + 5, [k + 1.0] * 6)
+    reducer = node.node.recording.current.reducer
+    newest = START // SECOND + 7
+    node.bench.wait_until(lambda: reducer._reference.latest == newest, 'the references')
+    sent = feed(node, 8, celsius=(20.0, 40.0))
+    answer = node.call('record', False)
+    assert answer.success
+    assert answer.message == f'recorded 7 thermal cells (7 s) into {path}'
+    table = np.genfromtxt(path, delimiter=',', names=True)
+    assert table['stamp_ns'].tolist() == [START + k * SECOND + SECOND // 2 for k in range(7)]
+    np.testing.assert_allclose(table['force_x'], [each.mean() for each in sent[:7]])
+    np.testing.assert_allclose(table['torque_z'], [each.mean() for each in sent[:7]])
+    np.testing.assert_allclose(table['reference_force_y'], np.arange(7) + 0.5)
+    np.testing.assert_allclose(table['temperature_c'], 20.0 + np.arange(7))
+    np.testing.assert_allclose(table['temperature_2_c'], 40.0 + np.arange(7))
+
+
+@executors
+def test_a_recording_is_readable_while_it_runs(rig, executor):
+    node = rig(executor=executor)
+    path = start_recording(node)
+    feed(node, 5)
+    node.bench.wait_until(lambda: node.node.recording.current.rows == 4, 'four rows')
+    recording = read_recording(path)
+    np.testing.assert_allclose(recording.temperature_c[:, 0], 25.0 + np.arange(4))
+    np.testing.assert_allclose(recording.wrench[:, 2], 1.5 + 10 * np.arange(4))
+    assert np.isnan(recording.reference).all()
+    assert recording.warnings == ()
+
+
+def test_starting_twice_and_ending_twice_are_refused(rig):
+    node = rig()
+    answer = node.call('record', False)
+    assert not answer.success
+    assert answer.message == 'No recording runs. Start one with data: true.'
+    path = start_recording(node)
+    answer = node.call('record', True)
+    assert not answer.success
+    assert f'A recording runs already, into {path}' in answer.message
+    assert node.call('record', False).message == f'recorded 0 thermal cells (0 s) into {path}'
+    assert not node.call('record', False).success
+
+
+def test_recordings_follow_each_other(rig):
+    node = rig()
+    for first in (0, 10, 20):
+        assert node.call('record', True).success
+        feed(node, 4, first=first)
+        assert node.call('record', False).success
+    paths = node.node.store.recordings()
+    found = [read_recording(path).wrench[:, 0] for path in paths]
+    for first, wrench in zip((0, 10, 20), found, strict=True):
+        expected = 1.5 + 10.0 * (first + np.arange(3))
+        np.testing.assert_allclose(wrench[np.isfinite(wrench)], expected)
+    assert node.bench.helper.count_subscribers(node.topic('wrench_reference')) == 0
+
+
+def test_the_reference_is_listened_to_while_recording_only(rig):
+    node = rig()
+    topic = node.topic('wrench_reference')
+    assert node.node.count_subscribers(topic) == 0
+    start_recording(node)
+    node.bench.wait_until(lambda: node.node.count_subscribers(topic) == 1, 'the subscription')
+    node.call('record', False)
+    node.bench.wait_until(lambda: node.node.count_subscribers(topic) == 0, 'its end')
+
+
+def test_unusable_references_are_counted_and_left_out(rig):
+    node = rig()
+    path = start_recording(node)
+    send_reference = node.reference()
+    send_reference(START, [math.nan] * 6)
+    send_reference(START + 1, [3.0] * 6)
+    counts, reducer = node.node.counts, node.node.recording.current.reducer
+    node.bench.wait_until(lambda: reducer._reference.latest > 0, 'the reference')
+    assert counts.bad_references == 1
+    feed(node, 2)
+    node.call('record', False)
+    assert read_recording(path).reference[0].tolist() == [3.0] * 6
+
+
+def test_a_data_directory_that_is_a_file_is_a_sentence(rig, tmp_path):
+    (tmp_path / 'data').write_text('')
+    node = rig()
+    for _ in range(2):
+        answer = node.call('record', True)
+        assert not answer.success
+        assert f'{tmp_path / "data"} cannot be written: ' in answer.message
+        assert answer.message.endswith('Make room or choose another data_directory.')
+    feed(node, 3)
+    answer = node.call('calibrate')
+    assert not answer.success
+    assert 'There is no recording in' in answer.message
+
+
+def test_a_folder_that_takes_no_file_is_a_sentence(rig, tmp_path):
+    """The superuser may write anywhere, so a name in the way stands for a missing right."""
+    (tmp_path / 'data').mkdir()
+    (tmp_path / 'data/recordings').symlink_to('/proc/self/fdinfo')
+    node = rig()
+    answer = node.call('record', True)
+    assert not answer.success
+    assert 'cannot be written: ' in answer.message
+    feed(node, 2)
+
+
+@executors
+def test_a_full_disk_ends_the_recording_and_not_the_stream(rig, executor):
+    node = rig(executor=executor)
+    path = start_recording(node)
+    feed(node, 3)
+    node.bench.wait_until(lambda: node.node.recording.current.rows == 2, 'two rows')
+    file = node.node.recording.current._writer._file
+    full = os.open('/dev/full', os.O_WRONLY)
+    os.dup2(full, file.fileno())
+    os.close(full)
+    feed(node, 4, first=3)
+    assert node.node.recording.current is None
+    assert file.closed
+    status = node.diagnosis('calibration')
+    assert status.message.startswith(f'{path} cannot be written: No space left on device.')
+    assert 'ended after 2 thermal cells' in status.message
+    answer = node.call('record', False)
+    assert not answer.success
+    assert answer.message == status.message
+    assert len(read_recording(path)) == 2
+    assert node.call('record', True).success
+    assert node.call('record', False).success
+
+
+def test_a_full_disk_at_the_end_is_a_sentence(rig):
+    node = rig()
+    start_recording(node)
+    feed(node, 1)
+    file = node.node.recording.current._writer._file
+    node.warm(START + SECOND + SECOND // 2, 25.0)
+    full = os.open('/dev/full', os.O_WRONLY)
+    os.dup2(full, file.fileno())
+    os.close(full)
+    answer = node.call('record', False)
+    assert not answer.success
+    assert 'No space left on device' in answer.message
+    assert file.closed
+    feed(node, 1, first=3)
+
+
+def test_an_open_recording_is_closed_with_the_node(rig, ros_context):
+    node = rig()
+    path = start_recording(node)
+    feed(node, 4)
+    node.bench.close()
+    assert len(read_recording(path)) == 3
+    assert node.node.recording.current is None
+
+
+def test_a_model_of_another_period_ends_the_recording(rig, make_model):
+    model = make_model('slow.yaml', period_s=10.0)
+    node = rig()
+    path = start_recording(node)
+    feed(node, 4)
+    assert node.set('model_file', str(model.path)).successful
+    answer = node.call('record', False)
+    assert not answer.success
+    assert 'the new model has thermal cells of 10 s' in answer.message
+    assert len(read_recording(path)) == 3
+    assert node.call('record', True).success

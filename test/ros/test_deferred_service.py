@@ -1,0 +1,102 @@
+import queue
+
+import pytest
+
+pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
+
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from wrist_ft_comp.ros.deferred_service import DeferredService
+
+TIMEOUT_S = 20.0
+executors = pytest.mark.parametrize('executor', ['default', 'events'])
+
+
+class Example(Node):
+    """Hands out its replies, and answers them in the executor's thread when told to."""
+
+    def __init__(self, **kwargs):
+        super().__init__('example', use_global_arguments=False, **kwargs)
+        self.replies, self.todo, self.ticks = queue.Queue(), queue.Queue(), queue.Queue()
+        self.service = DeferredService(self, SetBool, '~/work', self.on_work)
+        self.at_once = DeferredService(self, Trigger, '~/at_once', self.on_at_once)
+        self.create_timer(0.005, self.tick)
+
+    def on_work(self, request, reply):
+        self.replies.put((request, reply))
+
+    def on_at_once(self, _request, reply):
+        reply(success=True, message='first')
+        reply(success=False, message='second')
+
+    def tick(self):
+        self.ticks.put(None)
+        while not self.todo.empty():
+            self.todo.get()()
+
+
+def ask(bench, request):
+    client = bench.helper.create_client(SetBool, '/example/work')
+    assert client.wait_for_service(timeout_sec=TIMEOUT_S)
+    answers = queue.Queue()
+    client.call_async(request).add_done_callback(lambda done: answers.put(done.result()))
+    return answers
+
+
+@executors
+def test_an_answer_may_come_at_once_and_only_the_first_counts(bench, executor):
+    bench.start(Example, executor=executor)
+    answer = bench.call(Trigger, '/example/at_once', Trigger.Request())
+    assert (answer.success, answer.message) == (True, 'first')
+
+
+@executors
+def test_callbacks_go_on_until_the_answer_comes(bench, executor):
+    node = bench.start(Example, executor=executor)
+    answers = ask(bench, SetBool.Request(data=True))
+    request, reply = node.replies.get(timeout=TIMEOUT_S)
+    assert request.data
+    for _ in range(20):
+        node.ticks.get(timeout=TIMEOUT_S)
+    assert answers.empty()
+    node.todo.put(lambda: reply(success=True, message='done'))
+    answer = answers.get(timeout=TIMEOUT_S)
+    assert (answer.success, answer.message) == (True, 'done')
+
+
+@executors
+def test_each_asker_gets_the_own_answer_in_any_order(bench, executor):
+    node = bench.start(Example, executor=executor)
+    asked = [ask(bench, SetBool.Request(data=flag)) for flag in (True, False, True)]
+    waiting = [node.replies.get(timeout=TIMEOUT_S) for _ in asked]
+    by_client = {}
+    for number, (request, reply) in enumerate(reversed(waiting)):
+        message = f'{number} {request.data}'
+        node.todo.put(lambda reply=reply, text=message: reply(success=True, message=text))
+        by_client[message] = request.data
+    got = [answers.get(timeout=TIMEOUT_S).message for answers in asked]
+    assert sorted(got) == sorted(by_client)
+    assert [text.split()[1] for text in got] == ['True', 'False', 'True']
+    assert all(answers.empty() for answers in asked)
+
+
+@executors
+def test_an_answer_after_the_asker_has_gone_harms_nobody(bench, executor):
+    node = bench.start(Example, executor=executor)
+    client = bench.helper.create_client(SetBool, '/example/work')
+    assert client.wait_for_service(timeout_sec=TIMEOUT_S)
+    client.call_async(SetBool.Request())
+    _, reply = node.replies.get(timeout=TIMEOUT_S)
+    bench.helper.destroy_client(client)
+    node.todo.put(lambda: reply(success=True, message='too late'))
+    answer = bench.call(Trigger, '/example/at_once', Trigger.Request())
+    assert answer.success
+
+
+@executors
+def test_no_reply_is_kept_after_its_header_came(bench, executor):
+    node = bench.start(Example, executor=executor)
+    for _ in range(5):
+        bench.call(Trigger, '/example/at_once', Trigger.Request())
+    bench.wait_until(lambda: not node.at_once._replies, 'the last header')

@@ -1,0 +1,101 @@
+"""The two-step methods in competition: held-out blocks choose the number of latents."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from wrist_ft_comp.core.features import Features
+from wrist_ft_comp.core.outer_inner import OuterInnerMethod, identify
+from wrist_ft_comp.core.problem import AxisProblem, block_errors, unexplained
+from wrist_ft_comp.core.recording import FloatArray
+from wrist_ft_comp.core.selection import AxisFit, Fitted, finish, simplest_good
+from wrist_ft_comp.core.settings import IdentificationSettings, build_features
+
+_MAX_LATENTS = 8
+
+_Fit = Callable[[AxisProblem], Fitted]
+
+
+def identify_two_step(
+    problem: AxisProblem,
+    settings: IdentificationSettings,
+    methods: Sequence[OuterInnerMethod | Literal['none']],
+) -> AxisFit:
+    """
+    Let held-out blocks choose among two-step methods and their numbers of latents.
+
+    Parameters
+    ----------
+    problem : AxisProblem
+        Drift observations.
+    settings : IdentificationSettings
+        Features and orders.
+    methods : sequence of str
+        Those that compete; "none" stands for no compensation.
+
+    Returns
+    -------
+    AxisFit
+        The winner, and everything that was tried.
+
+    Raises
+    ------
+    TooShortError
+        When an ARX does not find enough consecutive samples.
+
+    """
+    candidates: dict[str, _Fit] = {'none': lambda part: Fitted(_features(part, settings), None)}
+    for method in methods:
+        if method != 'none':
+            for r in _latents_to_try(settings, _features(problem, settings), method):
+                name = f'{method}, {r} latent{"s" * (r > 1)}'
+                candidates[name] = partial(_fit_two_step, settings, method, r)
+    errors = {name: _held_out(problem, fit) for name, fit in candidates.items()}
+    competing = [name for name in candidates if name != 'none' or 'none' in methods]
+    chosen = competing[simplest_good([errors[name] for name in competing])]
+    return finish(problem, candidates[chosen](problem), chosen, errors)
+
+
+def _features(problem: AxisProblem, settings: IdentificationSettings) -> Features:
+    """Build the features of a problem, with knots only where there are samples."""
+    observed = [
+        temperature_c[np.isfinite(residual)]
+        for temperature_c, residual in zip(problem.temperature_c, problem.residual, strict=True)
+    ]
+    return build_features(problem.temperature_c, settings, observed)
+
+
+def _fit_two_step(
+    settings: IdentificationSettings, method: OuterInnerMethod, latents: int, part: AxisProblem
+) -> Fitted:
+    """Fit one candidate to what is not held out."""
+    features = _features(part, settings)
+    orders = replace(settings.orders, latents=latents)
+    return Fitted(features, *identify(method, part, features, orders))
+
+
+def _latents_to_try(
+    settings: IdentificationSettings, features: Features, method: OuterInnerMethod
+) -> Sequence[int]:
+    """List numbers of latents; hats take all, so that every knot keeps its own coefficients."""
+    if settings.latents is not None:
+        return [settings.latents]
+    width = features.expand(features.reference_c).shape[0]
+    if method == 'filtered_pls':
+        # Hats behind a bank of filters are too many and too alike for each to keep its own.
+        return range(1, min(width * len(settings.orders.time_constants_s), _MAX_LATENTS) + 1)
+    return [width] if features.kind == 'hats' else range(1, min(width, _MAX_LATENTS) + 1)
+
+
+def _held_out(problem: AxisProblem, fit: _Fit) -> FloatArray:
+    """Fit without each block in turn and score it there: mean square errors, shape (blocks,)."""
+    scores = []
+    for block in problem.block_numbers:
+        fitted = fit(problem.without(block))
+        left = unexplained(problem, fitted.features, fitted.dynamics)
+        total, count = block_errors(problem, left, block)
+        scores.append(total / count)
+    return np.array(scores)
