@@ -9,7 +9,7 @@ def test_learns_a_drift_from_one_thermometer(done, drift_csv, tmp_path):
     out = done('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', '--json')
     axes = json.loads(out)['axes']
     assert list(axes) == ['force_z', 'torque_x']
-    assert axes['force_z']['rms_before'] > 2
+    assert axes['force_z']['rms_before'] > 1
     assert axes['force_z']['rms_after'] < 0.1
     assert axes['torque_x']['rms_after'] < 0.005
 
@@ -37,7 +37,7 @@ def test_learns_from_several_recordings_with_their_own_offsets(done, make, tmp_p
 def test_learns_gain_drift_where_the_reference_was_recorded(done, make, tmp_path):
     path = make.csv(tmp_path / 'loaded.csv', make.loaded())
     model = tmp_path / 'm.yaml'
-    done('calibrate', path, '-o', model, '--reference', 'recorded', '--method', 'pls')
+    done('calibrate', path, '-o', model, '--reference', 'recorded')
     other = make.csv(tmp_path / 'other.csv', make.loaded(seed=5))
     out = done('evaluate', model, other, '--reference', 'recorded', '--json')
     force = json.loads(out)['axes']['force_z']
@@ -78,12 +78,21 @@ def test_json_names_every_candidate_and_the_chosen_one(done, drift_csv, tmp_path
     assert scores[axis['chosen']] == axis['rms_after']
 
 
-@pytest.mark.parametrize('method', ['pcr', 'pls', 'filtered_pls', 'arx_pls', 'arx_pls_oe'])
-def test_every_method_gives_a_model_that_runs(method, done, drift_csv, tmp_path):
+@pytest.mark.parametrize('method', ['pcr', 'pls', 'filtered_pls', 'arx_pls_oe', 'auto'])
+def test_every_method_gives_a_model_that_helps(method, done, drift_csv, tmp_path):
     model = tmp_path / 'm.yaml'
     done('calibrate', drift_csv, '-o', model, '--method', method)
     force = json.loads(done('evaluate', model, drift_csv, '--json'))['axes']['force_z']
-    assert force['rms_after'] < 0.5 * force['rms_before']
+    assert force['rms_after'] < 0.1 * force['rms_before']
+
+
+def test_a_method_that_was_asked_for_and_does_harm_is_called_so(done, drift_csv, tmp_path):
+    """Least-squares ARX, the paper literally, fails where drift follows without a lag."""
+    model = tmp_path / 'm.yaml'
+    argv = ['calibrate', drift_csv, '-o', model, '--method', 'arx_pls']
+    force = json.loads(done(*argv, '--json'))['axes']['force_z']
+    said = 'WORSE THAN NONE' in done(*argv).splitlines()[0]
+    assert said == (force['rms_after'] > force['rms_before'])
 
 
 def test_knots_below_zero_mean_hats(done, drift_csv, tmp_path):

@@ -1,7 +1,7 @@
 """
 A stand-in for the command ``ros2`` where only rclpy is installed: just what the README uses of it.
 
-``run`` starts the package's executables, ``service call`` and ``param describe`` talk to nodes over DDS.
+``run`` starts the package's executables; ``service call`` and ``param describe`` talk over DDS.
 """
 
 import importlib
@@ -45,12 +45,12 @@ def main(words: list[str]) -> int:
         service_type = getattr(importlib.import_module(f'{package}.srv'), name)
         fields = yaml.safe_load(words[4]) if len(words) > 4 else {}
         response = call(service_type, words[2], service_type.Request(**fields))
-        print(response)
+        sys.stdout.write(f'{response}\n')
         return 0 if response.success else 1
     if words[:2] == ['param', 'describe']:
         request = DescribeParameters.Request(names=words[3:])
         described = call(DescribeParameters, f'{words[2]}/describe_parameters', request)
-        print(described)
+        sys.stdout.write(f'{described}\n')
         return 0 if described.descriptors[0].description else 1
     sys.exit(f'the stand-in does not know: ros2 {" ".join(words)}')
 

@@ -35,7 +35,9 @@ def _axis_line(axis: str, fit: AxisFit) -> str:
         return f'{axis}: no compensation; drift held out {fit.rms_before:.3g} {unit} RMS'
     outputs = len(fit.model.dynamics.output_mean)
     what = 'zero and sensitivity' if outputs == 2 else 'zero'
+    # A method that a person named is kept although it may do harm; it must not do so silently.
+    harm = ': WORSE THAN NONE' if fit.rms_after > fit.rms_before else ''
     return (
         f'{axis}: {fit.rms_before:.3g} -> {fit.rms_after:.3g} {unit} RMS held out '
-        f'({what}; {fit.chosen})'
+        f'({what}; {fit.chosen}){harm}'
     )

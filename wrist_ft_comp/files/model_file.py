@@ -69,7 +69,7 @@ class _Loader(yaml.SafeLoader):
     def compose_node(self, parent: Any, index: Any) -> Any:
         """Refuse aliases."""
         if self.check_event(yaml.AliasEvent):
-            event = self.peek_event()
+            event = self.peek_event()  # type: ignore[no-untyped-call] # PyYAML's stubs lack it
             raise yaml.constructor.ConstructorError(
                 None, None, 'aliases are not allowed', event.start_mark
             )
@@ -296,7 +296,8 @@ def _check_document(path: Path, document: Any) -> None:
         where = '/'.join(str(part) for part in first.absolute_path) or 'the top level'
         message = first.message if len(first.message) < 200 else f'{first.message[:200]} …'
         raise ModelFileError(
-            f'{path} breaks the schema at {where}: {message}. Restore the file, or calibrate again.'
+            f'{path} breaks the schema at {where}: {message}. Restore the file, or calibrate '
+            'again.'
         )
 
 

@@ -1,8 +1,8 @@
 """
-The operator of the demonstration: records, calibrates, listens, over nothing but topics and services.
+The operator of the demonstration: records, calibrates, listens, by topics and services only.
 
-It is a program of its own (``python -m wrist_ft_comp.ros.demo_client``) that writes one JSON object a
-line to standard output: what it does and how far it is. Everything it received goes into a file.
+It is a program of its own (``python -m wrist_ft_comp.ros.demo_client``) that writes one JSON object
+a line to standard output: what it does and how far it is. What it received goes into a file.
 """
 
 import json
@@ -106,14 +106,16 @@ class DemoClient:
     def listen_for(self, first_ns: int, seconds: float, what: str) -> None:
         """Listen until the stamps have moved on, telling how far they are."""
         while self.latest_ns < first_ns + int(seconds * NANOSECONDS):
-            before, step = self.latest_ns, int(seconds / 40 * NANOSECONDS)
+            target_ns = self.latest_ns + int(seconds / 40 * NANOSECONDS)
             self.spin_until(
-                lambda before=before, step=step: self.latest_ns > before + step,
-                'The next message of the sensor',
-                _SILENCE_TIMEOUT_S,
+                partial(self._reached, target_ns), 'The next message', _SILENCE_TIMEOUT_S
             )
             done = (self.latest_ns - first_ns) / (seconds * NANOSECONDS)
             tell('progress', what=what, share=min(done, 1.0))
+
+    def _reached(self, stamp_ns: int) -> bool:
+        """Tell whether the stamps have passed a time."""
+        return self.latest_ns > stamp_ns
 
     def log(self, calibrated_ns: int) -> DemoLog:
         """Put together what came on all three wrench topics."""
@@ -121,12 +123,14 @@ class DemoClient:
         stamps = sorted(raw.keys() & compensated.keys() & reference.keys())
         temperatures = np.array(self.temperatures)
         return DemoLog(
-            np.array(stamps, dtype=np.int64),
-            *(np.array([part[s] for s in stamps]) for part in (raw, compensated, reference)),
-            np.array([stamp for stamp, _, _ in self.temperatures], dtype=np.int64),
-            temperatures[:, 1].astype(np.int64),
-            temperatures[:, 2],
-            calibrated_ns,
+            stamps_ns=np.array(stamps, dtype=np.int64),
+            raw=np.array([raw[stamp] for stamp in stamps]),
+            compensated=np.array([compensated[stamp] for stamp in stamps]),
+            reference=np.array([reference[stamp] for stamp in stamps]),
+            temperature_stamps_ns=np.array([row[0] for row in self.temperatures], dtype=np.int64),
+            thermometer=temperatures[:, 1].astype(np.int64),
+            temperature_c=temperatures[:, 2],
+            calibrated_ns=calibrated_ns,
         )
 
     def close(self) -> None:

@@ -57,7 +57,7 @@ def test_a_warm_up_is_recorded_learnt_and_removed(rig, make_robot, thermometers,
     drift = np.ptp(robot.zero[300:], axis=0)
     left = np.ptp(after.reshape(-1, 4, 6).mean(axis=1), axis=0)
     assert (drift > 20 * 0.01 * np.array([1, 1, 1, 0.1, 0.1, 0.1])).all(), 'worth removing'
-    assert (left < 0.08 * drift).all(), left / drift
+    assert (left < 0.12 * drift).all(), 'drift of one or two thermal cells at most'
 
 
 def test_a_recorded_reference_teaches_the_sensitivity(rig, make_robot):
@@ -90,11 +90,11 @@ def test_a_second_calibration_starts_where_the_first_ended(rig, make_robot):
     robot.write(node.directory / 'recordings/first.csv')
     assert node.call('calibrate').success
     assert node.call('record', True).success
-    robot.run(node, WARM)
+    robot.run(node, range(150))
     assert node.call('record', False).success
     (path,) = (node.directory / 'recordings').glob('recording_*.csv')
     recorded = np.genfromtxt(path, delimiter=',', names=True)
-    np.testing.assert_allclose(recorded['force_z'], robot.zero[:299, 2], atol=0.05)
+    np.testing.assert_allclose(recorded['force_z'], robot.zero[:149, 2], atol=0.05)
     assert node.set('calibration.recordings', [str(path)]).successful
     answer = node.call('calibrate')
     assert answer.success, answer.message

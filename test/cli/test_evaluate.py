@@ -1,0 +1,137 @@
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from wrist_ft_comp.cli.evaluate import pool
+from wrist_ft_comp.core.evaluation import AxisEvaluation
+
+KEYS = {'rms_before', 'rms_after', 'max_before', 'max_after'}
+
+
+def by_hand(columns, model, axis, tare_s):
+    """Compute the four numbers for a static model in powers of one temperature."""
+    document = yaml.safe_load(model.read_text())['axes'][axis]['model']
+    features, dynamics = document['features'], document['dynamics']
+    inside = np.array(columns['temperature_c'])
+    low, high = features['lower_c'][0], features['upper_c'][0]
+    theta = np.clip(inside, low, high) - features['reference_c'][0]
+    x = np.stack([theta**power for power in range(1, features['degree'] + 1)], axis=1)
+    scores = ((x - dynamics['input_mean']) / dynamics['input_weight']) @ dynamics['rotations']
+    scores = scores * [latent['b'][0] for latent in dynamics['latents']]
+    outputs = scores @ np.array(dynamics['output_loadings']).T * dynamics['output_weight']
+    zero = (outputs + dynamics['output_mean'])[:, 0]
+    raw = np.array(columns[axis])
+    errors = {'before': raw, 'after': raw - zero}
+    tared = {name: e - e[:tare_s].mean() for name, e in errors.items()}
+    rms = {f'rms_{name}': np.sqrt(np.mean(e**2)) for name, e in tared.items()}
+    return {**rms, **{f'max_{name}': np.abs(e).max() for name, e in tared.items()}}
+
+
+
+@pytest.mark.parametrize('tare_s', [60, 5])
+@pytest.mark.parametrize('axis', ['force_z', 'torque_x'])
+def test_the_numbers_are_those_of_a_hand_computation(axis, tare_s, done, make, model, tmp_path):
+    columns = make.drifting(seed=3)
+    path = make.csv(tmp_path / 'run.csv', columns)
+    found = json.loads(done('evaluate', model, path, '--tare', tare_s, '--json'))
+    assert set(found['axes']) == {'force_z', 'torque_x'}
+    assert set(found['axes'][axis]) == KEYS
+    assert found['axes'][axis] == pytest.approx(by_hand(columns, model, axis, tare_s), rel=1e-9)
+    assert found['tare_s'] == tare_s
+
+
+def test_the_reference_is_subtracted(done, make, model, tmp_path):
+    """With a model of zero drift only, a recorded load changes nothing in the errors."""
+    columns = make.drifting(seed=3)
+    plain = make.csv(tmp_path / 'plain.csv', columns)
+    load = np.repeat([0.0, 7.0, -4.0, 11.0], 100)
+    columns['force_z'] = (np.array(columns['force_z']) + load).tolist()
+    columns['reference_force_z'] = load.tolist()
+    path = make.csv(tmp_path / 'loaded.csv', columns)
+    expected = json.loads(done('evaluate', model, plain, '--json'))['axes']['force_z']
+    found = json.loads(done('evaluate', model, path, '--reference', 'recorded', '--json'))
+    assert found['axes'] == {'force_z': pytest.approx(expected, rel=1e-9)}
+    assert found['recordings'][0]['reference'] == 'recorded'
+
+
+def test_an_axis_that_the_model_lacks_is_passed_through(done, make, model, tmp_path):
+    columns = make.drifting(seed=3)
+    columns['force_y'] = columns['force_z']
+    path = make.csv(tmp_path / 'run.csv', columns)
+    axes = json.loads(done('evaluate', model, path, '--json'))['axes']
+    assert axes['force_y']['rms_after'] == axes['force_y']['rms_before']
+    assert axes['force_z']['rms_after'] < 0.1 * axes['force_z']['rms_before']
+
+
+def test_several_recordings_are_pooled_by_their_length(done, make, model, tmp_path):
+    paths = [
+        make.csv(tmp_path / f'{seconds}.csv', make.drifting(seconds, seed=seconds))
+        for seconds in (100, 300)
+    ]
+    found = json.loads(done('evaluate', model, *paths, '--json'))
+    parts = [each['axes']['force_z'] for each in found['recordings']]
+    squares = np.average([part['rms_before'] ** 2 for part in parts], weights=[100, 300])
+    assert found['axes']['force_z']['rms_before'] == pytest.approx(np.sqrt(squares))
+    assert found['axes']['force_z']['max_after'] == max(part['max_after'] for part in parts)
+    assert [each['duration_s'] for each in found['recordings']] == [100, 300]
+
+
+def test_pooling_takes_axes_from_where_they_are():
+    one, two = AxisEvaluation(3.0, 1.0, 4.0, 2.0), AxisEvaluation(4.0, 2.0, 9.0, 1.0)
+    pooled = pool([{'force_x': one}, {'force_x': two, 'torque_z': two}], [10, 30])
+    assert list(pooled) == ['force_x', 'torque_z']
+    assert pooled['torque_z'] == two
+    assert pooled['force_x'].rms_before == pytest.approx(np.sqrt((9 * 10 + 16 * 30) / 40))
+    assert (pooled['force_x'].max_before, pooled['force_x'].max_after) == (9.0, 2.0)
+
+
+def test_the_table_fits_the_screen_and_names_units(done, drift_csv, model):
+    lines = done('evaluate', model, drift_csv).splitlines()
+    assert len(lines) == 3
+    assert 'N m' in lines[2]
+    assert max(map(len, lines)) <= 80
+
+
+def test_json_stays_whole_when_there_are_warnings(run, make, model, tmp_path):
+    columns = make.drifting(seed=3)
+    columns['force_z'][9] = 'nan'
+    path = make.csv(tmp_path / 'run.csv', columns)
+    outcome = run('evaluate', model, path, '--json')
+    assert json.loads(outcome.out)['recordings'][0]['warnings']
+    assert outcome.err.startswith('warning: ')
+    assert outcome.code == 0
+
+
+def test_one_cell_is_enough(run, make, model, tmp_path):
+    columns = {'stamp_s': [0.0], 'temperature_c': [25.0], 'force_z': [1.0]}
+    path = make.csv(tmp_path / 'one.csv', columns)
+    found = json.loads(run('evaluate', model, path, '--json').out)
+    assert found['axes']['force_z']['rms_before'] == 0
+    assert run('evaluate', model, path).out.splitlines()[1].endswith('-')
+
+
+@pytest.mark.parametrize('value', ['-1', 'soon', 'nan', 'inf'])
+def test_a_tare_that_is_none_is_a_matter_of_usage(value, run, drift_csv, model):
+    assert run('evaluate', model, drift_csv, '--tare', value).code == 2
+
+
+def test_a_report_tells_what_was_printed(done, make, model, tmp_path):
+    path, page = make.csv(tmp_path / 'run.csv', make.drifting(seed=3)), tmp_path / 'r.html'
+    out = done('evaluate', model, path, '--tare', '5', '--report', page)
+    text = page.read_text()
+    for number in out.splitlines()[1].split()[2:6]:
+        assert f'<td>{number}</td>' in text
+    assert 'first 5 s' in text
+
+
+@pytest.mark.parametrize('victim', ['model', 'recording'])
+def test_a_report_overwrites_neither_model_nor_recording(victim, run, make, model, tmp_path):
+    copies = {'model': tmp_path / 'm.yaml', 'recording': tmp_path / 'run.csv'}
+    copies['model'].write_bytes(model.read_bytes())
+    make.csv(copies['recording'], make.drifting())
+    before = copies[victim].read_bytes()
+    argv = ['evaluate', *copies.values(), '--report', copies[victim]]
+    assert 'overwrite' in run(*argv).sentence
+    assert copies[victim].read_bytes() == before

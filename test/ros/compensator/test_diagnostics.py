@@ -1,0 +1,139 @@
+import pytest
+
+pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
+
+from diagnostic_msgs.msg import DiagnosticArray
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+OK, WARN, ERROR, STALE = b'\0', b'\1', b'\2', b'\3'
+LOAD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+
+
+def numbers(status):
+    return {each.key: each.value for each in status.values}
+
+
+def test_one_status_per_concern_named_after_the_node(rig):
+    node = rig()
+    arrays = node.bench.listen(DiagnosticArray, '/diagnostics')
+    node.put(START, LOAD, frame='wrist_3_link')
+    node.take()
+    name = f'{node.namespace.lstrip("/")}/wrist_ft_comp'
+    expected = [f'{name}: {c}' for c in ('input', 'temperature', 'model', 'calibration', 'output')]
+    for _ in range(5):
+        array = arrays.get(timeout=20.0)
+        statuses = [each for each in array.status if each.name.startswith(f'{name}:')]
+        if statuses and statuses[0].hardware_id:
+            break
+    assert [each.name for each in statuses] == expected
+    assert {each.hardware_id for each in statuses} == {'wrist_3_link'}
+    assert all(each.message for each in statuses)
+    assert array.header.stamp.sec > 0
+
+
+def test_the_hardware_follows_the_frame(rig):
+    node = rig()
+    for frame in ('tool0', 'wrist_3_link', ''):
+        node.put(START, LOAD, frame=frame)
+        node.take()
+        assert node.node.frame_id == frame
+
+
+def test_input_is_stale_or_well_or_unusable(rig):
+    node = rig()
+    status = node.diagnosis('input')
+    assert status.level == STALE
+    assert status.message == 'no raw wrenches arrive; is the driver running?'
+    node.stream(START + 1000 * __import__('numpy').arange(50), [LOAD] * 50)
+    status = node.diagnosis('input', lambda each: each.level == OK)
+    assert 'wrenches per second' in status.message
+    assert numbers(status)['received'] == '50'
+    node.put(START, [float('nan')] * 6)
+    status = node.diagnosis('input', lambda each: each.level == WARN)
+    assert status.message == 'all wrenches are unusable and dropped; check the driver'
+    assert node.diagnosis('input', lambda each: each.level == STALE)
+
+
+def test_a_thermometer_that_never_reported_is_named(rig):
+    node = rig(thermometers=2)
+    node.warm(START, 25.0)
+    status = node.diagnosis('temperature', lambda each: '1, 2' not in each.message)
+    assert status.level == WARN
+    assert status.message == 'thermometer 2 has not reported; drift waits for it'
+    assert numbers(status)['thermometer_2_age_s'] == 'never'
+
+
+def test_a_silent_thermometer_is_named(rig):
+    node = rig(parameters={'temperature_timeout': 0.1})
+    node.warm(START, 25.0)
+    status = node.diagnosis('temperature', lambda each: 'silent' in each.message)
+    assert status.level == WARN
+    assert status.message == 'thermometer 1 silent for more than 0.1 s; drift is held'
+
+
+def test_temperatures_outside_the_calibrated_range_are_named(rig, make_model):
+    model = make_model('m.yaml', range_c=(20.0, 30.0))
+    node = rig(parameters={'model_file': str(model.path), 'temperature_timeout': 3600})
+    for second in range(3):
+        node.warm(START + second * SECOND, 25.0)
+    status = node.diagnosis('temperature', lambda each: 'thermometer_1_c' in numbers(each))
+    assert (status.level, status.message) == (OK, 'all thermometers report')
+    assert numbers(status)['thermometer_1_c'] == '25.00'
+    for second in range(3, 6):
+        node.warm(START + second * SECOND, 35.0)
+    status = node.diagnosis('temperature', lambda each: each.level == WARN)
+    assert status.message == (
+        'thermometer 1 outside the calibrated range; drift is clamped there'
+    )
+
+
+def test_stamps_of_two_clocks_are_told(rig):
+    node = rig()
+    node.ask_output(50 * SECOND, LOAD)
+    node.warm(START, 25.0)
+    status = node.diagnosis('temperature', lambda each: each.level == WARN and 'apart' in each.message)
+    assert 'both drivers must use one clock' in status.message
+
+
+def test_stamps_that_stand_still_are_told(rig):
+    node = rig(parameters={'temperature_timeout': 3600})
+    for _ in range(5):
+        node.warm(START, 25.0)
+    status = node.diagnosis('temperature', lambda each: each.level == WARN)
+    assert 'their stamps do not increase' in status.message or 'reported' in status.message
+    assert numbers(node.diagnosis('temperature'))['rejected'] == '4'
+
+
+def test_the_model_and_what_it_does_are_told(rig, make_model):
+    node = rig()
+    status = node.diagnosis('model')
+    assert status.level == WARN
+    assert status.message == 'no model; record a warm-up and call ~/calibrate'
+    assert node.diagnosis('output').level == WARN
+    model = make_model('m.yaml', {'force_z': (2.0, 0.001, 0.0)})
+    assert node.set('model_file', str(model.path)).successful
+    for second in range(3):
+        node.warm(START + second * SECOND, 30.0)
+    status = node.diagnosis('model', lambda each: each.level == OK)
+    assert status.message == 'compensating 1 axes'
+    assert numbers(status)['axes'] == 'force_z'
+    assert numbers(status)['sha256'] == model.sha256
+    status = node.diagnosis('output', lambda each: each.level == OK)
+    shown = numbers(status)
+    assert shown['force_z_drift'] == '20 N'
+    assert shown['force_z_sensitivity'] == '1 %'
+    assert shown['torque_x_tare'] == '0 N m'
+
+
+def test_recordings_and_refusals_are_told(rig):
+    node = rig()
+    assert node.diagnosis('calibration').message == 'idle'
+    assert node.call('record', True).success
+    status = node.diagnosis('calibration', lambda each: each.message == 'recording')
+    assert numbers(status)['recording'] == str(node.node.recording.current.path)
+    assert node.call('record', False).success
+    answer = node.call('calibrate')
+    assert not answer.success
+    status = node.diagnosis('calibration', lambda each: each.level == WARN)
+    assert numbers(status)['last'] == answer.message

@@ -1,0 +1,211 @@
+import json
+
+import pytest
+
+pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
+
+from wrist_ft_comp import ModelFileError, SettingsError
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+OK, WARN, ERROR = b'\0', b'\1', b'\2'
+
+
+def live(node):
+    """Name of the live model, as the node and its diagnostics tell."""
+    stored = node.node.model.stored
+    status = node.diagnosis('model')
+    numbers = {each.key: each.value for each in status.values}
+    assert numbers.get('file') == (None if stored is None else str(stored.path))
+    assert numbers.get('sha256') == (None if stored is None else stored.sha256)
+    return None if stored is None else stored.path.name
+
+
+def remember(node_or_directory, *names):
+    directory = getattr(node_or_directory, 'directory', node_or_directory)
+    directory.mkdir(exist_ok=True, parents=True)
+    entries = [name and f'models/{name}' for name in names]
+    (directory / 'active.json').write_text(json.dumps(entries))
+
+
+class TestRollback:
+    def test_goes_back_model_by_model_to_none_and_no_further(self, rig, make_model):
+        for name in ('a.yaml', 'b.yaml'):
+            make_model(name)
+        node = rig()
+        for name in ('a.yaml', 'b.yaml'):
+            assert node.set('model_file', f'models/{name}').successful
+        assert live(node) == 'b.yaml'
+        answer = node.call('rollback')
+        assert answer.success
+        assert answer.message == f'compensating with {node.directory / "models/a.yaml"} again'
+        assert live(node) == 'a.yaml'
+        answer = node.call('rollback')
+        assert answer.message == 'no model was live before: wrenches pass uncompensated'
+        assert live(node) is None
+        answer = node.call('rollback')
+        assert not answer.success
+        assert answer.message.startswith('There is no earlier model to go back to')
+
+    def test_is_no_step_in_the_output(self, rig, make_model):
+        make_model('a.yaml', {'force_z': (2.0, 0.003, 0.0), 'force_x': (1.0, 0.0, 0.0)})
+        make_model('b.yaml', {'force_z': (-1.0, 0.0, 50.0)})
+        node = rig()
+        for second in range(10):
+            node.warm(START + second * SECOND, 25.0 + second)
+        stamp, raw = START + 20 * SECOND, [1.0, 2.0, 30.0, 0.1, 0.2, 0.3]
+        before = node.ask_output(stamp, raw)
+        for name in ('a.yaml', 'b.yaml'):
+            assert node.set('model_file', f'models/{name}').successful
+            assert node.ask_output(stamp, raw) == pytest.approx(before)
+        for _ in range(2):
+            assert node.call('rollback').success
+            assert node.ask_output(stamp, raw) == pytest.approx(before)
+
+    def test_survives_a_restart(self, rig, make_model):
+        for name in ('a.yaml', 'b.yaml'):
+            make_model(name)
+        remember(rig().directory, 'a.yaml', 'b.yaml')
+        assert rig().call('rollback').success
+        restarted = rig()
+        assert live(restarted) == 'a.yaml'
+        assert not restarted.call('rollback').success
+
+    def test_passes_over_a_model_that_cannot_be_used(self, rig, make_model):
+        for name in ('a.yaml', 'c.yaml'):
+            make_model(name)
+        node = rig()
+        remember(node, 'a.yaml', 'gone.yaml', 'c.yaml')
+        node = rig()
+        answer = node.call('rollback')
+        assert not answer.success
+        assert 'gone.yaml cannot be read: No such file' in answer.message
+        assert 'The running model stays; call again for the model before' in answer.message
+        assert live(node) == 'c.yaml'
+        assert node.call('rollback').success
+        assert live(node) == 'a.yaml'
+
+
+class TestRestart:
+    def test_brings_the_last_model_back(self, rig, make_model):
+        make_model('a.yaml')
+        first = rig()
+        assert first.set('model_file', 'models/a.yaml').successful
+        again = rig()
+        assert live(again) == 'a.yaml'
+        assert again.node.model.problem == ''
+
+    def test_after_a_rollback_to_none_has_none(self, rig, make_model):
+        make_model('a.yaml')
+        first = rig()
+        assert first.set('model_file', 'models/a.yaml').successful
+        assert first.call('rollback').success
+        again = rig()
+        assert live(again) is None
+        assert again.diagnosis('model').level == WARN
+
+    @pytest.mark.parametrize('content', ['{', '[1]', ''])
+    def test_with_a_broken_list_starts_without_a_model(self, rig, make_model, content, capfd):
+        model = make_model('a.yaml')
+        remember(model.path.parents[1])
+        (model.path.parents[1] / 'active.json').write_text(content)
+        node = rig()
+        status = node.diagnosis('model')
+        assert status.level == ERROR
+        assert status.message.startswith('The last model cannot be used: ')
+        assert 'active.json' in status.message
+        assert 'Remove it and set model_file.' in capfd.readouterr().err
+        assert node.ask_output(START, [1.0] * 6) == (1.0,) * 6
+        assert node.set('model_file', 'models/a.yaml').successful
+        assert node.diagnosis('model', lambda each: each.level == OK)
+        assert live(rig()) == 'a.yaml'
+
+    def test_with_a_missing_model_can_still_roll_back(self, rig, make_model):
+        make_model('a.yaml')
+        remember(rig(), 'a.yaml', 'gone.yaml')
+        node = rig()
+        status = node.diagnosis('model')
+        assert status.level == ERROR
+        assert 'gone.yaml cannot be read: No such file' in status.message
+        assert node.call('rollback').success
+        assert live(node) == 'a.yaml'
+
+    def test_with_other_thermometers_starts_without_a_model(self, rig, make_model):
+        make_model('two.yaml', thermometers=2)
+        remember(rig(), 'two.yaml')
+        status = rig().diagnosis('model')
+        assert status.level == ERROR
+        assert 'expects 2 thermometers, the node has 1 (temperature_topics)' in status.message
+
+    def test_brings_the_period_of_the_model_back(self, rig, make_model):
+        make_model('slow.yaml', period_s=10.0)
+        remember(rig(), 'slow.yaml')
+        assert rig().node.compensator.grid.period_ns == 10 * SECOND
+
+
+class TestModelFile:
+    def test_at_start_is_live_and_need_not_lie_in_the_folder(self, rig, make_model, tmp_path):
+        model = make_model(tmp_path / 'elsewhere.yaml')
+        node = rig(parameters={'model_file': str(model.path)})
+        assert live(node) == 'elsewhere.yaml'
+        assert not node.call('rollback').success
+
+    @pytest.mark.parametrize('content', [None, b'', b'\xff', b'a: [', b'format: other'])
+    def test_that_is_bad_at_start_is_an_error(self, rig, tmp_path, content):
+        path = tmp_path / 'bad.yaml'
+        if content is not None:
+            path.write_bytes(content)
+        with pytest.raises(ModelFileError, match=r'bad\.yaml'):
+            rig(parameters={'model_file': str(path)})
+
+    def test_with_other_thermometers_is_an_error(self, rig, make_model):
+        model = make_model('two.yaml', thermometers=2)
+        with pytest.raises(SettingsError, match='expects 2 thermometers, the node has 1'):
+            rig(parameters={'model_file': str(model.path)})
+        node = rig()
+        verdict = node.set('model_file', str(model.path))
+        assert not verdict.successful
+        assert 'expects 2 thermometers, the node has 1' in verdict.reason
+
+    @pytest.mark.parametrize('name', ['elsewhere.yaml', 'data/link.yaml', 'data/../elsewhere.yaml'])
+    def test_outside_the_folder_is_refused_at_run_time(self, rig, make_model, tmp_path, name):
+        make_model(tmp_path / 'elsewhere.yaml')
+        make_model('live.yaml')
+        (tmp_path / 'data/link.yaml').symlink_to(tmp_path / 'elsewhere.yaml')
+        node = rig()
+        assert node.set('model_file', 'models/live.yaml').successful
+        verdict = node.set('model_file', str(tmp_path / name))
+        assert not verdict.successful
+        assert f'must lie inside data_directory ({tmp_path / "data"})' in verdict.reason
+        assert live(node) == 'live.yaml'
+        assert node.node.get_parameter('model_file').value == 'models/live.yaml'
+
+    @pytest.mark.parametrize('content', [None, b'a: [', b'format: other'])
+    def test_that_is_bad_at_run_time_is_refused(self, rig, make_model, content):
+        model = make_model('live.yaml')
+        node = rig()
+        assert node.set('model_file', str(model.path)).successful
+        bad = node.directory / 'models/bad.yaml'
+        if content is not None:
+            bad.write_bytes(content)
+        verdict = node.set('model_file', str(bad))
+        assert not verdict.successful
+        assert 'bad.yaml' in verdict.reason
+        assert live(node) == 'live.yaml'
+
+    def test_that_links_to_itself_or_to_nowhere_is_refused(self, rig, make_model):
+        make_model('a.yaml')
+        node = rig()
+        (node.directory / 'loop.yaml').symlink_to(node.directory / 'loop.yaml')
+        for name in ('loop.yaml', '~nobody_of_this_name/a.yaml', 'x' * 5000, '.', '/dev/zero'):
+            assert not node.set('model_file', name).successful
+        assert node.set('model_file', '').successful
+        assert live(node) is None
+
+    def test_set_twice_is_one_step_back(self, rig, make_model):
+        make_model('a.yaml')
+        node = rig()
+        for _ in range(2):
+            assert node.set('model_file', 'models/a.yaml').successful
+        assert node.call('rollback').success
+        assert live(node) is None

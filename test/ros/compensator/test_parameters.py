@@ -1,0 +1,135 @@
+import pytest
+
+pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
+
+from rcl_interfaces.srv import DescribeParameters
+
+from wrist_ft_comp import SettingsError
+from wrist_ft_comp.ros.compensator_parameters import PARAMETERS
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+CHANGEABLE = [row for row in PARAMETERS if not row.read_only]
+OTHER = {
+    'thermal_period': 7,
+    'temperature_timeout': 0.5,
+    'max_drift': 1.0,
+    'temperature_topics': ['a'],
+    'data_directory': '/tmp',  # noqa: S108 -- is to be refused
+    'executor': 'events',
+}
+
+
+def test_every_parameter_is_described(rig):
+    node = rig()
+    request = DescribeParameters.Request(names=[row.name for row in PARAMETERS])
+    service = f'{node.namespace}/wrist_ft_comp/describe_parameters'
+    shown = node.bench.call(DescribeParameters, service, request).descriptors
+    for row, each in zip(PARAMETERS, shown, strict=True):
+        assert each.name == row.name
+        assert len(each.description.split()) > 3
+        assert each.read_only == row.read_only
+        when = 'Read at start-up only.' if row.read_only else 'May change at run time.'
+        assert each.description.endswith(when)
+        if row.element_type is float:
+            assert f'Unit: {row.unit}.' in each.description
+            assert row.unit
+            assert each.floating_point_range
+    assert {row.name for row in PARAMETERS if row.read_only} == set(OTHER)
+
+
+def test_read_only_ones_refuse(rig):
+    node = rig()
+    for name, value in OTHER.items():
+        before = node.node.get_parameter(name).value
+        verdict = node.set(name, value)
+        assert not verdict.successful, name
+        assert 'read-only' in verdict.reason
+        assert node.node.get_parameter(name).value == before
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'words'),
+    [
+        ('uncalibrated', 'loud', 'passthrough, silent'),
+        ('calibration.reference', 'free', 'unloaded, constant, recorded'),
+        ('calibration.method', 'magic', 'arx_pls_oe'),
+        ('calibration.min_temperature_span', -1.0, 'from 0 to 200 K'),
+        ('calibration.recordings', ['/etc/passwd'], 'must lie inside data_directory'),
+        ('tare.duration', 0, 'from 0.01 to 60 s'),
+        ('tare.max_deviation', 0.0, 'from 0.001'),
+        ('model_file', 5, 'type'),
+    ],
+)
+def test_values_that_are_not_allowed_are_refused(rig, name, value, words):
+    node = rig()
+    verdict = node.set(name, value)
+    assert not verdict.successful
+    assert words in verdict.reason
+    assert node.ask_output(START, [1.0] * 6) == (1.0,) * 6
+
+
+def test_an_integer_is_taken_for_a_double(rig):
+    node = rig(parameters={'max_drift': 3, 'thermal_period': 2})
+    assert node.node.compensator.settings.max_drift_n == 3.0
+    assert node.node.compensator.grid.period_ns == 2 * SECOND
+    assert node.set('tare.duration', 2).successful
+    assert node.node.get_parameter('tare.duration').value == 2.0
+
+
+def test_no_thermometer_is_an_error(rig):
+    with pytest.raises(SettingsError, match='temperature_topics must name at least one topic'):
+        rig(parameters={'temperature_topics': ['']})
+
+
+def job_of(node):
+    return node.node.calibration._job()
+
+
+def test_a_calibration_takes_the_parameters_of_its_time(rig, make_robot):
+    node = rig(thermometers=2, parameters={'thermal_period': 5})
+    folder = node.directory / 'recordings'
+    for name in ('a.csv', 'b.csv'):
+        make_robot().write(folder / name, cells=3)
+    job = job_of(node)
+    assert job.recordings == (folder / 'a.csv', folder / 'b.csv')
+    assert job.skip_unusable
+    assert job.period_s == 5.0
+    assert job.topics.wrench == node.topic('wrench_raw')
+    assert job.topics.temperatures == (node.topic('temperature'), node.topic('temperature_2'))
+    assert job.topics.reference == node.topic('wrench_reference')
+    for name, value in {
+        'calibration.recordings': ['recordings/b.csv', ''],
+        'calibration.reference': 'recorded',
+        'calibration.method': 'pls',
+        'calibration.min_temperature_span': 1,
+    }.items():
+        assert node.set(name, value).successful, name
+    job = job_of(node)
+    assert job.recordings == (folder / 'b.csv',)
+    assert not job.skip_unusable
+    assert job.settings.reference == 'recorded'
+    assert job.settings.identification.method == 'pls'
+    assert job.settings.min_temperature_span_k == 1.0
+
+
+def test_every_changeable_parameter_has_a_test_of_its_effect():
+    """Those of a calibration are above; the others in the tests of stream, tares and models."""
+    names = {row.name for row in CHANGEABLE}
+    assert {name for name in names if not name.startswith('calibration.')} == {
+        'model_file',
+        'uncalibrated',
+        'tare.duration',
+        'tare.max_deviation',
+    }
+
+
+def test_drift_is_limited_as_max_drift_says(rig, make_model):
+    model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0), 'torque_z': (2.0, 0.0, 0.0)})
+    node = rig(parameters={'max_drift': 5, 'model_file': str(model.path)})
+    for second in range(4):
+        node.warm(START + second * SECOND, 30.0)
+    found = node.ask_output(START + 9 * SECOND, [0.0] * 6)
+    assert (found[2], found[5]) == pytest.approx((-5.0, -0.5))
+    status = node.diagnosis('output', lambda each: each.level == b'\2')
+    assert status.message == 'drift of force_z, torque_z is at its limit'
