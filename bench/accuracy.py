@@ -7,6 +7,7 @@ over the seeds, in % of the uncompensated drift, both tared on the first minute 
 
 import argparse
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -70,7 +71,7 @@ def wrist(seed: int, run: int, thermometers: int, *, loaded: bool) -> Recording:
         torque_nm=1.0 if loaded else 0.0,
     )
     drawn = simulated_run.draw_run(settings, rng)
-    elapsed_s = np.arange(9000) + 0.5
+    elapsed_s: FloatArray = np.arange(9000, dtype=float) + 0.5
     true = simulated_run.true_wrench(drawn, elapsed_s)
     drive = simulated_run.drive(drawn, elapsed_s)
     start = thermal_sensor.start(sensor, float(drive[0, 1]))
@@ -138,10 +139,16 @@ def thirds(each: Recording) -> list[Recording]:
     """Cut a recording into three."""
     edges = np.linspace(0, len(each), 4).astype(int)
     return [
-        Recording(each.name, each.period_ns, int(a), *(part[a:b] for part in (
-            each.temperature_c, each.measured, each.wrench, each.reference)))
+        replace(
+            each,
+            first_cell=int(a),
+            temperature_c=each.temperature_c[a:b],
+            measured=each.measured[a:b],
+            wrench=each.wrench[a:b],
+            reference=each.reference[a:b],
+        )
         for a, b in zip(edges[:-1], edges[1:], strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def drift(each: Recording) -> FloatArray:

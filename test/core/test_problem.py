@@ -245,11 +245,11 @@ class TestScores:
             total, count = block_errors(problem, left, block)
             expected, samples = 0.0, 0
             for numbers, values in zip(blocks, left, strict=True):
-                inside = [
-                    v
-                    for n, v in zip(numbers, values, strict=True)
-                    if n == block and np.isfinite(v)
-                ]
+                bins: dict[int, list[float]] = {}
+                for cell, (n, v) in enumerate(zip(numbers, values, strict=True)):
+                    if n == block and np.isfinite(v):
+                        bins.setdefault(cell // problem.judged_cells, []).append(v)
+                inside = [sum(each) / len(each) for each in bins.values()]
                 mean = sum(inside) / len(inside)
                 expected += sum((v - mean) ** 2 for v in inside)
                 samples += len(inside)

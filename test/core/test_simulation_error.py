@@ -170,7 +170,7 @@ def test_many_systems_are_solved_as_one_by_one(problem: AxisProblem) -> None:
 def test_held_out_errors_are_those_of_refitting_without_each_block(
     problem: AxisProblem, lagged: Callable[..., Array], structure: oe.Structure, strength: float
 ) -> None:
-    found = oe.held_out_errors(moments_of(problem), structure, structure.degree, strength)
+    found = oe.held_out_errors(*[moments_of(problem)] * 2, structure, structure.degree, strength)
     expected = []
     for block in range(3):
         if structure.bank_s:

@@ -11,7 +11,7 @@ import numpy as np
 
 from wrist_ft_comp.core.arx import free_run, relaxation
 from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.problem import AxisProblem
+from wrist_ft_comp.core.problem import AxisProblem, bin_means
 from wrist_ft_comp.core.recording import BoolArray, FloatArray, IntArray
 
 #: Share of a column's sum of squares below which what centring leaves is rounding.
@@ -161,7 +161,10 @@ def bank_inputs(
 
 
 def accumulate(
-    problem: AxisProblem, banked: Sequence[FloatArray], time_constants_s: FloatArray
+    problem: AxisProblem,
+    banked: Sequence[FloatArray],
+    time_constants_s: FloatArray,
+    bin_cells: int = 1,
 ) -> Moments:
     """
     Sum products of all columns over every block of every recording.
@@ -174,6 +177,8 @@ def accumulate(
         From bank_inputs.
     time_constants_s : ndarray, shape (K,)
         What they were made with.
+    bin_cells : int
+        Average so many cells into one sample first: what is judged is drift, not noise.
 
     Returns
     -------
@@ -188,10 +193,10 @@ def accumulate(
             if not len(rows):
                 continue
             a = design(columns[rows], None if problem.load is None else problem.load[i][rows])
-            a = np.concatenate((a, residual[rows, np.newaxis]), axis=1)
+            a = bin_means(np.concatenate((a, residual[rows, np.newaxis]), axis=1), rows, bin_cells)
             products.append(a.T @ a)
             sums.append(a.sum(axis=0))
-            counts.append(float(len(rows)))
+            counts.append(float(len(a)))
             group.append(i)
             block.append(int(number))
     return Moments(

@@ -18,6 +18,8 @@ Reference = Literal['unloaded', 'constant', 'recorded']
 
 #: Longest stretch of constant sensitivity assumed when it is observed directly, s.
 OBSERVATION_WINDOW_S = 300.0
+#: Errors are averaged over this time before they are judged: drift is slow, noise is not, s.
+JUDGED_BIN_S = 30.0
 #: The load of an axis varies enough when its deviation is this many times the noise.
 MIN_LOAD_TO_NOISE = 10.0
 #: Samples further apart than this many times the usual distance belong to different stretches.
@@ -59,6 +61,11 @@ class AxisProblem:
     blocks: tuple[IntArray, ...]
     no_sensitivity: str = ''
     tared: bool = True
+
+    @property
+    def judged_cells(self) -> int:
+        """Cells per bin when a model is judged."""
+        return max(round(JUDGED_BIN_S / self.period_s), 1)
 
     @property
     def block_numbers(self) -> list[int]:
@@ -321,11 +328,39 @@ def unexplained(
     return left
 
 
+def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray:
+    """
+    Average samples over bins of consecutive cells.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, ...)
+        One entry per sample, at least one.
+    cells : ndarray of int, shape (n,)
+        Their cells, increasing.
+    bin_cells : int
+        Cells per bin.
+
+    Returns
+    -------
+    ndarray, shape (bins that hold samples, ...)
+        Means.
+
+    """
+    if bin_cells <= 1:
+        return values
+    bins = cells // bin_cells
+    starts = np.flatnonzero(np.diff(bins, prepend=bins[0] - 1))
+    counts = np.diff(starts, append=len(bins))
+    sums = np.add.reduceat(values, starts, axis=0)
+    return np.asarray(sums / counts.reshape(-1, *[1] * (values.ndim - 1)))
+
+
 def block_errors(
     problem: AxisProblem, left: Sequence[FloatArray], block: int
 ) -> tuple[float, int]:
     """
-    Score a block: sum of squares around the constant of each recording (see AxisProblem.tared).
+    Score a block: sum of squares of bin means around each recording's constant.
 
     Parameters
     ----------
@@ -339,14 +374,15 @@ def block_errors(
     Returns
     -------
     tuple of float and int
-        Sum of squares, and the number of samples.
+        Sum of squares, and the number of bins.
 
     """
     total, count = 0.0, 0
     for number, values in zip(problem.blocks, left, strict=True):
         finite = np.isfinite(values)
-        inside = values[(number == block) & finite]
-        if len(inside):
+        rows = np.flatnonzero((number == block) & finite)
+        if len(rows):
+            inside = bin_means(values[rows], rows, problem.judged_cells)
             constant = (inside if problem.tared else values[(number != block) & finite]).mean()
             total += float(np.sum((inside - constant) ** 2))
             count += len(inside)

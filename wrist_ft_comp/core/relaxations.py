@@ -64,12 +64,13 @@ def identify_relaxations(problem: AxisProblem, settings: IdentificationSettings)
     grid = time_constant_grid(problem)
     banked = bank_inputs(problem, features, grid)
     moments = accumulate(problem, banked, grid)
-    errors = {'none': oe.uncompensated_errors(moments)}
+    judged = accumulate(problem, banked, grid, problem.judged_cells)
+    errors = {'none': oe.uncompensated_errors(judged)}
     structures: dict[str, tuple[oe.Structure, float]] = {}
     for structure in _structures(settings, features, grid):
         inputs = _inputs(structure, features)
         strengths = oe.RIDGE_STRENGTHS if structure.regularised else (0.0,)
-        tried = [oe.held_out_errors(moments, structure, inputs, s) for s in strengths]
+        tried = [oe.held_out_errors(moments, judged, structure, inputs, s) for s in strengths]
         best = int(np.argmin([error.mean() for error in tried]))
         errors[structure.name] = tried[best]
         structures[structure.name] = (structure, strengths[best])

@@ -134,14 +134,22 @@ def fit_columns(
 
 
 def held_out_errors(
-    moments: Moments, structure: Structure, inputs: int, strength: float
+    moments: Moments,
+    judged: Moments,
+    structure: Structure,
+    inputs: int,
+    strength: float,
 ) -> FloatArray:
     """
     Hold every block out in turn and score the free run on it.
 
     Parameters
     ----------
-    moments, structure, inputs, strength
+    moments : Moments
+        Fitted to.
+    judged : Moments
+        Scored on; the same blocks, averaged over bins.
+    structure, inputs, strength
         As for fit_columns.
 
     Returns
@@ -152,12 +160,12 @@ def held_out_errors(
     """
     errors = []
     for block in np.unique(moments.block):
-        inside = moments.block == block
-        columns, coefficients = fit_columns(moments, structure, ~inside, inputs, strength)
+        kept = moments.block != block
+        columns, coefficients = fit_columns(moments, structure, kept, inputs, strength)
         theta = np.zeros(moments.sums.shape[1])
         theta[columns] = coefficients
         theta[-1] = -1.0
-        errors.append(moments.mean_square(inside, theta))
+        errors.append(judged.mean_square(judged.block == block, theta))
     return np.array(errors)
 
 
