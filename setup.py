@@ -1,8 +1,13 @@
-from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
 package_name = 'wrist_ft_comp'
+
+
+def files_in(folder):
+    return [str(path) for path in Path(folder).iterdir()]
+
 
 setup(
     name=package_name,
@@ -12,8 +17,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml', 'README.md', 'CHANGELOG.rst']),
-        (f'share/{package_name}/config', glob('config/*')),
-        (f'share/{package_name}/data/keller_pa10', glob('data/keller_pa10/*')),
+        (f'share/{package_name}/config', files_in('config')),
+        (f'share/{package_name}/data/keller_pa10', files_in('data/keller_pa10')),
     ],
     python_requires='>=3.10',
     # Lower bounds are Ubuntu 24.04's versions; requirements/lock.txt holds what is tested.
@@ -41,7 +46,7 @@ setup(
     zip_safe=True,
     maintainer='wrist_ft_comp developers',
     maintainer_email='maintainers@wrist-ft-comp.invalid',
-    description='Removes the temperature drift of a wrist force/torque sensor while the robot works',
+    description='Removes the temperature drift of a wrist force/torque sensor',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

@@ -1,14 +1,16 @@
 """
 Residual drift on recordings that the fit never saw, against what is usual today.
 
-``python bench/accuracy.py [SEEDS]``, 6 by default. Per scenario and method: median and worst residual
-over the seeds, in % of the uncompensated drift, both tared on the first minute and averaged over 10 s.
+``python bench/accuracy.py [SEEDS]``, 6 by default. Per scenario and method: median and worst
+residual over the seeds, in % of the uncompensated drift, both tared on the first minute and
+averaged over 10 s.
 """
 
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from sklearn.cross_decomposition import PLSRegression
@@ -59,7 +61,7 @@ def two_lags(seed: int, hours: float) -> Recording:
 
 
 def wrist(seed: int, run: int, thermometers: int, *, loaded: bool) -> Recording:
-    """The heat-conducting wrist for 2.5 h, with duty cycles that change every 20 min."""
+    """Warm the heat-conducting wrist up for 2.5 h, with duty cycles that change every 20 min."""
     rng = np.random.default_rng([seed, run])
     sensor = thermal_sensor.build_sensor(thermal_sensor.ThermalSensorSettings(), seed)
     starts = np.arange(0.0, 9000.0, 1200.0)
@@ -80,7 +82,7 @@ def wrist(seed: int, run: int, thermometers: int, *, loaded: bool) -> Recording:
 
 
 def still(seed: int, run: int, noise_n: float) -> Recording:
-    """A sensor without drift, in a room that warms up: noise only."""
+    """Record a sensor without drift in a room that warms up: noise only."""
     rng = np.random.default_rng([seed, run])
     temperature = 22 + lag(np.repeat(rng.uniform(0, 20, 10), 720), 600.0)
     raw = rng.normal(0, noise_n, len(temperature))
@@ -147,7 +149,7 @@ def thirds(each: Recording) -> list[Recording]:
             wrench=each.wrench[a:b],
             reference=each.reference[a:b],
         )
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
+        for a, b in pairwise(edges)
     ]
 
 
@@ -223,10 +225,10 @@ SCENARIOS: dict[str, Scenario] = {
         [two_lags(100 * seed + 1, 2.0), two_lags(100 * seed + 2, 2.0)],
         two_lags(100 * seed + 3, 3.0),
     ),
-    'wrist, 1 thermometer': partial(wrists, 1, False),  # noqa: FBT003 -- unloaded
-    'wrist, 1, loaded': partial(wrists, 1, True),  # noqa: FBT003 -- loaded
-    'wrist, 2 thermometers': partial(wrists, 2, False),  # noqa: FBT003 -- unloaded
-    'wrist, 2, loaded': partial(wrists, 2, True),  # noqa: FBT003 -- loaded
+    'wrist, 1 thermometer': partial(wrists, 1, False),
+    'wrist, 1, loaded': partial(wrists, 1, True),
+    'wrist, 2 thermometers': partial(wrists, 2, False),
+    'wrist, 2, loaded': partial(wrists, 2, True),
     'noise only': lambda seed: ([still(seed, run, 0.1) for run in range(3)], still(seed, 3, 0.1)),
     'no drift': lambda seed: ([still(seed, run, 1e-3) for run in range(3)], still(seed, 3, 1e-3)),
 }

@@ -144,7 +144,9 @@ def _wrench() -> bytearray:
 
 
 def _temperature(stamp_ns: int, value: float) -> bytes:
-    return bytes(STORE.serialize_cdr(TYPES[TEMPERATURE](_header(stamp_ns), value, 0.0), TEMPERATURE))
+    return bytes(
+        STORE.serialize_cdr(TYPES[TEMPERATURE](_header(stamp_ns), value, 0.0), TEMPERATURE)
+    )
 
 
 def write_bag(
@@ -158,7 +160,11 @@ def write_bag(
     inside = 20 + 15 * (1 - np.exp(-t / 25)) + 2 * np.sin(t / 4 + rng.uniform(0, 6))
     force = 1.0 + 2.0 * (inside - 20) + rng.normal(0, 0.05, len(t))
     with Writer(folder, version=9, storage_plugin=StoragePlugin[storage.upper()]) as writer:
-        topics = {'/wrench_raw': WRENCH, '/temperature': TEMPERATURE, '/log': 'std_msgs/msg/String'}
+        topics = {
+            '/wrench_raw': WRENCH,
+            '/temperature': TEMPERATURE,
+            '/log': 'std_msgs/msg/String',
+        }
         raw, warm, log = (writer.add_connection(n, k, typestore=STORE) for n, k in topics.items())
         for k in range(len(t)):
             stamp = START_NS + k * (10**9 // rate)

@@ -218,13 +218,13 @@ def test_nothing_at_all_is_refused() -> None:
 
 def test_one_stamp_of_another_century_is_refused_without_the_memory_for_it() -> None:
     blocks = [samples('temperature_c', (0, 20), (MAX_CELLS, 21)), wrenches(0)]
-    with pytest.raises(RecordingError, match=r'span 58 days; at most 5000000 thermal cells'):
+    with pytest.raises(RecordingError, match=r'span 5e\+06 s; at most 5000000 thermal cells'):
         grid_samples(blocks)
 
 
-@pytest.mark.parametrize('period_s', [0.0, -1.0, 1e-10])
-def test_a_period_that_is_not_positive_is_refused(period_s: float) -> None:
-    with pytest.raises(RecordingError, match='thermal period must be positive'):
+@pytest.mark.parametrize('period_s', [0.0, -1.0, 1e-10, 1e30])
+def test_a_period_out_of_range_is_refused(period_s: float) -> None:
+    with pytest.raises(RecordingError, match='thermal period must be above 0'):
         GridBuilder('a.csv', period_s)
 
 

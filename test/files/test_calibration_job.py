@@ -124,9 +124,15 @@ class TestUnusable:
         _, stored, left_out = run_job(
             job(tmp_path, empty, tmp_path / 'gone.csv', good, other, skip_unusable=True)
         )
-        assert [sentence.split()[0] for sentence in left_out] == ['empty.csv', 'gone.csv', 'two.csv']
+        assert [sentence.split()[0] for sentence in left_out] == [
+            'empty.csv',
+            'gone.csv',
+            'two.csv',
+        ]
         assert '2 thermometers; 1 are expected' in left_out[-1]
-        assert [each['path'] for each in stored.document['provenance']['recordings']] == [str(good)]
+        assert [each['path'] for each in stored.document['provenance']['recordings']] == [
+            str(good)
+        ]
 
     def test_recordings_without_the_reference_are_left_out(self, tmp_path):
         plain = warm_up_csv(tmp_path / 'plain.csv')

@@ -92,6 +92,7 @@ class Bench:
     def __init__(self, context: Any) -> None:
         self.context = context
         self._stack = ExitStack()
+        self._stops: list[threading.Event] = []
         self.helper: Any = self.start(Node, 'helper', use_global_arguments=False)
 
     def start(self, factory: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
@@ -105,6 +106,7 @@ class Bench:
         node = factory(*args, context=self.context, **_node_arguments(kwargs))
         executor.add_node(node)
         stop = threading.Event()
+        self._stops.append(stop)
         thread = threading.Thread(target=spin, args=(executor, self.context, stop))
         thread.start()
 
@@ -165,6 +167,8 @@ class Bench:
 
     def close(self) -> None:
         """Stop every thread and destroy every node, the last first."""
+        for stop in self._stops:
+            stop.set()  # all at once, because each thread looks at its flag now and then only
         self._stack.close()
 
 
@@ -197,7 +201,7 @@ class Executable:
     def __init__(self, module: str, *ros_args: str, source: str = '') -> None:
         command = [sys.executable, *(['-c', source] if source else ['-m', module])]
         command += ['--ros-args', *ros_args] if ros_args else []
-        self.process = subprocess.Popen(  # noqa: S603 (our own command line)
+        self.process = subprocess.Popen(
             command,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

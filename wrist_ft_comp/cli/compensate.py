@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from wrist_ft_comp.cli import options, paths, values
+from wrist_ft_comp.cli.warning_lines import print_warnings, range_warnings
 from wrist_ft_comp.core.chamber_fit import table_tare
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.evaluation import correct_many, initial_tare, track_drift
@@ -55,7 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     paths.check_model(arguments.model)
     paths.check_recordings([arguments.recording])
-    model = load_model(arguments.model).model
+    stored = load_model(arguments.model)
+    model = stored.model
     topics = options.topics_from(arguments)
     with options.progress_bar('compensating') as progress:
         recording = read_recording(
@@ -74,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
             output_topic=arguments.output_topic,
             progress=lambda done: progress((1 + 2 * done) / 3),
         )
-    options.print_warnings((*recording.warnings, *warnings))
+    print_warnings((*recording.warnings, *warnings, *range_warnings(stored, recording)))
     print(f'wrote {arguments.output}')
     return 0
 

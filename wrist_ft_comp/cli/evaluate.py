@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from wrist_ft_comp.cli import options, paths, values
 from wrist_ft_comp.cli.tables import chamber_table_text, figures_json, table_text
+from wrist_ft_comp.cli.warning_lines import print_warnings, range_warnings
 from wrist_ft_comp.core.chamber_fit import ChamberFigures, chamber_figures, compensate_table
 from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate
 from wrist_ft_comp.core.problem import Reference
@@ -100,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
         for each in judged:
             if each.figures:
                 print(f'\n{each.path}\n{chamber_table_text(each.figures)}')
-    options.print_warnings(warning for each in judged for warning in each.recording.warnings)
+    print_warnings(warning for each in judged for warning in each.recording.warnings)
     if arguments.report:
         reported = [ReportedRecording(e.recording, e.reference, e.figures) for e in judged]
         write_report(arguments.report, stored, reported, arguments.tare)
@@ -130,12 +131,13 @@ def _judge(
     is_table = path.is_file() and is_chamber_table(path)
     reference: Reference = arguments.reference or ('recorded' if is_table else 'unloaded')
     axes = evaluate(stored.model, recording, reference, arguments.tare)
+    warnings = (*recording.warnings, *range_warnings(stored, recording))
     figures = {}
     if is_table:
         table = read_chamber_table(path, keep_copied_columns=keep)
         figures['raw'] = chamber_figures(table)
         figures['compensated'] = chamber_figures(compensate_table(table, stored.model))
-    return _Judged(path, recording, reference, axes, figures)
+    return _Judged(path, replace(recording, warnings=warnings), reference, axes, figures)
 
 
 def pool(

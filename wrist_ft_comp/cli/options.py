@@ -3,8 +3,7 @@
 import argparse
 import json
 import math
-import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import get_args
@@ -98,22 +97,6 @@ def _finite(value: object) -> object:
     if isinstance(value, (list, tuple)):
         return [_finite(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def print_warnings(sentences: Iterable[str]) -> None:
-    """
-    Print warnings to standard error, each once.
-
-    Parameters
-    ----------
-    sentences : iterable of str
-        Of two that begin alike the longer one is printed.
-
-    """
-    distinct = dict.fromkeys(sentences)
-    for sentence in distinct:
-        if not any(other != sentence and other.startswith(sentence) for other in distinct):
-            print(f'warning: {sentence}', file=sys.stderr)
 
 
 @contextmanager

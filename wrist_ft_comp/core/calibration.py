@@ -262,6 +262,11 @@ def _warnings(
                 f'The slowest time constant, {slowest:.0f} s, is more than half of '
                 f'{recording.name} ({recording.duration_s:.0f} s); record longer to be sure of it.'
             )
+    found += [
+        f'{axis}: {fit.chosen} leaves more drift than no compensation; choose the method auto.'
+        for axis, fit in fits.items()
+        if fit.rms_after > fit.rms_before
+    ]
     return tuple(found)
 
 

@@ -65,6 +65,11 @@ class ChamberTable:
                 f'{self.name} must begin without load and reach full load; every step has '
                 f'{self.load[0]:g} {self.load_unit} or less.'
             )
+        if self.full_scale == 0:
+            raise RecordingError(
+                f'{self.name} must respond to load: at {REFERENCE_TEMPERATURE_C:g} °C, or nearest '
+                'to it, zero and full load read the same.'
+            )
         if len(set(self.temperatures_c.tolist())) < len(self.temperatures_c):
             raise RecordingError(f'{self.name} must have one column per temperature.')
 

@@ -69,7 +69,8 @@ def check_fits(model: DriftModel, recording: Recording) -> None:
     if recording.thermometers != model.thermometers:
         raise RecordingError(
             f'{recording.name} has {recording.thermometers} thermometers, the model expects '
-            f'{model.thermometers}. Name the topics the model was calibrated with.'
+            f'{model.thermometers}. Name the topics, or keep the columns, that it was calibrated '
+            'with.'
         )
     if recording.period_ns != model.period_ns:
         raise RecordingError(

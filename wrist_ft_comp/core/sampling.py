@@ -26,6 +26,8 @@ from wrist_ft_comp.core.recording import (
 
 #: More cells than this in one recording (58 days at 1 s) can only be a broken stamp.
 MAX_CELLS = 5_000_000
+#: Longer cells than this would average a warm-up away, s.
+MAX_PERIOD_S = 600
 
 
 @dataclass
@@ -59,8 +61,11 @@ class GridBuilder:
     def __init__(self, name: str, period_s: float = 1.0, max_bad_share: float = 0.01) -> None:
         self._name = name
         self._period_ns = round(period_s * NANOSECONDS)
-        if self._period_ns <= 0:
-            raise RecordingError(f'The thermal period must be positive; got {period_s} s.')
+        if not 0 < self._period_ns <= MAX_PERIOD_S * NANOSECONDS:
+            raise RecordingError(
+                f'The thermal period must be above 0 and at most {MAX_PERIOD_S} s; got '
+                f'{period_s} s.'
+            )
         self._max_bad_share = max_bad_share
         self._tallies: defaultdict[tuple[str, ...], _Tally] = defaultdict(_Tally)
         self._cells: defaultdict[str, list[IntArray]] = defaultdict(list)
@@ -130,10 +135,11 @@ class GridBuilder:
         first = max(int(self._cells[channel][0][0]) for channel in wanted)
         last = max(int(parts[-1][-1]) for parts in self._cells.values())
         if last - first >= MAX_CELLS:
-            days = (last - first) * self._period_ns / NANOSECONDS / 86400
+            period_s = self._period_ns / NANOSECONDS
             raise RecordingError(
-                f'Stamps of {self._name} span {days:.0f} days; at most {MAX_CELLS} thermal cells '
-                'fit in a recording. Look for a sample with a broken stamp, and remove it.'
+                f'Stamps of {self._name} span {(last - first) * period_s:.6g} s; at most '
+                f'{MAX_CELLS} thermal cells of {period_s:g} s fit in a recording. Remove the '
+                'sample with the broken stamp, or use a longer thermal period.'
             )
         dense = {channel: self._dense(channel, first, last) for channel in self._cells}
         temperature_c = np.stack([dense[channel] for channel in wanted], axis=1)

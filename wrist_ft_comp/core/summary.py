@@ -17,8 +17,8 @@ def summarise(calibration: Calibration) -> str:
     Returns
     -------
     str
-        One line per axis, one on the recordings, then the warnings; at most 80 columns wide but
-        for the warnings.
+        One line per axis, one on the recordings, then the warnings; below 100 columns wide
+        but for the warnings.
 
     """
     lines = [_axis_line(axis, fit) for axis, fit in calibration.fits.items()]

@@ -24,6 +24,7 @@ def replaced_on_success(target: Path) -> Iterator[Path]:
 
     """
     handle, name = tempfile.mkstemp(prefix=f'.{target.name}.', dir=target.parent)
+    os.fchmod(handle, _mode(target))
     os.close(handle)
     neighbour = Path(name)
     try:
@@ -35,6 +36,15 @@ def replaced_on_success(target: Path) -> Iterator[Path]:
         with suppress(FileNotFoundError):
             neighbour.unlink()
         raise
+
+
+def _mode(target: Path) -> int:
+    """Permissions of the file that is replaced, or what a new file would get."""
+    if target.exists():
+        return target.stat().st_mode & 0o777
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
 
 
 def sync(path: Path) -> None:

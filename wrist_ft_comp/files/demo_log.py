@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -77,10 +78,10 @@ def load_demo_log(path: Path) -> DemoLog:
 
     """
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with path.open('rb') as file, np.load(file, allow_pickle=False) as arrays:
             fields = {name: arrays[name] for name in arrays.files}
             return DemoLog(**{**fields, 'calibrated_ns': int(fields['calibrated_ns'])})
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, EOFError, BadZipFile, ValueError, KeyError, TypeError) as error:
         raise RecordingError(
-            f'{path} is not a whole log of the demonstration: {error}.'
+            f'{path} is not a whole log of the demonstration: {error}. Run it again.'
         ) from error

@@ -65,7 +65,10 @@ class ModelStore:
         """
         path = _expanded(given)
         inside = self.directory / path
-        return inside if inside.exists() else path
+        try:
+            return inside if inside.exists() else path
+        except (OSError, ValueError):
+            return path  # no possible name, or nothing that may be looked at
 
     def contains(self, path: Path) -> bool:
         """Tell whether a path lies inside the folder, symbolic links resolved."""

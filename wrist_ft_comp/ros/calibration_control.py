@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 from wrist_ft_comp import (
     CalibrationRefusedError,
     RecordingError,
-    SettingsError,
     WristFtCompError,
 )
 from wrist_ft_comp.core.calibration import CalibrationSettings
@@ -59,11 +58,12 @@ class CalibrationControl:
             )
             return
         try:
-            process = _started(self._job())
+            self._running = (CalibrationProcess(self._job()), reply, time.monotonic())
         except WristFtCompError as error:
             self._refuse(str(error), reply)
-            return
-        self._running = (process, reply, time.monotonic())
+        except OSError as error:
+            why = f'The calibration cannot be started: {error}. Mend that, then call again.'
+            self._refuse(why, reply)
 
     def _job(self) -> CalibrationJob:
         """Build the job from the parameters."""
@@ -133,14 +133,3 @@ class CalibrationControl:
             self._running = None
             process.end()
             reply(success=False, message='The node is shutting down; the model is unchanged.')
-
-
-def _started(job: CalibrationJob) -> CalibrationProcess:
-    """Start the process; a machine that cannot is a sentence."""
-    try:
-        return CalibrationProcess(job)
-    except OSError as error:
-        raise SettingsError(
-            f'The calibration process cannot be started: {error.strerror}. Free some memory or '
-            'processes, then call again.'
-        ) from error

@@ -1,8 +1,8 @@
 """
 The operator of the demonstration: records, calibrates, listens, by topics and services only.
 
-It is a program of its own (``python -m wrist_ft_comp.ros.demo_client``) that writes one JSON object
-a line to standard output: what it does and how far it is. What it received goes into a file.
+It is a program of its own (``python -m wrist_ft_comp.ros.demo_client``) that writes one JSON
+object a line to standard output: what it does, how far it is. What it received goes into a file.
 """
 
 import json
@@ -121,7 +121,7 @@ class DemoClient:
         """Put together what came on all three wrench topics."""
         raw, compensated, reference = (self.wrenches[topic] for topic in _WRENCH_TOPICS)
         stamps = sorted(raw.keys() & compensated.keys() & reference.keys())
-        temperatures = np.array(self.temperatures)
+        temperatures = np.array(self.temperatures).reshape(-1, 3)
         return DemoLog(
             stamps_ns=np.array(stamps, dtype=np.int64),
             raw=np.array([raw[stamp] for stamp in stamps]),

@@ -167,7 +167,9 @@ class TestModelFile:
         assert not verdict.successful
         assert 'expects 2 thermometers, the node has 1' in verdict.reason
 
-    @pytest.mark.parametrize('name', ['elsewhere.yaml', 'data/link.yaml', 'data/../elsewhere.yaml'])
+    @pytest.mark.parametrize(
+        'name', ['elsewhere.yaml', 'data/link.yaml', 'data/../elsewhere.yaml']
+    )
     def test_outside_the_folder_is_refused_at_run_time(self, rig, make_model, tmp_path, name):
         make_model(tmp_path / 'elsewhere.yaml')
         make_model('live.yaml')

@@ -186,7 +186,7 @@ def test_a_full_disk_at_the_end_is_a_sentence(rig):
     feed(node, 1, first=3)
 
 
-def test_an_open_recording_is_closed_with_the_node(rig, ros_context):
+def test_an_open_recording_is_closed_with_the_node(rig):
     node = rig()
     path = start_recording(node)
     feed(node, 4)

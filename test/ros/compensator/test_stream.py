@@ -58,7 +58,9 @@ def test_the_header_goes_out_byte_for_byte(rig, make_model, executor):
     for data in heard:
         order = '<' if data[1] else '>'
         expected = LOAD - [10.0, 0, 0, 0, 0, 0]
-        np.testing.assert_allclose(struct.unpack_from(f'{order}6d', data, len(data) - 48), expected)
+        np.testing.assert_allclose(
+            struct.unpack_from(f'{order}6d', data, len(data) - 48), expected
+        )
 
 
 @executors
@@ -72,7 +74,11 @@ def test_every_wrench_gets_one_output_in_order(rig, executor):
 
 
 def test_the_output_is_the_core_s_correction(rig, make_model):
-    axes = {'force_x': (0.5, 1e-3, 4.0), 'force_z': (-2.0, 0.0, 2.0), 'torque_y': (0.1, -2e-3, 9.0)}
+    axes = {
+        'force_x': (0.5, 1e-3, 4.0),
+        'force_z': (-2.0, 0.0, 2.0),
+        'torque_y': (0.1, -2e-3, 9.0),
+    }
     model = make_model('m.yaml', axes)
     node = rig(parameters={'model_file': str(model.path)})
     twin = Compensator(1, StreamSettings(), model.model)

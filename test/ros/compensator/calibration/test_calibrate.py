@@ -30,9 +30,7 @@ def calibrate_while_streaming(node, robot):
 @pytest.mark.parametrize(('thermometers', 'executor'), [(1, 'events'), (2, 'default')])
 def test_a_warm_up_is_recorded_learnt_and_removed(rig, make_robot, thermometers, executor):
     robot = make_robot(thermometers)
-    node = rig(
-        executor=executor, thermometers=thermometers, parameters={'thermal_period': 10.0}
-    )
+    node = rig(executor=executor, thermometers=thermometers, parameters={'thermal_period': 10.0})
     assert node.call('record', True).success
     robot.run(node, WARM)
     assert '(2990 s)' in node.call('record', False).message
@@ -77,7 +75,9 @@ def test_a_recorded_reference_teaches_the_sensitivity(rig, make_robot):
     stamp = robot.stamps(last)[1] + 10**9
     assert robot.sensitivity[last] > 0.035
     load = np.array([0, 0, 50.0, 0, 0, 2.0])
-    apart = np.array(node.ask_output(stamp, robot.zero[last] + (1 + robot.sensitivity[last]) * load))
+    apart = np.array(
+        node.ask_output(stamp, robot.zero[last] + (1 + robot.sensitivity[last]) * load)
+    )
     apart -= node.ask_output(stamp + 1, robot.zero[last])
     assert apart[2] == pytest.approx(50.0, abs=0.3), 'raw: 51.9 N'
     assert apart[5] == pytest.approx(2.0, abs=0.03)

@@ -138,7 +138,9 @@ def test_a_process_that_cannot_be_started_is_a_sentence(rig, make_robot, monkeyp
     make_robot().write(node.directory / 'recordings/run.csv', cells=3)
     command = ('/nowhere/python',)
     monkeypatch.setattr('wrist_ft_comp.ros.calibration_process.COMMAND', command)
-    check_refused(node, node.call('calibrate'), 'cannot be started: No such file', 'call again')
+    check_refused(
+        node, node.call('calibrate'), 'cannot be started: ', 'No such file', 'call again'
+    )
 
 
 def test_who_waits_is_told_of_the_end_and_no_process_stays(rig, make_robot, gate):

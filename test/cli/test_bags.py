@@ -1,0 +1,154 @@
+"""Bags of both storages, with a wrench at 1 kHz and temperatures at 10 Hz."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from wrist_ft_comp.core.evaluation import correct_many, initial_tare, track_drift
+from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.files.recordings import read_recording
+
+both = pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
+
+
+@pytest.fixture(scope='module')
+def known():
+    return {}
+
+
+@pytest.fixture
+def fitted(done, bags, known, tmp_path_factory):
+    """The model of a bag, and what the calibration said."""
+
+    def fit(storage):
+        if storage not in known:
+            path = tmp_path_factory.mktemp('model') / 'm.yaml'
+            out = done('calibrate', bags[storage], '-o', path, '--method', 'pls', '--json')
+            known[storage] = path, json.loads(out)
+        return known[storage]
+
+    return fit
+
+
+def contents(path, store):
+    """All messages by topic: stamps of recording, and bytes."""
+    with AnyReader([path], default_typestore=store) as reader:
+        found = {}
+        for connection, stamp, data in reader.messages():
+            found.setdefault(connection.topic, []).append((stamp, bytes(data)))
+        return found
+
+
+def wrenches(messages):
+    """Doubles of raw messages, shape (n, 6)."""
+    return np.array([np.frombuffer(data[-48:], dtype='<f8') for _, data in messages])
+
+
+@both
+def test_a_bag_is_learnt_and_judged(storage, fitted, done, bags):
+    model, said = fitted(storage)
+    assert said['axes']['force_z']['rms_after'] < 0.2 * said['axes']['force_z']['rms_before']
+    assert said['duration_s'] == 90
+    found = json.loads(done('evaluate', model, bags[storage], '--json', '--tare', '2'))
+    force = found['axes']['force_z']
+    assert force['rms_after'] < 0.1 * force['rms_before']
+    assert force['rms_before'] > 10
+
+
+def test_storage_makes_no_difference(fitted):
+    (_, one), (_, other) = fitted('sqlite3'), fitted('mcap')
+    assert one['axes'] == other['axes']
+
+
+@both
+def test_the_copy_holds_everything_and_the_core_s_correction(  # noqa: PLR0913, PLR0917 -- fixtures
+    storage, fitted, done, bags, make, tmp_path
+):
+    model, _ = fitted(storage)
+    out = tmp_path / 'out'
+    done('compensate', model, bags[storage], '-o', out, '--tare', '2')
+    before, after = contents(bags[storage], make.store), contents(out, make.store)
+    corrected = after.pop('/wrench')
+    assert after == before
+    raw = wrenches(before['/wrench_raw'])
+    stamps = np.array([stamp for stamp, _ in before['/wrench_raw']]) - 1000
+    drift_model, recording = load_model(model).model, read_recording(bags[storage])
+    expected = correct_many(
+        track_drift(drift_model, recording), stamps, raw, initial_tare(drift_model, recording, 2)
+    )
+    np.testing.assert_allclose(wrenches(corrected), expected, rtol=0, atol=1e-12)
+    assert [d[:-48] for _, d in corrected] == [d[:-48] for _, d in before['/wrench_raw']]
+    again = json.loads(
+        done('evaluate', model, out, '--wrench-topic', 'wrench', '--tare', '2', '--json')
+    )
+    assert again['axes']['force_z']['rms_before'] < 5
+
+
+@both
+def test_a_bare_file_gives_a_bare_file(storage, fitted, done, bags, tmp_path):
+    suffix = {'sqlite3': '.db3', 'mcap': '.mcap'}[storage]
+    bare = next(bags[storage].glob(f'*{suffix}'))
+    model, _ = fitted(storage)
+    done('compensate', model, bare, '-o', tmp_path / f'out{suffix}')
+    assert [each.name for each in tmp_path.iterdir()] == [f'out{suffix}']
+    assert '/wrench ' in done('show', tmp_path / f'out{suffix}')
+
+
+def test_the_output_topic_has_a_name(fitted, done, run, bags, tmp_path):
+    model, _ = fitted('mcap')
+    argv = ['compensate', model, bags['mcap'], '--output-topic']
+    done(*argv, 'clean', '-o', tmp_path / 'out')
+    assert '/clean ' in done('show', tmp_path / 'out')
+    assert '/log already' in run(*argv, '/log', '-o', tmp_path / 'no').sentence
+    assert not (tmp_path / 'no').exists()
+
+
+def test_a_cut_off_mcap_is_read_to_its_last_chunk(fitted, run, bags, tmp_path):
+    model, _ = fitted('mcap')
+    whole = next(bags['mcap'].glob('*.mcap')).read_bytes()
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(whole[: len(whole) * 2 // 3])
+    outcome = run('evaluate', model, cut, '--json')
+    assert outcome.code == 0
+    assert 'cut off' in outcome.err
+    found = json.loads(outcome.out)['recordings'][0]
+    assert any('cut off' in warning for warning in found['warnings'])
+    assert 40 < found['duration_s'] < 90
+
+
+@pytest.mark.parametrize('kept', [0, 5, 100, 3000])
+@both
+def test_a_stump_of_a_file_is_refused(storage, kept, run, bags, tmp_path):
+    suffix = {'sqlite3': '.db3', 'mcap': '.mcap'}[storage]
+    stump = tmp_path / f'stump{suffix}'
+    stump.write_bytes(next(bags[storage].glob(f'*{suffix}')).read_bytes()[:kept])
+    assert stump.name in run('calibrate', stump, '-o', tmp_path / 'm.yaml').sentence
+
+
+def test_a_cut_off_sqlite_file_is_refused(run, bags, tmp_path):
+    folder = tmp_path / 'cut'
+    shutil.copytree(bags['sqlite3'], folder)
+    file = next(folder.glob('*.db3'))
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    assert 'cut' in run('calibrate', folder, '-o', tmp_path / 'm.yaml').sentence
+
+
+@pytest.mark.parametrize(
+    ('options', 'expected'),
+    [
+        (['--wrench-topic', '/wrench'], 'Did you mean /wrench_raw?'),
+        (['--wrench-topic', '/log'], 'std_msgs/msg/String'),
+        (['--temperature-topic', '/warmth'], 'no topic /warmth for the temperature'),
+        (['--temperature-topic', '/wrench_raw'], 'geometry_msgs/msg/WrenchStamped'),
+        (['--temperature-topic', '/temperature', '--temperature-topic', 'temperature'], 'twice'),
+        (['--reference-topic', '/truth'], 'no topic /truth for the reference'),
+        (['--reference', 'recorded'], 'no reference wrench'),
+    ],
+)
+def test_topics_that_do_not_fit_are_named(options, expected, run, bags, tmp_path):
+    sentence = run('calibrate', bags['mcap'], '-o', tmp_path / 'm.yaml', *options).sentence
+    assert expected in sentence
+    assert 'mcap' in sentence or 'Topic' in sentence

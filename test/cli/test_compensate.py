@@ -1,0 +1,149 @@
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.cli import compensate
+from wrist_ft_comp.core.evaluation import correct_many, initial_tare, track_drift
+from wrist_ft_comp.core.recording import AXES
+from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.files.recordings import read_recording
+
+
+def table(path):
+    with path.open(newline='') as file:
+        header, *rows = csv.reader(file)
+    return dict(zip(header, map(list, zip(*rows, strict=True)), strict=True))
+
+
+def core_correction(model, path, columns, tare_s=0.0):
+    drift_model, recording = load_model(model).model, read_recording(path)
+    raw = np.full((len(columns['stamp_s']), len(AXES)), np.nan)
+    for axis in set(AXES) & set(columns):
+        raw[:, AXES.index(axis)] = columns[axis]
+    stamps = np.round(np.array(columns['stamp_s'], dtype=float) * 1e9).astype(np.int64)
+    tare = initial_tare(drift_model, recording, tare_s)
+    return correct_many(track_drift(drift_model, recording), stamps, raw, tare)
+
+
+@pytest.mark.parametrize('tare_s', [0, 30])
+def test_csv_is_corrected_as_the_core_corrects(tare_s, done, make, model, tmp_path):
+    columns = make.drifting(seed=3)
+    path = make.csv(tmp_path / 'run.csv', {**columns, 'remark': ['x'] * 400})
+    out = tmp_path / 'out.csv'
+    said = done('compensate', model, path, '-o', out, '--tare', tare_s)
+    assert said == f'wrote {out}\n'
+    found, before = table(out), table(path)
+    expected = core_correction(model, path, columns, tare_s)
+    for axis in ('force_z', 'torque_x'):
+        values = np.array(found.pop(axis), dtype=float)
+        np.testing.assert_allclose(values, expected[:, AXES.index(axis)], rtol=0, atol=1e-12)
+        del before[axis]
+    assert found == before
+
+
+def test_a_tare_removes_the_offset(done, make, model, tmp_path):
+    path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3, offset=50.0))
+    model = tmp_path / 'wide.yaml'
+    done('calibrate', path, '-o', model, '--method', 'pls')
+    done('compensate', model, path, '-o', tmp_path / 'out.csv', '--tare', '60')
+    values = np.array(table(tmp_path / 'out.csv')['force_z'], dtype=float)
+    assert np.abs(values).max() < 0.5
+    done('compensate', model, path, '-o', tmp_path / 'raw.csv')
+    untared = np.array(table(tmp_path / 'raw.csv')['force_z'], dtype=float)
+    assert np.ptp(untared - values) < 1e-9
+    assert abs(untared.mean()) > 10
+
+
+def test_what_was_compensated_can_be_judged_again(done, make, model, tmp_path):
+    path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
+    done('compensate', model, path, '-o', tmp_path / 'out.csv')
+    before = json.loads(done('evaluate', model, path, '--json'))['axes']['force_z']
+    again = json.loads(done('evaluate', model, tmp_path / 'out.csv', '--json'))['axes']['force_z']
+    # The stream reaches a cell's drift one cell later than the evaluation of means.
+    assert again['rms_before'] == pytest.approx(before['rms_after'], abs=0.2)
+
+
+def test_empty_cells_stay_empty(done, make, model, tmp_path):
+    columns = make.drifting(seed=3)
+    columns['force_z'][10] = None
+    path = make.csv(tmp_path / 'run.csv', columns)
+    done('compensate', model, path, '-o', tmp_path / 'out.csv')
+    found = table(tmp_path / 'out.csv')
+    assert found['force_z'][10] == ''
+    assert found['torque_x'][10] != ''
+    assert len(found['force_z']) == 400
+
+
+@pytest.mark.parametrize('kind', ['file', 'folder', 'dangling link', 'source'])
+def test_an_existing_target_is_refused(kind, run, make, model, tmp_path):
+    path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
+    before, target = path.read_bytes(), tmp_path / 'out.csv'
+    if kind == 'file':
+        target.write_text('precious')
+    elif kind == 'folder':
+        target.mkdir()
+    elif kind == 'source':
+        target = path
+    else:
+        target.symlink_to(tmp_path / 'nowhere')
+    names = {each.name for each in tmp_path.iterdir()}
+    assert str(target) in run('compensate', model, path, '-o', target).sentence
+    assert {each.name for each in tmp_path.iterdir()} == names
+    assert path.read_bytes() == before
+
+
+def test_a_failure_in_the_middle_leaves_nothing(run, make, model, tmp_path, monkeypatch):
+    path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
+
+    def full(*_):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(compensate, 'correct_many', full)
+    outcome = run('compensate', model, path, '-o', tmp_path / 'out.csv')
+    assert 'No space left' in outcome.sentence
+    assert [each.name for each in tmp_path.iterdir()] == ['run.csv']
+
+
+def test_ctrl_c_leaves_nothing(run, make, model, tmp_path, monkeypatch):
+    path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(compensate, 'correct_many', interrupt)
+    outcome = run('compensate', model, path, '-o', tmp_path / 'out.csv')
+    assert outcome.code == 130
+    assert outcome.err.splitlines() == [
+        'wrist_ft_comp: interrupted; nothing was left half-written.'
+    ]
+    assert [each.name for each in tmp_path.iterdir()] == ['run.csv']
+
+
+def test_a_missing_folder_is_refused(run, make, model, tmp_path):
+    path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
+    outcome = run('compensate', model, path, '-o', tmp_path / 'no' / 'out.csv')
+    assert 'no folder' in outcome.sentence
+
+
+def test_each_warning_comes_once(run, make, model, tmp_path):
+    columns = make.drifting(seed=3)
+    columns['force_z'][9] = 'nan'
+    columns['temperature_c'][50] = 95.0
+    path = make.csv(tmp_path / 'run.csv', columns)
+    outcome = run('compensate', model, path, '-o', tmp_path / 'out.csv')
+    lines = outcome.err.splitlines()
+    assert outcome.code == 0
+    assert len(lines) == 2
+    assert len(set(lines)) == len(lines)
+    assert all(line.startswith('warning: ') for line in lines)
+    assert '95.0 °C; the model was learnt from' in lines[1]
+
+
+def test_a_relative_target_in_this_folder_is_made(done, make, model, tmp_path, monkeypatch):
+    make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
+    monkeypatch.chdir(tmp_path)
+    done('compensate', model, 'run.csv', '-o', 'out.csv')
+    assert Path('out.csv').exists()

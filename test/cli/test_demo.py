@@ -1,0 +1,165 @@
+"""The demonstration without its processes, and with processes that fail."""
+
+import importlib.util
+import json
+import os
+import sys
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp import RecordingError
+from wrist_ft_comp.cli import demo, demo_processes
+from wrist_ft_comp.core.recording import AXES
+from wrist_ft_comp.files.demo_log import DemoLog
+
+SECOND = 10**9
+
+
+def make_log(calibrated_s=100, seconds=300):
+    """One wrench a second; raw drifts by a ramp, compensated by a tenth of it."""
+    rng = np.random.default_rng(0)
+    t = np.arange(seconds)
+    reference = rng.normal(size=(seconds, 6))
+    ramp = np.outer(t, np.arange(1, 7))
+    return DemoLog(
+        stamps_ns=t * SECOND,
+        raw=reference + ramp + 5,
+        compensated=reference + 0.1 * ramp - 2,
+        reference=reference,
+        temperature_stamps_ns=np.repeat(t, 2) * SECOND,
+        thermometer=np.tile([0, 1], seconds),
+        temperature_c=np.repeat(20.0 + t, 2),
+        calibrated_ns=calibrated_s * SECOND,
+    )
+
+
+def test_errors_are_tared_on_the_first_minute_after_the_calibration():
+    raw, compensated = demo.errors(make_log())
+    since = np.arange(1, 200)  # stamps 101 … 299 s; the first minute is 1 … 60
+    expected = np.outer(since - since[:60].mean(), np.arange(1, 7))
+    np.testing.assert_allclose(raw, expected, atol=1e-9)
+    np.testing.assert_allclose(compensated, 0.1 * expected, atol=1e-9)
+
+
+def test_the_judgement_is_a_hand_computation():
+    judged = demo.judge(make_log())
+    since = np.arange(1, 200) - 30.5
+    for gain, axis in enumerate(AXES, start=1):
+        assert judged[axis].rms_before == pytest.approx(gain * np.sqrt(np.mean(since**2)))
+        assert judged[axis].max_before == pytest.approx(gain * 168.5)
+        assert judged[axis].rms_after == pytest.approx(0.1 * judged[axis].rms_before)
+        assert judged[axis].max_after == pytest.approx(0.1 * judged[axis].max_before)
+
+
+def test_a_log_without_wrenches_after_the_calibration_is_told():
+    with pytest.raises(RecordingError, match='No wrench was received'):
+        demo.judge(make_log(calibrated_s=1000))
+
+
+@pytest.mark.parametrize(('kept', 'code'), [(0.05, 0), (0.2, 1)])
+def test_the_exit_code_tells_whether_drift_fell_enough(kept, code, run, tmp_path, monkeypatch):
+    log = make_log()
+    raw = log.raw - log.reference
+    better = DemoLog(**{**vars(log), 'compensated': log.reference + kept * raw})
+    monkeypatch.setattr(demo, 'find_spec', lambda _: object())
+    monkeypatch.setattr(demo, 'play', lambda *_: None)
+    monkeypatch.setattr(demo, 'load_demo_log', lambda _: better)
+    outcome = run('demo', '--output', tmp_path / 'out')
+    assert (outcome.code, outcome.err) == (code, '')
+    assert f'fell {1 / kept:.1f} times' in outcome.out
+    assert (tmp_path / 'out' / 'demo.png').stat().st_size > 10_000
+
+
+def test_without_rclpy_there_is_a_sentence(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(demo, 'find_spec', lambda _: None)
+    assert 'rclpy' in run('demo', '--output', tmp_path / 'out').sentence
+    assert not (tmp_path / 'out').exists()
+
+
+def test_a_folder_that_cannot_be_made_is_a_sentence(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(demo, 'find_spec', lambda _: object())
+    (tmp_path / 'file').touch()
+    assert 'cannot be made' in run('demo', '--output', tmp_path / 'file').sentence
+
+
+@pytest.fixture
+def children(monkeypatch):
+    """Run these pieces of Python in the place of the three programs; gives their processes."""
+    started = []
+    genuine = demo_processes.subprocess.Popen
+
+    def install(**scripts):
+        def start(argv, **more):
+            script = scripts[argv[2].rpartition('.')[2]]
+            process = genuine([sys.executable, '-c', script], **more)
+            started.append(process)
+            return process
+
+        monkeypatch.setattr(demo_processes.subprocess, 'Popen', start)
+        monkeypatch.setattr(demo, 'find_spec', lambda _: object())
+        return started
+
+    return install
+
+
+WAIT = 'import signal; signal.pause()'
+TELL = 'import json; print(json.dumps({}), flush=True); import signal; signal.pause()'
+FAIL = 'raise SystemExit(7)'
+
+
+@pytest.mark.parametrize(
+    ('scripts', 'expected', 'count'),
+    [
+        ({'compensator_node': WAIT, 'demo_client': FAIL}, 'without a result', 2),
+        ({'compensator_node': FAIL, 'demo_client': WAIT}, 'compensator of the demonstration', 2),
+        (
+            {'compensator_node': WAIT, 'simulated_sensor_node': FAIL,
+             'demo_client': TELL.format({'event': 'recording'})},
+            'simulated sensor of the demonstration ended early, with exit code 7', 3,
+        ),
+        (
+            {'compensator_node': WAIT,
+             'demo_client': TELL.format({'event': 'failed', 'text': 'It was refused.'})},
+            'failed: It was refused.', 2,
+        ),
+        (
+            {'compensator_node': WAIT, 'demo_client': 'print("no JSON"); print(3); print("{}")'},
+            'without a result', 2,
+        ),
+    ],
+    ids=['operator', 'compensator', 'sensor', 'refusal', 'chatter'],
+)  # fmt: skip
+def test_a_failing_process_ends_all_with_a_sentence(  # noqa: PLR0913, PLR0917 -- fixtures
+    scripts, expected, count, run, children, tmp_path
+):
+    started = children(**scripts)
+    assert expected in run('demo', '--output', tmp_path).sentence
+    assert len(started) == count
+    assert all(process.returncode is not None for process in started)
+    assert not (tmp_path / 'demo.png').exists()
+
+
+def test_the_demonstration_keeps_out_of_the_user_s_domain(monkeypatch):
+    """A robot on this computer must never hear the simulated wrench."""
+    own = int(demo_processes._environment()['ROS_DOMAIN_ID'])
+    assert own in range(60, 101)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(own))
+    environment = demo_processes._environment()
+    assert environment['ROS_DOMAIN_ID'] != str(own)
+    assert environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
+    assert environment['PATH'] == os.environ['PATH']
+
+
+def test_the_programs_that_are_started_exist(tmp_path):
+    commands = [
+        demo_processes._compensator(tmp_path),
+        demo_processes._operator(tmp_path / 'log.npz'),
+        demo_processes._sensor(1, 450.0),
+    ]
+    for module, *arguments in commands:
+        assert importlib.util.find_spec('wrist_ft_comp.ros') is not None
+        folder = demo_processes.Path(demo.__file__).parents[1] / 'ros'
+        assert (folder / f'{module}.py').exists()
+        assert all(isinstance(word, str) for word in arguments)
+    assert json.loads(commands[2][-1].partition(':=')[2])

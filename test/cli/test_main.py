@@ -1,0 +1,141 @@
+"""The command as a process, its exit codes, and its help."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import wrist_ft_comp
+from wrist_ft_comp.cli import options, values
+
+COMMANDS = ('calibrate', 'evaluate', 'compensate', 'show', 'demo')
+PROGRAM = [sys.executable, '-m', 'wrist_ft_comp.cli.main']
+
+
+def process(*argv, **more):
+    return subprocess.Popen([*PROGRAM, *map(str, argv)], stderr=subprocess.PIPE, text=True, **more)
+
+
+@pytest.mark.parametrize('command', [(), *((name,) for name in COMMANDS)])
+def test_help_has_examples_and_fits_the_screen(command, run, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '80')
+    outcome = run(*command, '--help')
+    assert (outcome.code, outcome.err) == (0, '')
+    assert 'examples:\n  wrist_ft_comp' in outcome.out
+    assert max(map(len, outcome.out.splitlines())) <= 80
+
+
+def test_help_names_every_command(run):
+    assert all(f'    {command}' in run('--help').out for command in COMMANDS)
+
+
+def test_the_version_is_the_package_s(run):
+    assert run('--version').out.strip() == wrist_ft_comp.__version__
+
+
+@pytest.mark.parametrize(
+    'argv',
+    [
+        [], ['fly'], ['calibrate'], ['calibrate', 'a.csv'], ['evaluate', 'm.yaml'], ['show'],
+        ['compensate', 'm.yaml', 'a.csv'], ['show', 'a', 'b'], ['evaluate', 'a', 'b', '--tare'],
+        ['calibrate', 'a', '-o', 'b', '--reference', 'felt'], ['demo', '--speed', '0'],
+        ['demo', '--seed', 'x'], ['show', '--unknown', 'a'],
+    ],
+)  # fmt: skip
+def test_wrong_usage_is_exit_code_2(argv, run):
+    outcome = run(*argv)
+    assert (outcome.code, outcome.out) == (2, '')
+    assert outcome.err.startswith('usage: ')
+
+
+def test_a_long_sentence_is_one_line(run, monkeypatch, drift_csv):
+    def fail(*_):
+        raise wrist_ft_comp.RecordingError('First\nsecond\n  third.')
+
+    monkeypatch.setattr('wrist_ft_comp.cli.show.describe_recording', fail)
+    assert run('show', drift_csv).sentence == 'wrist_ft_comp: First second third.'
+
+
+def test_no_progress_bar_where_nobody_watches(drift_csv, tmp_path):
+    with process('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', '--json',
+                 stdout=subprocess.PIPE) as child:  # fmt: skip
+        out, err = child.communicate(timeout=60)
+    assert (child.returncode, err) == (0, '')
+    assert 'axes' in json.loads(out)
+
+
+def test_a_reader_that_leaves_is_no_error(drift_csv):
+    for argv in (['show', drift_csv], ['--help'], ['show', '--help']):
+        reading, writing = os.pipe()
+        os.close(reading)
+        with process(*argv, stdout=writing) as child:
+            os.close(writing)
+            _, err = child.communicate(timeout=60)
+        assert (child.returncode, err) == (0, '')
+
+
+@pytest.mark.skipif(not Path('/dev/full').exists(), reason='this system has no /dev/full')
+def test_a_full_disk_behind_standard_output_is_one_sentence(drift_csv):
+    with Path('/dev/full').open('w') as full, process('show', drift_csv, stdout=full) as child:
+        _, err = child.communicate(timeout=60)
+    assert child.returncode == 1
+    assert err.count('\n') == 1
+    assert err.startswith('wrist_ft_comp: Reading or writing: No space left on device.')
+
+
+def test_a_narrow_locale_gets_escapes(drift_csv, tmp_path):
+    environment = {**os.environ, 'PYTHONIOENCODING': 'ascii'}
+    with process('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', '--method', 'pls',
+                 stdout=subprocess.PIPE, env=environment) as child:  # fmt: skip
+        out, err = child.communicate(timeout=60)
+    assert (child.returncode, err) == (0, '')
+    assert '\\xb0C' in out
+
+
+def test_ctrl_c_leaves_nothing_half_written(make, model, tmp_path):
+    """A slow reader (a named pipe that never ends) holds the command in the middle of its work."""
+    pipe = tmp_path / 'endless.csv'
+    os.mkfifo(pipe)
+    target = tmp_path / 'm.yaml'
+    target.write_bytes(model.read_bytes())
+    columns = make.drifting()
+    lines = [
+        ','.join(columns),
+        *(','.join(map(str, row)) for row in zip(*columns.values(), strict=True)),
+    ]
+    with (
+        process('calibrate', pipe, '-o', target, stdout=subprocess.PIPE) as child,
+        pipe.open('w') as feed,  # opens once the command reads
+    ):
+        feed.write('\n'.join(lines))
+        feed.flush()
+        child.send_signal(signal.SIGINT)
+        out, err = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert out == ''
+    assert err.splitlines()[-1] == 'wrist_ft_comp: interrupted; nothing was left half-written.'
+    assert target.read_bytes() == model.read_bytes()
+    assert sorted(each.name for each in tmp_path.iterdir()) == ['endless.csv', 'm.yaml']
+
+
+def test_values_below_zero_belong_to_the_option_before_them():
+    joined = values.with_negative_values(
+        ['--hat', '-40,0', '-o', '-1', '--json', '--tare=2', '-.5']
+    )
+    assert joined == ['--hat=-40,0', '-o', '-1', '--json', '--tare=2', '-.5']
+
+
+def test_json_knows_no_nan(capsys):
+    options.print_json({'a': [float('nan'), 1.5, (float('inf'),)], 'b': Path('x')})
+    assert json.loads(capsys.readouterr().out) == {'a': [None, 1.5, [None]], 'b': 'x'}
+
+
+def test_progress_is_told_in_shares(capsys):
+    with options.progress_bar('working') as progress:
+        for share in (0.1, 0.05, 1.0):
+            progress(share)
+    assert capsys.readouterr().err == ''

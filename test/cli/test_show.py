@@ -1,0 +1,92 @@
+import json
+
+import pytest
+import yaml
+
+
+def test_a_model_says_what_it_is(done, model):
+    out = done('show', model)
+    assert str(model) in out
+    assert 'force_z' in out
+    assert 'torque_x' in out
+    assert 'N m' in out
+    assert 'pls' in out
+    assert 'calibrated from 20' in out
+
+
+def test_a_model_as_json_is_the_file(done, model):
+    found = json.loads(done('show', model, '--json'))
+    assert len(found.pop('sha256')) == 64
+    assert found == yaml.safe_load(model.read_text())
+
+
+@pytest.mark.parametrize('name', ['model', 'model.txt', 'model.bak'])
+def test_a_model_is_known_by_its_content(name, done, model, tmp_path):
+    copy = tmp_path / name
+    copy.write_bytes(b'# the good one\n' + model.read_bytes())
+    assert 'a drift model' in done('show', copy)
+
+
+def test_a_model_whose_provenance_was_edited_is_shown(done, model, tmp_path):
+    document = yaml.safe_load(model.read_text())
+    copy = tmp_path / 'edited.yaml'
+    for provenance in ({}, {'recordings': 3}, {'created': yaml.safe_load('2024-05-01')}):
+        copy.write_text(yaml.safe_dump({**document, 'provenance': provenance}))
+        assert 'a drift model' in done('show', copy)
+        json.loads(done('show', copy, '--json'))
+
+
+def test_a_csv_says_its_channels(done, drift_csv):
+    out = done('show', drift_csv)
+    assert out.startswith('drift.csv: CSV recording, 399.0 s')
+    assert 'raw wrench' in out
+    found = json.loads(done('show', drift_csv, '--json'))
+    roles = {c['name']: (c['role'], c['kind'], c['samples']) for c in found['channels']}
+    assert roles['temperature_c'] == ('temperature', '°C', 400)
+    assert roles['torque_x'] == ('raw wrench', 'N m', 400)
+    assert found['last_ns'] - found['first_ns'] == 399 * 10**9
+
+
+@pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
+def test_a_bag_says_its_topics(storage, done, bags):
+    found = json.loads(done('show', bags[storage], '--json'))
+    assert storage in found['kind']
+    channels = {c['name']: c for c in found['channels']}
+    assert channels['/wrench_raw']['role'] == 'raw wrench'
+    assert channels['/wrench_raw']['samples'] == 90_000
+    assert channels['/temperature']['samples'] == 900
+    assert channels['/log']['role'] == ''
+    other = json.loads(done('show', bags[storage], '--wrench-topic', 'other', '--json'))
+    assert {c['name']: c['role'] for c in other['channels']}['/wrench_raw'] == ''
+
+
+def test_a_recording_without_what_a_calibration_needs_is_shown(done, make, tmp_path):
+    path = make.csv(tmp_path / 'run.csv', {'stamp_s': [0.0, 1.0], 'force_x': [1.0, 2.0]})
+    assert 'force_x' in done('show', path)
+
+
+@pytest.mark.parametrize(
+    ('change', 'expected'),
+    [
+        ({'version': 2}, 'version 2'),
+        ({'format': 'wrist_ft_comp drift model of another kind'}, 'not a model file'),
+        ({'axes': None}, 'axes'),
+        ({'period_ns': 0}, 'period_ns'),
+    ],
+)
+def test_another_models_file_is_refused(change, expected, run, model, tmp_path):
+    document = {**yaml.safe_load(model.read_text()), **change}
+    copy = tmp_path / 'm.yaml'
+    copy.write_text(yaml.safe_dump(document))
+    sentence = run('show', copy).sentence
+    assert expected in sentence
+    assert str(copy) in sentence
+
+
+@pytest.mark.parametrize('key', ['period_ns', 'thermometers', 'axes', 'warnings', 'provenance'])
+def test_a_missing_key_is_named(key, run, model, drift_csv, tmp_path):
+    document = yaml.safe_load(model.read_text())
+    del document[key]
+    copy = tmp_path / 'm.yaml'
+    copy.write_text(yaml.safe_dump(document))
+    assert key in run('evaluate', copy, drift_csv).sentence

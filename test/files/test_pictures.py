@@ -1,0 +1,140 @@
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+from matplotlib import colors
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.image import imread
+
+from wrist_ft_comp import RecordingError
+from wrist_ft_comp.files import pictures
+from wrist_ft_comp.files.pictures import (
+    DriftSeries,
+    TemperatureSeries,
+    draw_drift,
+    save_png,
+    svg_text,
+)
+
+XLINK = '{http://www.w3.org/1999/xlink}href'
+DRAWN = (pictures.RAW_COLOUR, pictures.COMPENSATED_COLOUR)
+
+
+def figure(axes=3, points=200, title='force', marks=None):
+    t = np.linspace(0, 7200, points)
+    series = [DriftSeries(f'{title} {k}', t, t / 100 + k, np.sin(t / 500)) for k in range(axes)]
+    temperatures = [
+        TemperatureSeries('temperature_c', t, 20 + t / 600),
+        TemperatureSeries('temperature_2_c', t, 22 + t / 900),
+    ]
+    return draw_drift(series, temperatures, marks)
+
+
+def pixels(image, colour):
+    """How many pixels have a colour."""
+    return int(np.count_nonzero(np.abs(image[..., :3] - colors.to_rgb(colour)).max(axis=-1) < 0.1))
+
+
+def panel_images(drawn, image):
+    """The pixels of every panel."""
+    height, width = image.shape[:2]
+    for panel in drawn.axes:
+        x0, y0, x1, y1 = panel.get_position().extents
+        rows = slice(int((1 - y1) * height), int((1 - y0) * height))
+        yield image[rows, int(x0 * width) : int(x1 * width)]
+
+
+@pytest.mark.parametrize('axes', [1, 2, 6])
+def test_every_panel_of_the_png_shows_both_lines(axes, tmp_path):
+    drawn = figure(axes)
+    save_png(tmp_path / 'a.png', drawn)
+    image = imread(tmp_path / 'a.png')
+    *drifts, temperatures = panel_images(drawn, image)
+    assert len(drifts) == axes
+    for part in drifts:
+        assert all(pixels(part, colour) > 50 for colour in DRAWN)
+    for colour in ('#009E73', '#CC79A7'):
+        assert pixels(temperatures, colour) > 50
+
+
+def test_colours_differ_in_grey_too():
+    """Luminance as a black-and-white printer shows it."""
+    grey = [np.dot(colors.to_rgb(colour), (0.2126, 0.7152, 0.0722)) for colour in DRAWN]
+    assert len(set(DRAWN)) == 2
+    assert abs(grey[0] - grey[1]) > 0.05
+
+
+def test_panels_are_named_and_axes_have_units():
+    drawn = figure(2)
+    titles = [panel.get_title() for panel in drawn.axes]
+    assert titles == ['force 0', 'force 1', 'temperature, °C']
+    assert drawn.axes[-1].get_xlabel() == 'time, h'
+    legend = [text.get_text() for text in drawn.axes[0].get_legend().get_texts()]
+    assert legend == ['without', 'with']
+
+
+def test_long_recordings_are_thinned_out():
+    drawn = figure(1, points=50_000)
+    assert len(drawn.axes[0].lines[0].get_xdata()) < 10_000
+
+
+def test_marks_stand_in_every_panel():
+    drawn = figure(2, marks={'calibrated': 3600.0})
+    for panel in drawn.axes:
+        assert [text.get_text() for text in panel.texts] == ['calibrated']
+        assert panel.lines[-1].get_xdata()[0] == 1.0
+
+
+def test_more_thermometers_than_colours_are_all_drawn():
+    t = np.arange(10.0)
+    drawn = draw_drift([], [TemperatureSeries(str(j), t, t + j) for j in range(9)])
+    assert len(drawn.axes[-1].lines) == 9
+
+
+def test_a_folder_that_is_missing_is_a_sentence(tmp_path):
+    with pytest.raises(RecordingError, match='cannot be written'):
+        save_png(tmp_path / 'no' / 'a.png', figure(1))
+
+
+def test_svg_is_xml_whose_references_end_inside_it():
+    root = ET.fromstring(svg_text(figure(2), 'p0'))  # noqa: S314 -- our own text
+    ids = [node.get('id') for node in root.iter() if node.get('id')]
+    assert ids
+    assert len(set(ids)) == len(ids)
+    targets = [node.get(XLINK)[1:] for node in root.iter() if node.get(XLINK)]
+    clips = [node.get('clip-path')[5:-1] for node in root.iter() if node.get('clip-path')]
+    assert targets
+    assert clips
+    assert {*targets, *clips} <= set(ids)
+
+
+def test_svg_of_two_pictures_shares_no_id():
+    texts = [svg_text(figure(2), name) for name in ('p0', 'p1')]
+    roots = [ET.fromstring(text) for text in texts]  # noqa: S314 -- our own text
+    one, other = ({n.get('id') for n in root.iter() if n.get('id')} for root in roots)
+    assert one
+    assert not one & other
+
+
+def test_svg_names_nothing_but_its_namespaces():
+    text = svg_text(figure(1), 'p0')
+    for namespace in ('http://www.w3.org/2000/svg', 'http://www.w3.org/1999/xlink'):
+        text = text.replace(f'="{namespace}"', '')
+    assert 'http' not in text
+    assert '<metadata' not in text
+
+
+def test_svg_of_the_same_picture_is_the_same():
+    assert svg_text(figure(1), 'p0') == svg_text(figure(1), 'p0')
+
+
+def test_svg_escapes_titles():
+    root = ET.fromstring(svg_text(figure(1, title='<b> & "x"'), 'p0'))  # noqa: S314
+    assert root.tag.endswith('svg')
+
+
+def test_drawing_does_not_change_the_series():
+    t = np.arange(5.0)
+    series = DriftSeries('a', t, t.copy(), t.copy())
+    FigureCanvasAgg(draw_drift([series], [TemperatureSeries('b', t, t.copy())])).draw()
+    np.testing.assert_array_equal(series.raw, np.arange(5.0))

@@ -1,0 +1,112 @@
+"""A sensor to calibrate, and a gate that holds calibrations back."""
+
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.core.recording import AXES, temperature_channel
+
+SECOND = 1_000_000_000
+
+
+class Robot:
+    """
+    A sensor whose drift is known: each axis follows its gains times lagged temperatures.
+
+    Its motor works by turns; one thermometer or two follow at two speeds.
+    """
+
+    GAINS = np.array([0.3, -0.5, 1.0, 0.02, 0.03, -0.05])
+    WORK = (1.0, 0.2, 0.8, 0.0, 1.0, 0.5, 0.9, 0.1, 0.0, 0.6, 0.2, 0.9, 0.0)
+
+    def __init__(self, thermometers: int = 1) -> None:
+        work = np.repeat(self.WORK, 40)
+        far, near = _lag(15.0 * work, 600.0), _lag(25.0 * work, 200.0)
+        self.temperature_c = 20.0 + np.stack((far, near)[:thermometers], axis=1)
+        moved = _lag(far, 300.0) + (0.7 * _lag(near, 100.0) if thermometers > 1 else 0.0)
+        self.zero = moved[:, np.newaxis] * self.GAINS
+        self.sensitivity = 0.004 * _lag(far, 300.0)[:, np.newaxis]
+        self._rng = np.random.default_rng(5)
+
+    def raw(self, cell: int, load: Any = 0.0) -> np.ndarray:
+        """Reading under a load, N and N m."""
+        noise = self._rng.normal(0, 0.01, 6) * [1, 1, 1, 0.1, 0.1, 0.1]
+        return (1 + self.sensitivity[cell]) * load + self.zero[cell] + noise
+
+    def stamps(self, cell: int) -> list[int]:
+        """Times of two wrenches in a thermal cell of 10 s."""
+        return [1_700_000_000 * SECOND + (10 * cell + part) * SECOND for part in (2, 7)]
+
+    def run(self, rig: Any, cells: Iterable[int], load: Any = None) -> np.ndarray:
+        """Send cells one by one; return outputs, shape (2 N, 6). load(cell) is the true wrench."""
+        send_reference = rig.reference() if load else None
+        found = []
+        for cell in cells:
+            true = load(cell) if load else np.zeros(6)
+            stamps = self.stamps(cell)
+            for stamp in stamps if send_reference else ():
+                send_reference(stamp, true)
+            rig.warm(stamps[0], *self.temperature_c[cell])
+            found.append(rig.stream(stamps, [self.raw(cell, true) for _ in stamps]))
+        return np.concatenate(found)
+
+    def write(self, path: Path, cells: int = 300) -> Path:
+        """Write what a recording of the first cells would hold."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temperatures = [temperature_channel(j) for j in range(self.temperature_c.shape[1])]
+        lines = [','.join(['stamp_ns', *AXES, *temperatures])]
+        for cell in range(cells):
+            values = [*self.raw(cell).tolist(), *self.temperature_c[cell].tolist()]
+            lines.append(','.join(map(repr, [self.stamps(cell)[0], *values])))
+        path.write_text('\n'.join([*lines, '']))
+        return path
+
+
+def _lag(x: np.ndarray, tau_s: float) -> np.ndarray:
+    """Relax after an input, by the textbook loop."""
+    state, found = 0.0, np.empty(len(x))
+    for k, value in enumerate(x):
+        state += (1 - np.exp(-10.0 / tau_s)) * (value - state)
+        found[k] = state
+    return found
+
+
+@pytest.fixture
+def make_robot() -> type[Robot]:
+    """Give the class, which test modules cannot import."""
+    return Robot
+
+
+class Gate:
+    """Holds the next calibration process back until it is opened."""
+
+    def __init__(self, path: Path) -> None:
+        os.mkfifo(path)
+        self._end = os.open(path, os.O_RDWR)
+        source = (
+            f'import runpy; open({str(path)!r}, "rb", 0).read(1); '
+            'runpy.run_module("wrist_ft_comp.files.calibration_job", run_name="__main__")'
+        )
+        self.command = (sys.executable, '-c', source)
+
+    def open(self) -> None:
+        """Let one process go on."""
+        os.write(self._end, b'x')
+
+    def close(self) -> None:
+        """Give the pipe back."""
+        os.close(self._end)
+
+
+@pytest.fixture
+def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Gate]:
+    """Hold calibration processes back."""
+    found = Gate(tmp_path / 'gate')
+    monkeypatch.setattr('wrist_ft_comp.ros.calibration_process.COMMAND', found.command)
+    yield found
+    found.close()

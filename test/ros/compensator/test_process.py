@@ -1,0 +1,188 @@
+"""The executable: how it starts, ends, and what is left when it is killed."""
+
+import os
+import queue
+import signal
+import threading
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
+
+from geometry_msgs.msg import WrenchStamped
+from sensor_msgs.msg import Temperature
+from std_srvs.srv import SetBool, Trigger
+
+from wrist_ft_comp.files.recordings import read_recording
+from wrist_ft_comp.ros.wrench_message import wrench_message
+
+MODULE = 'wrist_ft_comp.ros.compensator_node'
+TIMEOUT_S = 20.0
+START_S = 1_700_000_000
+#: The executable, which tells what runs it.
+TELL_EXECUTOR = """
+import sys
+from wrist_ft_comp.ros import compensator_node, running
+make = running.make_executor
+def tell(*arguments):
+    executor = make(*arguments)
+    sys.stderr.write(f'runs on {type(executor).__name__}\\n')
+    return executor
+running.make_executor = tell
+sys.exit(compensator_node.main())
+"""
+signals = pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+
+
+@pytest.fixture
+def start(bench, executable, tmp_path):
+    """Start the executable under a name of its own, and wait until it is up."""
+
+    def launch(name, *arguments):
+        process = executable(
+            MODULE,
+            *('-r', f'__ns:=/{name}', '-r', f'__node:={name}'),
+            *('-p', f'data_directory:={tmp_path / "data"}'),
+            *arguments,
+        )
+        bench.wait_for_node(name)
+        return process
+
+    return launch
+
+
+def ends_well(process, number):
+    code, errors = process.end(number)
+    assert code == 0, errors
+    assert 'Traceback' not in errors
+    assert 'terminate called' not in errors
+    return errors
+
+
+@pytest.mark.parametrize(
+    ('choice', 'number'), [('events', signal.SIGINT), ('default', signal.SIGTERM)]
+)
+def test_a_signal_ends_the_node_with_exit_code_0(bench, start, choice, number):
+    name = f'ends_{choice}_{int(number)}'
+    process = start(name, '-p', f'executor:={choice}')
+    answer = bench.call(Trigger, f'/{name}/{name}/reset_tare', Trigger.Request())
+    assert answer.success
+    assert 'no model' in ends_well(process, number)
+
+
+@signals
+def test_a_signal_ends_a_calibration_too(bench, start, tmp_path, number):
+    """A pipe without a writer takes the place of a long fit."""
+    recording = tmp_path / 'data/endless.csv'
+    recording.parent.mkdir()
+    os.mkfifo(recording)
+    name = f'fits_{int(number)}'
+    process = start(name, '-p', f'calibration.recordings:=[{recording}]')
+    client = bench.helper.create_client(Trigger, f'/{name}/{name}/calibrate')
+    assert client.wait_for_service(timeout_sec=TIMEOUT_S)
+    answered = threading.Event()
+    future = client.call_async(Trigger.Request())
+    future.add_done_callback(lambda _: answered.set())
+    # Opening the other end waits until the calibration process has opened this one.
+    with recording.open('wb'):
+        ends_well(process, number)
+    assert answered.wait(TIMEOUT_S)
+    assert future.result().message == 'The node is shutting down; the model is unchanged.'
+    with pytest.raises(OSError, match='No such device'):
+        os.close(os.open(recording, os.O_WRONLY | os.O_NONBLOCK))  # nobody reads it any more
+
+
+class Driver:
+    """Sends a cell per second of stamps; waits for each of its wrenches."""
+
+    def __init__(self, bench, name):
+        self.outputs = bench.listen(WrenchStamped, f'/{name}/wrench')
+        self.raw = bench.publisher(WrenchStamped, f'/{name}/wrench_raw')
+        self.heat = bench.publisher(Temperature, f'/{name}/temperature')
+        self.second = START_S
+
+    def cell(self):
+        """Send one; other processes may lose messages, so wrenches are sent until one is heard."""
+        message = Temperature(temperature=25.0)
+        message.header.stamp.sec = self.second
+        self.heat.publish(message)
+        for nanosecond in range(1000):
+            stamp = self.second * 10**9 + nanosecond
+            self.raw.publish(wrench_message(stamp, 'tool0', [1.0] * 6))
+            with suppress(queue.Empty):
+                self.outputs.get(timeout=0.2)
+                self.second += 1
+                return
+        pytest.fail('no output')
+
+
+def rows_of(path):
+    """Rows of a recording that are whole."""
+    return path.read_bytes().count(b'\n') - 1
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGINT])
+def test_a_recording_survives_the_end_of_the_process(bench, start, tmp_path, number):
+    name = f'records_{int(number)}'
+    process = start(name)
+    driver = Driver(bench, name)
+    answer = bench.call(SetBool, f'/{name}/{name}/record', SetBool.Request(data=True))
+    assert answer.success
+    (path,) = (tmp_path / 'data/recordings').glob('*.csv')
+
+    def has_rows():
+        driver.cell()
+        return rows_of(path) >= 5
+
+    bench.wait_until(has_rows, 'five rows')
+    if number == signal.SIGKILL:
+        code, _ = process.end(number)
+        assert code == -signal.SIGKILL
+    else:
+        assert 'thermal cells' in ends_well(process, number)
+    recording = read_recording(path)
+    assert len(recording) >= 5
+    assert (recording.wrench[np.isfinite(recording.wrench)] == 1.0).all()
+    assert recording.warnings == ()
+
+
+def test_a_bad_model_file_is_one_sentence_and_exit_code_1(executable, tmp_path):
+    path = tmp_path / 'bad.yaml'
+    path.write_text('format: other')
+    code, errors = executable(MODULE, '-p', f'model_file:={path}').result()
+    assert code == 1
+    assert len(errors.splitlines()) == 1, errors
+    assert f'{path} is not a model file' in errors
+    assert 'Make one with wrist_ft_comp calibrate.' in errors
+
+
+@pytest.mark.parametrize(
+    ('argument', 'words'),
+    [
+        ('temperature_topics:=[""]', 'temperature_topics must name at least one topic'),
+        ('temperature_topics:=["not a topic"]', 'not a topic'),
+        ('thermal_period:=0.0', 'from 0.1 to 600 s'),
+    ],
+)
+def test_a_bad_argument_is_a_sentence_and_exit_code_1(executable, argument, words):
+    code, errors = executable(MODULE, '-p', argument).result()
+    assert code == 1
+    assert words in errors
+    assert 'Traceback' not in errors
+
+
+@pytest.mark.parametrize(
+    ('choice', 'kind'), [('events', 'EventsExecutor'), ('default', 'SingleThreadedExecutor')]
+)
+def test_the_executor_is_the_one_that_was_chosen(bench, executable, tmp_path, choice, kind):
+    name = f'chooses_{choice}'
+    process = executable(
+        MODULE,
+        *('-r', f'__node:={name}', '-p', f'executor:={choice}'),
+        *('-p', f'data_directory:={tmp_path}'),
+        source=TELL_EXECUTOR,
+    )
+    bench.wait_for_node(name)
+    assert f'runs on {kind}\n' in ends_well(process, signal.SIGINT)

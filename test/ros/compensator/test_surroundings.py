@@ -1,0 +1,126 @@
+"""Remapping, namespaces, simulated time, quality of service: what a ROS user expects of a node."""
+
+import itertools
+
+import pytest
+
+pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import WrenchStamped
+from rclpy.qos import QoSReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Temperature
+from std_srvs.srv import SetBool, Trigger
+
+from wrist_ft_comp.ros import qos
+from wrist_ft_comp.ros.compensator_node import CompensatorNode
+from wrist_ft_comp.ros.wrench_message import wrench_message
+
+SECOND = 1_000_000_000
+LOAD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+TIMEOUT_S = 20.0
+
+
+def test_topics_and_the_node_can_be_remapped(bench, tmp_path):
+    rules = {
+        'wrench_raw': '/driver/ft',
+        'wrench': '/clean/ft',
+        'temperature': '/driver/heat',
+        '__node': 'left_ft',
+        '__ns': '/cell_1',
+    }
+    node = bench.start(CompensatorNode, remap=rules, parameters={'data_directory': str(tmp_path)})
+    outputs = bench.listen(WrenchStamped, '/clean/ft')
+    bench.publisher(Temperature, '/driver/heat')
+    bench.wait_until(lambda: node._output.get_subscription_count() > 0, 'the listener')
+    bench.publisher(WrenchStamped, '/driver/ft').publish(wrench_message(7, 'tool0', LOAD))
+    assert outputs.get(timeout=TIMEOUT_S).header.stamp.nanosec == 7
+    answer = bench.call(Trigger, '/cell_1/left_ft/rollback', Trigger.Request())
+    assert 'no earlier model' in answer.message
+    node.recording._start()
+    job_topics = node.calibration._job().topics
+    assert (job_topics.wrench, job_topics.temperatures) == ('/driver/ft', ('/driver/heat',))
+
+
+def test_two_nodes_in_two_namespaces_do_not_meet(rig, tmp_path):
+    nodes = [rig(directory=tmp_path / side) for side in ('left', 'right')]
+    for number, node in enumerate(nodes):
+        assert node.ask_output(number, [float(number)] * 6) == (float(number),) * 6
+    assert all(node.outputs.empty() for node in nodes)
+
+
+def test_without_a_directory_each_node_keeps_its_own_below_ros_home(bench, tmp_path, monkeypatch):
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    nodes = [bench.start(CompensatorNode, namespace=name) for name in ('/left', '/right')]
+    found = [node.store.directory for node in nodes]
+    folder = tmp_path / 'wrist_ft_comp'
+    assert found == [folder / 'left__wrist_ft_comp', folder / 'right__wrist_ft_comp']
+
+
+@pytest.mark.parametrize('clock', ['published', 'absent'])
+def test_simulated_time_stamps_what_has_no_stamp(rig, bench, clock):
+    node = rig(parameters={'use_sim_time': True, 'tare.duration': 0.01})
+    if clock == 'published':
+        clocks = bench.publisher(Clock, '/clock')
+        clocks.publish(Clock(clock=Time(sec=4321)))
+        bench.wait_until(lambda: node.node._now_ns() == 4321 * SECOND, 'the clock')
+    assert node.ask_output(0, LOAD) == tuple(LOAD)
+    stamp, _ = node.node.compensator._last
+    assert stamp == (4321 * SECOND if clock == 'published' else 0)
+    assert node.diagnosis('input').name.endswith('input')
+    answer = node.call('tare')
+    assert 'Taring needs at least 10 wrenches' in answer.message, 'timers are steady'
+
+
+def test_quality_of_service_can_be_overridden_for_one_topic_only(bench, rig, tmp_path):
+    plain = rig()
+    prefix = 'qos_overrides./other'
+    node = bench.start(
+        CompensatorNode,
+        namespace='/other',
+        parameters={
+            'data_directory': str(tmp_path),
+            f'{prefix}/wrench.publisher.reliability': 'best_effort',
+            f'{prefix}/wrench_raw.subscription.reliability': 'reliable',
+            f'{prefix}/temperature.subscription.depth': 7,
+            f'{prefix}/wrench_reference.subscription.depth': 8,
+        },
+    )
+    best_effort, reliable = QoSReliabilityPolicy.BEST_EFFORT, QoSReliabilityPolicy.RELIABLE
+
+    assert node._output.qos_profile.reliability == best_effort
+    assert node._drift.qos_profile.reliability == reliable
+    assert node._diagnostics.qos_profile.reliability == reliable
+    assert node.raw_subscription.qos_profile.reliability == reliable
+    assert node.temperature_subscriptions[0].qos_profile.depth == 7
+    assert plain.node.temperature_subscriptions[0].qos_profile.depth == 100
+    assert qos.OUTPUT.reliability == reliable
+    assert qos.FAST_SENSOR.reliability == best_effort
+    for _ in range(2):
+        for data in (True, False):
+            request = SetBool.Request(data=data)
+            assert bench.call(SetBool, '/other/wrist_ft_comp/record', request).success
+            if data:
+                assert node.recording._reference.qos_profile.depth == 8
+
+
+def test_two_thermometers_on_one_topic_are_two_thermometers(bench, tmp_path):
+    """Strange, but not a crash."""
+    topics = ['temperature', 'temperature']
+    node = bench.start(
+        CompensatorNode,
+        namespace='/twice',
+        parameters={'data_directory': str(tmp_path), 'temperature_topics': topics},
+    )
+    publisher = bench.publisher(Temperature, '/twice/temperature')
+    stamps = itertools.count(1)
+
+    def started():
+        message = Temperature(temperature=25.0)
+        message.header.stamp.sec = next(stamps)
+        publisher.publish(message)
+        return node.compensator.temperature_c is not None
+
+    bench.wait_until(started, 'a thermal cell')
+    assert node.compensator.temperature_c.tolist() == [25.0, 25.0]
