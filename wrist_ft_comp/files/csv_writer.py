@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from math import isnan
 from pathlib import Path
 from types import TracebackType
@@ -31,7 +32,12 @@ class CsvRecordingWriter:
             raise RecordingError(f'{path} exists already; name a new file.') from error
         except OSError as error:
             raise RecordingError(f'{path} cannot be written: {error.strerror}.') from error
-        self._write(','.join(('stamp_ns', *channels)))
+        try:
+            self._write(','.join(('stamp_ns', *channels)))
+        except RecordingError:
+            with suppress(OSError):
+                self._file.close()
+            raise
 
     def append(self, stamp_ns: int, values: Sequence[float]) -> None:
         """
@@ -78,7 +84,14 @@ class CsvRecordingWriter:
             try:
                 self.sync()
             finally:
-                self._file.close()
+                self._close()
+
+    def _close(self) -> None:
+        """Close the file; what it could not write by then is an error of ours."""
+        try:
+            self._file.close()
+        except OSError as error:
+            raise RecordingError(f'{self._path} cannot be written: {error.strerror}.') from error
 
     def __enter__(self) -> 'CsvRecordingWriter':
         """Return the writer itself."""

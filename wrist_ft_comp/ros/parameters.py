@@ -102,6 +102,9 @@ def _one_as_declared(row: Parameter | None, given: RosParameter) -> RosParameter
     try:
         return _ros_parameter(row, converted(row, given.value))
     except SettingsError:
+        if row.ros_type == RosParameter.Type.DOUBLE and type(given.value) is int:
+            # So that the refusal speaks of the range, not of a type that would do.
+            return _ros_parameter(row, float(given.value))
         return given
 
 
