@@ -83,7 +83,7 @@ def receive(context: Any) -> dict[str, float]:
         WrenchStamped,
         'wrench',
         lambda data: came.append((data[4:12], time.monotonic_ns())),
-        QoSProfile(depth=5000),
+        QoSProfile(depth=5000),  # type: ignore[no-untyped-call] # as rclpy declares it
         raw=True,
     )
     executor = make_executor('auto', context)
