@@ -8,17 +8,15 @@ import pytest
 from wrist_ft_comp.core.arx import relaxation
 from wrist_ft_comp.core.arx_pls import ArxPls
 from wrist_ft_comp.core.features import Features
+from wrist_ft_comp.core.observation import OBSERVATION_WINDOW_S, observe_drift
 from wrist_ft_comp.core.problem import (
-    OBSERVATION_WINDOW_S,
-    block_errors,
     cross_validation_blocks,
     noise_level,
-    observe_drift,
     pose_problem,
     stretches,
-    unexplained,
 )
 from wrist_ft_comp.core.recording import Recording
+from wrist_ft_comp.core.scoring import block_errors, unexplained
 
 Array = np.ndarray
 MakeRecording = Callable[..., Recording]

@@ -15,6 +15,7 @@ import numpy as np
 from wrist_ft_comp import SettingsError
 from wrist_ft_comp.core import drift
 from wrist_ft_comp.core.drift import Drift, DriftModel, DriftState
+from wrist_ft_comp.core.ramp import Ramp
 from wrist_ft_comp.core.recording import AXES, NANOSECONDS, FloatArray
 from wrist_ft_comp.core.thermal_grid import CompletedCells, ThermalGrid
 
@@ -69,37 +70,6 @@ def axis_limits(force_limit: float) -> FloatArray:
     )
 
 
-class _Ramp:
-    """Drift between two thermal cells, as plain numbers: the only thing a wrench touches."""
-
-    def __init__(self) -> None:
-        self.start_ns = 0
-        self.zero: list[float] = [0.0] * len(AXES)
-        self.zero_step: list[float] = [0.0] * len(AXES)
-        self.gain: list[float] = [1.0] * len(AXES)
-        self.gain_step: list[float] = [0.0] * len(AXES)
-
-    def at(self, share: float) -> tuple[FloatArray, FloatArray]:
-        """Zero drift and gain when a share of the ramp is done, shapes (6,)."""
-        return (
-            np.array(self.zero) + share * np.array(self.zero_step),
-            np.array(self.gain) + share * np.array(self.gain_step),
-        )
-
-    def restart(self, start_ns: int, share: float, target: Drift) -> None:
-        """Go to a new target from where the ramp stands."""
-        zero, gain = self.at(share)
-        self.start_ns = start_ns
-        self.zero, self.gain = zero.tolist(), gain.tolist()
-        self.zero_step = (target.zero - zero).tolist()
-        self.gain_step = (1.0 + target.sensitivity - gain).tolist()
-
-    def settle(self, target: Drift) -> None:
-        """Stand at a target."""
-        self.zero, self.gain = target.zero.tolist(), (1.0 + target.sensitivity).tolist()
-        self.zero_step, self.gain_step = [0.0] * len(AXES), [0.0] * len(AXES)
-
-
 class Compensator:
     """
     Owns what a sensor's stream needs: the grid, the drift state, the tare.
@@ -127,7 +97,7 @@ class Compensator:
         self.limited: tuple[str, ...] = ()
         self._limits = axis_limits(settings.max_drift_n)
         self._state: DriftState | None = None
-        self._ramp = _Ramp()
+        self._ramp = Ramp()
         self._last: tuple[int, Sequence[float]] | None = None
         #: Whether the first cell may move the output: not after a tare or a change of model.
         self._keep_output = False

@@ -11,8 +11,9 @@ import numpy as np
 
 from wrist_ft_comp.core.arx import free_run, relaxation
 from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.problem import AxisProblem, bin_means
+from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.recording import BoolArray, FloatArray, IntArray
+from wrist_ft_comp.core.scoring import bin_means
 
 #: Share of a column's sum of squares below which what centring leaves is rounding.
 _SILENT = 1e-12

@@ -15,8 +15,9 @@ import numpy as np
 from wrist_ft_comp.core.arx import Arx, fit_one_step, free_run, relaxation, stabilise, static_gain
 from wrist_ft_comp.core.arx_pls import ArxPls
 from wrist_ft_comp.core.features import Features
+from wrist_ft_comp.core.observation import observe_drift
 from wrist_ft_comp.core.pls import Pls, fit_pcr, fit_pls
-from wrist_ft_comp.core.problem import AxisProblem, observe_drift
+from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.recording import BoolArray, FloatArray
 
 OuterInnerMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']

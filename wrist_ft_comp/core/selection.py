@@ -8,8 +8,9 @@ import numpy as np
 from wrist_ft_comp.core.arx_pls import ArxPls
 from wrist_ft_comp.core.drift import AxisModel
 from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.problem import AxisProblem, unexplained
+from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.recording import FloatArray
+from wrist_ft_comp.core.scoring import unexplained
 
 #: A candidate has to lower the mean square error by this share to be worth its complexity.
 _WORTHWHILE = 0.05

@@ -9,8 +9,9 @@ import numpy as np
 
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.outer_inner import OuterInnerMethod, identify
-from wrist_ft_comp.core.problem import AxisProblem, block_errors, unexplained
+from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.recording import FloatArray
+from wrist_ft_comp.core.scoring import block_errors, unexplained
 from wrist_ft_comp.core.selection import AxisFit, Fitted, finish, simplest_good
 from wrist_ft_comp.core.settings import IdentificationSettings, build_features
 

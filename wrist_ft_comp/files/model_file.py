@@ -22,21 +22,15 @@ import yaml
 
 import wrist_ft_comp
 from wrist_ft_comp import ModelFileError, SettingsError
-from wrist_ft_comp.core.arx import Arx
-from wrist_ft_comp.core.arx_pls import ArxPls
 from wrist_ft_comp.core.calibration import Calibration
-from wrist_ft_comp.core.drift import AxisModel, DriftModel
-from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.identification import AxisFit
-from wrist_ft_comp.core.recording import FloatArray
+from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.files.atomic import replaced_on_success
+from wrist_ft_comp.files.model_document import Document, axis_document, build_model
 
 FORMAT = 'wrist_ft_comp drift model'
 VERSION = 1
 #: A model of six axes with hats and banks takes some tens of kilobytes.
 MAX_BYTES = 4_000_000
-
-Document = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +128,7 @@ def save_model(path: Path, calibration: Calibration, provenance: Mapping[str, An
             },
             **provenance,
         },
-        'axes': {axis: _axis_document(fit) for axis, fit in calibration.fits.items()},
+        'axes': {axis: axis_document(fit) for axis, fit in calibration.fits.items()},
     }
     text = yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=99)
     try:
@@ -147,46 +141,6 @@ def save_model(path: Path, calibration: Calibration, provenance: Mapping[str, An
             'or make room; no file was changed.'
         ) from error
     return load_model(path)
-
-
-def _axis_document(fit: AxisFit) -> Document:
-    """Turn one axis into plain values."""
-    return {
-        'chosen': fit.chosen,
-        'rms_before': fit.rms_before,
-        'rms_after': fit.rms_after,
-        'time_constants_s': list(fit.time_constants_s),
-        'notes': list(fit.notes),
-        'candidates': [{'name': c.name, 'rms': c.rms} for c in fit.candidates],
-        'model': None if fit.model is None else _model_document(fit.model),
-    }
-
-
-def _model_document(model: AxisModel) -> Document:
-    """Turn what runs into plain values."""
-    features, dynamics = model.features, model.dynamics
-    return {
-        'features': {
-            'kind': features.kind,
-            'reference_c': features.reference_c.tolist(),
-            'lower_c': features.lower_c.tolist(),
-            'upper_c': features.upper_c.tolist(),
-            'degree': features.degree,
-            'knots_c': [knots.tolist() for knots in features.knots_c],
-        },
-        'dynamics': {
-            'input_mean': dynamics.input_mean.tolist(),
-            'input_weight': dynamics.input_weight.tolist(),
-            'rotations': dynamics.rotations.tolist(),
-            'latents': [
-                {'a': arx.a.tolist(), 'b': arx.b.tolist(), 'first_lag': arx.first_lag}
-                for arx in dynamics.latents
-            ],
-            'output_loadings': dynamics.output_loadings.tolist(),
-            'output_weight': dynamics.output_weight.tolist(),
-            'output_mean': dynamics.output_mean.tolist(),
-        },
-    }
 
 
 def load_model(path: Path) -> StoredModel:
@@ -248,7 +202,7 @@ def restore_model(path: Path, sha256: str, document: Document) -> StoredModel:
 
     """
     try:
-        return StoredModel(path, sha256, _build_model(document), document)
+        return StoredModel(path, sha256, build_model(document), document)
     except (ModelFileError, SettingsError) as error:
         raise ModelFileError(f'{path}: {error}') from error
 
@@ -299,69 +253,3 @@ def _check_document(path: Path, document: Any) -> None:
             f'{path} breaks the schema at {where}: {message}. Restore the file, or calibrate '
             'again.'
         )
-
-
-def _array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
-    """Turn nested lists into a finite array of a given shape."""
-    try:
-        array = np.array(values, dtype=float)
-    except (ValueError, OverflowError) as error:
-        raise ModelFileError(f'{name} must have shape {shape}; restore the file.') from error
-    if array.shape != shape:
-        raise ModelFileError(
-            f'{name} must have shape {shape}; got {array.shape}. Restore the file.'
-        )
-    if not np.isfinite(array).all():
-        raise ModelFileError(f'{name} must hold finite numbers only; restore the file.')
-    return array
-
-
-def _build_model(document: Document) -> DriftModel:
-    """Build what runs from a checked document."""
-    thermometers = len(document['thermometers'])
-    return DriftModel(
-        period_ns=document['period_ns'],
-        thermometers=thermometers,
-        axes={
-            axis: _build_axis(entry['model'], thermometers)
-            for axis, entry in document['axes'].items()
-            if entry['model'] is not None
-        },
-    )
-
-
-def _build_axis(entry: Document, thermometers: int) -> AxisModel:
-    """Build one axis from a checked document."""
-    features, dynamics = entry['features'], entry['dynamics']
-    inputs, latents = len(dynamics['input_mean']), len(dynamics['latents'])
-    outputs = len(dynamics['output_mean'])
-    per_thermometer = {
-        key: _array(key, features[key], (thermometers,))
-        for key in ('reference_c', 'lower_c', 'upper_c')
-    }
-    return AxisModel(
-        Features(
-            kind=features['kind'],
-            degree=features['degree'],
-            knots_c=tuple(_array('knots_c', k, (len(k),)) for k in features['knots_c']),
-            **per_thermometer,
-        ),
-        ArxPls(
-            input_mean=_array('input_mean', dynamics['input_mean'], (inputs,)),
-            input_weight=_array('input_weight', dynamics['input_weight'], (inputs,)),
-            rotations=_array('rotations', dynamics['rotations'], (inputs, latents)),
-            latents=tuple(
-                Arx(
-                    _array('a', latent['a'], (len(latent['a']),)),
-                    _array('b', latent['b'], (len(latent['b']),)),
-                    latent['first_lag'],
-                )
-                for latent in dynamics['latents']
-            ),
-            output_loadings=_array(
-                'output_loadings', dynamics['output_loadings'], (outputs, latents)
-            ),
-            output_weight=_array('output_weight', dynamics['output_weight'], (outputs,)),
-            output_mean=_array('output_mean', dynamics['output_mean'], (outputs,)),
-        ),
-    )

@@ -1,0 +1,105 @@
+"""What a model leaves of an axis' drift, and how much that is on a held-out block."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrist_ft_comp.core.arx_pls import ArxPls
+from wrist_ft_comp.core.features import Features
+from wrist_ft_comp.core.problem import AxisProblem
+from wrist_ft_comp.core.recording import FloatArray, IntArray
+
+
+def unexplained(
+    problem: AxisProblem, features: Features, dynamics: ArxPls | None
+) -> list[FloatArray]:
+    """
+    Subtract a model's free run, from the steady state of the first cell, from r - w.
+
+    Parameters
+    ----------
+    problem : AxisProblem
+        The axis; residuals that are held out stay NaN.
+    features : Features
+        The model's inputs.
+    dynamics : ArxPls or None
+        The model; None leaves everything.
+
+    Returns
+    -------
+    list of ndarrays, shape (N_i,)
+        r - w - o - s w, N or N m, up to the unknown constant of each recording.
+
+    """
+    if dynamics is None:
+        return list(problem.residual)
+    left = []
+    for i, temperature_c in enumerate(problem.temperature_c):
+        x = features.expand(temperature_c)
+        _, drift = dynamics.run(dynamics.start(x[0]), x)
+        explained = drift[:, 0]
+        if problem.load is not None and drift.shape[1] > 1:
+            explained = explained + drift[:, 1] * problem.load[i]
+        left.append(problem.residual[i] - explained)
+    return left
+
+
+def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray:
+    """
+    Average samples over bins of consecutive cells.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, ...)
+        One entry per sample, at least one.
+    cells : ndarray of int, shape (n,)
+        Their cells, increasing.
+    bin_cells : int
+        Cells per bin.
+
+    Returns
+    -------
+    ndarray, shape (bins that hold samples, ...)
+        Means.
+
+    """
+    if bin_cells <= 1:
+        return values
+    bins = cells // bin_cells
+    starts = np.flatnonzero(np.diff(bins, prepend=bins[0] - 1))
+    counts = np.diff(starts, append=len(bins))
+    sums = np.add.reduceat(values, starts, axis=0)
+    return np.asarray(sums / counts.reshape(-1, *[1] * (values.ndim - 1)))
+
+
+def block_errors(
+    problem: AxisProblem, left: Sequence[FloatArray], block: int
+) -> tuple[float, int]:
+    """
+    Score a block: sum of squares of bin means around each recording's constant.
+
+    Parameters
+    ----------
+    problem : AxisProblem
+        For the block numbers.
+    left : sequence of ndarrays, shape (N_i,)
+        From unexplained.
+    block : int
+        Which block.
+
+    Returns
+    -------
+    tuple of float and int
+        Sum of squares, and the number of bins.
+
+    """
+    total, count = 0.0, 0
+    for number, values in zip(problem.blocks, left, strict=True):
+        finite = np.isfinite(values)
+        rows = np.flatnonzero((number == block) & finite)
+        if len(rows):
+            inside = bin_means(values[rows], rows, problem.judged_cells)
+            constant = (inside if problem.tared else values[(number != block) & finite]).mean()
+            total += float(np.sum((inside - constant) ** 2))
+            count += len(inside)
+    return total, count
