@@ -28,6 +28,8 @@ _JUMP_TO_NOISE = 12.0
 _JUMP_TO_RANGE = 0.2
 #: … and this many steps of its resolution.
 _JUMP_TO_RESOLUTION = 3.5
+#: A model that leaves this many times what no model leaves does harm; less may be chance.
+_HARMFUL = 1.05
 #: An axis that moves no more often than this may have been loaded and unloaded, and shows none.
 _FEW_STEPS = 4
 
@@ -265,7 +267,7 @@ def _warnings(
     found += [
         f'{axis}: {fit.chosen} leaves more drift than no compensation; choose the method auto.'
         for axis, fit in fits.items()
-        if fit.rms_after > fit.rms_before
+        if fit.rms_after > _HARMFUL * fit.rms_before
     ]
     return tuple(found)
 

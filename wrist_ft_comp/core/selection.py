@@ -13,7 +13,7 @@ from wrist_ft_comp.core.recording import FloatArray
 from wrist_ft_comp.core.scoring import unexplained
 
 #: A candidate has to lower the mean square error by this share to be worth its complexity.
-_WORTHWHILE = 0.05
+_WORTHWHILE = 0.15
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Fitted:
 
 def simplest_good(errors: Sequence[FloatArray]) -> int:
     """
-    Choose the simplest candidate within one standard error of the best, or within 5 % of it.
+    Choose the simplest candidate within one standard error of the best, or within 15 % of it.
 
     The standard error is that of the difference to the best, block by block: blocks differ in
     difficulty far more than candidates do.
