@@ -25,6 +25,7 @@ lint: $(READY)
 bench: $(READY)
 	$(BIN)/python bench/reading.py
 	$(BIN)/python bench/accuracy.py
+	$(BIN)/python bench/identification.py
 	$(BIN)/python bench/stream.py
 
 # Solves for the newest versions that Python 3.10 can run; 3.11 to 3.13 run them, too.
