@@ -126,10 +126,12 @@ class CalibrationControl:
         self._node.console.error(f'not calibrated: {why}')
         reply(success=False, message=why)
 
-    def end(self) -> None:
-        """Stop a running calibration; its asker is told."""
-        if self._running is not None:
-            process, reply, _ = self._running
-            self._running = None
-            process.end()
-            reply(success=False, message='The node is shutting down; the model is unchanged.')
+    def end(self) -> bool:
+        """Stop a running calibration; tell whether its asker was answered just now."""
+        if self._running is None:
+            return False
+        process, reply, _ = self._running
+        self._running = None
+        process.end()
+        reply(success=False, message='The node is shutting down; the model is unchanged.')
+        return True

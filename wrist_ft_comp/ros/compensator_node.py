@@ -7,6 +7,7 @@ topics, services and parameters to it.
 
 import math
 import sys
+import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -40,6 +41,8 @@ from wrist_ft_comp.ros.wrench_message import wrench_message
 
 _HOUSEKEEPING_PERIOD_S = 0.1
 _DIAGNOSTICS_PERIOD_S = 1.0
+#: An answer that the asker has not taken yet is lost when its sender leaves the network.
+_FAREWELL_S = 0.5
 
 
 class CompensatorNode(Node):
@@ -217,9 +220,10 @@ class CompensatorNode(Node):
 
     def destroy_node(self) -> None:
         """End what runs beside the node; an open recording is closed, and who waits is told."""
-        self.calibration.end()
-        self.tare.end()
+        waiting = [self.calibration.end(), self.tare.end()]
         self.recording.end()
+        if any(waiting):
+            time.sleep(_FAREWELL_S)
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
 
 

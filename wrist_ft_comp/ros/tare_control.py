@@ -84,10 +84,10 @@ class TareControl:
         if self._reply is not None:
             self._reply(success=success, message=message)
 
-    def end(self) -> None:
-        """Stop taking a tare; its asker is told."""
-        if self.collector is not None:
-            self.collector = None
-            self._answer(
-                success=False, message='The node is shutting down; the tare is unchanged.'
-            )
+    def end(self) -> bool:
+        """Stop taking a tare; tell whether its asker was answered just now."""
+        if self.collector is None:
+            return False
+        self.collector = None
+        self._answer(success=False, message='The node is shutting down; the tare is unchanged.')
+        return True
