@@ -73,7 +73,9 @@ class ModelStore:
     def contains(self, path: Path) -> bool:
         """Tell whether a path lies inside the folder, symbolic links resolved."""
         try:
-            return path.resolve().is_relative_to(self.directory.resolve())
+            end = path.resolve()
+            # Python 3.13 gives back a loop of links as it is, older ones raise.
+            return end.is_relative_to(self.directory.resolve()) and not end.is_symlink()
         except (OSError, RuntimeError, ValueError):
             return False  # a loop of links, or no possible name, leads nowhere
 
