@@ -11,7 +11,8 @@ import pytest
 
 from wrist_ft_comp.core.arx import Arx
 from wrist_ft_comp.core.arx_pls import ArxPls
-from wrist_ft_comp.core.drift import AxisModel, DriftModel
+from wrist_ft_comp.core.axis_model import AxisModel
+from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.recording import AXES, Recording
 

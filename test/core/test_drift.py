@@ -11,7 +11,8 @@ from hypothesis.extra.numpy import arrays
 
 from wrist_ft_comp import ModelFileError
 from wrist_ft_comp.core import drift
-from wrist_ft_comp.core.drift import AxisModel, Drift, DriftModel
+from wrist_ft_comp.core.axis_model import AxisModel
+from wrist_ft_comp.core.drift import Drift, DriftModel
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.recording import AXES
 

@@ -110,6 +110,33 @@ def relaxation(time_constant_s: float, period_s: float, gain: float = 1.0) -> Ar
     return Arx(a=np.array([-pole]), b=np.array([gain * (1.0 - pole)]))
 
 
+def mean_relaxation(time_constant_s: float, period_s: float) -> Arx:
+    """
+    Build a first-order lag whose output is its mean over each cell, not its value at the end.
+
+    For cells that are not short against τ, and for an input that is constant over each.
+
+    Parameters
+    ----------
+    time_constant_s : float
+        τ, s; 0 gives a static gain.
+    period_s : float
+        Cell length h, s.
+
+    Returns
+    -------
+    Arx
+        Pole exp(-h/τ), with a direct term, static gain 1.
+
+    """
+    if time_constant_s == 0:
+        return static_gain()
+    pole = np.exp(-period_s / time_constant_s)
+    # Within a cell the output is t + (s - t) exp(-x/τ); its mean is t + kept · (s - t).
+    kept = (1.0 - pole) * time_constant_s / period_s
+    return Arx(a=np.array([-pole]), b=np.array([1.0 - kept, kept - pole]))
+
+
 def regressors(
     t: FloatArray, u: FloatArray, order: int, inputs: int, first_lag: int
 ) -> tuple[FloatArray, FloatArray]:

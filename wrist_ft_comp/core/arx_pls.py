@@ -90,6 +90,12 @@ class ArxPls:
             resting[r, :order] = resting_state(numerators[r], denominators[r], latent.gain)
         return numerators, denominators, resting[:, :order]
 
+    @property
+    def state_shape(self) -> tuple[int, int]:
+        """Latents R and longest lag L: the shape of the filter state."""
+        rows, lags = self._filters[2].shape
+        return rows, lags
+
     def scores(self, x: FloatArray) -> FloatArray:
         """Compute t from inputs x, shapes (..., F) to (..., R) (eq. 4)."""
         t: FloatArray = ((x - self.input_mean) * self.input_weight) @ self.rotations

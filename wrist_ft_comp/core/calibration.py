@@ -156,6 +156,7 @@ def calibrate(
         period_ns=recordings[0].period_ns,
         thermometers=recordings[0].thermometers,
         axes={axis: fit.model for axis, fit in fits.items() if fit.model is not None},
+        deviation={axis: fit.rms_after for axis, fit in fits.items()},
     )
     duration_s = sum(recording.duration_s for recording in recordings)
     return Calibration(model, fits, ranges, duration_s, _warnings(recordings, fits, settings))

@@ -6,47 +6,14 @@ The drift of all six axes: settings of the fit left behind, this is what runs.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from wrist_ft_comp import ModelFileError
-from wrist_ft_comp.core.arx_pls import ArxPls
-from wrist_ft_comp.core.features import Features
+from wrist_ft_comp.core.axis_model import AxisModel
 from wrist_ft_comp.core.recording import AXES, FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class AxisModel:
-    """
-    Drift of one axis.
-
-    Attributes
-    ----------
-    features : Features
-        From J temperatures to F features.
-    dynamics : ArxPls
-        From F features to one output (zero drift) or two (zero drift, sensitivity drift).
-
-    """
-
-    features: Features
-    dynamics: ArxPls
-
-    def __post_init__(self) -> None:
-        """Check the numbers of inputs and outputs."""
-        inputs = self.features.expand(self.features.reference_c).shape[0]
-        if inputs != len(self.dynamics.input_mean):
-            raise ModelFileError(
-                f'The features give {inputs} inputs, the dynamics expect '
-                f'{len(self.dynamics.input_mean)}; they must be equal.'
-            )
-        if len(self.dynamics.output_mean) not in (1, 2):
-            raise ModelFileError(
-                'An axis has one output (zero drift) or two (zero and sensitivity drift); got '
-                f'{len(self.dynamics.output_mean)}.'
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +29,16 @@ class DriftModel:
         Number of thermometers J.
     axes : mapping of str to AxisModel
         By axis name; an axis that is not there has no drift ("none").
+    deviation : mapping of str to float
+        By axis name, also of axes without drift: standard deviation of what the model leaves of
+        the drift, from held-out data, N or N m.
 
     """
 
     period_ns: int
     thermometers: int
     axes: Mapping[str, AxisModel]
+    deviation: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the names and the numbers of thermometers."""
@@ -79,9 +50,9 @@ class DriftModel:
         for name, axis in self.axes.items():
             if name not in AXES:
                 raise ModelFileError(f'Unknown axis {name!r}; expected one of {", ".join(AXES)}.')
-            if axis.features.thermometers != self.thermometers:
+            if axis.thermometers != self.thermometers:
                 raise ModelFileError(
-                    f'{name} expects {axis.features.thermometers} thermometers, the model has '
+                    f'{name} expects {axis.thermometers} thermometers, the model has '
                     f'{self.thermometers}.'
                 )
 
@@ -105,11 +76,37 @@ class DriftModel:
                 int(j)
                 for axis in self.axes.values()
                 for j in np.flatnonzero(
-                    (temperature_c < axis.features.lower_c)
-                    | (temperature_c > axis.features.upper_c)
+                    (temperature_c < axis.lower_c) | (temperature_c > axis.upper_c)
                 )
             }
         )
+
+
+    def uncertainty(self, temperature_c: FloatArray) -> FloatArray:
+        """
+        Estimate how far the zero drift that is subtracted may be from the true one.
+
+        Beyond the calibrated temperatures it grows by what the model itself says of a further
+        kelvin: nobody saw whether the drift goes on like that.
+
+        Parameters
+        ----------
+        temperature_c : ndarray, shape (J,)
+            Temperatures, °C.
+
+        Returns
+        -------
+        ndarray, shape (6,)
+            Standard deviation, N and N m; NaN for axes that were not calibrated.
+
+        """
+        found = np.full(len(AXES), np.nan)
+        for name, deviation in self.deviation.items():
+            beyond = 0.0
+            if name in self.axes:
+                beyond = self.axes[name].drift_beyond_range(temperature_c)
+            found[AXES.index(name)] = np.hypot(deviation, beyond)
+        return found
 
 
 #: Filter state of each modelled axis, by name: what the last cell left.
@@ -150,10 +147,7 @@ def start(model: DriftModel, temperature_c: FloatArray) -> DriftState:
         For step and run.
 
     """
-    return {
-        name: axis.dynamics.start(axis.features.expand(temperature_c))
-        for name, axis in model.axes.items()
-    }
+    return {name: axis.start(temperature_c) for name, axis in model.axes.items()}
 
 
 def step(
@@ -180,7 +174,7 @@ def step(
     after: dict[str, FloatArray] = {}
     drift = Drift(np.zeros(len(AXES)), np.zeros(len(AXES)))
     for name, axis in model.axes.items():
-        after[name], outputs = axis.dynamics.step(state[name], axis.features.expand(temperature_c))
+        after[name], outputs = axis.step(state[name], temperature_c)
         for part, value in zip(drift, outputs, strict=False):
             part[AXES.index(name)] = value
     return after, drift
@@ -211,7 +205,7 @@ def run(
     shape = (len(temperature_c), len(AXES))
     drift = Drift(np.zeros(shape), np.zeros(shape))
     for name, axis in model.axes.items():
-        after[name], outputs = axis.dynamics.run(state[name], axis.features.expand(temperature_c))
+        after[name], outputs = axis.run(state[name], temperature_c)
         for part, values in zip(drift, outputs.T, strict=False):
             part[:, AXES.index(name)] = values
     return after, drift

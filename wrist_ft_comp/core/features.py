@@ -13,6 +13,10 @@ import numpy as np
 from wrist_ft_comp import SettingsError
 from wrist_ft_comp.core.recording import FloatArray
 
+#: Powers continue this share of the calibrated span beyond it: drift does not stop at the coldest
+#: morning that was recorded, but how it goes on is a guess that must stay small.
+MARGIN = 0.2
+
 FeatureKind = Literal['powers', 'hats']
 
 
@@ -21,7 +25,8 @@ class Features:
     """
     How J temperatures become F features.
 
-    Temperatures outside [lower_c, upper_c], the range that was calibrated, are clamped to it.
+    Temperatures further than MARGIN outside [lower_c, upper_c], the range that was calibrated, are
+    clamped. Hats, which have no slope beyond their last knot, stay constant from there.
 
     Attributes
     ----------
@@ -73,6 +78,41 @@ class Features:
         """Number of thermometers J."""
         return len(self.reference_c)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each of the F features, thermometers counted from 1."""
+        if self.kind == 'powers':
+            power = {1: '', 2: '²', 3: '³', 4: '⁴'}
+            return tuple(
+                f'θ{j}{power.get(p, f"^{p}")}'
+                for p in range(1, self.degree + 1)
+                for j in range(1, self.thermometers + 1)
+            )
+        return tuple(
+            f'T{j} near {knot:.4g} °C'
+            for j, knots in enumerate(self.knots_c, start=1)
+            for knot in knots
+        )
+
+    def clamp(self, temperature_c: FloatArray) -> FloatArray:
+        """
+        Hold temperatures near the calibrated range.
+
+        Parameters
+        ----------
+        temperature_c : ndarray, shape (..., J)
+            Temperatures, °C.
+
+        Returns
+        -------
+        ndarray, shape (..., J)
+            At most MARGIN of the calibrated span beyond it, °C.
+
+        """
+        margin = MARGIN * (self.upper_c - self.lower_c)
+        clamped: FloatArray = np.clip(temperature_c, self.lower_c - margin, self.upper_c + margin)
+        return clamped
+
     def expand(self, temperature_c: FloatArray) -> FloatArray:
         """
         Compute the features.
@@ -89,12 +129,28 @@ class Features:
             thermometer 1, then of 2, and so on, each between 0 and 1.
 
         """
-        clamped = np.clip(temperature_c, self.lower_c, self.upper_c)
+        return self.expand_within(self.clamp(temperature_c))
+
+    def expand_within(self, temperature_c: FloatArray) -> FloatArray:
+        """
+        Compute the features of temperatures that need no clamping, as ``expand``.
+
+        Parameters
+        ----------
+        temperature_c : ndarray, shape (..., J)
+            Temperatures, °C.
+
+        Returns
+        -------
+        ndarray, shape (..., F)
+            As expand.
+
+        """
         if self.kind == 'powers':
-            theta = clamped - self.reference_c
+            theta = temperature_c - self.reference_c
             return np.concatenate([theta**p for p in range(1, self.degree + 1)], axis=-1)
         hats = [
-            np.interp(clamped[..., j, np.newaxis], knots, unit)[..., 0]
+            np.interp(temperature_c[..., j, np.newaxis], knots, unit)[..., 0]
             for j, knots in enumerate(self.knots_c)
             for unit in np.eye(len(knots))
         ]

@@ -4,13 +4,21 @@ Identification of one axis: candidates compete on blocks that they did not see.
 Every method ends in the same type, so whatever was chosen runs by the same free run.
 """
 
+from wrist_ft_comp.core.axis_fit import AxisFit, Candidate, Term
 from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.relaxations import identify_relaxations
-from wrist_ft_comp.core.selection import AxisFit, Candidate
 from wrist_ft_comp.core.settings import METHODS, IdentificationSettings, Method
 from wrist_ft_comp.core.two_step import identify_two_step
 
-__all__ = ['METHODS', 'AxisFit', 'Candidate', 'IdentificationSettings', 'Method', 'identify_axis']
+__all__ = [
+    'METHODS',
+    'AxisFit',
+    'Candidate',
+    'IdentificationSettings',
+    'Method',
+    'Term',
+    'identify_axis',
+]
 
 
 def identify_axis(problem: AxisProblem, settings: IdentificationSettings) -> AxisFit:

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.core.arx import free_run, relaxation
+from wrist_ft_comp.core.arx import free_run
+from wrist_ft_comp.core.binned import BinnedProblem, Sums
 from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.recording import BoolArray, FloatArray, IntArray
-from wrist_ft_comp.core.scoring import bin_means
 
 #: Share of a column's sum of squares below which what centring leaves is rounding.
 _SILENT = 1e-12
@@ -37,7 +36,7 @@ class Moments:
     group : ndarray of int, shape (B,)
         Recording of each entry: entries of a group share an unknown constant.
     block : ndarray of int, shape (B,)
-        Cross-validation block of each entry.
+        Cross-validation block of each entry; a block may have several entries.
     inputs : int
         F, number of features.
     loaded : bool
@@ -106,80 +105,87 @@ class Moments:
         total[:, silent] = 0.0
         return total, float(self.counts[keep].sum())
 
-    def mean_square(self, inside: BoolArray, theta: FloatArray) -> float:
+    def mean_squares(self, held: BoolArray, thetas: FloatArray) -> FloatArray:
         """
-        Score a combination of columns on held-out entries.
+        Score combinations of columns on held-out entries.
 
         Parameters
         ----------
-        inside : ndarray of bool, shape (B,)
+        held : ndarray of bool, shape (B,)
             The held-out entries.
-        theta : ndarray, shape (P + 1,)
-            What the combination leaves of r - w, as coefficients of all columns.
+        thetas : ndarray, shape (S, P + 1)
+            What each combination leaves of r - w, as coefficients of all columns.
 
         Returns
         -------
-        float
-            Mean square around the constant of each recording.
+        ndarray, shape (S, held-out entries)
+            Mean squares around the constant of each recording, in the order of the entries.
 
         """
-        total = 0.0
-        for group in np.unique(self.group[inside]):
-            held = inside & (self.group == group)
-            others = held if self.tared else ~inside & (self.group == group)
-            count = self.counts[held].sum()
-            constant = float(theta @ self.sums[others].sum(axis=0)) / self.counts[others].sum()
-            square = float(theta @ self.products[held].sum(axis=0) @ theta)
-            linear = float(theta @ self.sums[held].sum(axis=0))
-            total += max(square - 2 * constant * linear + count * constant**2, 0.0)
-        return total / float(self.counts[inside].sum())
+        sums = thetas @ self.sums.T  # (S, B)
+        # (S, B') = diagonal of θ (P + 1) · products (B', P + 1, P + 1) · θ
+        halves = np.tensordot(thetas, self.products[held], axes=(1, 1))  # (S, B', P + 1)
+        squares = np.einsum('sp,sbp->sb', thetas, halves)
+        constants = np.zeros_like(squares)
+        for group in np.unique(self.group[held]):
+            own = self.group == group
+            basis = own & (held if self.tared else ~held)
+            mean = sums[:, basis].sum(axis=1) / self.counts[basis].sum()
+            constants[:, own[held]] = mean[:, np.newaxis]
+        counts = self.counts[held]
+        left = squares - 2 * constants * sums[:, held] + counts * constants**2
+        errors: FloatArray = np.maximum(left, 0.0) / counts
+        return errors
 
 
 def bank_inputs(
-    problem: AxisProblem, features: Features, time_constants_s: FloatArray
+    problem: BinnedProblem, features: Features, time_constants_s: FloatArray
 ) -> list[FloatArray]:
     """
-    Pass every feature through every relaxation of the grid.
+    Compute the features of the temperatures behind every relaxation of a grid (eq. 11).
 
     Parameters
     ----------
-    problem : AxisProblem
+    problem : BinnedProblem
         For temperatures and period.
     features : Features
-        The inputs.
+        Of one relaxation's temperatures.
     time_constants_s : ndarray, shape (K,)
         τ, s.
 
     Returns
     -------
-    list of ndarrays, shape (N_i, K·F)
+    list of ndarrays, shape (n_i, K·F)
         By relaxation, then feature.
 
     """
-    bank = [relaxation(float(tau), problem.period_s) for tau in time_constants_s]
-    inputs = [features.expand(temperature_c) for temperature_c in problem.temperature_c]
-    return [np.concatenate([free_run(h, x) for h in bank], axis=1) for x in inputs]
+    bank = [problem.relaxation(float(tau)) for tau in time_constants_s]
+    # A relaxation stays within the range of its input, from which the features were built.
+    return [
+        np.concatenate([features.expand_within(free_run(h, temperature_c)) for h in bank], axis=1)
+        for temperature_c in problem.temperature_c
+    ]
 
 
 def accumulate(
-    problem: AxisProblem,
+    problem: BinnedProblem,
     banked: Sequence[FloatArray],
     time_constants_s: FloatArray,
-    bin_cells: int = 1,
+    parts: int = 1,
 ) -> Moments:
     """
     Sum products of all columns over every block of every recording.
 
     Parameters
     ----------
-    problem : AxisProblem
+    problem : BinnedProblem
         The axis.
-    banked : sequence of ndarrays, shape (N_i, K·F)
+    banked : sequence of ndarrays, shape (n_i, K·F)
         From bank_inputs.
     time_constants_s : ndarray, shape (K,)
         What they were made with.
-    bin_cells : int
-        Average so many cells into one sample first: what is judged is drift, not noise.
+    parts : int
+        Entries that each block is divided into, of about the same number of bins.
 
     Returns
     -------
@@ -188,18 +194,16 @@ def accumulate(
 
     """
     products, sums, counts, group, block = [], [], [], [], []
-    for i, (columns, residual) in enumerate(zip(banked, problem.residual, strict=True)):
+    for i, (columns, of) in enumerate(zip(banked, problem.sums, strict=True)):
         for number in np.unique(problem.blocks[i]):
-            rows = np.flatnonzero((problem.blocks[i] == number) & np.isfinite(residual))
-            if not len(rows):
-                continue
-            a = design(columns[rows], None if problem.load is None else problem.load[i][rows])
-            a = bin_means(np.concatenate((a, residual[rows, np.newaxis]), axis=1), rows, bin_cells)
-            products.append(a.T @ a)
-            sums.append(a.sum(axis=0))
-            counts.append(float(len(a)))
-            group.append(i)
-            block.append(int(number))
+            rows = np.flatnonzero((problem.blocks[i] == number) & (of.count > 0))
+            for part in np.array_split(rows, min(parts, len(rows))) if len(rows) else ():
+                total, summed = _sum_bins(columns[part], of, part, loaded=problem.loaded)
+                products.append(total)
+                sums.append(summed)
+                counts.append(float(of.count[part].sum()))
+                group.append(i)
+                block.append(int(number))
     return Moments(
         time_constants_s=time_constants_s,
         products=np.stack(products),
@@ -208,32 +212,53 @@ def accumulate(
         group=np.array(group),
         block=np.array(block),
         inputs=banked[0].shape[1] // len(time_constants_s),
-        loaded=problem.load is not None,
+        loaded=problem.loaded,
         tared=problem.tared,
     )
 
 
-def design(columns: FloatArray, load: FloatArray | None) -> FloatArray:
+def _sum_bins(
+    x: FloatArray, of: Sums, rows: IntArray, *, loaded: bool
+) -> tuple[FloatArray, FloatArray]:
     """
-    Draw the regressors of the equation in simulation_error, without the constant.
+    Sum over some bins the products of the columns of the equation in simulation_error, and them.
 
-        [ H_τ(x_f) … | w H_τ(x_f) … | w ]     with load
-        [ H_τ(x_f) … ]                        without
+        [ x_f(H_τ T) … | w x_f(H_τ T) … | w | y ]     with load, y = r - w
+        [ x_f(H_τ T) … | y ]                          without
 
     Parameters
     ----------
-    columns : ndarray, shape (n, C)
-        Filtered features.
-    load : ndarray, shape (n,), or None
-        w, N or N m.
+    x : ndarray, shape (n, C)
+        Features of the bins.
+    of : Sums
+        Of all bins of the recording.
+    rows : ndarray of int, shape (n,)
+        Which bins these are.
+    loaded : bool
+        Whether there is a load.
 
     Returns
     -------
-    ndarray, shape (n, C) or (n, 2 C + 1)
-        One row per sample.
+    tuple of ndarrays, shapes (P + 1, P + 1) and (P + 1,)
+        Sums of products, and of columns.
 
     """
-    if load is None:
-        return columns
-    w = load[:, np.newaxis]
-    return np.concatenate((columns, w * columns, w), axis=1)
+    count, w, ww = of.count[rows], of.load[rows], of.load_square[rows]
+    y, yy, wy = of.residual[rows], of.residual_square[rows], of.product[rows]
+    # Cells with one sample each need no weights, and a symmetric product is twice as quick.
+    weighted = x if (count == 1).all() else x * count[:, np.newaxis]
+    plain, crossed = weighted.T @ x, y @ x
+    if not loaded:
+        total = np.block([[plain, crossed[:, np.newaxis]], [crossed, yy.sum()]])
+        return total, np.append(count @ x, y.sum())
+    mixed, doubled = (x * w[:, np.newaxis]).T @ x, (x * ww[:, np.newaxis]).T @ x
+    beside_w = np.concatenate((w @ x, ww @ x))[:, np.newaxis]
+    beside_y = np.concatenate((crossed, wy @ x))[:, np.newaxis]
+    total = np.block(
+        [
+            [np.block([[plain, mixed], [mixed, doubled]]), beside_w, beside_y],
+            [beside_w.T, ww.sum(), wy.sum()],
+            [beside_y.T, wy.sum(), yy.sum()],
+        ]
+    )
+    return total, np.concatenate((count @ x, w @ x, [w.sum(), y.sum()]))

@@ -16,6 +16,8 @@ Reference = Literal['unloaded', 'constant', 'recorded']
 
 #: Errors are averaged over this time before they are judged: drift is slow, noise is not, s.
 JUDGED_BIN_S = 30.0
+#: Parts that each held-out block is scored in: two recordings alone cannot tell chance from merit.
+JUDGED_PARTS = 4
 #: The load of an axis varies enough when its deviation is this many times the noise.
 MIN_LOAD_TO_NOISE = 10.0
 #: Samples further apart than this many times the usual distance belong to different stretches.
@@ -57,6 +59,11 @@ class AxisProblem:
     blocks: tuple[IntArray, ...]
     no_sensitivity: str = ''
     tared: bool = True
+
+    @property
+    def longest_s(self) -> float:
+        """Duration of the longest recording, s."""
+        return max(len(residual) for residual in self.residual) * self.period_s
 
     @property
     def judged_cells(self) -> int:
@@ -226,7 +233,9 @@ def cross_validation_blocks(recordings: Sequence[Recording], folds: int = 5) -> 
     plateaus = _plateaus(recordings)
     if plateaus is not None:
         return [plateaus]
-    return [np.arange(len(recordings[0])) * folds // len(recordings[0])]
+    # Whole bins, so that none of those that are judged holds samples of two blocks.
+    bins = np.arange(len(recordings[0])) // max(round(JUDGED_BIN_S / recordings[0].period_s), 1)
+    return [bins * folds // (bins[-1] + 1)]
 
 
 def _plateaus(recordings: Sequence[Recording]) -> IntArray | None:

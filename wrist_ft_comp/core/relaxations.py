@@ -1,46 +1,32 @@
 """Relaxations in competition: none, static, free time constants, and a regularised bank."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from wrist_ft_comp import CalibrationRefusedError
 from wrist_ft_comp.core import simulation_error as oe
-from wrist_ft_comp.core.arx import relaxation
-from wrist_ft_comp.core.arx_pls import ArxPls
+from wrist_ft_comp.core.arx import relaxation, static_gain
+from wrist_ft_comp.core.axis_fit import OUTPUTS, AxisFit, Fitted, Term
+from wrist_ft_comp.core.axis_model import AxisModel
+from wrist_ft_comp.core.binned import bin_problem
+from wrist_ft_comp.core.competition import Competition, Entry, enter, open_competition, structures
 from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.moments import Moments, accumulate, bank_inputs
 from wrist_ft_comp.core.outer_inner import from_gains
 from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.recording import FloatArray
-from wrist_ft_comp.core.selection import AxisFit, Fitted, finish, simplest_good
+from wrist_ft_comp.core.selection import finish, simplest_good
 from wrist_ft_comp.core.settings import IdentificationSettings, build_features
+from wrist_ft_comp.core.standard_errors import FreeFit, by_relaxation, fit_free
+from wrist_ft_comp.core.time_constants import search_time_constants
 
 #: Drift that ranges this many times wider where no wrench was recorded has run away.
 _RUNAWAY = 3.0
-_GRID_POINTS = 13
-_SHORTEST_TAU_S = 20.0
-_LONGEST_TAU_S = 7200.0
-
-
-def time_constant_grid(problem: AxisProblem) -> FloatArray:
-    """
-    Lay out the time constants that are tried: 0 (static), then evenly in their logarithm.
-
-    Parameters
-    ----------
-    problem : AxisProblem
-        Its longest recording limits what can be told apart from a trend.
-
-    Returns
-    -------
-    ndarray, shape (K,)
-        s, increasing.
-
-    """
-    longest = max(len(residual) for residual in problem.residual) * problem.period_s
-    low = max(_SHORTEST_TAU_S, 2 * problem.period_s)
-    high = max(min(_LONGEST_TAU_S, longest / 2), 2 * low)
-    return np.concatenate(([0.0], np.geomspace(low, high, _GRID_POINTS)))
+#: A time constant within this share of its bound is not determined by the recordings.
+_AT_BOUND = 0.01
+#: A substitute for a candidate that is too slow may leave this many times its mean square error.
+_SUBSTITUTE = 2.0
 
 
 def identify_relaxations(problem: AxisProblem, settings: IdentificationSettings) -> AxisFit:
@@ -59,105 +45,154 @@ def identify_relaxations(problem: AxisProblem, settings: IdentificationSettings)
     AxisFit
         The winner, and everything that was tried.
 
+    Raises
+    ------
+    CalibrationRefusedError
+        When the drift is slower than the recordings are long, and nothing else explains it.
+
     """
     features = build_features(problem.temperature_c, settings)
-    grid = time_constant_grid(problem)
-    banked = bank_inputs(problem, features, grid)
-    moments = accumulate(problem, banked, grid)
-    judged = accumulate(problem, banked, grid, problem.judged_cells)
-    errors = {'none': oe.uncompensated_errors(judged)}
-    structures: dict[str, tuple[oe.Structure, float]] = {}
-    for structure in _structures(settings, features, grid):
-        inputs = _inputs(structure, features)
-        strengths = oe.RIDGE_STRENGTHS if structure.regularised else (0.0,)
-        tried = [oe.held_out_errors(moments, judged, structure, inputs, s) for s in strengths]
-        best = int(np.argmin([error.mean() for error in tried]))
-        errors[structure.name] = tried[best]
-        structures[structure.name] = (structure, strengths[best])
-    competing = list(errors) if settings.method == 'auto' else list(structures)
+    competition = open_competition(problem, features)
+    grid = competition.fitted_moments.time_constants_s
+    entries = {
+        structure.name: enter(competition, structure)
+        for structure in structures(settings, features, grid)
+    }
+    errors = {
+        'none': oe.uncompensated_errors(competition.judged_moments),
+        **{name: entry.errors for name, entry in entries.items()},
+    }
+    competing = list(errors) if settings.method == 'auto' else list(entries)
     notes: tuple[str, ...] = ()
     while True:
         chosen = competing[simplest_good([errors[name] for name in competing])]
         if chosen == 'none':
-            return finish(problem, Fitted(features, None, notes), chosen, errors)
-        fitted = _fit_structure(problem, features, moments, *structures[chosen])
-        if len(competing) == 1 or _stays_bounded(problem, fitted):
-            return finish(problem, replace(fitted, notes=notes), chosen, errors)
+            return finish(problem, Fitted(None, notes=notes), chosen, errors, competing)
+        fitted = _fit_entry(competition, entries[chosen])
+        why_not = _why_too_slow(problem, fitted)
+        if why_not:
+            _refuse_without_substitute(problem, chosen, why_not, competing, errors)
+        elif len(competing) > 1 and not _stays_bounded(problem, fitted):
+            why_not = 'its drift runs away where no wrench was recorded'
+        if not why_not:
+            fitted = replace(fitted, notes=notes)
+            return finish(problem, fitted, chosen, errors, competing)
         competing.remove(chosen)
-        notes = (*notes, f'{chosen}: left out, its drift runs away where no wrench was recorded')
+        notes = (*notes, f'{chosen}: left out, {why_not}')
 
 
-def _fit_structure(
-    problem: AxisProblem,
-    features: Features,
-    moments: Moments,
-    structure: oe.Structure,
-    strength: float,
-) -> Fitted:
-    """Fit the winner to all blocks, its time constants refined."""
-    inputs = _inputs(structure, features)
-    if features.kind == 'powers':
-        features = replace(features, degree=structure.degree)
-    taus = np.array(structure.bank_s or (0.0,))
-    if structure.free_time_constants:
+def _fit_entry(competition: Competition, entry: Entry) -> Fitted:
+    """Fit a candidate to all samples, its time constants refined on them."""
+    problem, moments, structure = competition.problem, competition.fitted_moments, entry.structure
+    features, inputs = competition.features_of(structure), competition.inputs(structure)
+    if structure.bank_s:
         everything = np.ones(len(moments.counts), dtype=bool)
-        columns, _ = oe.fit_columns(moments, structure, everything, inputs, strength)
-        half = len(moments.time_constants_s) * moments.inputs
-        found = np.unique(columns[columns < half] // moments.inputs)
-        taus = oe.refine_time_constants(problem, features, moments.time_constants_s[found])
-    gains, _ = oe.fit_gains(problem, features, taus, max(strength, oe.TINY_RIDGE))
-    return Fitted(features, _to_dynamics(problem, features, taus, gains))
+        _, coefficients = oe.fit_columns(moments, structure, everything, inputs)
+        bank: FloatArray = np.array(structure.bank_s)
+        gains = by_relaxation(
+            coefficients[entry.strength], len(bank), inputs, loaded=moments.loaded
+        )
+        return Fitted(_to_model(problem, features, bank, gains))
+    cells = bin_problem(problem, problem.period_s)
+    tau_s: FloatArray = np.zeros(1)
+    if entry.time_constants_s is not None:
+        tau_s = search_time_constants(cells, features, entry.time_constants_s)
+    return _determined(problem, features, fit_free(cells, features, tau_s))
 
 
-def _inputs(structure: oe.Structure, features: Features) -> int:
-    """Count the features that take part in a structure: powers up to its degree, or all hats."""
-    if features.kind == 'powers':
-        return structure.degree * features.thermometers
-    return sum(len(knots) for knots in features.knots_c)
+def _determined(problem: AxisProblem, features: Features, fit: FreeFit) -> Fitted:
+    """Turn a fit with standard errors into a candidate."""
+    free = fit.time_constants_s > 0
+    return Fitted(
+        model=_to_model(problem, features, fit.time_constants_s, fit.gains),
+        time_constants_s=tuple(fit.time_constants_s[free].tolist()),
+        time_constant_errors_s=tuple(fit.time_constant_errors_s[free].tolist()),
+        terms=tuple(
+            Term(output, float(tau), feature, float(fit.gains[at]), float(fit.gain_errors[at]))
+            for m, output in zip(range(fit.gains.shape[2]), OUTPUTS, strict=False)
+            for k, tau in enumerate(fit.time_constants_s)
+            for f, feature in enumerate(features.names)
+            for at in [(k, f, m)]
+        ),
+    )
+
+
+def _why_too_slow(problem: AxisProblem, fitted: Fitted) -> str:
+    """Say that the recordings are too short for a time constant, or nothing when they are not."""
+    longest_s = problem.longest_s
+    slowest_s = max(fitted.time_constants_s, default=0.0)
+    if slowest_s < (1 - _AT_BOUND) * longest_s:
+        return ''
+    return (
+        f'its slowest time constant is at least {longest_s:.0f} s, as long as the longest '
+        'recording'
+    )
+
+
+def _refuse_without_substitute(
+    problem: AxisProblem,
+    chosen: str,
+    why_not: str,
+    competing: Sequence[str],
+    errors: Mapping[str, FloatArray],
+) -> None:
+    """Refuse when a drift slower than the recordings is there, and nothing else explains it."""
+    others = [float(errors[name].mean()) for name in competing if name != chosen]
+    if not others or min(others) > _SUBSTITUTE * float(errors[chosen].mean()):
+        longest_s = problem.longest_s
+        raise CalibrationRefusedError(
+            f'{problem.axis} drifts too slowly for these recordings: {chosen} explains it best, '
+            f'but {why_not}. Record at least {2 * longest_s / 3600:.1f} h from cold, or choose '
+            'the method pls.'
+        )
 
 
 def _stays_bounded(problem: AxisProblem, fitted: Fitted) -> bool:
     """Tell whether the drift in cells without a wrench stays near that in cells with one."""
-    features, dynamics = fitted.features, fitted.dynamics
-    if dynamics is None:
+    model = fitted.model
+    if model is None:
         return True
     for temperature_c, residual in zip(problem.temperature_c, problem.residual, strict=True):
-        x = features.expand(temperature_c)
-        drift = dynamics.run(dynamics.start(x[0]), x)[1]
+        drift = model.run(model.start(temperature_c[0]), temperature_c)[1]
         seen = np.isfinite(residual)
         if seen.any() and (np.ptp(drift, axis=0) > _RUNAWAY * np.ptp(drift[seen], axis=0)).any():
             return False
     return True
 
 
-def _structures(
-    settings: IdentificationSettings, features: Features, grid: FloatArray
-) -> list[oe.Structure]:
-    """List the candidates that compete, simplest first."""
-    hats = features.kind == 'hats'
-    degrees = [1] if hats else list(range(1, settings.degree + 1))
-    what = {degree: 'hats' if hats else f'degree {degree}' for degree in degrees}
-    found = []
-    if settings.method == 'auto':
-        found += [oe.Structure(f'static, {what[d]}', d) for d in degrees]
-    found += [
-        oe.Structure(f'{count} time constant{"s" * (count > 1)}, {what[d]}', d, count)
-        for count in (1, 2, 3)
-        for d in degrees
-        if count < 3 or d == 1
-    ]
-    if settings.method == 'auto':
-        bank = tuple(float(tau) for tau in grid[::2])
-        found += [oe.Structure(f'bank of relaxations, {what[d]}', d, bank_s=bank) for d in degrees]
-    return found
-
-
-def _to_dynamics(
+def _to_model(
     problem: AxisProblem, features: Features, time_constants_s: FloatArray, gains: FloatArray
-) -> ArxPls | None:
-    """Write fitted gains as the model's ARX form."""
-    inputs = np.concatenate([features.expand(t) for t in problem.temperature_c])
+) -> AxisModel | None:
+    """
+    Write fitted gains, shape (K, F, M), in the form that runs.
+
+    Relaxations become filters, K·J filtered temperatures one set of features; None without gains.
+    """
+    count = len(time_constants_s)
+    joined = replace(
+        features,
+        reference_c=np.tile(features.reference_c, count),
+        lower_c=np.tile(features.lower_c, count),
+        upper_c=np.tile(features.upper_c, count),
+        knots_c=features.knots_c * count,
+    )
+    if features.kind == 'powers':
+        # by relaxation, power, thermometer -> by power, relaxation, thermometer
+        shape = (count, features.degree, features.thermometers, gains.shape[2])
+        gains = np.moveaxis(gains.reshape(shape), 1, 0)
+    flat = gains.reshape(-1, gains.shape[-1])
+    inputs = np.concatenate(
+        [joined.expand(np.tile(temperature_c, count)) for temperature_c in problem.temperature_c]
+    )
     deviation = inputs.std(axis=0)
-    weight = 1.0 / np.where(deviation > 0, deviation, 1.0)
-    bank = [relaxation(float(tau), problem.period_s) for tau in time_constants_s]
-    return from_gains(bank, gains, inputs.mean(axis=0), weight, np.ones(gains.shape[2]))
+    dynamics = from_gains(
+        [static_gain()],
+        flat[np.newaxis],
+        inputs.mean(axis=0),
+        1.0 / np.where(deviation > 0, deviation, 1.0),
+        np.ones(flat.shape[1]),
+    )
+    if dynamics is None:
+        return None
+    bank = tuple(relaxation(float(tau), problem.period_s) for tau in time_constants_s)
+    return AxisModel(joined, dynamics, bank if time_constants_s.any() else ())

@@ -4,15 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wrist_ft_comp.core.arx_pls import ArxPls
-from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.problem import AxisProblem
+from wrist_ft_comp.core.axis_model import AxisModel
+from wrist_ft_comp.core.problem import JUDGED_PARTS, AxisProblem
 from wrist_ft_comp.core.recording import FloatArray, IntArray
 
 
-def unexplained(
-    problem: AxisProblem, features: Features, dynamics: ArxPls | None
-) -> list[FloatArray]:
+def unexplained(problem: AxisProblem, model: AxisModel | None) -> list[FloatArray]:
     """
     Subtract a model's free run, from the steady state of the first cell, from r - w.
 
@@ -20,9 +17,7 @@ def unexplained(
     ----------
     problem : AxisProblem
         The axis; residuals that are held out stay NaN.
-    features : Features
-        The model's inputs.
-    dynamics : ArxPls or None
+    model : AxisModel or None
         The model; None leaves everything.
 
     Returns
@@ -31,12 +26,11 @@ def unexplained(
         r - w - o - s w, N or N m, up to the unknown constant of each recording.
 
     """
-    if dynamics is None:
+    if model is None:
         return list(problem.residual)
     left = []
     for i, temperature_c in enumerate(problem.temperature_c):
-        x = features.expand(temperature_c)
-        _, drift = dynamics.run(dynamics.start(x[0]), x)
+        _, drift = model.run(model.start(temperature_c[0]), temperature_c)
         explained = drift[:, 0]
         if problem.load is not None and drift.shape[1] > 1:
             explained = explained + drift[:, 1] * problem.load[i]
@@ -72,11 +66,9 @@ def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray
     return np.asarray(sums / counts.reshape(-1, *[1] * (values.ndim - 1)))
 
 
-def block_errors(
-    problem: AxisProblem, left: Sequence[FloatArray], block: int
-) -> tuple[float, int]:
+def block_errors(problem: AxisProblem, left: Sequence[FloatArray], block: int) -> list[float]:
     """
-    Score a block: sum of squares of bin means around each recording's constant.
+    Score a block: mean squares of bin means around each recording's constant.
 
     Parameters
     ----------
@@ -89,17 +81,17 @@ def block_errors(
 
     Returns
     -------
-    tuple of float and int
-        Sum of squares, and the number of bins.
+    list of float
+        One per part of the block.
 
     """
-    total, count = 0.0, 0
+    errors = []
     for number, values in zip(problem.blocks, left, strict=True):
         finite = np.isfinite(values)
         rows = np.flatnonzero((number == block) & finite)
         if len(rows):
             inside = bin_means(values[rows], rows, problem.judged_cells)
             constant = (inside if problem.tared else values[(number != block) & finite]).mean()
-            total += float(np.sum((inside - constant) ** 2))
-            count += len(inside)
-    return total, count
+            parts = np.array_split((inside - constant) ** 2, min(JUDGED_PARTS, len(inside)))
+            errors += [float(part.mean()) for part in parts]
+    return errors

@@ -7,12 +7,14 @@ from typing import Literal
 
 import numpy as np
 
+from wrist_ft_comp.core.axis_fit import AxisFit, Fitted
+from wrist_ft_comp.core.axis_model import AxisModel
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.outer_inner import OuterInnerMethod, identify
 from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.recording import FloatArray
 from wrist_ft_comp.core.scoring import block_errors, unexplained
-from wrist_ft_comp.core.selection import AxisFit, Fitted, finish, simplest_good
+from wrist_ft_comp.core.selection import finish, simplest_good
 from wrist_ft_comp.core.settings import IdentificationSettings, build_features
 
 _MAX_LATENTS = 8
@@ -48,7 +50,7 @@ def identify_two_step(
         When an ARX does not find enough consecutive samples.
 
     """
-    candidates: dict[str, _Fit] = {'none': lambda part: Fitted(_features(part, settings), None)}
+    candidates: dict[str, _Fit] = {'none': lambda _: Fitted(None)}
     for method in methods:
         if method != 'none':
             for r in _latents_to_try(settings, _features(problem, settings), method):
@@ -57,7 +59,7 @@ def identify_two_step(
     errors = {name: _held_out(problem, fit) for name, fit in candidates.items()}
     competing = [name for name in candidates if name != 'none' or 'none' in methods]
     chosen = competing[simplest_good([errors[name] for name in competing])]
-    return finish(problem, candidates[chosen](problem), chosen, errors)
+    return finish(problem, candidates[chosen](problem), chosen, errors, competing)
 
 
 def _features(problem: AxisProblem, settings: IdentificationSettings) -> Features:
@@ -75,7 +77,8 @@ def _fit_two_step(
     """Fit one candidate to what is not held out."""
     features = _features(part, settings)
     orders = replace(settings.orders, latents=latents)
-    return Fitted(features, *identify(method, part, features, orders))
+    dynamics, notes = identify(method, part, features, orders)
+    return Fitted(None if dynamics is None else AxisModel(features, dynamics), notes=notes)
 
 
 def _latents_to_try(
@@ -92,11 +95,9 @@ def _latents_to_try(
 
 
 def _held_out(problem: AxisProblem, fit: _Fit) -> FloatArray:
-    """Fit without each block in turn and score it there: mean square errors, shape (blocks,)."""
-    scores = []
+    """Fit without each block in turn and score it there: mean square errors, shape (parts,)."""
+    errors: list[float] = []
     for block in problem.block_numbers:
-        fitted = fit(problem.without(block))
-        left = unexplained(problem, fitted.features, fitted.dynamics)
-        total, count = block_errors(problem, left, block)
-        scores.append(total / count)
-    return np.array(scores)
+        left = unexplained(problem, fit(problem.without(block)).model)
+        errors += block_errors(problem, left, block)
+    return np.array(errors)

@@ -7,7 +7,8 @@ import numpy as np
 from wrist_ft_comp import ModelFileError
 from wrist_ft_comp.core.arx import Arx
 from wrist_ft_comp.core.arx_pls import ArxPls
-from wrist_ft_comp.core.drift import AxisModel, DriftModel
+from wrist_ft_comp.core.axis_model import AxisModel
+from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.identification import AxisFit
 from wrist_ft_comp.core.recording import FloatArray
@@ -34,17 +35,35 @@ def axis_document(fit: AxisFit) -> Document:
         'chosen': fit.chosen,
         'rms_before': fit.rms_before,
         'rms_after': fit.rms_after,
+        'reason': fit.reason,
         'time_constants_s': list(fit.time_constants_s),
+        'time_constant_errors_s': [_number(error) for error in fit.time_constant_errors_s],
+        'terms': [
+            {
+                'output': term.output,
+                'time_constant_s': term.time_constant_s,
+                'feature': term.feature,
+                'gain': term.gain,
+                'error': _number(term.error),
+            }
+            for term in fit.terms
+        ],
         'notes': list(fit.notes),
         'candidates': [{'name': c.name, 'rms': c.rms} for c in fit.candidates],
         'model': None if fit.model is None else _model_document(fit.model),
     }
 
 
+def _number(value: float) -> float | None:
+    """Write an unknown number as none: JSON and schemas know no NaN."""
+    return value if np.isfinite(value) else None
+
+
 def _model_document(model: AxisModel) -> Document:
     """Turn what runs into plain values."""
     features, dynamics = model.features, model.dynamics
     return {
+        'filters': [_arx_document(each) for each in model.filters],
         'features': {
             'kind': features.kind,
             'reference_c': features.reference_c.tolist(),
@@ -57,15 +76,26 @@ def _model_document(model: AxisModel) -> Document:
             'input_mean': dynamics.input_mean.tolist(),
             'input_weight': dynamics.input_weight.tolist(),
             'rotations': dynamics.rotations.tolist(),
-            'latents': [
-                {'a': arx.a.tolist(), 'b': arx.b.tolist(), 'first_lag': arx.first_lag}
-                for arx in dynamics.latents
-            ],
+            'latents': [_arx_document(each) for each in dynamics.latents],
             'output_loadings': dynamics.output_loadings.tolist(),
             'output_weight': dynamics.output_weight.tolist(),
             'output_mean': dynamics.output_mean.tolist(),
         },
     }
+
+
+def _arx_document(arx: Arx) -> Document:
+    """Turn one filter or latent into plain values."""
+    return {'a': arx.a.tolist(), 'b': arx.b.tolist(), 'first_lag': arx.first_lag}
+
+
+def _build_arx(entry: Document) -> Arx:
+    """Build one filter or latent."""
+    return Arx(
+        _array('a', entry['a'], (len(entry['a']),)),
+        _array('b', entry['b'], (len(entry['b']),)),
+        entry['first_lag'],
+    )
 
 
 def _array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
@@ -114,6 +144,7 @@ def build_model(document: Document) -> DriftModel:
             for axis, entry in document['axes'].items()
             if entry['model'] is not None
         },
+        deviation={axis: entry['rms_after'] for axis, entry in document['axes'].items()},
     )
 
 
@@ -122,8 +153,9 @@ def _build_axis(entry: Document, thermometers: int) -> AxisModel:
     features, dynamics = entry['features'], entry['dynamics']
     inputs, latents = len(dynamics['input_mean']), len(dynamics['latents'])
     outputs = len(dynamics['output_mean'])
+    filtered = thermometers * max(len(entry['filters']), 1)
     per_thermometer = {
-        key: _array(key, features[key], (thermometers,))
+        key: _array(key, features[key], (filtered,))
         for key in ('reference_c', 'lower_c', 'upper_c')
     }
     return AxisModel(
@@ -137,18 +169,12 @@ def _build_axis(entry: Document, thermometers: int) -> AxisModel:
             input_mean=_array('input_mean', dynamics['input_mean'], (inputs,)),
             input_weight=_array('input_weight', dynamics['input_weight'], (inputs,)),
             rotations=_array('rotations', dynamics['rotations'], (inputs, latents)),
-            latents=tuple(
-                Arx(
-                    _array('a', latent['a'], (len(latent['a']),)),
-                    _array('b', latent['b'], (len(latent['b']),)),
-                    latent['first_lag'],
-                )
-                for latent in dynamics['latents']
-            ),
+            latents=tuple(_build_arx(latent) for latent in dynamics['latents']),
             output_loadings=_array(
                 'output_loadings', dynamics['output_loadings'], (outputs, latents)
             ),
             output_weight=_array('output_weight', dynamics['output_weight'], (outputs,)),
             output_mean=_array('output_mean', dynamics['output_mean'], (outputs,)),
         ),
+        tuple(_build_arx(each) for each in entry['filters']),
     )

@@ -1,0 +1,150 @@
+"""
+An axis' observations summed over bins of cells: all that a fit on the simulation error needs.
+
+Features change by next to nothing within some seconds, loads do not. So a bin keeps one set of
+features, and of r - w and w the sums that least squares asks for: nothing of a quickly changing
+load is lost, and the work shrinks with the bin.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrist_ft_comp.core.arx import Arx, mean_relaxation, relaxation
+from wrist_ft_comp.core.problem import AxisProblem
+from wrist_ft_comp.core.recording import FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """
+    Sums over the samples of each bin of one recording, arrays of shape (n,).
+
+    Attributes
+    ----------
+    count : ndarray
+        Number of samples; a bin with 0 takes no part, whatever the other sums hold.
+    load, load_square : ndarray
+        Σ w and Σ w², N or N m, and squared; 0 without a reference.
+    residual, residual_square : ndarray
+        Σ y and Σ y² with y = r - w.
+    product : ndarray
+        Σ w y.
+
+    """
+
+    count: FloatArray
+    load: FloatArray
+    load_square: FloatArray
+    residual: FloatArray
+    residual_square: FloatArray
+    product: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class BinnedProblem:
+    """
+    One axis over several recordings, in bins.
+
+    Attributes
+    ----------
+    period_s : float
+        Length of a bin, s.
+    single : bool
+        Whether a bin is one cell, so that relaxations are those of the running model.
+    temperature_c : tuple of ndarrays, shape (n_i, J)
+        Mean temperatures of each bin, °C.
+    sums : tuple of Sums
+        Of each recording.
+    blocks : tuple of ndarrays of int, shape (n_i,)
+        Number of the cross-validation block of each bin.
+    loaded, tared : bool
+        Whether there is a load; as AxisProblem.tared.
+
+    """
+
+    period_s: float
+    single: bool
+    temperature_c: tuple[FloatArray, ...]
+    sums: tuple[Sums, ...]
+    blocks: tuple[IntArray, ...]
+    loaded: bool
+    tared: bool
+
+    @property
+    def longest_s(self) -> float:
+        """Duration of the longest recording, s."""
+        return max(len(temperature_c) for temperature_c in self.temperature_c) * self.period_s
+
+    def without(self, block: int) -> 'BinnedProblem':
+        """Hold a block out: its samples no longer count, its temperatures stay."""
+        sums = tuple(
+            replace(each, count=np.where(numbers == block, 0.0, each.count))
+            for numbers, each in zip(self.blocks, self.sums, strict=True)
+        )
+        return replace(self, sums=sums)
+
+    def relaxation(self, time_constant_s: float) -> Arx:
+        """First-order lag of the bins' temperatures: at the end of a cell, or the bin's mean."""
+        make = relaxation if self.single else mean_relaxation
+        return make(time_constant_s, self.period_s)
+
+
+def bin_problem(problem: AxisProblem, bin_s: float, *, means: bool = False) -> BinnedProblem:
+    """
+    Sum a problem over bins.
+
+    Parameters
+    ----------
+    problem : AxisProblem
+        The axis.
+    bin_s : float
+        Wanted length, s; a bin has at least one cell.
+    means : bool
+        Count the mean of each bin as one sample: what is judged is drift, not noise.
+
+    Returns
+    -------
+    BinnedProblem
+        The last bin of a recording may hold fewer cells.
+
+    """
+    cells = max(round(bin_s / problem.period_s), 1)
+    sums = []
+    for i, residual in enumerate(problem.residual):
+        w = np.zeros_like(residual) if problem.load is None else problem.load[i]
+        present = np.isfinite(residual) & np.isfinite(w)
+        y, w = np.where(present, residual, 0.0), np.where(present, w, 0.0)
+        rows = [present.astype(float), w, w * w, y, y * y, w * y]
+        if means:
+            count, load, _, total, _, _ = (_binned(row, cells) for row in rows)
+            some = np.maximum(count, 1.0)
+            w, y = load / some, total / some
+            sums.append(Sums((count > 0).astype(float), w, w * w, y, y * y, w * y))
+        else:
+            sums.append(Sums(*(_binned(row, cells) for row in rows)))
+    return BinnedProblem(
+        period_s=cells * problem.period_s,
+        single=cells == 1,
+        temperature_c=tuple(_bin_means(values, cells) for values in problem.temperature_c),
+        sums=tuple(sums),
+        blocks=tuple(numbers[::cells] for numbers in problem.blocks),
+        loaded=problem.load is not None,
+        tared=problem.tared,
+    )
+
+
+def _binned(values: FloatArray, cells: int) -> FloatArray:
+    """Sum over bins, shapes (N, …) to (n, …)."""
+    if cells == 1:
+        return values
+    sums: FloatArray = np.add.reduceat(values, np.arange(0, len(values), cells), axis=0)
+    return sums
+
+
+def _bin_means(values: FloatArray, cells: int) -> FloatArray:
+    """Average over bins, shapes (N, J) to (n, J)."""
+    starts = np.arange(0, len(values), cells)
+    counts = np.diff(starts, append=len(values))
+    means: FloatArray = _binned(values, cells) / counts[:, np.newaxis]
+    return means

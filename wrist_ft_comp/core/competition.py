@@ -1,0 +1,148 @@
+"""Candidates and their scores on blocks that they did not see."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from wrist_ft_comp.core import simulation_error as oe
+from wrist_ft_comp.core.binned import BinnedProblem, bin_problem
+from wrist_ft_comp.core.features import Features
+from wrist_ft_comp.core.moments import Moments, accumulate, bank_inputs
+from wrist_ft_comp.core.problem import JUDGED_BIN_S, JUDGED_PARTS, AxisProblem
+from wrist_ft_comp.core.recording import FloatArray
+from wrist_ft_comp.core.settings import IdentificationSettings
+from wrist_ft_comp.core.time_constants import search_time_constants
+
+#: Candidates compete on sums over this time; the winner is fitted to every cell, s.
+_FITTED_BIN_S = 10.0
+#: Nearer to its optimum, a candidate's errors change by far less than they differ from others'.
+_TOLERANCE = 1e-5
+_GRID_POINTS = 13
+_SHORTEST_TAU_S = 20.0
+_LONGEST_TAU_S = 7200.0
+_REGULARISED: tuple[Literal['PLS', 'ridge'], ...] = ('PLS', 'ridge')
+
+
+@dataclass(frozen=True, eq=False)
+class Competition:
+    """What all candidates of an axis are fitted from and scored on."""
+
+    problem: AxisProblem
+    features: Features
+    fitted: BinnedProblem
+    judged: BinnedProblem
+    fitted_moments: Moments
+    judged_moments: Moments
+
+    def inputs(self, structure: oe.Structure) -> int:
+        """Count the features of a structure: powers up to its degree, or all hats."""
+        if self.features.kind == 'powers':
+            return structure.degree * self.features.thermometers
+        return sum(len(knots) for knots in self.features.knots_c)
+
+    def features_of(self, structure: oe.Structure) -> Features:
+        """Features of one relaxation's temperatures."""
+        if self.features.kind == 'hats':
+            return self.features
+        return replace(self.features, degree=structure.degree)
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A candidate in the competition: its errors, and with what it reached them."""
+
+    structure: oe.Structure
+    errors: FloatArray
+    strength: int = 0
+    time_constants_s: FloatArray | None = None
+
+
+def time_constant_grid(problem: AxisProblem) -> FloatArray:
+    """
+    Lay out the time constants that are tried: 0 (static), then evenly in their logarithm.
+
+    Parameters
+    ----------
+    problem : AxisProblem
+        Its longest recording limits what can be told apart from a trend.
+
+    Returns
+    -------
+    ndarray, shape (K,)
+        s, increasing.
+
+    """
+    low = max(_SHORTEST_TAU_S, 2 * problem.period_s)
+    high = max(min(_LONGEST_TAU_S, problem.longest_s / 2), 2 * low)
+    return np.concatenate(([0.0], np.geomspace(low, high, _GRID_POINTS)))
+
+
+def open_competition(problem: AxisProblem, features: Features) -> Competition:
+    """Pass the temperatures through the grid of time constants, and sum."""
+    grid = time_constant_grid(problem)
+    fitted = bin_problem(problem, _FITTED_BIN_S)
+    judged = bin_problem(problem, JUDGED_BIN_S, means=True)
+    fitted_moments = accumulate(fitted, bank_inputs(fitted, features, grid), grid)
+    judged_moments = accumulate(judged, bank_inputs(judged, features, grid), grid, JUDGED_PARTS)
+    return Competition(problem, features, fitted, judged, fitted_moments, judged_moments)
+
+
+def enter(competition: Competition, structure: oe.Structure) -> Entry:
+    """Score a candidate on blocks that it did not see."""
+    moments, judged = competition.fitted_moments, competition.judged_moments
+    inputs = competition.inputs(structure)
+    if not structure.free_time_constants:
+        tried = oe.held_out_errors(moments, judged, structure, inputs)
+        best = int(np.argmin(tried.mean(axis=1)))
+        return Entry(structure, tried[best], best)
+    everything = np.ones(len(moments.counts), dtype=bool)
+    columns, _ = oe.fit_columns(moments, structure, everything, inputs)
+    half = len(moments.time_constants_s) * moments.inputs
+    found = np.unique(columns[columns < half] // moments.inputs)
+    features = competition.features_of(structure)
+    # All combinations on the grid were the starts; the best of them is followed.
+    tau_s = search_time_constants(
+        competition.fitted, features, moments.time_constants_s[found], _TOLERANCE
+    )
+    return Entry(structure, _free_errors(competition, features, tau_s), 0, tau_s)
+
+
+def _free_errors(competition: Competition, features: Features, start_s: FloatArray) -> FloatArray:
+    """Search time constants without each block in turn and score them there, shape (parts,)."""
+    fitted, judged = competition.fitted, competition.judged
+    structure = oe.Structure('found', features.degree, 0, tuple(start_s))
+    errors = []
+    for block in np.unique(competition.fitted_moments.block):
+        kept = fitted.without(block)
+        tau_s = search_time_constants(kept, features, start_s, _TOLERANCE)
+        moments = accumulate(fitted, bank_inputs(fitted, features, tau_s), tau_s)
+        scored = accumulate(judged, bank_inputs(judged, features, tau_s), tau_s, JUDGED_PARTS)
+        errors.append(oe.block_errors(moments, scored, structure, moments.inputs, block)[0])
+    return np.concatenate(errors)
+
+
+def structures(
+    settings: IdentificationSettings, features: Features, grid: FloatArray
+) -> list[oe.Structure]:
+    """List the candidates that compete, simplest first."""
+    hats = features.kind == 'hats'
+    degrees = [1] if hats else list(range(1, settings.degree + 1))
+    what = {degree: 'hats' if hats else f'degree {degree}' for degree in degrees}
+    found = []
+    if settings.method == 'auto':
+        found += [oe.Structure(f'static, {what[d]}', d) for d in degrees]
+    found += [
+        oe.Structure(f'{count} time constant{"s" * (count > 1)}, {what[d]}', d, count)
+        for count in (1, 2, 3)
+        for d in degrees
+        if count < 3 or d == 1
+    ]
+    if settings.method == 'auto':
+        bank = tuple(float(tau) for tau in grid[::2])
+        found += [
+            oe.Structure(f'{regression} on a bank, {what[d]}', d, 0, bank, regression)
+            for regression in _REGULARISED
+            for d in degrees
+        ]
+    return found
