@@ -13,7 +13,7 @@ from wrist_ft_comp.core.evaluation import evaluate
 from wrist_ft_comp.core.identification import METHODS, IdentificationSettings
 from wrist_ft_comp.core.problem import cross_validation_blocks, pose_problem
 from wrist_ft_comp.core.recording import AXES, Recording
-from wrist_ft_comp.core.relaxations import time_constant_grid
+from wrist_ft_comp.core.competition import time_constant_grid
 from wrist_ft_comp.core.selection import simplest_good
 from wrist_ft_comp.core.settings import build_features
 
