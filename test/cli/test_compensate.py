@@ -58,12 +58,16 @@ def test_a_tare_removes_the_offset(done, make, model, tmp_path):
 
 
 def test_what_was_compensated_can_be_judged_again(done, make, model, tmp_path):
-    path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
+    columns = make.drifting(seed=3)
+    path = make.csv(tmp_path / 'run.csv', columns)
     done('compensate', model, path, '-o', tmp_path / 'out.csv')
     before = json.loads(done('evaluate', model, path, '--json'))['axes']['force_z']
     again = json.loads(done('evaluate', model, tmp_path / 'out.csv', '--json'))['axes']['force_z']
-    # The stream reaches a cell's drift one cell later than the evaluation of means.
-    assert again['rms_before'] == pytest.approx(before['rms_after'], abs=0.2)
+    # The stream ramps to a cell's drift during the next cell; the evaluation compares cell means.
+    temperature_c = np.array(columns['temperature_c'])
+    per_cell = 1.5 * np.diff(temperature_c)
+    late = np.sqrt(np.mean((per_cell - per_cell[:60].mean()) ** 2))
+    assert late < again['rms_before'] < 2 * late + before['rms_after']
 
 
 def test_empty_cells_stay_empty(done, make, model, tmp_path):

@@ -1,5 +1,6 @@
 """Calibration as a whole: what it refuses, what it warns of, what it hands back."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -7,9 +8,10 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp import CalibrationRefusedError, SettingsError
-from wrist_ft_comp.core.calibration import MIN_SAMPLES, CalibrationSettings, calibrate
+from wrist_ft_comp.core.calibration import CalibrationSettings, calibrate
 from wrist_ft_comp.core.identification import IdentificationSettings
 from wrist_ft_comp.core.recording import Recording
+from wrist_ft_comp.core.recording_checks import MIN_SAMPLES
 from wrist_ft_comp.core.summary import summarise
 
 Array = np.ndarray
@@ -229,11 +231,27 @@ class TestWarnings:
         measured[50] = True
         assert calibrate([good[0], replace(good[1], measured=measured)], STATIC).warnings == ()
 
-    def test_a_time_constant_longer_than_the_recordings_show_is_named(
+    def test_a_time_constant_that_the_recordings_hardly_show_is_named(
         self, good: list[Recording], lagged: Callable[..., Array]
     ) -> None:
-        runs = [with_raw(run, 2 * lagged(run.temperature_c[:, 0], 1e5)) for run in good]
+        runs = [with_raw(run, 2 * lagged(run.temperature_c[:, 0], 1500)) for run in good]
         settings = IdentificationSettings(method='arx_pls_oe')
         warnings = calibrate(runs, CalibrationSettings(identification=settings)).warnings
-        assert len(warnings) == 2
-        assert 'is more than half of run0.csv (2400 s); record longer' in warnings[0]
+        assert len(warnings) == 1
+        assert re.search(
+            r'The slowest time constant, 15\d\d s of force_x, is more than half of the longest '
+            r'recording \(2400 s\); record at least 1.7 h',
+            warnings[0],
+        )
+
+    @pytest.mark.parametrize('method', ['auto', 'arx_pls_oe'])
+    def test_a_time_constant_that_the_recordings_do_not_show_is_refused(
+        self, good: list[Recording], lagged: Callable[..., Array], method: str
+    ) -> None:
+        runs = [with_raw(run, 2 * lagged(run.temperature_c[:, 0], 1e5)) for run in good]
+        settings = IdentificationSettings(method=method)  # type: ignore[arg-type]
+        with pytest.raises(
+            CalibrationRefusedError,
+            match=r'force_x drifts too slowly .* at least 2400 s, .* Record at least 1.3 h',
+        ):
+            calibrate(runs, CalibrationSettings(identification=settings))

@@ -69,6 +69,8 @@ class Fitted:
         Gains, where the method determines them one by one.
     notes : tuple of str
         What had to be mended.
+    doubts : tuple of str
+        What a person should be warned of.
 
     """
 
@@ -77,6 +79,7 @@ class Fitted:
     time_constant_errors_s: tuple[float, ...] = ()
     terms: tuple[Term, ...] = ()
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +107,10 @@ class AxisFit:
         Gains with standard errors, where the method determines them one by one.
     notes : tuple of str
         What had to be mended, and what could not be learnt.
+    doubts : tuple of str
+        What a person should be warned of, such as better candidates that could not be trusted.
+    refusal : str
+        Why this axis could not be learnt although it drifts; empty when it was.
 
     """
 
@@ -117,3 +124,5 @@ class AxisFit:
     time_constant_errors_s: tuple[float, ...] = ()
     terms: tuple[Term, ...] = ()
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    refusal: str = ''

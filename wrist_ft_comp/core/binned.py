@@ -90,7 +90,7 @@ class BinnedProblem:
         return make(time_constant_s, self.period_s)
 
 
-def bin_problem(problem: AxisProblem, bin_s: float, *, means: bool = False) -> BinnedProblem:
+def bin_problem(problem: AxisProblem, cells: int, *, means: bool = False) -> BinnedProblem:
     """
     Sum a problem over bins.
 
@@ -98,8 +98,8 @@ def bin_problem(problem: AxisProblem, bin_s: float, *, means: bool = False) -> B
     ----------
     problem : AxisProblem
         The axis.
-    bin_s : float
-        Wanted length, s; a bin has at least one cell.
+    cells : int
+        Cells per bin.
     means : bool
         Count the mean of each bin as one sample: what is judged is drift, not noise.
 
@@ -109,7 +109,6 @@ def bin_problem(problem: AxisProblem, bin_s: float, *, means: bool = False) -> B
         The last bin of a recording may hold fewer cells.
 
     """
-    cells = max(round(bin_s / problem.period_s), 1)
     sums = []
     for i, residual in enumerate(problem.residual):
         w = np.zeros_like(residual) if problem.load is None else problem.load[i]

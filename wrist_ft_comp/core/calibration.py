@@ -7,31 +7,28 @@ from typing import get_args
 import numpy as np
 
 from wrist_ft_comp import CalibrationRefusedError, SettingsError
+from wrist_ft_comp.core.channel_checks import (
+    drop_stuck_cells,
+    idle_thermometers,
+    silent_stretches,
+)
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.identification import AxisFit, IdentificationSettings, identify_axis
-from wrist_ft_comp.core.problem import (
-    Reference,
-    cross_validation_blocks,
-    noise_level,
-    pose_problem,
-    stretches,
+from wrist_ft_comp.core.problem import Reference, cross_validation_blocks, pose_problem
+from wrist_ft_comp.core.recording import AXES, FloatArray, Recording
+from wrist_ft_comp.core.recording_checks import (
+    MIN_SAMPLES,
+    check_alike,
+    check_loads,
+    check_temperatures,
 )
-from wrist_ft_comp.core.recording import AXES, BoolArray, FloatArray, Recording, axis_unit
 
 Progress = Callable[[float], None]
 
-#: Fewer cells with a wrench than this cannot be divided into blocks worth holding out.
-MIN_SAMPLES = 30
-#: A jump between neighbouring cells counts as load when it exceeds this many times the noise …
-_JUMP_TO_NOISE = 12.0
-#: … and this share of the axis' whole range.
-_JUMP_TO_RANGE = 0.2
-#: … and this many steps of its resolution.
-_JUMP_TO_RESOLUTION = 3.5
 #: A model that leaves this many times what no model leaves does harm; less may be chance.
 _HARMFUL = 1.05
-#: An axis that moves no more often than this may have been loaded and unloaded, and shows none.
-_FEW_STEPS = 4
+#: A time constant below this many thermal cells is at its lower bound.
+_AT_BOUND = 1.01
 
 
 @dataclass(frozen=True)
@@ -128,8 +125,8 @@ def calibrate(
         When an ARX does not find enough consecutive samples.
 
     """
-    _check_alike(recordings)
-    ranges = _check_temperatures(recordings, settings)
+    check_alike(recordings)
+    ranges = check_temperatures(recordings, settings.min_temperature_span_k)
     axes = [
         axis for axis in AXES if any(axis in recording.axes_present for recording in recordings)
     ]
@@ -139,7 +136,8 @@ def calibrate(
             f'{names} holds no wrench on the thermal cells that have a temperature. '
             'Record wrench and temperature at the same time.'
         )
-    _check_wrenches(recordings, axes, settings)
+    check_loads(recordings, axes, settings.reference)
+    recordings, said = drop_stuck_cells(recordings, axes)
     blocks = cross_validation_blocks(recordings)
     fits: dict[str, AxisFit] = {}
     for number, axis in enumerate(axes):
@@ -152,6 +150,9 @@ def calibrate(
         fits[axis] = identify_axis(problem, settings.identification)
         if progress is not None:
             progress((number + 1) / len(axes))
+    refusals = [fit.refusal for fit in fits.values() if fit.refusal]
+    if refusals and all(fit.model is None for fit in fits.values()):
+        raise CalibrationRefusedError(f'{refusals[0]}.')
     model = DriftModel(
         period_ns=recordings[0].period_ns,
         thermometers=recordings[0].thermometers,
@@ -159,121 +160,44 @@ def calibrate(
         deviation={axis: fit.rms_after for axis, fit in fits.items()},
     )
     duration_s = sum(recording.duration_s for recording in recordings)
-    return Calibration(model, fits, ranges, duration_s, _warnings(recordings, fits, settings))
+    warnings = [
+        *(warning for recording in recordings for warning in recording.warnings),
+        *said,
+        *silent_stretches(recordings, settings.max_gap_s),
+        *idle_thermometers(recordings),
+        *_doubts(recordings, fits),
+    ]
+    return Calibration(model, fits, ranges, duration_s, tuple(warnings))
 
 
-def _check_alike(recordings: Sequence[Recording]) -> None:
-    """Refuse recordings that cannot be fitted together."""
-    if not recordings:
-        raise CalibrationRefusedError('A calibration needs at least one recording; got none.')
-    first = recordings[0]
-    for other in recordings[1:]:
-        if other.thermometers != first.thermometers:
-            raise CalibrationRefusedError(
-                f'{first.name} has {first.thermometers} thermometers and {other.name} has '
-                f'{other.thermometers}; they must be the same. Leave one recording out.'
-            )
-        if other.period_ns != first.period_ns:
-            raise CalibrationRefusedError(
-                f'{first.name} is on thermal cells of {first.period_s} s and {other.name} on '
-                f'{other.period_s} s; they must be the same. Read them with one period.'
-            )
-
-
-def _check_temperatures(
-    recordings: Sequence[Recording], settings: CalibrationSettings
-) -> FloatArray:
-    """Refuse too small a span; return lowest and highest per thermometer, shape (J, 2)."""
-    everything = np.concatenate([recording.temperature_c for recording in recordings])
-    ranges = np.stack((everything.min(axis=0), everything.max(axis=0)), axis=1)
-    span = float(np.max(ranges[:, 1] - ranges[:, 0]))
-    if span < settings.min_temperature_span_k:
-        names = ', '.join(recording.name for recording in recordings)
-        raise CalibrationRefusedError(
-            f'Temperature in {names} spans {span:.1f} K; at least '
-            f'{settings.min_temperature_span_k:.1f} K are needed. Record a warm-up from cold.'
+def _doubts(recordings: Sequence[Recording], fits: dict[str, AxisFit]) -> list[str]:
+    """Say what a person should doubt in the fits."""
+    said = []
+    longest_s = max(recording.duration_s for recording in recordings)
+    period_s = recordings[0].period_s
+    searched = [
+        (tau, axis)
+        for axis, fit in fits.items()
+        for tau, error in zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
+        if np.isfinite(error)
+    ]
+    slowest_s, axis = max(searched, default=(0.0, ''))
+    if slowest_s > longest_s / 2:
+        said.append(
+            f'The slowest time constant, {slowest_s:.0f} s of {axis}, is more than half of the '
+            f'longest recording ({longest_s:.0f} s); record at least '
+            f'{4 * slowest_s / 3600:.1f} h to be sure of it.'
         )
-    return ranges
-
-
-def _check_wrenches(
-    recordings: Sequence[Recording], axes: Sequence[str], settings: CalibrationSettings
-) -> None:
-    """Refuse a missing reference, and a load that moves although it was declared not to."""
-    if settings.reference == 'recorded':
-        for recording in recordings:
-            if not np.isfinite(recording.reference).any():
-                raise CalibrationRefusedError(
-                    f'{recording.name} holds no reference wrench, but the reference was declared '
-                    'recorded. Record wrench_reference beside the raw wrench, or declare the '
-                    'reference unloaded or constant.'
-                )
-        return
-    for recording in recordings:
-        for axis in axes:
-            raw = recording.wrench[:, AXES.index(axis)]
-            at = np.flatnonzero(np.isfinite(raw))
-            # A gap is no jump: drift moves on while nothing is recorded.
-            joined = np.diff(stretches(np.isfinite(raw), recording.period_s)[at]) == 0
-            steps = np.abs(np.diff(raw[at])) * joined
-            limit = max(
-                _JUMP_TO_NOISE * noise_level([raw]),
-                _JUMP_TO_RANGE * _range(raw[at]),
-                _JUMP_TO_RESOLUTION * _resolution(raw[at]),
-            )
-            if len(steps) > MIN_SAMPLES and steps.max() > limit > 0:
-                cell = int(at[int(np.argmax(steps)) + 1])
-                raise CalibrationRefusedError(
-                    f'{axis} of {recording.name} jumps by {steps.max():.3g} {axis_unit(axis)} '
-                    f'after {cell * recording.period_s:.0f} s, although the load was declared '
-                    f'{settings.reference}. Record again without contact or payload change, or '
-                    'record the load as reference.'
-                )
-
-
-def _resolution(values: FloatArray) -> float:
-    """Smallest step between neighbours, where there are more than a few; else what rounding is."""
-    steps = np.abs(np.diff(values))
-    rounding = 1e-12 * float(np.max(np.abs(values), initial=0.0))
-    real = steps[steps > rounding]
-    return float(real.min()) if len(real) > _FEW_STEPS else rounding
-
-
-def _range(values: FloatArray) -> float:
-    """Highest minus lowest, 0 when there is nothing."""
-    return float(np.ptp(values)) if len(values) else 0.0
-
-
-def _warnings(
-    recordings: Sequence[Recording], fits: dict[str, AxisFit], settings: CalibrationSettings
-) -> tuple[str, ...]:
-    """Collect what a person should know."""
-    found = [warning for recording in recordings for warning in recording.warnings]
-    for recording in recordings:
-        for j in range(recording.thermometers):
-            gap_s = _longest_gap(recording.measured[:, j]) * recording.period_s
-            if gap_s > settings.max_gap_s:
-                found.append(
-                    f'Thermometer {j + 1} of {recording.name} is silent for {gap_s:.0f} s; its '
-                    'last value was held.'
-                )
-        slowest = max(
-            (tau for fit in fits.values() for tau in fit.time_constants_s[-1:]), default=0.0
+    quickest = [axis for tau, axis in searched if tau <= _AT_BOUND * period_s]
+    if quickest:
+        said.append(
+            f'The quickest time constant of {", ".join(quickest)} is at its lower bound, one '
+            f'thermal cell of {period_s:g} s; drift that is quicker is taken as instantaneous.'
         )
-        if slowest > recording.duration_s / 2:
-            found.append(
-                f'The slowest time constant, {slowest:.0f} s, is more than half of '
-                f'{recording.name} ({recording.duration_s:.0f} s); record longer to be sure of it.'
-            )
-    found += [
+    said += [f'{fit.refusal}. It is left uncompensated.' for fit in fits.values() if fit.refusal]
+    said += [f'{axis}: {doubt}.' for axis, fit in fits.items() for doubt in fit.doubts]
+    return said + [
         f'{axis}: {fit.chosen} leaves more drift than no compensation; choose the method auto.'
         for axis, fit in fits.items()
         if fit.rms_after > _HARMFUL * fit.rms_before
     ]
-    return tuple(found)
-
-
-def _longest_gap(measured: BoolArray) -> int:
-    """Longest run of False, in cells."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([True], measured, [True])).astype(int)))
-    return int(np.max(edges[1::2] - edges[::2], initial=0))

@@ -9,13 +9,11 @@ from wrist_ft_comp.core import simulation_error as oe
 from wrist_ft_comp.core.binned import BinnedProblem, bin_problem
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.moments import Moments, accumulate, bank_inputs
-from wrist_ft_comp.core.problem import JUDGED_BIN_S, JUDGED_PARTS, AxisProblem
+from wrist_ft_comp.core.problem import JUDGED_PARTS, AxisProblem
 from wrist_ft_comp.core.recording import FloatArray
 from wrist_ft_comp.core.settings import IdentificationSettings
 from wrist_ft_comp.core.time_constants import search_time_constants
 
-#: Candidates compete on sums over this time; the winner is fitted to every cell, s.
-_FITTED_BIN_S = 10.0
 #: Nearer to its optimum, a candidate's errors change by far less than they differ from others'.
 _TOLERANCE = 1e-5
 _GRID_POINTS = 13
@@ -81,8 +79,9 @@ def time_constant_grid(problem: AxisProblem) -> FloatArray:
 def open_competition(problem: AxisProblem, features: Features) -> Competition:
     """Pass the temperatures through the grid of time constants, and sum."""
     grid = time_constant_grid(problem)
-    fitted = bin_problem(problem, _FITTED_BIN_S)
-    judged = bin_problem(problem, JUDGED_BIN_S, means=True)
+    fitted_cells, judged_cells = problem.bin_cells
+    fitted = bin_problem(problem, fitted_cells)
+    judged = bin_problem(problem, judged_cells, means=True)
     fitted_moments = accumulate(fitted, bank_inputs(fitted, features, grid), grid)
     judged_moments = accumulate(judged, bank_inputs(judged, features, grid), grid, JUDGED_PARTS)
     return Competition(problem, features, fitted, judged, fitted_moments, judged_moments)

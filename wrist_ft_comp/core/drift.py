@@ -81,7 +81,6 @@ class DriftModel:
             }
         )
 
-
     def uncertainty(self, temperature_c: FloatArray) -> FloatArray:
         """
         Estimate how far the zero drift that is subtracted may be from the true one.

@@ -14,12 +14,18 @@ from wrist_ft_comp.core.recording import AXES, BoolArray, FloatArray, IntArray, 
 
 Reference = Literal['unloaded', 'constant', 'recorded']
 
+#: Fits compete on sums over so many cells of this time: features hardly change within it, s.
+FITTED_BIN_S = 10.0
 #: Errors are averaged over this time before they are judged: drift is slow, noise is not, s.
 JUDGED_BIN_S = 30.0
+#: … but a block of a short recording still has so many bins.
+_BINS_PER_BLOCK = 8
 #: Parts that each held-out block is scored in: two recordings alone cannot tell chance from merit.
 JUDGED_PARTS = 4
 #: The load of an axis varies enough when its deviation is this many times the noise.
 MIN_LOAD_TO_NOISE = 10.0
+#: Blocks of time that a single recording is divided into.
+FOLDS = 5
 #: Samples further apart than this many times the usual distance belong to different stretches.
 _GAP_FACTOR = 10.0
 
@@ -66,9 +72,9 @@ class AxisProblem:
         return max(len(residual) for residual in self.residual) * self.period_s
 
     @property
-    def judged_cells(self) -> int:
-        """Cells per bin when a model is judged."""
-        return max(round(JUDGED_BIN_S / self.period_s), 1)
+    def bin_cells(self) -> tuple[int, int]:
+        """Cells per bin when a model is fitted in competition, and when it is judged."""
+        return _bin_cells([len(residual) for residual in self.residual], self.period_s)
 
     @property
     def block_numbers(self) -> list[int]:
@@ -208,7 +214,7 @@ def stretches(present: BoolArray, period_s: float) -> IntArray:
     return np.cumsum(numbers)
 
 
-def cross_validation_blocks(recordings: Sequence[Recording], folds: int = 5) -> list[IntArray]:
+def cross_validation_blocks(recordings: Sequence[Recording], folds: int = FOLDS) -> list[IntArray]:
     """
     Divide the recordings into blocks that are held out in turn.
 
@@ -234,8 +240,35 @@ def cross_validation_blocks(recordings: Sequence[Recording], folds: int = 5) -> 
     if plateaus is not None:
         return [plateaus]
     # Whole bins, so that none of those that are judged holds samples of two blocks.
-    bins = np.arange(len(recordings[0])) // max(round(JUDGED_BIN_S / recordings[0].period_s), 1)
+    cells = _bin_cells([len(recordings[0])], recordings[0].period_s, folds)[1]
+    bins = np.arange(len(recordings[0])) // cells
     return [bins * folds // (bins[-1] + 1)]
+
+
+def _bin_cells(lengths: Sequence[int], period_s: float, folds: int = FOLDS) -> tuple[int, int]:
+    """Cells per bin that is fitted, and per bin that is judged: a multiple of the former."""
+    room = max(max(lengths) // (folds * _BINS_PER_BLOCK), 1)
+    judged = min(max(round(JUDGED_BIN_S / period_s), 1), room)
+    fitted = max(min(round(FITTED_BIN_S / period_s), judged // 3), 1)
+    return fitted, judged - judged % fitted
+
+
+def has_plateaus(recordings: Sequence[Recording]) -> bool:
+    """
+    Tell whether recordings look like a chamber test: a few stretches with gaps between them.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Those of one calibration.
+
+    Returns
+    -------
+    bool
+        As cross_validation_blocks takes it.
+
+    """
+    return _plateaus(recordings) is not None
 
 
 def _plateaus(recordings: Sequence[Recording]) -> IntArray | None:

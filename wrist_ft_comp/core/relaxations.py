@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrist_ft_comp import CalibrationRefusedError
 from wrist_ft_comp.core import simulation_error as oe
 from wrist_ft_comp.core.arx import relaxation, static_gain
 from wrist_ft_comp.core.axis_fit import OUTPUTS, AxisFit, Fitted, Term
@@ -27,6 +26,10 @@ _RUNAWAY = 3.0
 _AT_BOUND = 0.01
 #: A substitute for a candidate that is too slow may leave this many times its mean square error.
 _SUBSTITUTE = 2.0
+#: … or this share of what no compensation leaves: a tenth of the drift.
+_SMALL = 0.01
+#: A time constant whose standard error is this many times its value says nothing.
+_UNDETERMINED = 1.0
 
 
 def identify_relaxations(problem: AxisProblem, settings: IdentificationSettings) -> AxisFit:
@@ -43,12 +46,8 @@ def identify_relaxations(problem: AxisProblem, settings: IdentificationSettings)
     Returns
     -------
     AxisFit
-        The winner, and everything that was tried.
-
-    Raises
-    ------
-    CalibrationRefusedError
-        When the drift is slower than the recordings are long, and nothing else explains it.
+        The winner, and everything that was tried. A drift slower than the recordings are long is
+        refused when nothing simpler explains it.
 
     """
     features = build_features(problem.temperature_c, settings)
@@ -63,22 +62,24 @@ def identify_relaxations(problem: AxisProblem, settings: IdentificationSettings)
         **{name: entry.errors for name, entry in entries.items()},
     }
     competing = list(errors) if settings.method == 'auto' else list(entries)
-    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     while True:
         chosen = competing[simplest_good([errors[name] for name in competing])]
         if chosen == 'none':
-            return finish(problem, Fitted(None, notes=notes), chosen, errors, competing)
-        fitted = _fit_entry(competition, entries[chosen])
-        why_not = _why_too_slow(problem, fitted)
-        if why_not:
-            _refuse_without_substitute(problem, chosen, why_not, competing, errors)
-        elif len(competing) > 1 and not _stays_bounded(problem, fitted):
-            why_not = 'its drift runs away where no wrench was recorded'
-        if not why_not:
-            fitted = replace(fitted, notes=notes)
+            return finish(problem, Fitted(None, doubts=doubts), chosen, errors, competing)
+        fitted = replace(_fit_entry(competition, entries[chosen]), doubts=doubts)
+        slow = _why_too_slow(problem, fitted)
+        why_not = slow or _why_unsafe(problem, fitted)
+        if not why_not or (len(competing) == 1 and not slow):
             return finish(problem, fitted, chosen, errors, competing)
-        competing.remove(chosen)
-        notes = (*notes, f'{chosen}: left out, {why_not}')
+        rest = [name for name in competing if name != chosen]
+        if slow:
+            # Richer candidates would only hide behind many gains that the drift goes on.
+            rest = _good_substitutes(competing, chosen, errors)
+            if not rest:
+                return _refuse(problem, chosen, slow, errors, competing)
+        doubts = (*doubts, f'{chosen} was left out: {why_not}')
+        competing = rest
 
 
 def _fit_entry(competition: Competition, entry: Entry) -> Fitted:
@@ -93,7 +94,7 @@ def _fit_entry(competition: Competition, entry: Entry) -> Fitted:
             coefficients[entry.strength], len(bank), inputs, loaded=moments.loaded
         )
         return Fitted(_to_model(problem, features, bank, gains))
-    cells = bin_problem(problem, problem.period_s)
+    cells = bin_problem(problem, 1)
     tau_s: FloatArray = np.zeros(1)
     if entry.time_constants_s is not None:
         tau_s = search_time_constants(cells, features, entry.time_constants_s)
@@ -119,45 +120,56 @@ def _determined(problem: AxisProblem, features: Features, fit: FreeFit) -> Fitte
 
 def _why_too_slow(problem: AxisProblem, fitted: Fitted) -> str:
     """Say that the recordings are too short for a time constant, or nothing when they are not."""
-    longest_s = problem.longest_s
     slowest_s = max(fitted.time_constants_s, default=0.0)
-    if slowest_s < (1 - _AT_BOUND) * longest_s:
+    if slowest_s < (1 - _AT_BOUND) * problem.longest_s:
         return ''
     return (
-        f'its slowest time constant is at least {longest_s:.0f} s, as long as the longest '
+        f'its slowest time constant is at least {problem.longest_s:.0f} s, as long as the longest '
         'recording'
     )
 
 
-def _refuse_without_substitute(
+def _good_substitutes(
+    competing: Sequence[str], chosen: str, errors: Mapping[str, FloatArray]
+) -> list[str]:
+    """List the simpler candidates, when one of them does nearly as well."""
+    simpler = list(competing[: competing.index(chosen)])
+    enough = max(_SUBSTITUTE * float(errors[chosen].mean()), _SMALL * float(errors['none'].mean()))
+    return simpler if any(float(errors[name].mean()) <= enough for name in simpler) else []
+
+
+def _refuse(
     problem: AxisProblem,
     chosen: str,
-    why_not: str,
-    competing: Sequence[str],
+    why: str,
     errors: Mapping[str, FloatArray],
-) -> None:
-    """Refuse when a drift slower than the recordings is there, and nothing else explains it."""
-    others = [float(errors[name].mean()) for name in competing if name != chosen]
-    if not others or min(others) > _SUBSTITUTE * float(errors[chosen].mean()):
-        longest_s = problem.longest_s
-        raise CalibrationRefusedError(
-            f'{problem.axis} drifts too slowly for these recordings: {chosen} explains it best, '
-            f'but {why_not}. Record at least {2 * longest_s / 3600:.1f} h from cold, or choose '
-            'the method pls.'
-        )
+    competing: Sequence[str],
+) -> AxisFit:
+    """Leave an axis without model whose drift is slower than the recordings can show."""
+    refusal = (
+        f'{problem.axis} drifts too slowly for these recordings: {chosen} explains it best, but '
+        f'{why}. Record at least {2 * problem.longest_s / 3600:.1f} h from cold, or choose the '
+        'method pls'
+    )
+    fit = finish(problem, Fitted(None), 'none', errors, competing)
+    return replace(fit, reason=f'{refusal}.', refusal=refusal)
 
 
-def _stays_bounded(problem: AxisProblem, fitted: Fitted) -> bool:
-    """Tell whether the drift in cells without a wrench stays near that in cells with one."""
+def _why_unsafe(problem: AxisProblem, fitted: Fitted) -> str:
+    """Say why a fit must not run although it scored well, or nothing when it may."""
+    pairs = list(zip(fitted.time_constants_s, fitted.time_constant_errors_s, strict=True))
+    if any(error > _UNDETERMINED * tau for tau, error in pairs):
+        found = ', '.join(f'{tau:.0f} ± {error:.0f} s' for tau, error in pairs)
+        return f'the recordings do not determine its time constants ({found})'
     model = fitted.model
     if model is None:
-        return True
+        return ''
     for temperature_c, residual in zip(problem.temperature_c, problem.residual, strict=True):
         drift = model.run(model.start(temperature_c[0]), temperature_c)[1]
         seen = np.isfinite(residual)
         if seen.any() and (np.ptp(drift, axis=0) > _RUNAWAY * np.ptp(drift[seen], axis=0)).any():
-            return False
-    return True
+            return 'its drift runs away where no wrench was recorded'
+    return ''
 
 
 def _to_model(

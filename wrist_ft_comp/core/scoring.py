@@ -90,7 +90,7 @@ def block_errors(problem: AxisProblem, left: Sequence[FloatArray], block: int) -
         finite = np.isfinite(values)
         rows = np.flatnonzero((number == block) & finite)
         if len(rows):
-            inside = bin_means(values[rows], rows, problem.judged_cells)
+            inside = bin_means(values[rows], rows, problem.bin_cells[1])
             constant = (inside if problem.tared else values[(number != block) & finite]).mean()
             parts = np.array_split((inside - constant) ** 2, min(JUDGED_PARTS, len(inside)))
             errors += [float(part.mean()) for part in parts]

@@ -93,6 +93,7 @@ def finish(
         time_constant_errors_s=winner.time_constant_errors_s,
         terms=winner.terms,
         notes=notes,
+        doubts=winner.doubts,
     )
     if model is None or winner.time_constants_s:
         return fit

@@ -13,8 +13,8 @@ import pytest
 
 from wrist_ft_comp.core.arx import relaxation
 from wrist_ft_comp.core.arx_pls import ArxPls
-from wrist_ft_comp.core.calibration import Calibration
 from wrist_ft_comp.core.axis_model import AxisModel
+from wrist_ft_comp.core.calibration import Calibration
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.identification import AxisFit
