@@ -14,6 +14,10 @@ from wrist_ft_comp.core.arx import Arx, mean_relaxation, relaxation
 from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.recording import FloatArray, IntArray
 
+#: A recording this long tells a slow trend, such as creep under load, from thermal drift: four
+#: times the slowest time constant that is searched, s.
+_LONG_S = 28800.0
+
 
 @dataclass(frozen=True, eq=False)
 class Sums:
@@ -22,6 +26,8 @@ class Sums:
 
     Attributes
     ----------
+    time : ndarray
+        -1 to 1 over a recording that is long enough to tell a trend from thermal drift, else 0.
     count : ndarray
         Number of samples; a bin with 0 takes no part, whatever the other sums hold.
     load, load_square : ndarray
@@ -33,6 +39,7 @@ class Sums:
 
     """
 
+    time: FloatArray
     count: FloatArray
     load: FloatArray
     load_square: FloatArray
@@ -84,6 +91,11 @@ class BinnedProblem:
         )
         return replace(self, sums=sums)
 
+    def without_trend(self) -> 'BinnedProblem':
+        """Have temperature explain everything but a constant, also in long recordings."""
+        sums = tuple(replace(each, time=np.zeros_like(each.time)) for each in self.sums)
+        return replace(self, sums=sums)
+
     def relaxation(self, time_constant_s: float) -> Arx:
         """First-order lag of the bins' temperatures: at the end of a cell, or the bin's mean."""
         make = relaxation if self.single else mean_relaxation
@@ -119,9 +131,11 @@ def bin_problem(problem: AxisProblem, cells: int, *, means: bool = False) -> Bin
             count, load, _, total, _, _ = (_binned(row, cells) for row in rows)
             some = np.maximum(count, 1.0)
             w, y = load / some, total / some
-            sums.append(Sums((count > 0).astype(float), w, w * w, y, y * y, w * y))
+            rows = [(count > 0).astype(float), w, w * w, y, y * y, w * y]
         else:
-            sums.append(Sums(*(_binned(row, cells) for row in rows)))
+            rows = [_binned(row, cells) for row in rows]
+        time = _time(problem, len(residual), len(rows[0]))
+        sums.append(Sums(time, *rows))
     return BinnedProblem(
         period_s=cells * problem.period_s,
         single=cells == 1,
@@ -131,6 +145,13 @@ def bin_problem(problem: AxisProblem, cells: int, *, means: bool = False) -> Bin
         loaded=problem.load is not None,
         tared=problem.tared,
     )
+
+
+def _time(problem: AxisProblem, cells: int, bins: int) -> FloatArray:
+    """Lay out the time of a recording's bins, shape (n,); 0 where it is too short."""
+    if not problem.tared or cells * problem.period_s < _LONG_S:
+        return np.zeros(bins)
+    return np.asarray(np.linspace(-1.0, 1.0, bins), dtype=float)
 
 
 def _binned(values: FloatArray, cells: int) -> FloatArray:

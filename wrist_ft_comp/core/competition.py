@@ -11,6 +11,7 @@ from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.moments import Moments, accumulate, bank_inputs
 from wrist_ft_comp.core.problem import JUDGED_PARTS, AxisProblem
 from wrist_ft_comp.core.recording import FloatArray
+from wrist_ft_comp.core.selection import simplest_good
 from wrist_ft_comp.core.settings import IdentificationSettings
 from wrist_ft_comp.core.time_constants import search_time_constants
 
@@ -24,7 +25,23 @@ _REGULARISED: tuple[Literal['PLS', 'ridge'], ...] = ('PLS', 'ridge')
 
 @dataclass(frozen=True, eq=False)
 class Competition:
-    """What all candidates of an axis are fitted from and scored on."""
+    """
+    What all candidates of an axis are fitted from and scored on.
+
+    Attributes
+    ----------
+    problem : AxisProblem
+        The axis.
+    features : Features
+        Of one relaxation's temperatures, of the highest degree.
+    fitted, judged : BinnedProblem
+        Fitted to, and scored on.
+    fitted_moments, judged_moments : Moments
+        Their sums, with all features behind a grid of time constants.
+    trend : bool
+        Whether a slow trend that no temperature has to explain is set aside.
+
+    """
 
     problem: AxisProblem
     features: Features
@@ -32,6 +49,7 @@ class Competition:
     judged: BinnedProblem
     fitted_moments: Moments
     judged_moments: Moments
+    trend: bool
 
     def inputs(self, structure: oe.Structure) -> int:
         """Count the features of a structure: powers up to its degree, or all hats."""
@@ -48,7 +66,21 @@ class Competition:
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """A candidate in the competition: its errors, and with what it reached them."""
+    """
+    A candidate in the competition.
+
+    Attributes
+    ----------
+    structure : Structure
+        Which.
+    errors : ndarray, shape (parts,)
+        Held-out mean square errors.
+    strength : int
+        Position of the best strength of a regularised regression.
+    time_constants_s : ndarray, shape (K,), or None
+        Those that were found, s.
+
+    """
 
     structure: oe.Structure
     errors: FloatArray
@@ -77,18 +109,66 @@ def time_constant_grid(problem: AxisProblem) -> FloatArray:
 
 
 def open_competition(problem: AxisProblem, features: Features) -> Competition:
-    """Pass the temperatures through the grid of time constants, and sum."""
+    """
+    Pass the temperatures through the grid of time constants, and sum.
+
+    A slow trend, such as creep under load, is set aside where that helps on held-out data: in a
+    long recording whose temperatures go up and down. In others it is mistaken for thermal drift
+    as easily as the other way round. It is never counted against a candidate.
+
+    Parameters
+    ----------
+    problem : AxisProblem
+        The axis.
+    features : Features
+        Of one relaxation's temperatures, of the highest degree.
+
+    Returns
+    -------
+    Competition
+        Open to candidates.
+
+    """
     grid = time_constant_grid(problem)
     fitted_cells, judged_cells = problem.bin_cells
     fitted = bin_problem(problem, fitted_cells)
     judged = bin_problem(problem, judged_cells, means=True)
-    fitted_moments = accumulate(fitted, bank_inputs(fitted, features, grid), grid)
+    moments = accumulate(fitted, bank_inputs(fitted, features, grid), grid)
     judged_moments = accumulate(judged, bank_inputs(judged, features, grid), grid, JUDGED_PARTS)
-    return Competition(problem, features, fitted, judged, fitted_moments, judged_moments)
+    plain = Competition(
+        problem,
+        features,
+        fitted.without_trend(),
+        judged,
+        moments.without_trend(),
+        judged_moments,
+        trend=False,
+    )
+    if not moments.time[:, 1].any():
+        return plain
+    trending = replace(plain, fitted=fitted, fitted_moments=moments, trend=True)
+    bank = oe.Structure('any', 1, 0, tuple(grid.tolist()), 'ridge')
+    chosen = simplest_good([enter(each, bank).errors for each in (plain, trending)])
+    return (plain, trending)[chosen]
 
 
 def enter(competition: Competition, structure: oe.Structure) -> Entry:
-    """Score a candidate on blocks that it did not see."""
+    """
+    Score a candidate on blocks that it did not see.
+
+    Parameters
+    ----------
+    competition : Competition
+        From open_competition.
+    structure : Structure
+        The candidate.
+
+    Returns
+    -------
+    Entry
+        Its errors.
+
+    """
     moments, judged = competition.fitted_moments, competition.judged_moments
     inputs = competition.inputs(structure)
     if not structure.free_time_constants:
@@ -124,7 +204,24 @@ def _free_errors(competition: Competition, features: Features, start_s: FloatArr
 def structures(
     settings: IdentificationSettings, features: Features, grid: FloatArray
 ) -> list[oe.Structure]:
-    """List the candidates that compete, simplest first."""
+    """
+    List the candidates that compete, simplest first.
+
+    Parameters
+    ----------
+    settings : IdentificationSettings
+        ``auto`` has all of them, ``arx_pls_oe`` free time constants only.
+    features : Features
+        Kind and highest degree.
+    grid : ndarray, shape (K,)
+        From time_constant_grid.
+
+    Returns
+    -------
+    list of Structure
+        Without "none", which needs no fit.
+
+    """
     hats = features.kind == 'hats'
     degrees = [1] if hats else list(range(1, settings.degree + 1))
     what = {degree: 'hats' if hats else f'degree {degree}' for degree in degrees}

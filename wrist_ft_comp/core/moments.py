@@ -5,7 +5,7 @@ A candidate is a choice of columns, a held-out block a difference of sums.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,12 +29,13 @@ class Moments:
         Grid of τ, s; the first is 0 (static).
     products : ndarray, shape (B, P + 1, P + 1)
         Sum of products of the columns and, last, of r - w.
-    sums : ndarray, shape (B, P + 1)
-        Sum of each.
-    counts : ndarray, shape (B,)
-        Number of samples.
+    beside : ndarray, shape (B, 2, P + 1)
+        Sum of each, and of its products with time: what no temperature has to explain is a
+        constant and, in long recordings, a slow trend.
+    time : ndarray, shape (B, 2, 2)
+        Sum of products of a one and the time; zero time in short recordings.
     group : ndarray of int, shape (B,)
-        Recording of each entry: entries of a group share an unknown constant.
+        Recording of each entry: entries of a group share an unknown constant and trend.
     block : ndarray of int, shape (B,)
         Cross-validation block of each entry; a block may have several entries.
     inputs : int
@@ -48,13 +49,30 @@ class Moments:
 
     time_constants_s: FloatArray
     products: FloatArray
-    sums: FloatArray
-    counts: FloatArray
+    beside: FloatArray
+    time: FloatArray
     group: IntArray
     block: IntArray
     inputs: int
     loaded: bool
     tared: bool = True
+
+    @property
+    def sums(self) -> FloatArray:
+        """Sum of each column, shape (B, P + 1)."""
+        return self.beside[:, 0]
+
+    @property
+    def counts(self) -> FloatArray:
+        """Number of samples, shape (B,)."""
+        return self.time[:, 0, 0]
+
+    def without_trend(self) -> 'Moments':
+        """Have temperature explain everything but a constant, also in long recordings."""
+        beside, time = self.beside.copy(), self.time.copy()
+        beside[:, 1] = 0.0
+        time[:, 1] = time[:, :, 1] = 0.0
+        return replace(self, beside=beside, time=time)
 
     def columns(self, grid: Sequence[int], inputs: int) -> IntArray:
         """
@@ -81,7 +99,7 @@ class Moments:
 
     def centred(self, keep: BoolArray) -> tuple[FloatArray, float]:
         """
-        Sum the kept entries after removing each group's constant.
+        Sum the kept entries after removing each group's constant and trend.
 
         Parameters
         ----------
@@ -97,13 +115,39 @@ class Moments:
         total = self.products[keep].sum(axis=0)
         for group in np.unique(self.group[keep]):
             inside = keep & (self.group == group)
-            sums = self.sums[inside].sum(axis=0)
-            total = total - np.outer(sums, sums) / self.counts[inside].sum()
+            beside = self.beside[inside].sum(axis=0)
+            total = total - beside.T @ self._inverse_time(inside) @ beside
         # A column that is constant within every group holds nothing; rounding must not pretend so.
         silent = np.diagonal(total) <= _SILENT * np.diagonal(self.products[keep].sum(axis=0))
         total[silent] = 0.0
         total[:, silent] = 0.0
         return total, float(self.counts[keep].sum())
+
+    def _inverse_time(self, inside: BoolArray) -> FloatArray:
+        """Invert the summed products of one and time, shape (2, 2); no time gives no trend."""
+        inverse: FloatArray = np.linalg.pinv(self.time[inside].sum(axis=0), hermitian=True)
+        return inverse
+
+    def what_time_explains(self, inside: BoolArray, thetas: FloatArray) -> FloatArray:
+        """
+        Fit constant and trend to combinations of columns.
+
+        Parameters
+        ----------
+        inside : ndarray of bool, shape (B,)
+            Entries of one group.
+        thetas : ndarray, shape (S, P + 1)
+            Combinations.
+
+        Returns
+        -------
+        ndarray, shape (2, S)
+            Constant, and slope over time.
+
+        """
+        beside = self.beside[inside].sum(axis=0)
+        explained: FloatArray = self._inverse_time(inside) @ (beside @ thetas.T)
+        return explained
 
     def mean_squares(self, held: BoolArray, thetas: FloatArray) -> FloatArray:
         """
@@ -119,22 +163,22 @@ class Moments:
         Returns
         -------
         ndarray, shape (S, held-out entries)
-            Mean squares around the constant of each recording, in the order of the entries.
+            Mean squares around constant and trend of each recording, in the order of the
+            entries.
 
         """
-        sums = thetas @ self.sums.T  # (S, B)
         # (S, B') = diagonal of θ (P + 1) · products (B', P + 1, P + 1) · θ
         halves = np.tensordot(thetas, self.products[held], axes=(1, 1))  # (S, B', P + 1)
         squares = np.einsum('sp,sbp->sb', thetas, halves)
-        constants = np.zeros_like(squares)
+        left = np.zeros_like(squares)
         for group in np.unique(self.group[held]):
-            own = self.group == group
-            basis = own & (held if self.tared else ~held)
-            mean = sums[:, basis].sum(axis=1) / self.counts[basis].sum()
-            constants[:, own[held]] = mean[:, np.newaxis]
-        counts = self.counts[held]
-        left = squares - 2 * constants * sums[:, held] + counts * constants**2
-        errors: FloatArray = np.maximum(left, 0.0) / counts
+            own = held & (self.group == group)
+            basis = own if self.tared else ~held & (self.group == group)
+            level = self.what_time_explains(basis, thetas)  # (2, S)
+            crossed = np.einsum('qs,bqp,sp->sb', level, self.beside[own], thetas)
+            levels = np.einsum('qs,bqr,rs->sb', level, self.time[own], level)
+            left[:, own[held]] = squares[:, own[held]] - 2 * crossed + levels
+        errors: FloatArray = np.maximum(left, 0.0) / self.counts[held]
         return errors
 
 
@@ -193,22 +237,23 @@ def accumulate(
         For all candidates.
 
     """
-    products, sums, counts, group, block = [], [], [], [], []
+    products, beside, time, group, block = [], [], [], [], []
     for i, (columns, of) in enumerate(zip(banked, problem.sums, strict=True)):
         for number in np.unique(problem.blocks[i]):
             rows = np.flatnonzero((problem.blocks[i] == number) & (of.count > 0))
             for part in np.array_split(rows, min(parts, len(rows))) if len(rows) else ():
-                total, summed = _sum_bins(columns[part], of, part, loaded=problem.loaded)
+                total, crossed = _sum_bins(columns[part], of, part, loaded=problem.loaded)
+                count, t = of.count[part], of.time[part]
                 products.append(total)
-                sums.append(summed)
-                counts.append(float(of.count[part].sum()))
+                beside.append(crossed)
+                time.append([[count.sum(), count @ t], [count @ t, count @ t**2]])
                 group.append(i)
                 block.append(int(number))
     return Moments(
         time_constants_s=time_constants_s,
         products=np.stack(products),
-        sums=np.stack(sums),
-        counts=np.array(counts),
+        beside=np.stack(beside),
+        time=np.array(time),
         group=np.array(group),
         block=np.array(block),
         inputs=banked[0].shape[1] // len(time_constants_s),
@@ -239,10 +284,11 @@ def _sum_bins(
 
     Returns
     -------
-    tuple of ndarrays, shapes (P + 1, P + 1) and (P + 1,)
-        Sums of products, and of columns.
+    tuple of ndarrays, shapes (P + 1, P + 1) and (2, P + 1)
+        Sums of products, of columns, and of columns times time.
 
     """
+    t = np.stack((np.ones(len(rows)), of.time[rows]))
     count, w, ww = of.count[rows], of.load[rows], of.load_square[rows]
     y, yy, wy = of.residual[rows], of.residual_square[rows], of.product[rows]
     # Cells with one sample each need no weights, and a symmetric product is twice as quick.
@@ -250,7 +296,7 @@ def _sum_bins(
     plain, crossed = weighted.T @ x, y @ x
     if not loaded:
         total = np.block([[plain, crossed[:, np.newaxis]], [crossed, yy.sum()]])
-        return total, np.append(count @ x, y.sum())
+        return total, np.column_stack(((t * count) @ x, t @ y))
     mixed, doubled = (x * w[:, np.newaxis]).T @ x, (x * ww[:, np.newaxis]).T @ x
     beside_w = np.concatenate((w @ x, ww @ x))[:, np.newaxis]
     beside_y = np.concatenate((crossed, wy @ x))[:, np.newaxis]
@@ -261,4 +307,4 @@ def _sum_bins(
             [beside_y.T, wy.sum(), yy.sum()],
         ]
     )
-    return total, np.concatenate((count @ x, w @ x, [w.sum(), y.sum()]))
+    return total, np.column_stack(((t * count) @ x, (t * w) @ x, t @ w, t @ y))

@@ -28,6 +28,7 @@ _AT_BOUND = 0.01
 _SUBSTITUTE = 2.0
 #: … or this share of what no compensation leaves: a tenth of the drift.
 _SMALL = 0.01
+_TREND_SET_ASIDE = 'a slow trend that temperature does not explain was set aside'
 #: A time constant whose standard error is this many times its value says nothing.
 _UNDETERMINED = 1.0
 
@@ -62,24 +63,29 @@ def identify_relaxations(problem: AxisProblem, settings: IdentificationSettings)
         **{name: entry.errors for name, entry in entries.items()},
     }
     competing = list(errors) if settings.method == 'auto' else list(entries)
+    notes: tuple[str, ...] = (_TREND_SET_ASIDE,) if competition.trend else ()
     doubts: tuple[str, ...] = ()
     while True:
         chosen = competing[simplest_good([errors[name] for name in competing])]
         if chosen == 'none':
-            return finish(problem, Fitted(None, doubts=doubts), chosen, errors, competing)
-        fitted = replace(_fit_entry(competition, entries[chosen]), doubts=doubts)
+            nothing = Fitted(None, notes=notes, doubts=doubts)
+            return finish(problem, nothing, chosen, errors, competing)
+        fitted = replace(_fit_entry(competition, entries[chosen]), notes=notes, doubts=doubts)
         slow = _why_too_slow(problem, fitted)
         why_not = slow or _why_unsafe(problem, fitted)
         if not why_not or (len(competing) == 1 and not slow):
             return finish(problem, fitted, chosen, errors, competing)
-        rest = [name for name in competing if name != chosen]
-        if slow:
-            # Richer candidates would only hide behind many gains that the drift goes on.
-            rest = _good_substitutes(competing, chosen, errors)
-            if not rest:
-                return _refuse(problem, chosen, slow, errors, competing)
-        doubts = (*doubts, f'{chosen} was left out: {why_not}')
-        competing = rest
+        said = f'{chosen} was left out: {why_not}'
+        if not slow:
+            competing = [name for name in competing if name != chosen]
+            notes = (*notes, said)
+            continue
+        # Richer candidates would only hide behind many gains that the drift goes on.
+        substitutes = _good_substitutes(competing, chosen, errors)
+        if not substitutes:
+            return _refuse(problem, chosen, slow, errors, competing)
+        competing = substitutes
+        doubts = (*doubts, said)
 
 
 def _fit_entry(competition: Competition, entry: Entry) -> Fitted:
@@ -95,6 +101,8 @@ def _fit_entry(competition: Competition, entry: Entry) -> Fitted:
         )
         return Fitted(_to_model(problem, features, bank, gains))
     cells = bin_problem(problem, 1)
+    if not competition.trend:
+        cells = cells.without_trend()
     tau_s: FloatArray = np.zeros(1)
     if entry.time_constants_s is not None:
         tau_s = search_time_constants(cells, features, entry.time_constants_s)

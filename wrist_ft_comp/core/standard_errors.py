@@ -125,17 +125,16 @@ def _standard_errors(tangent: Tangent, free: BoolArray) -> FloatArray:
     scores = np.empty((len(moments.counts), jacobian.shape[1]))
     for group in np.unique(moments.group):
         own = moments.group == group
-        count = moments.counts[own].sum()
-        mean = moments.sums[own].sum(axis=0) / count
-        sums = moments.sums[own]
-        # Σ (J - J̄)ᵀ (e - ē) of every cluster, from its sums of products
-        products = moments.products[own] @ residual
+        beside = moments.beside[own]  # (C, 2, P + 1)
+        level = moments.what_time_explains(own, residual[np.newaxis])[:, 0]  # of e, (2,)
+        levels = moments.what_time_explains(own, jacobian.T)  # of J, (2, p + K')
+        # Σ (J - its level)ᵀ (e - its level) of every cluster, from its sums of products
         scores[own] = (
-            products
-            - np.outer(sums @ residual, mean)
-            - sums * (mean @ residual)
-            + np.outer(moments.counts[own], mean * (mean @ residual))
-        ) @ jacobian
+            moments.products[own] @ residual @ jacobian
+            - np.einsum('q,cqp->cp', level, beside) @ jacobian
+            - beside @ residual @ levels
+            + np.einsum('q,cqr->cr', level, moments.time[own]) @ levels
+        )
     used = np.diagonal(bread) > 0
     scale = 1.0 / np.sqrt(np.where(used, np.diagonal(bread), 1.0))
     inverse = (
