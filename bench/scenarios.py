@@ -1,0 +1,138 @@
+"""Recordings to learn from and to be judged on: simulated sensors, seeded, and a real load cell."""
+
+import csv
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from wrist_ft_comp.core import simulated_run, thermal_sensor
+from wrist_ft_comp.core.arx import free_run, relaxation
+from wrist_ft_comp.core.recording import AXES, NANOSECONDS, FloatArray, Recording, Samples
+from wrist_ft_comp.core.sampling import grid_samples
+
+Z = AXES.index('force_z')
+#: From a seed to recordings to learn from, and one to be judged on.
+Scenario = Callable[[int], tuple[list[Recording], Recording]]
+
+#: The load cell of the TANEN project (by hmd83, CC BY 4.0): 22 kg for 40.8 h, beside the project.
+LOAD_CELL = Path(__file__).parents[2] / 'shared' / 'data' / 'load_cell' / 'constant_load_run1.csv'
+LEARNT_H = 20.0
+
+
+def recording(temperature_c: FloatArray, raw: FloatArray, true: FloatArray) -> Recording:
+    """Make a recording of force z with cells of 1 s."""
+    wrench, reference = (np.full((len(raw), len(AXES)), np.nan) for _ in range(2))
+    wrench[:, Z], reference[:, Z] = raw, true
+    measured = np.ones(temperature_c.shape, dtype=bool)
+    return Recording('simulated', NANOSECONDS, 0, temperature_c, measured, wrench, reference)
+
+
+def lag(values: FloatArray, tau_s: float) -> FloatArray:
+    """Pass a series through a first-order lag."""
+    return free_run(relaxation(tau_s, 1.0), values)
+
+
+def two_lags(seed: int, hours: float) -> Recording:
+    """Two hidden lags of 300 s and 1500 s, quadratic zero drift, 0.04 %/K gain drift, loads."""
+    rng = np.random.default_rng(seed)
+    cells = int(hours * 3600)
+    drive = np.repeat(rng.uniform(0, 30, cells // 900 + 1), 900)[:cells]
+    temperature = 22 + lag(drive, 600.0)
+    fast, slow = lag(temperature - 22, 300.0), lag(temperature - 22, 1500.0)
+    zero = 2.0 * fast - 1.2 * slow + 0.01 * slow**2
+    true = np.repeat(rng.normal(0, 20, cells // 5 + 1), 5)[:cells]
+    raw = (1 - 0.0004 * slow) * true + zero + rng.normal(0, 0.1, cells)
+    return recording((temperature + rng.normal(0, 0.02, cells))[:, np.newaxis], raw, true)
+
+
+def wrist(seed: int, run: int, thermometers: int, *, loaded: bool) -> Recording:
+    """Warm the heat-conducting wrist up for 2.5 h, with duty cycles that change every 20 min."""
+    rng = np.random.default_rng([seed, run])
+    sensor = thermal_sensor.build_sensor(thermal_sensor.ThermalSensorSettings(), seed)
+    starts = np.arange(0.0, 9000.0, 1200.0)
+    levels = rng.uniform(0, 1, len(starts)) * (rng.random(len(starts)) > 0.35)
+    settings = simulated_run.RunSettings(
+        duty_start_s=tuple(starts),
+        duty_level=tuple(levels),
+        force_n=20.0 if loaded else 0.0,
+        torque_nm=1.0 if loaded else 0.0,
+    )
+    drawn = simulated_run.draw_run(settings, rng)
+    elapsed_s: FloatArray = np.arange(9000, dtype=float) + 0.5
+    true = simulated_run.true_wrench(drawn, elapsed_s)
+    drive = simulated_run.drive(drawn, elapsed_s)
+    start = thermal_sensor.start(sensor, float(drive[0, 1]))
+    result = thermal_sensor.simulate(sensor, start, drive, true, (rng, rng))
+    return recording(result.temperature_c[:, :thermometers], result.wrench[:, Z], true[:, Z])
+
+
+def still(seed: int, run: int, noise_n: float) -> Recording:
+    """Record a sensor without drift in a room that warms up: noise only."""
+    rng = np.random.default_rng([seed, run])
+    temperature = 22 + lag(np.repeat(rng.uniform(0, 20, 10), 720), 600.0)
+    raw = rng.normal(0, noise_n, len(temperature))
+    return recording(temperature[:, np.newaxis], raw, np.zeros_like(raw))
+
+
+def wrists(thermometers: int, loaded: bool, seed: int) -> tuple[list[Recording], Recording]:
+    """Four recordings to learn from, a fifth to judge."""
+    runs = [wrist(seed, run, thermometers, loaded=loaded) for run in range(5)]
+    return runs[:4], runs[4]
+
+
+def drift(each: Recording) -> FloatArray:
+    """Raw minus true wrench of force z, shape (N,)."""
+    return each.wrench[:, Z] - each.reference[:, Z]
+
+
+def load_cell() -> tuple[Recording, Recording] | None:
+    """Read the first hours of the load cell, and the rest, in g; None where its file is not."""
+    if not LOAD_CELL.exists():
+        return None
+    with LOAD_CELL.open(encoding='utf-8') as file:
+        rows = list(csv.DictReader(file, delimiter=';'))
+    stamps = [datetime.fromisoformat(row['time'].replace('Z', '+00:00')) for row in rows]
+    elapsed_s = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
+    stamps_ns = (elapsed_s * NANOSECONDS).astype(np.int64)
+    values = np.array([[float(row['T_C']), 1000 * float(row['W_raw_kg'])] for row in rows])
+    whole = grid_samples(
+        [
+            Samples(('temperature_c',), stamps_ns, values[:, :1]),
+            Samples(('force_z',), stamps_ns, values[:, 1:]),
+        ],
+        name='load cell',
+        period_s=30.0,
+    )
+    whole = replace(whole, reference=np.where(np.isfinite(whole.wrench), 0.0, np.nan))
+    cut = int(LEARNT_H * 3600 / whole.period_s)
+    return part(whole, 0, cut), part(whole, cut, len(whole))
+
+
+def part(each: Recording, first: int, last: int) -> Recording:
+    """Take some cells of a recording."""
+    return replace(
+        each,
+        first_cell=each.first_cell + first,
+        temperature_c=each.temperature_c[first:last],
+        measured=each.measured[first:last],
+        wrench=each.wrench[first:last],
+        reference=each.reference[first:last],
+    )
+
+
+SCENARIOS: dict[str, Scenario] = {
+    'two lags': lambda seed: (
+        [two_lags(100 * seed + 1, 2.0), two_lags(100 * seed + 2, 2.0)],
+        two_lags(100 * seed + 3, 3.0),
+    ),
+    'wrist, 1 thermometer': partial(wrists, 1, False),
+    'wrist, 1, loaded': partial(wrists, 1, True),
+    'wrist, 2 thermometers': partial(wrists, 2, False),
+    'wrist, 2, loaded': partial(wrists, 2, True),
+    'noise only': lambda seed: ([still(seed, run, 0.1) for run in range(3)], still(seed, 3, 0.1)),
+    'no drift': lambda seed: ([still(seed, run, 1e-3) for run in range(3)], still(seed, 3, 1e-3)),
+}
