@@ -1,4 +1,4 @@
-"""Recordings to learn from and to be judged on: simulated sensors, seeded, and a real load cell."""
+"""Recordings to learn from and to be judged on: simulated sensors, and a real load cell."""
 
 import csv
 from collections.abc import Callable
