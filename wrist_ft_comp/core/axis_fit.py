@@ -97,16 +97,16 @@ class AxisFit:
         All that were tried, simplest first.
     rms_before, rms_after : float
         Held-out root mean square error without and with compensation, N or N m.
-    reason : str
-        Why this candidate, in a sentence with its numbers.
     time_constants_s : tuple of float
         Of the model's relaxations, increasing, s.
-    time_constant_errors_s : tuple of float
-        Their standard errors, s; NaN where they were not searched.
-    terms : tuple of Term
-        Gains with standard errors, where the method determines them one by one.
     notes : tuple of str
         What had to be mended, and what could not be learnt.
+    reason : str
+        Why this candidate, in a sentence with its numbers.
+    time_constant_errors_s : tuple of float
+        Standard errors of the time constants, s; NaN where they were not searched.
+    terms : tuple of Term
+        Gains with standard errors, where the method determines them one by one.
     doubts : tuple of str
         What a person should be warned of, such as better candidates that could not be trusted.
     refusal : str
@@ -119,10 +119,10 @@ class AxisFit:
     candidates: tuple[Candidate, ...]
     rms_before: float
     rms_after: float
-    reason: str = ''
     time_constants_s: tuple[float, ...] = ()
+    notes: tuple[str, ...] = ()
+    reason: str = ''
     time_constant_errors_s: tuple[float, ...] = ()
     terms: tuple[Term, ...] = ()
-    notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     refusal: str = ''
