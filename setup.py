@@ -52,7 +52,7 @@ setup(
         'console_scripts': [
             'compensator = wrist_ft_comp.ros.compensator_node:main',
             'simulated_sensor = wrist_ft_comp.ros.simulated_sensor_node:main',
-            'wrist_ft_comp = wrist_ft_comp.cli.main:main',
+            'wrist_ft_comp = wrist_ft_comp.cli.entry:main',
         ],
     },
 )

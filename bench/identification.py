@@ -5,7 +5,12 @@ How long ``auto`` takes: six axes of the simulated wrist, unloaded and loaded.
 2.5 h.
 """
 
+import os
 import time
+
+from wrist_ft_comp import ONE_THREAD
+
+os.environ.update(ONE_THREAD)  # as the command and the node's calibration do, before numpy loads
 
 import numpy as np
 

@@ -13,6 +13,10 @@ The rooms, and who may look into whom (``core <- files <- {ros, cli}``, nothing 
 
 __version__ = '0.1.0'
 
+#: Environment in which numpy computes in one thread. The sums of a fit are too small for more:
+#: on a busy computer threads that wait for one another cost it four times the processor time.
+ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1', 'OMP_NUM_THREADS': '1'}
+
 
 class WristFtCompError(Exception):
     """

@@ -8,6 +8,7 @@ import sys
 from contextlib import suppress
 from typing import Any
 
+from wrist_ft_comp import ONE_THREAD
 from wrist_ft_comp.files.calibration_job import CalibrationJob, encode_job
 
 #: What runs a job that comes on standard input.
@@ -37,6 +38,7 @@ class CalibrationProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
+            env={**os.environ, **ONE_THREAD},
             start_new_session=True,  # Ctrl-C in the terminal is the node's to handle
         )
         _, output, errors = self._pipes()
