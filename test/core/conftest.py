@@ -14,6 +14,7 @@ from wrist_ft_comp.core.arx_pls import ArxPls
 from wrist_ft_comp.core.axis_model import AxisModel
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.features import Features
+from wrist_ft_comp.core.problem import AxisProblem, cross_validation_blocks, pose_problem
 from wrist_ft_comp.core.recording import AXES, Recording
 
 Array = np.ndarray
@@ -127,3 +128,94 @@ def make_model() -> Callable[..., DriftModel]:
         )
 
     return make
+
+
+@pytest.fixture(scope='session', params=[False, True], ids=['unloaded', 'loaded'])
+def noisy_problem(
+    request: pytest.FixtureRequest,
+    make_recording: Callable[..., Recording],
+    warm_up: Callable[..., Array],
+) -> AxisProblem:
+    """Three recordings with gaps, offsets and much noise, so that no fit is perfect."""
+    rng = np.random.default_rng(0)
+    recordings = []
+    for i in range(3):
+        temperature_c = warm_up(150 + 20 * i, i)
+        load = 30 * rng.standard_normal(len(temperature_c))
+        raw = 0.4 * temperature_c + 2 * rng.standard_normal(len(temperature_c)) + 100 * i
+        raw += (1 + 1e-3 * temperature_c) * load * request.param
+        raw[rng.uniform(size=len(raw)) < 0.1] = np.nan
+        recordings.append(make_recording(temperature_c, {'force_z': raw}, {'force_z': load}))
+    reference = 'recorded' if request.param else 'unloaded'
+    blocks = cross_validation_blocks(recordings)
+    problem = pose_problem(recordings, 'force_z', reference, blocks)
+    assert (problem.load is not None) == request.param
+    return problem
+
+
+@pytest.fixture(scope='session')
+def textbook_bank(lagged: Callable[..., Array]) -> Callable[..., list[Array]]:
+    """Relax one thermometer's temperatures by the loop, then take powers of T - 30 °C."""
+
+    def make(problem: AxisProblem, time_constants_s: Array, degree: int = 2) -> list[Array]:
+        banked = []
+        for temperature_c in problem.temperature_c:
+            relaxed = [
+                lagged(temperature_c[:, 0], tau) if tau else temperature_c[:, 0]
+                for tau in time_constants_s
+            ]
+            powers = [(t - 30) ** power for t in relaxed for power in range(1, degree + 1)]
+            banked.append(np.stack(powers, axis=1))
+        return banked
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def stack_samples() -> Callable[..., tuple[Array, Array, Array]]:
+    """Stack the samples of some blocks: columns beside the load, r - w, and recordings."""
+
+    def make(
+        problem: AxisProblem, banked: list[Array], blocks: set[int]
+    ) -> tuple[Array, Array, Array]:
+        rows, targets, recordings = [], [], []
+        for i, columns in enumerate(banked):
+            for k, value in enumerate(problem.residual[i]):
+                if np.isnan(value) or problem.blocks[i][k] not in blocks:
+                    continue
+                row = list(columns[k])
+                if problem.load is not None:
+                    w = problem.load[i][k]
+                    row += [w * c for c in columns[k]] + [w]
+                rows.append(row)
+                targets.append(value)
+                recordings.append(i)
+        return np.array(rows), np.array(targets), np.array(recordings)
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def centre() -> Callable[[Array, Array], Array]:
+    """Take every recording's mean out of columns or values."""
+
+    def make(values: Array, recordings: Array) -> Array:
+        centred = np.array(values, dtype=float)
+        for i in np.unique(recordings):
+            centred[recordings == i] -= centred[recordings == i].mean(axis=0)
+        return centred
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def augmented_ridge() -> Callable[[Array, Array, float], Array]:
+    """Solve ridge as least squares with a row per penalty, relative to each column's variance."""
+
+    def solve(x: Array, y: Array, strength: float) -> Array:
+        penalty = np.sqrt(strength) * np.diag(np.linalg.norm(x, axis=0))
+        stacked = np.concatenate((x, penalty))
+        target = np.concatenate((y, np.zeros(x.shape[1])))
+        return np.linalg.lstsq(stacked, target, rcond=None)[0]
+
+    return solve
