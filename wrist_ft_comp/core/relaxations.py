@@ -83,7 +83,7 @@ def identify_relaxations(problem: AxisProblem, settings: IdentificationSettings)
         # Richer candidates would only hide behind many gains that the drift goes on.
         substitutes = _good_substitutes(competing, chosen, errors)
         if not substitutes:
-            return _refuse(problem, chosen, slow, errors, competing)
+            return _refuse(problem, chosen, slow, errors)
         competing = substitutes
         doubts = (*doubts, said)
 
@@ -151,7 +151,6 @@ def _refuse(
     chosen: str,
     why: str,
     errors: Mapping[str, FloatArray],
-    competing: Sequence[str],
 ) -> AxisFit:
     """Leave an axis without model whose drift is slower than the recordings can show."""
     refusal = (
@@ -159,7 +158,7 @@ def _refuse(
         f'{why}. Record at least {2 * problem.longest_s / 3600:.1f} h from cold, or choose the '
         'method pls'
     )
-    fit = finish(problem, Fitted(None), 'none', errors, competing)
+    fit = finish(problem, Fitted(None), 'none', errors, ['none'])
     return replace(fit, reason=f'{refusal}.', refusal=refusal)
 
 
