@@ -103,12 +103,48 @@ def test_thermometers_outside_the_calibrated_range_are_named(
     assert model.outside(np.array([9.9, 25.0, 40.1])) == [0, 2]
 
 
-def test_outside_the_calibrated_range_the_drift_stays_at_its_limit(
+def test_beyond_the_calibrated_range_the_drift_goes_on_for_a_fifth_of_it(
     make_model: Callable[..., DriftModel],
 ) -> None:
     model = make_model({'force_x': (0.5, 0.0, 10.0)}, range_c=(10.0, 40.0))
-    _, hot = drift.step(model, drift.start(model, np.array([90.0])), np.array([90.0]))
-    assert hot.zero[0] == pytest.approx(0.5 * 20.0)
+    for celsius, followed in ((39.0, 39.0), (44.0, 44.0), (90.0, 46.0), (-50.0, 4.0)):
+        at = np.array([celsius])
+        _, found = drift.step(model, drift.start(model, at), at)
+        assert found.zero[0] == pytest.approx(0.5 * (followed - 20.0))
+
+
+class TestUncertainty:
+    @pytest.fixture
+    def calibrated(self, make_model: Callable[..., DriftModel]) -> DriftModel:
+        """Force x drifts, force y does not, force z drifts but was not calibrated by us."""
+        axes = {'force_x': (-0.5, 0.0, 10.0), 'force_z': (2.0, 0.0, 10.0)}
+        model = make_model(axes, range_c=(10.0, 40.0))
+        return replace(model, deviation={'force_x': 0.3, 'force_y': 0.2})
+
+    def test_inside_the_calibrated_range_it_is_what_the_model_leaves(
+        self, calibrated: DriftModel
+    ) -> None:
+        for celsius in (10.0, 20.0, 33.3, 40.0):
+            found = calibrated.uncertainty(np.array([celsius]))
+            np.testing.assert_array_equal(found, [0.3, 0.2] + [np.nan] * 4)
+
+    def test_beyond_it_grows_by_the_drift_of_every_further_kelvin(
+        self, calibrated: DriftModel
+    ) -> None:
+        for edge, sign in ((10.0, -1.0), (40.0, 1.0)):
+            before = 0.3
+            for excess in (0.1, 1.0, 5.0, 6.0, 7.0, 20.0):
+                found = calibrated.uncertainty(np.array([edge + sign * excess]))
+                assert found[0] > before
+                assert found[0] == pytest.approx(np.hypot(0.3, 0.5 * excess))
+                assert found[1] == 0.2
+                assert np.isnan(found[2:]).all()
+                before = found[0]
+
+    def test_without_any_calibration_nothing_is_known(
+        self, make_model: Callable[..., DriftModel]
+    ) -> None:
+        assert np.isnan(make_model(TRUTH).uncertainty(np.array([25.0]))).all()
 
 
 class TestRefusals:

@@ -64,17 +64,53 @@ def test_hats_interpolate_coefficients_and_are_exact_at_the_knots() -> None:
 
 
 @pytest.mark.parametrize('kind', ['powers', 'hats'])
-def test_outside_the_calibrated_range_the_limit_holds(kind: str) -> None:
+def test_a_fifth_of_the_calibrated_span_beyond_it_the_limit_holds(kind: str) -> None:
+    """10 to 40 °C were calibrated, so 6 K more are followed on each side."""
     features = (
         Features('powers', np.array([20.0]), np.array([10.0]), np.array([40.0]), degree=2)
         if kind == 'powers'
         else hats([0.0, 25.0, 60.0], lower=10.0, upper=40.0)
     )
-    for outside, limit in ((-300.0, 10.0), (9.999, 10.0), (40.001, 40.0), (1e6, 40.0)):
-        np.testing.assert_array_equal(
-            features.expand(np.array([outside])), features.expand(np.array([limit]))
+    for outside, limit in ((-300.0, 4.0), (3.999, 4.0), (46.001, 46.0), (1e6, 46.0)):
+        np.testing.assert_allclose(
+            features.expand(np.array([outside])), features.expand(np.array([limit])), rtol=1e-12
         )
-    assert (features.expand(np.array([11.0])) != features.expand(np.array([10.0]))).any()
+    for inside, edge in ((4.001, 4.0), (11.0, 10.0), (45.999, 46.0), (40.001, 40.0)):
+        assert (features.expand(np.array([inside])) != features.expand(np.array([edge]))).any()
+
+
+def test_powers_go_on_beyond_the_calibrated_range_as_they_are() -> None:
+    features = Features('powers', np.array([20.0]), np.array([10.0]), np.array([40.0]), degree=2)
+    np.testing.assert_allclose(features.expand(np.array([[5.0], [45.0]])), [[-15, 225], [25, 625]])
+
+
+def test_hats_stay_constant_beyond_their_last_knots() -> None:
+    features = hats([10.0, 25.0, 40.0], lower=10.0, upper=40.0)
+    for outside, knot in ((5.0, 0), (45.0, 2)):
+        np.testing.assert_array_equal(features.expand(np.array([outside])), np.eye(3)[knot])
+
+
+def test_every_thermometer_has_its_own_limits() -> None:
+    features = Features('powers', np.zeros(2), np.array([10.0, 0.0]), np.array([40.0, 5.0]))
+    np.testing.assert_allclose(features.clamp(np.array([99.0, -99.0])), [46.0, -1.0])
+    np.testing.assert_allclose(features.clamp(np.array([[-99.0, 99.0]])), [[4.0, 6.0]])
+
+
+def test_features_are_named_in_the_order_of_their_values() -> None:
+    """Each name says how its value follows from the temperatures."""
+    powers = Features('powers', np.zeros(2), np.full(2, -99.0), np.full(2, 99.0), degree=4)
+    values = dict(zip(powers.names, powers.expand(np.array([2.0, 3.0])), strict=True))
+    expected = {'θ1': 2, 'θ2': 3, 'θ1²': 4, 'θ2²': 9, 'θ1³': 8, 'θ2³': 27, 'θ1⁴': 16, 'θ2⁴': 81}
+    assert values == pytest.approx(expected)
+    assert Features('powers', np.zeros(1), *WIDE, degree=5).names[-1] == 'θ1^5'
+    knots = hats([-15.0, 22.5], [0.0, 10.0, 100 / 3])
+    assert knots.names == (
+        'T1 near -15 °C', 'T1 near 22.5 °C',
+        'T2 near 0 °C', 'T2 near 10 °C', 'T2 near 33.33 °C',
+    )  # fmt: skip
+    assert dict(zip(knots.names, knots.expand(np.array([22.5, 10.0])), strict=True)) == {
+        name: float(name in {'T1 near 22.5 °C', 'T2 near 10 °C'}) for name in knots.names
+    }
 
 
 def test_temperatures_are_not_modified() -> None:

@@ -1,12 +1,14 @@
 """What is fitted: residuals, loads, blocks, and drift observed directly."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from wrist_ft_comp.core.arx import relaxation
 from wrist_ft_comp.core.arx_pls import ArxPls
+from wrist_ft_comp.core.axis_model import AxisModel
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.observation import OBSERVATION_WINDOW_S, observe_drift
 from wrist_ft_comp.core.problem import (
@@ -114,6 +116,20 @@ class TestBlocks:
         np.testing.assert_array_equal(found[present], [0] * 10 + [1] * 5 + [2] * 5)
         assert (np.diff(found) >= 0).all()
         assert found[40] == 0
+
+    @pytest.mark.parametrize('cells', [1, 7, 39, 40, 200, 3600, 30000])
+    @pytest.mark.parametrize('period_s', [0.1, 1.0, 10.0, 60.0])
+    def test_bins_that_are_judged_are_whole_bins_that_are_fitted(
+        self, make_recording: MakeRecording, cells: int, period_s: float
+    ) -> None:
+        recording = make_recording(np.zeros(cells), {'force_x': 0.0}, period_s=period_s)
+        problem = pose_problem([recording], 'force_x', 'unloaded', one_block(recording))
+        fitted, judged = problem.bin_cells
+        assert fitted >= 1
+        assert judged % fitted == 0
+        assert judged * period_s <= max(30.0, period_s)
+        assert fitted * period_s <= max(10.0, period_s)
+        assert judged == 1 or cells // judged >= 5 * 8
 
     @pytest.mark.parametrize('present', [np.zeros(5, dtype=bool), np.ones(5, dtype=bool)])
     def test_without_gaps_there_is_one(self, present: Array) -> None:
@@ -227,29 +243,53 @@ class TestScores:
         raw = (1 + 0.01 + 2e-3 * moved) * load + 0.5 * moved + noise
         recording = make_recording(temperature_c, {'force_x': raw}, {'force_x': load})
         problem = pose_problem([recording], 'force_x', 'recorded', one_block(recording))
-        np.testing.assert_allclose(unexplained(problem, features, dynamics)[0], noise, atol=1e-9)
-        np.testing.assert_array_equal(unexplained(problem, features, None)[0], problem.residual[0])
+        model = AxisModel(features, dynamics)
+        np.testing.assert_allclose(unexplained(problem, model)[0], noise, atol=1e-9)
+        np.testing.assert_array_equal(unexplained(problem, None)[0], problem.residual[0])
+        zero_drift_only = replace(
+            dynamics,
+            output_loadings=np.array([[0.5]]),
+            output_weight=np.ones(1),
+            output_mean=np.zeros(1),
+        )
+        without = AxisModel(features, zero_drift_only)
+        np.testing.assert_allclose(
+            unexplained(problem, without)[0], noise + (0.01 + 2e-3 * moved) * load, atol=1e-9
+        )
 
-    def test_a_block_is_scored_after_a_constant_per_recording(
-        self, make_recording: MakeRecording, temperature_c: Array
+    @pytest.mark.parametrize('tared', [True, False])
+    def test_a_block_is_scored_in_parts_around_a_constant_per_recording(
+        self, make_recording: MakeRecording, temperature_c: Array, tared: bool
     ) -> None:
+        """Of means over 30 s; plateaus, which are not tared, around the mean of all else."""
         recordings = [make_recording(temperature_c, {'force_x': 0.0}) for _ in range(2)]
         rng = np.random.default_rng(5)
         blocks = [rng.integers(0, 3, CELLS) for _ in range(2)]
-        problem = pose_problem(recordings, 'force_x', 'unloaded', blocks)
+        problem = replace(pose_problem(recordings, 'force_x', 'unloaded', blocks), tared=tared)
         left = [rng.standard_normal(CELLS) + 100 * i for i in range(2)]
         left[0][::7] = np.nan
         for block in range(3):
-            total, count = block_errors(problem, left, block)
-            expected, samples = 0.0, 0
+            expected = []
             for numbers, values in zip(blocks, left, strict=True):
                 bins: dict[int, list[float]] = {}
+                others = []
                 for cell, (n, v) in enumerate(zip(numbers, values, strict=True)):
                     if n == block and np.isfinite(v):
-                        bins.setdefault(cell // problem.judged_cells, []).append(v)
+                        bins.setdefault(cell // 3, []).append(v)
+                    elif np.isfinite(v):
+                        others.append(v)
                 inside = [sum(each) / len(each) for each in bins.values()]
-                mean = sum(inside) / len(inside)
-                expected += sum((v - mean) ** 2 for v in inside)
-                samples += len(inside)
-            assert total == pytest.approx(expected)
-            assert count == samples
+                constant = np.mean(inside if tared else others)
+                parts = np.array_split(inside, 4)
+                expected += [np.mean([(v - constant) ** 2 for v in part]) for part in parts]
+            assert block_errors(problem, left, block) == pytest.approx(expected)
+
+    def test_fewer_bins_than_parts_are_scored_one_by_one(
+        self, make_recording: MakeRecording, temperature_c: Array
+    ) -> None:
+        recording = make_recording(temperature_c, {'force_x': 0.0})
+        problem = pose_problem([recording], 'force_x', 'unloaded', one_block(recording))
+        left = np.full(CELLS, np.nan)
+        left[[0, 1, 90]] = 1.0, 3.0, 6.0
+        assert block_errors(problem, [left], 0) == [4.0, 4.0]
+        assert block_errors(problem, [np.full(CELLS, np.nan)], 0) == []
