@@ -52,15 +52,18 @@ def search_time_constants(
         return tangent.left / scale, tangent.slopes / scale
 
     count = len(start)
-    # Each row: log τ_{k+1} - log τ_k
-    steps = np.eye(count)[1:] - np.eye(count)[:-1]
+    each = np.eye(count)
+    # Rows: log τ_1, log τ_{k+1} - log τ_k, and log τ_K. As bounds, the first and the last would
+    # make scipy warn of every rounding error.
+    rows = np.concatenate((each[:1], each[1:] - each[:-1], each[-1:]))
+    least = np.concatenate(([lower], np.full(count - 1, np.log(_APART)), [-np.inf]))
+    most = np.concatenate((np.full(count, np.inf), [upper]))
     found = minimize(
         left,
         start,
         jac=True,
         method='SLSQP',
-        bounds=[(lower, upper)] * count,
-        constraints=[LinearConstraint(steps, np.log(_APART), np.inf)] if count > 1 else [],
+        constraints=LinearConstraint(rows, least, most),
         options={'ftol': tolerance, 'maxiter': 60},
     )
     return np.sort(np.exp(np.clip(found.x, lower, upper)))
