@@ -14,7 +14,6 @@ from wrist_ft_comp.core.evaluation import evaluate
 from wrist_ft_comp.core.identification import METHODS, IdentificationSettings
 from wrist_ft_comp.core.problem import cross_validation_blocks, pose_problem
 from wrist_ft_comp.core.recording import AXES, Recording
-from wrist_ft_comp.core.selection import simplest_good
 from wrist_ft_comp.core.settings import build_features
 
 Array = np.ndarray
@@ -310,28 +309,6 @@ class TestEveryMethod:
         at = fit.features.reference_c
         _, found = drift.step(calibration.model, drift.start(calibration.model, at), at)
         np.testing.assert_allclose(found.zero, 0, atol=1e-9)
-
-
-class TestChoice:
-    def test_the_best_wins_when_it_is_clearly_better(self) -> None:
-        assert simplest_good([np.full(5, 9.0), np.full(5, 4.0), np.full(5, 1.0)]) == 2
-
-    def test_the_simplest_within_one_standard_error_of_the_best_wins(self) -> None:
-        best = np.ones(4)
-        wavering = best + np.array([0.9, -0.5, 0.9, -0.5])
-        steady = best + 0.9
-        assert simplest_good([best + 5, wavering, best]) == 1
-        assert simplest_good([best + 5, steady, best]) == 2
-
-    def test_a_gain_that_is_hardly_worth_its_complexity_does_not_win(self) -> None:
-        assert simplest_good([np.full(5, 1.02), np.full(5, 1.0)]) == 0
-
-    def test_ties_go_to_the_simplest(self) -> None:
-        assert simplest_good([np.ones(3), np.ones(3)]) == 0
-        assert simplest_good([np.zeros(3), np.zeros(3)]) == 0
-
-    def test_a_single_block_has_no_standard_error(self) -> None:
-        assert simplest_good([np.array([2.0]), np.array([1.0])]) == 1
 
 
 class TestFeaturesAndGrid:

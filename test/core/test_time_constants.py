@@ -113,6 +113,17 @@ def test_one_beyond_the_recording_ends_at_its_length(
     assert found[-1] == pytest.approx(LONGEST_S, rel=1e-9)
 
 
+@pytest.mark.parametrize('start', [(20.0,), (150.0,), (33.0, 400.0), (25.0, 60.0, 700.0)], ids=str)
+@pytest.mark.parametrize('seed', range(4))
+def test_one_that_is_quicker_than_a_cell_ends_at_a_cell(
+    pose: Pose, temperatures: list[Array], start: tuple[float, ...], seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    problem = pose([0.5 * t + 0.02 * rng.standard_normal(CELLS) for t in temperatures])
+    found = search_time_constants(problem, LINE, np.array(start))
+    assert found[0] == pytest.approx(10.0, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     'start',
     [(100.0, 160.0), (299.0, 301.0), (290.0, 300.0, 310.0), (20.0, 3000.0, 3500.0), (1e5, 2e5)],
