@@ -5,28 +5,89 @@ import pytest
 import yaml
 
 from wrist_ft_comp.cli.evaluate import pool
+from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.core.evaluation import AxisEvaluation
 
 KEYS = {'rms_before', 'rms_after', 'max_before', 'max_after'}
 
 
-def by_hand(columns, model, axis, tare_s):
-    """Compute the four numbers for a static model in powers of one temperature."""
-    document = yaml.safe_load(model.read_text())['axes'][axis]['model']
+def arx_by_hand(arx, t):
+    """Run one filter or latent, term by term; before the first cell all was as in it."""
+    resting = t[0] * sum(arx['b']) / (1 + sum(arx['a']))
+    u = np.zeros(len(t))
+    for k in range(len(t)):
+        for j, a in enumerate(arx['a'], start=1):
+            u[k] -= a * (u[k - j] if k >= j else resting)
+        for i, b in enumerate(arx['b'], start=arx['first_lag']):
+            u[k] += b * (t[k - i] if k >= i else t[0])
+    return u
+
+
+def drift_by_hand(document, temperature_c):
+    """Run a model in powers of one temperature: clamp, filter, take powers, score, load."""
     features, dynamics = document['features'], document['dynamics']
-    inside = np.array(columns['temperature_c'])
     low, high = features['lower_c'][0], features['upper_c'][0]
-    theta = np.clip(inside, low, high) - features['reference_c'][0]
-    x = np.stack([theta**power for power in range(1, features['degree'] + 1)], axis=1)
+    margin = 0.2 * (high - low)
+    held = np.clip(np.array(temperature_c), low - margin, high + margin)
+    filtered = [arx_by_hand(each, held) for each in document['filters']] or [held]
+    powers = range(1, features['degree'] + 1)
+    pairs = list(zip(filtered, features['reference_c'], strict=True))
+    x = np.stack([(t - at) ** power for power in powers for t, at in pairs], axis=1)
     scores = ((x - dynamics['input_mean']) * dynamics['input_weight']) @ dynamics['rotations']
-    scores = scores * [latent['b'][0] for latent in dynamics['latents']]
-    outputs = scores @ np.array(dynamics['output_loadings']).T / dynamics['output_weight']
-    zero = (outputs + dynamics['output_mean'])[:, 0]
+    latents = [arx_by_hand(each, t) for each, t in zip(dynamics['latents'], scores.T, strict=True)]
+    loaded = np.stack(latents, axis=1) @ np.array(dynamics['output_loadings']).T
+    return (loaded / dynamics['output_weight'] + dynamics['output_mean'])[:, 0]
+
+
+def by_hand(columns, model, axis, tare_s):
+    """Compute the four numbers."""
+    document = yaml.safe_load(model.read_text())['axes'][axis]['model']
     raw = np.array(columns[axis])
-    errors = {'before': raw, 'after': raw - zero}
-    tared = {name: e - e[:tare_s].mean() for name, e in errors.items()}
+    after = raw - drift_by_hand(document, columns['temperature_c'])
+    tared = {name: e - e[:tare_s].mean() for name, e in (('before', raw), ('after', after))}
     rms = {f'rms_{name}': np.sqrt(np.mean(e**2)) for name, e in tared.items()}
     return {**rms, **{f'max_{name}': np.abs(e).max() for name, e in tared.items()}}
+
+
+@pytest.fixture(scope='module')
+def lagging(make):
+    """Build columns whose force z follows a temperature that relaxes after the thermometer's."""
+
+    def build(seconds=400, seed=0, tau_s=40.0):
+        columns = make.drifting(seconds, seed)
+        relaxed = [columns['temperature_c'][0]]
+        for celsius in columns['temperature_c'][1:]:
+            relaxed.append(relaxed[-1] + (celsius - relaxed[-1]) / tau_s)
+        theta = np.array(relaxed) - 20
+        noise = np.random.default_rng(seed).normal(0, 0.02, seconds)
+        return {**columns, 'force_z': (1.5 * theta + 0.05 * theta**2 + noise).tolist()}
+
+    return build
+
+
+@pytest.fixture(scope='module')
+def dynamic_models(make, lagging, tmp_path_factory):
+    """Calibrate with filters before the features, and with dynamics in the latents."""
+    folder = tmp_path_factory.mktemp('dynamic')
+    path = make.csv(folder / 'run.csv', lagging())
+    models = {method: folder / f'{method}.yaml' for method in ('arx_pls_oe', 'arx_pls')}
+    for method, model in models.items():
+        assert main(['calibrate', str(path), '-o', str(model), '--method', method]) == 0
+    return models
+
+
+@pytest.mark.parametrize(('method', 'where'), [('arx_pls_oe', 'filters'), ('arx_pls', 'dynamics')])
+def test_the_numbers_of_a_dynamic_model_are_those_of_a_hand_computation(  # noqa: PLR0913, PLR0917
+    method, where, done, make, lagging, dynamic_models, tmp_path
+):
+    model = dynamic_models[method]
+    document = yaml.safe_load(model.read_text())['axes']['force_z']['model']
+    dynamic = document['filters'] if where == 'filters' else document['dynamics']['latents']
+    assert any(each['a'] for each in dynamic)
+    columns = lagging(seed=3)
+    path = make.csv(tmp_path / 'run.csv', columns)
+    found = json.loads(done('evaluate', model, path, '--tare', 60, '--json'))['axes']['force_z']
+    assert found == pytest.approx(by_hand(columns, model, 'force_z', 60), rel=1e-7)
 
 
 @pytest.mark.parametrize('tare_s', [60, 5])

@@ -13,31 +13,40 @@ import yaml
 
 from wrist_ft_comp import ModelFileError
 from wrist_ft_comp.core import drift
-from wrist_ft_comp.core.arx import Arx
+from wrist_ft_comp.core.arx import Arx, relaxation
 from wrist_ft_comp.core.arx_pls import ArxPls
 from wrist_ft_comp.core.axis_model import AxisModel
 from wrist_ft_comp.core.calibration import Calibration
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.identification import AxisFit, Candidate
+from wrist_ft_comp.core.identification import AxisFit, Candidate, Term
 from wrist_ft_comp.files.model_file import FORMAT, MAX_BYTES, VERSION, load_model, save_model
 
 Array = np.ndarray
 Document = dict[str, Any]
 
 
-def make_axis(kind: str, outputs: int, seed: int) -> AxisModel:
+#: The second one behind a regularised regression, which knows no errors.
+TERMS = (
+    Term('zero', 777.0, 'θ1²', 1 / 3, 1e-17),
+    Term('sensitivity', 0.1, 'T2 near -15 °C', -1e7, float('nan')),
+)
+
+
+def make_axis(kind: str, outputs: int, seed: int, filters: tuple[Arx, ...] = ()) -> AxisModel:
     """Numbers with all their digits, of very different sizes."""
     rng = np.random.default_rng(seed)
+    count = max(len(filters), 1)
+    knots = (np.array([0.1, 20.0, 60.0]), np.array([1 / 3, 50.0]))
     features = Features(
         kind,  # type: ignore[arg-type]
-        reference_c=rng.uniform(20, 30, 2),
-        lower_c=rng.uniform(0, 10, 2),
-        upper_c=rng.uniform(40, 60, 2),
+        reference_c=rng.uniform(20, 30, 2 * count),
+        lower_c=rng.uniform(0, 10, 2 * count),
+        upper_c=rng.uniform(40, 60, 2 * count),
         degree=2 if kind == 'powers' else 1,
-        knots_c=() if kind == 'powers' else (np.array([0.1, 20.0, 60.0]), np.array([1 / 3, 50.0])),
+        knots_c=() if kind == 'powers' else knots * count,
     )
-    inputs = 4 if kind == 'powers' else 5
+    inputs = (4 if kind == 'powers' else 5) * count
     return AxisModel(
         features,
         ArxPls(
@@ -53,12 +62,18 @@ def make_axis(kind: str, outputs: int, seed: int) -> AxisModel:
             output_weight=rng.uniform(0.1, 3, outputs),
             output_mean=rng.standard_normal(outputs),
         ),
+        filters,
     )
 
 
 @pytest.fixture(scope='module')
 def calibration() -> Calibration:
-    axes = {'force_x': make_axis('powers', 1, 0), 'torque_z': make_axis('hats', 2, 1)}
+    filters = (relaxation(1 / 3, 1.0), Arx(np.array([-1.2, 0.5]), np.array([0.2, 0.1]), 2))
+    axes = {
+        'force_x': make_axis('powers', 1, 0),
+        'force_z': make_axis('powers', 2, 2, filters),
+        'torque_z': make_axis('hats', 2, 1),
+    }
     fits = {
         axis: AxisFit(
             model=axes.get(axis),
@@ -67,12 +82,16 @@ def calibration() -> Calibration:
             rms_before=1 / 3,
             rms_after=1e-17,
             time_constants_s=(0.1, 777.0) if axis in axes else (),
+            time_constant_errors_s=(1 / 3, float('nan')) if axis in axes else (),
+            terms=TERMS if axis == 'force_z' else (),
+            reason='it leaves 1e-17 N – the best',
             notes=('zero drift only: “constant”',),
         )
-        for axis in ('force_x', 'force_y', 'torque_z')
+        for axis in ('force_x', 'force_y', 'force_z', 'torque_z')
     }
+    deviation = {axis: fit.rms_after for axis, fit in fits.items()}
     return Calibration(
-        model=DriftModel(period_ns=1_000_000_000, thermometers=2, axes=axes),
+        model=DriftModel(1_000_000_000, thermometers=2, axes=axes, deviation=deviation),
         fits=fits,
         temperature_range_c=np.array([[20.1, 40.2], [19.0, 23.3]]),
         duration_s=7200.5,
@@ -137,10 +156,11 @@ class TestRoundTrip:
         loaded = load_model(saved).model
         for found, expected in zip(run(loaded), run(calibration.model), strict=True):
             np.testing.assert_array_equal(found, expected)
-        assert np.ptp(run(loaded)[0][:, 0]) > 0
+        for column in (0, 2, 5):
+            assert np.ptp(run(loaded)[0][:, column]) > 0
         assert loaded.period_ns == calibration.model.period_ns
         assert loaded.thermometers == 2
-        assert set(loaded.axes) == {'force_x', 'torque_z'}
+        assert set(loaded.axes) == {'force_x', 'force_z', 'torque_z'}
 
     def test_every_array_is_equal_to_the_last_bit(
         self, calibration: Calibration, saved: Path
@@ -159,7 +179,13 @@ class TestRoundTrip:
                 np.testing.assert_array_equal(
                     getattr(found.dynamics, name), getattr(expected.dynamics, name)
                 )
-            for one, other in zip(found.dynamics.latents, expected.dynamics.latents, strict=True):
+            pairs = zip(
+                (*found.filters, *found.dynamics.latents),
+                (*expected.filters, *expected.dynamics.latents),
+                strict=True,
+            )
+            assert len(found.filters) == len(expected.filters)
+            for one, other in pairs:
                 np.testing.assert_array_equal(one.a, other.a)
                 np.testing.assert_array_equal(one.b, other.b)
                 assert one.first_lag == other.first_lag
@@ -176,6 +202,34 @@ class TestRoundTrip:
         assert stored.document['axes']['force_y']['model'] is None
         assert stored.document['axes']['force_x']['rms_after'] == 1e-17
         assert '“constant”' in saved.read_text(encoding='utf-8')
+
+    def test_what_each_axis_leaves_is_known_after_loading(
+        self, calibration: Calibration, saved: Path
+    ) -> None:
+        loaded = load_model(saved).model
+        assert loaded.deviation == calibration.model.deviation
+        assert set(loaded.deviation) == {'force_x', 'force_y', 'force_z', 'torque_z'}
+        at = np.array([25.0, 25.0])
+        np.testing.assert_array_equal(loaded.uncertainty(at), calibration.model.uncertainty(at))
+
+    def test_terms_are_written_with_their_errors_and_unknown_ones_as_null(
+        self, saved: Path
+    ) -> None:
+        axes = load_model(saved).document['axes']
+        assert axes['force_z']['terms'] == [
+            {
+                'output': 'zero', 'time_constant_s': 777.0, 'feature': 'θ1²', 'gain': 1 / 3,
+                'error': 1e-17,
+            },
+            {
+                'output': 'sensitivity', 'time_constant_s': 0.1, 'feature': 'T2 near -15 °C',
+                'gain': -1e7, 'error': None,
+            },
+        ]  # fmt: skip
+        assert axes['force_z']['time_constant_errors_s'] == [1 / 3, None]
+        assert axes['force_y']['terms'] == axes['force_y']['time_constant_errors_s'] == []
+        assert axes['force_x']['reason'] == 'it leaves 1e-17 N – the best'
+        assert '.nan' not in saved.read_text(encoding='utf-8').lower()
 
     def test_a_model_without_any_drift_is_a_model(
         self, calibration: Calibration, tmp_path: Path
@@ -222,13 +276,17 @@ class TestSchema:
             if path[:1] == ('provenance',) and len(path) > 1:
                 continue
             value = parent_of(document, path)[path[-1]]
+            if value is None:
+                continue  # an axis without model, or an unknown error
             if isinstance(value, (int, float)):
                 # One number of each array stands for the others.
                 kind = tuple(key for key in path if isinstance(key, str))
                 if kind in numbers_tried:
                     continue
                 numbers_tried.add(kind)
-                wrong: list[object] = ['1.0', True, None]
+                wrong: list[object] = ['1.0', True]
+                # An error may be unknown.
+                wrong += [] if {'error', 'time_constant_errors_s'} & {*kind} else [None]
             else:
                 wrong = [17]
             for other in wrong:
@@ -243,21 +301,19 @@ class TestSchema:
     def test_what_runs_is_finite(
         self, document: Document, load: Callable[[object], DriftModel], value: float
     ) -> None:
-        tried = 0
+        tried = set()
         for path in list(places(document)):
             number = parent_of(document, path)[path[-1]]
-            if (
-                'model' not in path
-                or not isinstance(number, (int, float))
-                or path[-1] in (1, 2, 3)
-            ):
+            # One number of each array stands for the others.
+            kind = tuple(key for key in path if isinstance(key, str))
+            if 'model' not in path or not isinstance(number, (int, float)) or kind in tried:
                 continue
             changed = copy.deepcopy(document)
             parent_of(changed, path)[path[-1]] = value
             with pytest.raises(ModelFileError):
                 load(changed)
-            tried += 1
-        assert tried > 30
+            tried.add(kind)
+        assert len(tried) > 30
 
     def test_arrays_have_the_shape_that_fits_the_others(
         self, document: Document, load: Callable[[object], DriftModel]
@@ -309,6 +365,13 @@ class TestSchema:
                 [-1.0001],
                 'pole of radius 1.0001',
             ),
+            (('axes', 'force_z', 'model', 'filters', 0, 'b'), [0.5], 'Filter 1 has the static'),
+            (
+                ('axes', 'force_z', 'model', 'filters', 1, 'a'),
+                [-2.2, 1.5],
+                'pole of radius 1.22',
+            ),
+            (('axes', 'force_z', 'model', 'filters'), [], 'shape'),
             (('axes', 'torque_z', 'model', 'features', 'knots_c'), [[0.0, 1.0]], 'knots'),
             (
                 ('axes', 'torque_z', 'model', 'features', 'knots_c', 0),
