@@ -142,6 +142,55 @@ class TestScores:
             np.testing.assert_allclose(found[:, i], expected, rtol=1e-7)
 
 
+class TestSlowTrend:
+    """Cells of 200 s make these recordings longer than 8 h."""
+
+    @pytest.fixture
+    def long(self, noisy_problem: AxisProblem) -> AxisProblem:
+        return replace(noisy_problem, period_s=200.0)
+
+    @pytest.fixture
+    def by_hand(self, long: AxisProblem, stack_samples: Stack) -> tuple[Array, Array]:
+        """Static columns and r - w of recording 1, and time from -1 to 1 where it is present."""
+        powers = [np.column_stack((t - 30, (t - 30) ** 2)) for t in long.temperature_c]
+        x, y, _ = stack_samples(long, powers, {1})
+        time = np.linspace(-1, 1, len(long.residual[1]))
+        return np.column_stack((x, y)), time[np.isfinite(long.residual[1])]
+
+    def static(self, problem: AxisProblem, parts: int = 1) -> Moments:
+        cells, taus = bin_problem(problem, 1), np.zeros(1)
+        return accumulate(cells, bank_inputs(cells, FEATURES, taus), taus, parts)
+
+    def test_it_is_taken_out_of_long_recordings_beside_the_constant(
+        self, long: AxisProblem, by_hand: tuple[Array, Array]
+    ) -> None:
+        both, time = by_hand
+        nuisance = np.column_stack((np.ones(len(time)), time))
+        left = both - nuisance @ np.linalg.lstsq(nuisance, both, rcond=None)[0]
+        moments = self.static(long, 3)
+        found, _ = moments.centred(moments.block == 1)
+        np.testing.assert_allclose(found, left.T @ left, rtol=1e-8, atol=1e-6)
+        squares = moments.mean_squares(moments.block == 1, np.eye(both.shape[1])[-1:])
+        parts = [np.mean(part**2) for part in np.array_split(left[:, -1], 3)]
+        np.testing.assert_allclose(squares[0], parts, rtol=1e-8)
+
+    def test_it_can_be_kept(self, long: AxisProblem, by_hand: tuple[Array, Array]) -> None:
+        both, _ = by_hand
+        centred = both - both.mean(axis=0)
+        cells, taus = bin_problem(long, 1).without_trend(), np.zeros(1)
+        summed = accumulate(cells, bank_inputs(cells, FEATURES, taus), taus)
+        for moments in (summed, self.static(long).without_trend()):
+            found, _ = moments.centred(moments.block == 1)
+            np.testing.assert_allclose(found, centred.T @ centred, rtol=1e-8, atol=1e-6)
+
+    def test_short_recordings_and_plateaus_have_none(
+        self, noisy_problem: AxisProblem, long: AxisProblem
+    ) -> None:
+        for problem in (noisy_problem, replace(long, tared=False)):
+            assert not self.static(problem).time[:, 1].any()
+        assert self.static(long).time[:, 1, 1].all()
+
+
 def test_a_column_that_only_differs_between_recordings_holds_nothing(
     make_recording: Callable[..., Recording], warm_up: Callable[..., Array]
 ) -> None:
