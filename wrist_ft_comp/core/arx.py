@@ -110,11 +110,11 @@ def relaxation(time_constant_s: float, period_s: float, gain: float = 1.0) -> Ar
     return Arx(a=np.array([-pole]), b=np.array([gain * (1.0 - pole)]))
 
 
-def mean_relaxation(time_constant_s: float, period_s: float) -> Arx:
+def mean_relaxation(time_constant_s: float, period_s: float, cells: int) -> Arx:
     """
-    Build a first-order lag whose output is its mean over each cell, not its value at the end.
+    Build what ``relaxation`` gives on average over bins of cells, from the bins' inputs.
 
-    For cells that are not short against τ, and for an input that is constant over each.
+    Exact for an input that is constant over each bin.
 
     Parameters
     ----------
@@ -122,18 +122,21 @@ def mean_relaxation(time_constant_s: float, period_s: float) -> Arx:
         τ, s; 0 gives a static gain.
     period_s : float
         Cell length h, s.
+    cells : int
+        Cells per bin.
 
     Returns
     -------
     Arx
-        Pole exp(-h/τ), with a direct term, static gain 1.
+        Of one step per bin: pole exp(-m h/τ), with a direct term, static gain 1.
 
     """
     if time_constant_s == 0:
         return static_gain()
-    pole = np.exp(-period_s / time_constant_s)
-    # Within a cell the output is t + (s - t) exp(-x/τ); its mean is t + kept · (s - t).
-    kept = (1.0 - pole) * time_constant_s / period_s
+    ratio = np.exp(-period_s / time_constant_s)
+    pole = ratio**cells
+    # After j cells of a bin the output is t + (s - t) p^j; its mean is t + kept · (s - t).
+    kept = ratio * (1.0 - pole) / (cells * (1.0 - ratio))
     return Arx(a=np.array([-pole]), b=np.array([1.0 - kept, kept - pole]))
 
 

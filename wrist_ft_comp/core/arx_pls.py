@@ -160,6 +160,8 @@ class ArxPls:
             State after the last cell, and outputs of every cell.
 
         """
+        if not len(x):  # lfilter would forget the state
+            return state, np.empty((0, len(self.output_mean)))
         numerators, denominators, _ = self._filters
         t = self.scores(x)
         u = np.empty_like(t)

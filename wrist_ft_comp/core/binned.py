@@ -57,8 +57,8 @@ class BinnedProblem:
     ----------
     period_s : float
         Length of a bin, s.
-    single : bool
-        Whether a bin is one cell, so that relaxations are those of the running model.
+    cells : int
+        Cells per bin; with one, relaxations are those of the running model.
     temperature_c : tuple of ndarrays, shape (n_i, J)
         Mean temperatures of each bin, °C.
     sums : tuple of Sums
@@ -71,7 +71,7 @@ class BinnedProblem:
     """
 
     period_s: float
-    single: bool
+    cells: int
     temperature_c: tuple[FloatArray, ...]
     sums: tuple[Sums, ...]
     blocks: tuple[IntArray, ...]
@@ -97,9 +97,10 @@ class BinnedProblem:
         return replace(self, sums=sums)
 
     def relaxation(self, time_constant_s: float) -> Arx:
-        """First-order lag of the bins' temperatures: at the end of a cell, or the bin's mean."""
-        make = relaxation if self.single else mean_relaxation
-        return make(time_constant_s, self.period_s)
+        """First-order lag of the bins' temperatures: what runs, averaged over each bin."""
+        if self.cells == 1:
+            return relaxation(time_constant_s, self.period_s)
+        return mean_relaxation(time_constant_s, self.period_s / self.cells, self.cells)
 
 
 def bin_problem(problem: AxisProblem, cells: int, *, means: bool = False) -> BinnedProblem:
@@ -138,7 +139,7 @@ def bin_problem(problem: AxisProblem, cells: int, *, means: bool = False) -> Bin
         sums.append(Sums(time, *rows))
     return BinnedProblem(
         period_s=cells * problem.period_s,
-        single=cells == 1,
+        cells=cells,
         temperature_c=tuple(_bin_means(values, cells) for values in problem.temperature_c),
         sums=tuple(sums),
         blocks=tuple(numbers[::cells] for numbers in problem.blocks),

@@ -82,6 +82,10 @@ def identify_relaxations(problem: AxisProblem, settings: IdentificationSettings)
             continue
         # Richer candidates would only hide behind many gains that the drift goes on.
         substitutes = _good_substitutes(competing, chosen, errors)
+        if not substitutes and simplest_good([errors['none'], errors[chosen]]) == 0:
+            # What a person named finds no drift, so there is none that could be too slow.
+            nothing = Fitted(None, notes=(*notes, said), doubts=doubts)
+            return finish(problem, nothing, 'none', errors, competing)
         if not substitutes:
             return _refuse(problem, chosen, slow, errors)
         competing = substitutes
