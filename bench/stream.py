@@ -10,7 +10,7 @@ and 1, 2 and 5 sensors in one process; last, the computation alone.
 
 Where a wrench was lost is known by counting: the sensor counts what it sends, the compensator's
 diagnostics tell what it received and published, and the receiver counts the different stamps that
-it hears. A table goes to standard output, figures and a picture to ``out/stream.json`` and ``.png``.
+it hears. A table goes to standard output, figures to ``out/stream.json``, a picture beside them.
 """
 
 import argparse
