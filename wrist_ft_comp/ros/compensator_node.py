@@ -157,7 +157,7 @@ class CompensatorNode(Node):
         stamp_ns = stamp_ns or self._now_ns()
         corrected = self.compensator.correct(stamp_ns, raw)
         self.counts.wrench(stamp_ns)
-        if self.compensator.compensating or not self._silent:
+        if not self._silent or self.compensator.compensating:
             self._output.publish(wire.replace(layout, data, corrected))
             self.counts.published += 1
         if self.recording.current is not None:
