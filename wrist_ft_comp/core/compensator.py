@@ -217,7 +217,8 @@ class Compensator:
         share = self._share(stamp_ns)
         return [
             (r - offset - share * step) / (gain + share * gain_step)
-            for r, (offset, step, gain, gain_step) in zip(raw, self._correction, strict=True)
+            # Six by six: a strict zip would cost a tenth of all this.
+            for r, (offset, step, gain, gain_step) in zip(raw, self._correction)  # noqa: B905
         ]
 
     def go_live(self, model: DriftModel | None) -> None:
