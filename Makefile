@@ -27,6 +27,8 @@ bench: $(READY)
 	$(BIN)/python bench/accuracy.py
 	$(BIN)/python bench/identification.py
 	$(BIN)/python bench/stream.py
+	$(BIN)/python bench/endurance.py
+	$(BIN)/python bench/rewriting.py
 
 # Solves for the newest versions that Python 3.10 can run; 3.11 to 3.13 run them, too.
 lock:

@@ -1,159 +1,56 @@
 """
-What the stream costs: processor time and latency of a message, against relays a user would write.
+What the stream costs: processor time and latency of a wrench, against relays a user would write.
 
-``python bench/stream.py [SECONDS] [RATE …]``. Real processes over DDS on loopback: a sensor, a
-receiver, and between them in turn a plain typed relay on the default executor, a relay of bytes on
-the events executor, and the compensator with a model; last, the computation alone. A table on
-standard output, figures in ``out/stream.json``.
+``python bench/stream.py [--seconds S] [--repeats N] [RATE …]``. Real processes over DDS on
+loopback: a sensor, a receiver, and between them by turns a plain typed relay on the default
+executor, a relay of bytes on the events executor, and the compensator with a model. All are up all
+the time and are used one after the other in short runs, so that a noisy machine is as noisy to
+each; figures are medians of the runs, losses are sums. Then: the compensator during a calibration,
+and 1, 2 and 5 sensors in one process; last, the computation alone.
+
+Where a wrench was lost is known by counting: the sensor counts what it sends, the compensator's
+diagnostics tell what it received and published, and the receiver counts the different stamps that
+it hears. A table goes to standard output, figures to ``out/stream.json``, a picture beside them.
 """
 
 import argparse
 import json
 import os
 import signal
-import struct
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from statistics import median
 from typing import Any
 
-import numpy as np
+from stream_roles import wrench_bytes
+from stream_table import Run, draw, print_header, print_row, summary
+from warm_up import make_model, write_warm_up
 
-ROLES = {'typed relay': 'typed', 'bytes relay': 'raw', 'compensator': 'compensator'}
-WARM_UP_S = 1.0
-SETTLE_S = 1.5
-TEMPERATURE_HZ = 10
-_FRAME = b'wrist_ft\0'
-_HEAD = struct.Struct('<4siII12s')
+from wrist_ft_comp.core.compensator import Compensator, StreamSettings
+from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.ros import wire
 
-
-def header(stamp_ns: int) -> bytes:
-    """Serialize a header; its doubles follow."""
-    return _HEAD.pack(b'\0\1\0\0', *divmod(stamp_ns, 1_000_000_000), len(_FRAME), _FRAME)
-
-
-def sense(context: Any, rate_hz: float, seconds: float) -> dict[str, float]:
-    """Publish wrenches at a rate, stamped with the monotonic clock; temperatures beside them."""
-    from geometry_msgs.msg import WrenchStamped  # noqa: PLC0415 -- a role of a process
-    from rclpy.node import Node  # noqa: PLC0415
-    from sensor_msgs.msg import Temperature  # noqa: PLC0415
-
-    from wrist_ft_comp.ros import qos  # noqa: PLC0415
-
-    node: Any = Node('bench_sensor', context=context)
-    wrench = node.create_publisher(WrenchStamped, 'wrench_raw', qos.FAST_SENSOR)
-    warm = node.create_publisher(Temperature, 'temperature', qos.SLOW_SENSOR)
-    while not wrench.get_subscription_count():
-        time.sleep(0.01)
-    time.sleep(SETTLE_S)  # discovery of every service costs tens of milliseconds, once
-    print('ready', flush=True)
-    sys.stdin.readline()
-    doubles = struct.pack('<6d', 1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
-    sent, start = 0, time.monotonic()
-    next_temperature = start
-    while (now := time.monotonic()) < start + seconds:
-        if now >= next_temperature:
-            degrees = struct.pack('<2d', 25.0 + (now - start), 0.0)
-            warm.publish(header(time.monotonic_ns()) + degrees)
-            next_temperature += 1 / TEMPERATURE_HZ
-        while sent < (time.monotonic() - start) * rate_hz:
-            wrench.publish(header(time.monotonic_ns()) + doubles)
-            sent += 1
-        time.sleep(max(start + (sent + 1) / rate_hz - time.monotonic(), 0.0))
-    time.sleep(0.3)
-    node.destroy_node()
-    return {'sent': sent, 'seconds': seconds}
-
-
-def receive(context: Any) -> dict[str, float]:
-    """Receive until a signal; latencies are from the stamps, which pass through untouched."""
-    from geometry_msgs.msg import WrenchStamped  # noqa: PLC0415
-    from rclpy.node import Node  # noqa: PLC0415
-    from rclpy.qos import QoSProfile  # noqa: PLC0415
-
-    from wrist_ft_comp.ros.running import make_executor  # noqa: PLC0415
-
-    node: Any = Node('bench_receiver', context=context)
-    came: list[tuple[bytes, int]] = []
-    node.create_subscription(
-        WrenchStamped,
-        'wrench',
-        lambda data: came.append((data[4:12], time.monotonic_ns())),
-        QoSProfile(depth=5000),  # type: ignore[no-untyped-call] # as rclpy declares it
-        raw=True,
-    )
-    executor = make_executor('auto', context)
-    executor.add_node(node)
-    ended: list[bool] = []
-    signal.signal(signal.SIGTERM, lambda *_: ended.append(True))
-    while not ended:
-        executor.spin_once(timeout_sec=0.2)
-    executor.shutdown()
-    node.destroy_node()
-    stamps = np.array([struct.unpack('<iI', head) for head, _ in came], dtype=np.int64)
-    if not len(stamps):
-        return {'received': 0, 'p50_us': np.nan, 'p99_us': np.nan, 'max_us': np.nan}
-    latency_us = (
-        np.array([at for _, at in came]) - stamps[:, 0] * 1_000_000_000 - stamps[:, 1]
-    ) / 1e3
-    p50, p99 = np.percentile(latency_us, [50, 99])
-    return {'received': len(came), 'p50_us': p50, 'p99_us': p99, 'max_us': latency_us.max()}
-
-
-def relay(context: Any, *, raw: bool) -> dict[str, float]:
-    """Pass wrenches on: typed on the default executor, or bytes on the events executor."""
-    from geometry_msgs.msg import WrenchStamped  # noqa: PLC0415
-    from rclpy.node import Node  # noqa: PLC0415
-
-    from wrist_ft_comp.ros import qos  # noqa: PLC0415
-    from wrist_ft_comp.ros.running import make_executor  # noqa: PLC0415
-
-    node: Any = Node('bench_relay', context=context)
-    publisher = node.create_publisher(WrenchStamped, 'wrench', qos.OUTPUT)
-    node.create_subscription(
-        WrenchStamped, 'wrench_raw', publisher.publish, qos.FAST_SENSOR, raw=raw
-    )
-    executor = make_executor('auto' if raw else 'default', context)
-    executor.add_node(node)
-    ended: list[bool] = []
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: ended.append(True))
-    while not ended:
-        executor.spin_once(timeout_sec=0.2)
-    executor.shutdown()
-    node.destroy_node()
-    return {}
-
-
-def play_role(words: Sequence[str]) -> None:
-    """Be one of the processes."""
-    from rclpy.context import Context  # noqa: PLC0415
-
-    context = Context()
-    context.init([])
-    role, *numbers = words
-    if role == 'sensor':
-        result = sense(context, *(float(number) for number in numbers))
-    elif role == 'receiver':
-        result = receive(context)
-    else:
-        result = relay(context, raw=role == 'raw')
-    context.try_shutdown()
-    print(json.dumps(result))
+RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0, 8000.0)
+RELAYS = ('typed', 'bytes')
+NODE = 'compensator'
+DIAGNOSTICS_S = 1.2
+SETTLE_S = 2.0
+ROLES = str(Path(__file__).with_name('stream_roles.py'))
 
 
 @contextmanager
-def process(*words: str, module: str = '') -> Iterator['subprocess.Popen[str]']:
-    """Run a role of this file, or a module of the package; ended by its own id."""
-    program = ['-m', module] if module else [__file__, '--role']
+def process(*words: str) -> Iterator['subprocess.Popen[str]']:
+    """Run Python with these words; ended by its own id."""
     running = subprocess.Popen(
-        [sys.executable, *program, *words],
+        [sys.executable, *words],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
         text=True,
     )
     try:
@@ -161,123 +58,218 @@ def process(*words: str, module: str = '') -> Iterator['subprocess.Popen[str]']:
     finally:
         if running.poll() is None:
             running.send_signal(signal.SIGTERM)
-            running.communicate(timeout=20)
+            running.communicate('end\n', timeout=20)
 
 
-def processor_seconds(pid: int) -> float:
-    """Processor time that a process has used."""
-    fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+def processor_us(pid: int) -> float:
+    """Processor time that the threads of a process have used, µs."""
+    tasks = Path(f'/proc/{pid}/task').glob('*/schedstat')
+    return sum(int(task.read_text().split()[0]) for task in tasks) / 1e3
 
 
-def measure(node: 'subprocess.Popen[str]', rate_hz: float, seconds: float) -> dict[str, float]:
-    """Send at a rate through a running node."""
-    with process('receiver') as receiver:
-        time.sleep(WARM_UP_S)
-        with process('sensor', str(rate_hz), str(seconds)) as sensor:
-            if sensor.stdout is None or sensor.stdout.readline() != 'ready\n':
-                sys.exit('the sensor did not start')
-            before = processor_seconds(node.pid)
-            sent = json.loads(sensor.communicate('go\n', timeout=seconds + 60)[0])
-        used = processor_seconds(node.pid) - before
-        receiver.send_signal(signal.SIGTERM)
-        got = json.loads(receiver.communicate(timeout=20)[0])
-    messages = max(sent['sent'], 1)
-    return {
-        **got,
-        'sent': sent['sent'],
-        'lost': sent['sent'] - got['received'],
-        'cpu_us': 1e6 * used / messages,
-    }
+def ask(running: 'subprocess.Popen[str]', order: str) -> Any:
+    """Give an order to a process of ours, and wait for its answer."""
+    if running.stdin is None or running.stdout is None:
+        raise TypeError('the process has no pipes')
+    running.stdin.write(order + '\n')
+    running.stdin.flush()
+    return json.loads(running.stdout.readline())
 
 
-def make_model(folder: Path) -> Path:
-    """Calibrate from a made-up warm-up of six axes."""
-    rng = np.random.default_rng(1)
-    cells = np.arange(7200)
-    temperature = 25 + 20 * (1 - np.exp(-cells / 1500)) + 3 * np.sin(cells / 500)
-    drift = np.outer(temperature - 25, [0.1, -0.1, 0.4, 0.01, -0.01, 0.02])
-    rows = np.column_stack((cells, drift + rng.normal(0, 0.05, drift.shape), temperature))
-    names = 'stamp_s,force_x,force_y,force_z,torque_x,torque_y,torque_z,temperature_c'
-    np.savetxt(folder / 'warm_up.csv', rows, delimiter=',', header=names, comments='', fmt='%.6f')
-    subprocess.run(
-        [
-            *(sys.executable, '-m', 'wrist_ft_comp.cli.main', 'calibrate'),
-            *(str(folder / 'warm_up.csv'), '-o', str(folder / 'model.yaml')),
-        ],
-        check=True,
-        stdout=subprocess.DEVNULL,
-    )
-    return folder / 'model.yaml'
+def order(running: 'subprocess.Popen[str]', words: str) -> None:
+    """Give an order that has no answer."""
+    if running.stdin is not None:
+        running.stdin.write(words + '\n')
+        running.stdin.flush()
 
 
-@contextmanager
-def node_of(role: str, folder: Path) -> Iterator['subprocess.Popen[str]']:
-    """Run one of the candidates."""
-    if role != 'compensator':
-        with process(role) as running:
-            yield running
-        return
-    parameters = {'model_file': folder / 'model.yaml', 'data_directory': folder / 'data'}
-    words = [word for pair in parameters.items() for word in ('-p', '{}:={}'.format(*pair))]
+def compensator(folder: Path, namespace: str, *parameters: str) -> list[str]:
+    """Words that start the compensator with the model."""
+    settings = [f'model_file:={folder / "model.yaml"}', f'data_directory:={folder / namespace}']
+    words = [word for each in (*settings, *parameters) for word in ('-p', each)]
     module = 'wrist_ft_comp.ros.compensator_node'
-    with process('--ros-args', *words, module=module) as running:
-        yield running
+    return ['-m', module, '--ros-args', '-r', f'__ns:=/{namespace}', *words]
 
 
-def pure_compute() -> float:
-    """Time bytes in to bytes out without DDS, µs per message."""
-    from wrist_ft_comp.core.compensator import Compensator, StreamSettings  # noqa: PLC0415
-    from wrist_ft_comp.ros import wire  # noqa: PLC0415
+class Line:
+    """
+    A sensor process, a receiver process, and what runs between them.
 
-    compensator = Compensator(1, StreamSettings())
+    Parameters
+    ----------
+    stack : ExitStack
+        Ends the processes.
+    nodes : dict of str to sequence of str
+        Words that start the process that serves each namespace (or several, joined by spaces).
+
+    """
+
+    def __init__(self, stack: ExitStack, nodes: dict[str, Sequence[str]]) -> None:
+        self.nodes = {n: stack.enter_context(process(*words)) for n, words in nodes.items()}
+        names = [name for group in nodes for name in group.split()]
+        self.receiver = stack.enter_context(process(ROLES, 'receiver', *names))
+        self._sensor = stack.enter_context(process(ROLES, 'sensor', *names))
+        self._counted: dict[str, tuple[int, int]] = {}
+        deadline = time.monotonic() + 60
+        waiting = set(nodes)
+        while waiting:  # until a message has come all the way through each
+            if time.monotonic() > deadline:
+                sys.exit(f'{", ".join(waiting)} did not start')
+            self._send(' '.join(waiting), 20, 0.5)
+            heard = ask(self.receiver, 'take')['topics']
+            waiting -= {g for g in waiting if all(heard[n]['heard'] for n in g.split())}
+        time.sleep(SETTLE_S)
+        self._take(nodes)
+
+    def _send(self, group: str, rate_hz: float, seconds: float) -> dict[str, float]:
+        """Let the sensor send."""
+        job = {'to': group.split(), 'rate_hz': rate_hz, 'seconds': seconds}
+        result: dict[str, float] = ask(self._sensor, json.dumps(job))
+        return result
+
+    def _take(self, groups: Any) -> dict[str, Any]:
+        """Take what the receiver has; remember the compensators' counts."""
+        result: dict[str, Any] = ask(self.receiver, 'take')
+        for name in (n for group in groups for n in group.split()):
+            found = result['topics'][name]
+            counts = (found.get('received', 0), found.get('published', 0))
+            before = self._counted.get(name, (0, 0))
+            found['delta'] = tuple(b - a for a, b in zip(before, counts, strict=True))
+            self._counted[name] = counts
+        return result
+
+    def measure(self, group: str, rate_hz: float, seconds: float) -> Run:
+        """Send through one of the nodes, at a rate per sensor."""
+        pid = self.nodes[group].pid
+        before = processor_us(pid)
+        sent = self._send(group, rate_hz, seconds)
+        time.sleep(0.2)
+        used = processor_us(pid) - before
+        counts = group not in RELAYS
+        time.sleep(DIAGNOSTICS_S if counts else 0.0)
+        taken = self._take([group])
+        topics = [taken['topics'][name] for name in group.split()]
+        each = int(sent['sent'])
+        heard = sum(topic['heard'] for topic in topics)
+        received, published = (sum(topic['delta'][k] for topic in topics) for k in (0, 1))
+        total = each * len(topics)
+        return Run(
+            cpu_us=used / total,
+            p50_us=median(topic['latencies_us'][0] for topic in topics),
+            p99_us=max(topic['latencies_us'][1] for topic in topics),
+            max_us=max(topic['latencies_us'][2] for topic in topics),
+            sent=total,
+            lost=total - heard,
+            lost_before=total - received if counts else None,
+            lost_inside=received - published if counts else None,
+            publisher_late_ms=sent['publisher_late_ms'],
+            calibrated=len(taken['calibrated']),
+        )
+
+
+def compare_rates(line: Line, rates: Sequence[float], seconds: float, repeats: int) -> list[Any]:
+    """Measure relays and node by turns at every rate."""
+    rows = []
+    for rate_hz in rates:
+        runs: dict[str, list[Run]] = {name: [] for name in (*RELAYS, NODE)}
+        for _ in range(repeats):
+            for name, found in runs.items():
+                found.append(line.measure(name, rate_hz, seconds))
+        for name, found in runs.items():
+            rows.append(summary(name, rate_hz, found))
+            print_row(rows[-1])
+        cpu = {name: [run.cpu_us for run in found] for name, found in runs.items()}
+        for name in RELAYS:  # runs that followed each other are compared, then the median taken
+            pairs = zip(cpu[NODE], cpu[name], strict=True)
+            rows[-1][f'cpu_to_{name}'] = median(node / other for node, other in pairs)
+        print(
+            f"          compensator: {rows[-1]['cpu_to_typed']:.2f} of the typed relay's CPU, "
+            f"{rows[-1]['cpu_to_bytes']:.2f} of the bytes relay's, "
+            f"{rows[-1]['p99_us'] / rows[-3]['p99_us']:.2f} of the typed relay's p99"
+        )
+    return rows
+
+
+def during_calibration(line: Line, folder: Path, seconds: float) -> list[Any]:
+    """Measure at 1 kHz before and while the node calibrates from a recording of some hours."""
+    recordings = folder / NODE / 'recordings'
+    recordings.mkdir(parents=True)
+    write_warm_up(recordings / 'warm_up.csv', 4 * 3600)
+    idle = [line.measure(NODE, 1000, seconds) for _ in range(4)]
+    order(line.receiver, f'calibrate {NODE}')
+    busy = [line.measure(NODE, 1000, seconds)]
+    while not busy[-1].calibrated:
+        busy.append(line.measure(NODE, 1000, seconds))
+    rows = [summary('idle', 1000, idle), summary('calibrating', 1000, busy)]
+    for row in rows:
+        print_row(row)
+    print(f'          p99 while calibrating: {rows[1]["p99_us"] / rows[0]["p99_us"]:.2f} of idle')
+    return rows
+
+
+def several_sensors(folder: Path, seconds: float, repeats: int) -> list[Any]:
+    """Measure 1, 2 and 5 sensors in one process, each at 1 kHz."""
+    rows = []
+    for count in (1, 2, 5):
+        names = [f's{k}' for k in range(count)]
+        group = ' '.join(f'n{count}/{name}' for name in names)
+        words = compensator(folder, f'n{count}', f'sensors:=[{", ".join(names)}]')
+        with ExitStack() as stack:
+            line = Line(stack, {group: words})
+            runs = [line.measure(group, 1000, seconds) for _ in range(repeats)]
+        rows.append(summary(f'{count} sensors', 1000, runs))
+        print_row(rows[-1])
+    return rows
+
+
+def pure_compute(model: Path) -> float:
+    """Time bytes in to bytes out without DDS, µs per wrench: the best of five passes."""
+    node = Compensator(1, StreamSettings(), load_model(model).model)
+    for second in range(3):
+        node.add_temperature(0, second * 1_000_000_000, 25.0 + second)
     reader = wire.Wire(6)
-    doubles = struct.pack('<6d', 1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
-    messages = [header(k * 1_000_000) + doubles for k in range(100_000)]
-    best = np.inf
+    messages = [wrench_bytes(k * 1_000_000) for k in range(100_000)]
+    best = float('inf')
     for _ in range(5):
         start = time.perf_counter()
         for data in messages:
-            layout = reader.layout(data)
-            stamp_ns, raw = wire.read(layout, data)
-            wire.replace(layout, data, compensator.correct(stamp_ns, raw))
+            layout, stamp_ns, raw = reader.read(data)
+            wire.replace(layout, data, node.correct(stamp_ns, raw))
         best = min(best, time.perf_counter() - start)
     return 1e6 * best / len(messages)
 
 
 def main() -> None:
-    """Measure everything, print a table, write JSON."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('seconds', nargs='?', type=float, default=5.0)
-    parser.add_argument('rates', nargs='*', type=float, default=[500, 1000, 2000, 4000, 8000])
+    """Measure everything, print tables, write JSON and picture."""
+    parser = argparse.ArgumentParser(description='Cost of the stream.')
+    parser.add_argument('--seconds', type=float, default=2.0, help='length of a run')
+    parser.add_argument('--repeats', type=int, default=5)
+    parser.add_argument('rates', nargs='*', type=float, default=RATES_HZ, metavar='RATE')
     arguments = parser.parse_args()
+    seconds, repeats = arguments.seconds, arguments.repeats
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    os.environ['ROS_DOMAIN_ID'] = '93'
-    results: list[dict[str, Any]] = []
-    print('rate, Hz  node            CPU, µs  p50, µs  p99, µs  max, µs   sent   lost')
+    os.environ.setdefault('ROS_DOMAIN_ID', '93')
+    figures: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as name:
-        make_model(Path(name))
-        for rate in arguments.rates:
-            for title, role in ROLES.items():
-                with node_of(role, Path(name)) as node:
-                    time.sleep(WARM_UP_S)
-                    found = measure(node, rate, arguments.seconds)
-                results.append({'rate_hz': rate, 'node': title, **found})
-                print(
-                    f'{rate:8.0f}  {title:14}  {found["cpu_us"]:7.0f}  {found["p50_us"]:7.0f}  '
-                    f'{found["p99_us"]:7.0f}  {found["max_us"]:7.0f}  {found["sent"]:5.0f}  '
-                    f'{found["lost"]:5.0f}',
-                    flush=True,
-                )
-    compute = pure_compute()
-    print(f'computation alone, bytes in to bytes out: {compute:.2f} µs per message')
-    Path('out').mkdir(exist_ok=True)
-    figures = {'stream': results, 'compute_us': compute}
-    Path('out/stream.json').write_text(json.dumps(figures, indent=1), encoding='utf-8')
+        folder = Path(name)
+        make_model(folder)
+        figures['compute_us'] = pure_compute(folder / 'model.yaml')
+        print(f'computation alone, bytes in to bytes out: {figures["compute_us"]:.2f} µs')
+        print_header()
+        with ExitStack() as stack:
+            relays = {relay: [ROLES, 'relay', relay] for relay in RELAYS}
+            line = Line(stack, {**relays, NODE: compensator(folder, NODE)})
+            figures['rates'] = compare_rates(line, arguments.rates, seconds, repeats)
+            long = summary('10 s', 8000, [line.measure(NODE, 8000, 10.0)])
+            print_row(long)
+            figures['long'] = long
+            figures['calibration'] = during_calibration(line, folder, seconds)
+        figures['sensors'] = several_sensors(folder, seconds, repeats)
+    out = Path('out')
+    out.mkdir(exist_ok=True)
+    (out / 'stream.json').write_text(json.dumps(figures, indent=1), encoding='utf-8')
+    draw(figures, out / 'stream.png')
 
 
 if __name__ == '__main__':
-    if '--role' in sys.argv:
-        play_role(sys.argv[2:])
-    else:
-        main()
+    main()

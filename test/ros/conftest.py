@@ -102,9 +102,14 @@ class Bench:
         ``parameters={name: value}`` and ``remap={from: to}`` are passed on as rclpy wants them;
         ``executor`` names what runs it, as in ``make_executor``.
         """
+        return self.start_all(lambda **options: [factory(*args, **options)], **kwargs)[0]
+
+    def start_all(self, factory: Callable[..., list[Any]], **kwargs: Any) -> list[Any]:
+        """Make nodes as ``factory(context=…, **kwargs)`` and spin them in one thread."""
         executor = make_executor(kwargs.pop('executor', 'default'), self.context)
-        node = factory(*args, context=self.context, **_node_arguments(kwargs))
-        executor.add_node(node)
+        nodes = factory(context=self.context, **_node_arguments(kwargs))
+        for node in nodes:
+            executor.add_node(node)
         stop = threading.Event()
         self._stops.append(stop)
         thread = threading.Thread(target=spin, args=(executor, self.context, stop))
@@ -113,12 +118,13 @@ class Bench:
         def take_down() -> None:
             stop.set()
             thread.join(TIMEOUT_S)
-            assert not thread.is_alive(), f'{node.get_name()} did not stop'
+            assert not thread.is_alive(), f'{nodes[0].get_name()} did not stop'
             executor.shutdown()
-            node.destroy_node()
+            for node in nodes:
+                node.destroy_node()
 
         self._stack.callback(take_down)
-        return node
+        return nodes
 
     def listen(self, message_type: Any, topic: str, qos: Any = None) -> 'queue.Queue[Any]':
         """

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,8 @@ def runnable(words: list[str]) -> list[str]:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A folder that looks like the project's root to the commands."""
-    (tmp_path / 'data').symlink_to(ROOT / 'data')
+    for name in ('data', 'config'):
+        (tmp_path / name).symlink_to(ROOT / name)
     return tmp_path
 
 
@@ -84,6 +86,12 @@ def test_commands_for_files_run_as_written_and_give_the_figures_of_the_table(fol
         assert shown[1].split() == expected
 
 
+def homes(bench: Any) -> list[str]:
+    """List the namespaces of the compensators that are up."""
+    nodes = bench.helper.get_node_names_and_namespaces()
+    return sorted(namespace for name, namespace in nodes if name == 'wrist_ft_comp')
+
+
 def test_node_commands_run_as_written(
     ros_domain: int,  # noqa: ARG001
     bench: Any,
@@ -97,14 +105,14 @@ def test_node_commands_run_as_written(
     monkeypatch.setenv('ROS_HOME', str(folder / 'ros_home'))
     lines = [words for words in commands() if words[0] == 'ros2']
     runs = [words for words in lines if words[1] == 'run']
-    beside_driver, simulator, compensator = runs
-    process = start(beside_driver)
-    bench.wait_for_node('wrist_ft_comp')
-    os.killpg(process.pid, signal.SIGINT)
-    process.wait(TIMEOUT_S)
-    bench.wait_until(
-        lambda: 'wrist_ft_comp' not in bench.helper.get_node_names(), 'the end of the first node'
-    )
+    beside_driver, simulator, compensator, several = runs
+    for words, namespaces in ((beside_driver, ['/']), (several, ['/left', '/right'])):
+        process = start(words)
+        up = partial(lambda wanted: homes(bench) == wanted, namespaces)
+        bench.wait_until(up, f'nodes in {namespaces}')
+        os.killpg(process.pid, signal.SIGINT)
+        process.wait(TIMEOUT_S)
+        bench.wait_until(lambda: not homes(bench), 'the end of the nodes')
 
     temperatures = bench.listen(Temperature, 'temperature_2')
     start(compensator)

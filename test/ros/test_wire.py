@@ -51,8 +51,7 @@ def serialized(stamp, frame, values, little):
 def test_bytes_say_what_the_typed_message_says(stamp, frame, values, others):
     message = wrench_message(stamp, frame, values)
     data = serialize_message(message)
-    layout = wire.Wire(6).layout(data)
-    found_stamp, found = wire.read(layout, data)
+    layout, found_stamp, found = wire.Wire(6).read(data)
     assert found_stamp == stamp
     assert same(found, values)
     assert wire.frame_id(layout, data) == frame
@@ -64,8 +63,7 @@ def test_bytes_say_what_the_typed_message_says(stamp, frame, values, others):
 @given(stamps, frames, wrenches, wrenches, st.booleans())
 def test_both_byte_orders_are_read_and_kept(stamp, frame, values, others, little):
     data = serialized(stamp, frame, values, little)
-    layout = wire.Wire(6).layout(data)
-    found_stamp, found = wire.read(layout, data)
+    layout, found_stamp, found = wire.Wire(6).read(data)
     assert found_stamp == stamp
     assert same(found, values)
     assert wire.frame_id(layout, data) == frame
@@ -77,9 +75,9 @@ def test_messages_of_changing_layouts_are_told_apart(sent):
     shared = wire.Wire(6)
     for frame, values, little in sent:
         data = serialized(7, frame, values, little)
-        layout = shared.layout(data)
+        layout, _, found = shared.read(data)
         assert wire.frame_id(layout, data) == frame
-        assert same(wire.read(layout, data)[1], values)
+        assert same(found, values)
 
 
 def test_many_layouts_do_not_pile_up():
@@ -95,7 +93,7 @@ def test_temperatures_are_read_as_wrenches_are(stamp, frame, celsius, variance):
     message = Temperature(temperature=celsius, variance=variance)
     message.header = wrench_message(stamp, frame, [0.0] * 6).header
     data = serialize_message(message)
-    found_stamp, found = wire.read(wire.Wire(2).layout(data), data)
+    _, found_stamp, found = wire.Wire(2).read(data)
     assert found_stamp == stamp
     assert same(found, (celsius, variance))
 
@@ -108,12 +106,10 @@ def test_bytes_that_only_align_are_no_part_of_the_frame_name():
 
 @given(st.binary(max_size=200))
 def test_other_bytes_are_refused_or_have_the_length_of_a_message(data):
-    layout = None
     with suppress(RecordingError):
-        layout = wire.Wire(6).layout(data)
-    if layout is not None:
+        layout, _, found = wire.Wire(6).read(data)
         assert len(data) == layout.offset + 48
-        assert len(wire.read(layout, data)[1]) == 6
+        assert len(found) == 6
 
 
 @pytest.mark.parametrize('length', [0, 3, 4, 15, 16, 40, 71, 73, 80])
@@ -121,13 +117,13 @@ def test_a_message_that_was_cut_or_grew_is_refused(length):
     data = serialized(7, 'tool0', [0.0] * 6, little=True)
     assert len(data) == 76
     shared = wire.Wire(6)
-    shared.layout(data)
+    shared.read(data)
     with pytest.raises(RecordingError):
-        shared.layout((data + bytes(8))[:length])
+        shared.read((data + bytes(8))[:length])
 
 
 def test_a_frame_length_beyond_the_message_is_refused():
     data = bytearray(serialized(7, 'tool0', [0.0] * 6, little=True))
     struct.pack_into('<I', data, 12, 2**32 - 1)
     with pytest.raises(RecordingError, match='frame_id'):
-        wire.Wire(6).layout(bytes(data))
+        wire.Wire(6).read(bytes(data))

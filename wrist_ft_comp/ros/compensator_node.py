@@ -28,13 +28,14 @@ from wrist_ft_comp.files.cdr import TEMPERATURE_DOUBLES, WRENCH_DOUBLES
 from wrist_ft_comp.files.model_store import ModelStore, default_directory
 from wrist_ft_comp.ros import qos, wire
 from wrist_ft_comp.ros.calibration_control import CalibrationControl
-from wrist_ft_comp.ros.compensator_parameters import PARAMETERS
+from wrist_ft_comp.ros.compensator_parameters import NODE_NAME, PARAMETERS
 from wrist_ft_comp.ros.deferred_service import DeferredService
 from wrist_ft_comp.ros.diagnostics import diagnostic_array
 from wrist_ft_comp.ros.live_model import LiveModel
 from wrist_ft_comp.ros.parameters import declare, values
 from wrist_ft_comp.ros.recording_control import RecordingControl
-from wrist_ft_comp.ros.running import run_node
+from wrist_ft_comp.ros.running import run_nodes
+from wrist_ft_comp.ros.several_sensors import node_per_sensor
 from wrist_ft_comp.ros.status import Counts, concerns
 from wrist_ft_comp.ros.tare_control import TareControl
 from wrist_ft_comp.ros.wrench_message import wrench_message
@@ -51,6 +52,9 @@ class CompensatorNode(Node):
 
     Parameters
     ----------
+    sensor : str
+        Its name where a process serves several; each has a folder of this name below
+        ``data_directory``.
     **options
         Passed on to rclpy's Node, such as ``context``.
 
@@ -61,8 +65,8 @@ class CompensatorNode(Node):
 
     """
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('wrist_ft_comp', **options)
+    def __init__(self, sensor: str = '', **options: Any) -> None:
+        super().__init__(NODE_NAME, **options)
         self.console: Any = cast('Any', self).get_logger()
         declare(self, PARAMETERS)
         given = values(self, PARAMETERS)
@@ -77,22 +81,22 @@ class CompensatorNode(Node):
             temperature_timeout_s=given['temperature_timeout'],
             max_drift_n=given['max_drift'],
         )
-        directory = given['data_directory'] or default_directory(self.get_fully_qualified_name())
-        self.store = ModelStore(Path(directory).expanduser())
+        shared = given['data_directory']
+        own = default_directory(self.get_fully_qualified_name())
+        self.store = ModelStore(Path(shared, sensor).expanduser() if shared else own)
         self.model = LiveModel(self, len(topics))
         first = self.model.first(given['model_file'])
         self.compensator = Compensator(
             len(topics), settings, None if first is None else first.model
         )
         self.counts = Counts(len(topics))
-        self.frame_id = ''
         self.recording = RecordingControl(self)
         self.tare = TareControl(self)
         self.calibration = CalibrationControl(self)
         self._silent = given['uncalibrated'] == 'silent'
         self._wrench_wire = wire.Wire(WRENCH_DOUBLES)
         self._temperature_wire = wire.Wire(TEMPERATURE_DOUBLES)
-        self._layout: wire.Layout | None = None
+        self._newest = b''
         self._create_topics(topics)
         self._create_services()
         self.add_on_set_parameters_callback(self.model.judge)
@@ -143,31 +147,40 @@ class CompensatorNode(Node):
     def _on_wrench(self, data: bytes) -> None:
         """Correct one wrench and send it on; the header passes through untouched."""
         try:
-            layout = self._wrench_wire.layout(data)
+            layout, stamp_ns, raw = self._wrench_wire.read(data)
         except RecordingError:
             self.counts.malformed += 1
             return
-        stamp_ns, raw = wire.read(layout, data)
         if not math.isfinite(sum(raw)):
             self.counts.not_finite += 1
             return
         stamp_ns = stamp_ns or self._now_ns()
         corrected = self.compensator.correct(stamp_ns, raw)
         self.counts.wrench(stamp_ns)
-        if self.compensator.compensating or not self._silent:
+        if not self._silent or self.compensator.compensating:
             self._output.publish(wire.replace(layout, data, corrected))
             self.counts.published += 1
         if self.recording.current is not None:
             self.recording.current.reducer.add_raw(stamp_ns, raw)
         if self.tare.collector is not None:
             self.tare.add(stamp_ns, raw)
-        if layout is not self._layout:
-            self._layout, self.frame_id = layout, wire.frame_id(layout, data)
+        self._newest = data
+
+    @property
+    def own_topics(self) -> tuple[str, str]:
+        """Full names of the topics that no other sensor may use."""
+        return self.raw_subscription.topic_name, self._output.topic_name
+
+    @property
+    def frame_id(self) -> str:
+        """The sensor's frame; empty before the first wrench."""
+        newest = self._newest
+        return wire.frame_id(self._wrench_wire.layout(newest), newest) if newest else ''
 
     def on_reference(self, data: bytes) -> None:
         """Add one reference wrench, as serialized bytes, to the recording."""
         try:
-            stamp_ns, reference = wire.read(self._wrench_wire.layout(data), data)
+            _, stamp_ns, reference = self._wrench_wire.read(data)
         except RecordingError:
             self.counts.bad_references += 1
             return
@@ -179,7 +192,7 @@ class CompensatorNode(Node):
     def _on_temperature(self, thermometer: int, data: bytes) -> None:
         """Give one temperature to the thermal grid; the drift moves when a cell is complete."""
         try:
-            stamp_ns, (temperature_c, _) = wire.read(self._temperature_wire.layout(data), data)
+            _, stamp_ns, (temperature_c, _) = self._temperature_wire.read(data)
         except RecordingError:
             self.counts.bad_temperatures += 1
             return
@@ -229,7 +242,7 @@ class CompensatorNode(Node):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """
-    Run the node until a signal ends it.
+    Run a node per sensor until a signal ends them.
 
     Parameters
     ----------
@@ -242,7 +255,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         Exit code.
 
     """
-    return run_node(CompensatorNode, argv)
+    return run_nodes(partial(node_per_sensor, CompensatorNode), argv)
 
 
 if __name__ == '__main__':

@@ -6,10 +6,25 @@ from wrist_ft_comp.core.identification import METHODS
 from wrist_ft_comp.ros.parameter_table import Parameter
 from wrist_ft_comp.ros.running import EXECUTOR_PARAMETER
 
+NODE_NAME = 'wrist_ft_comp'
 _STREAM = StreamSettings()
 _CALIBRATION = CalibrationSettings()
 
+#: What concerns the process, not one sensor.
+PROCESS_PARAMETERS = (
+    Parameter(
+        'sensors',
+        (),
+        'Names of the sensors to serve from this process, each by a node in a namespace of that '
+        'name; empty serves one sensor, in no namespace of its own.',
+        read_only=True,
+        element=str,
+    ),
+    EXECUTOR_PARAMETER,
+)
+
 PARAMETERS = (
+    *PROCESS_PARAMETERS,
     Parameter(
         'temperature_topics',
         ('temperature',),
@@ -25,8 +40,8 @@ PARAMETERS = (
     Parameter(
         'data_directory',
         '',
-        'Where models and own recordings are kept; empty takes wrist_ft_comp/NODE below ROS_HOME '
-        '(or ~/.ros).',
+        'Where models and own recordings are kept, by several sensors in a folder each; empty '
+        'takes wrist_ft_comp/NODE below ROS_HOME (or ~/.ros).',
         read_only=True,
     ),
     Parameter(
@@ -108,5 +123,4 @@ PARAMETERS = (
         minimum=0.001,
         maximum=1e6,
     ),
-    EXECUTOR_PARAMETER,
 )

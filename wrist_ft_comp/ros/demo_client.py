@@ -74,13 +74,13 @@ class DemoClient:
 
     def _on_wrench(self, topic: str, data: bytes) -> None:
         """Keep one wrench."""
-        stamp_ns, wrench = wire.read(self._wires[0].layout(data), data)
+        _, stamp_ns, wrench = self._wires[0].read(data)
         self.wrenches[topic][stamp_ns] = wrench
         self.latest_ns = max(self.latest_ns, stamp_ns)
 
     def _on_temperature(self, number: int, data: bytes) -> None:
         """Keep one temperature."""
-        stamp_ns, (value, _) = wire.read(self._wires[1].layout(data), data)
+        _, stamp_ns, (value, _) = self._wires[1].read(data)
         self.temperatures.append((stamp_ns, number, value))
 
     def spin_until(self, done: Callable[[], bool], what: str, timeout_s: float) -> None:

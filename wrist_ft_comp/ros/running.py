@@ -1,5 +1,5 @@
 """
-Run one node from start to end: context, executor, signals, exit code.
+Run nodes from start to end: context, executor, signals, exit code.
 
 Why not ``rclpy.spin``: shutting a context down under a running executor, as rclpy's own signal
 handlers do, can abort the process, and the EventsExecutor of some builds delivers nothing
@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from types import FrameType
 from typing import Any
 
@@ -21,11 +21,12 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
+from rclpy.task import Future
 
 from wrist_ft_comp import SettingsError, WristFtCompError
 from wrist_ft_comp.ros.parameters import Parameter
 
-NodeFactory = Callable[..., Node]
+NodesFactory = Callable[..., Sequence[Node]]
 
 #: Longest time between a signal and the look at its flag, seconds.
 POLL_PERIOD_S = 0.1
@@ -49,11 +50,9 @@ EXECUTOR_PARAMETER = Parameter(
 )
 
 
-def run_node(
-    factory: NodeFactory, argv: Sequence[str] | None = None, executor: str | None = None
-) -> int:
+def run_node(factory: Callable[..., Node], argv: Sequence[str] | None = None) -> int:
     """
-    Run a node until SIGINT, SIGTERM, or an error of this package.
+    Run one node, as run_nodes does.
 
     Parameters
     ----------
@@ -61,8 +60,28 @@ def run_node(
         Called as ``factory(context=…)``; returns the node. A node class will do.
     argv : sequence of str, optional
         Command line, as sys.argv, which is also the default.
-    executor : {'auto', 'events', 'default'}, optional
-        Overrides the node's parameter ``executor``; without either, 'auto'.
+
+    Returns
+    -------
+    int
+        Exit code.
+
+    """
+    return run_nodes(lambda **options: [factory(**options)], argv)
+
+
+def run_nodes(factory: NodesFactory, argv: Sequence[str] | None = None) -> int:
+    """
+    Run nodes on one executor until SIGINT, SIGTERM, or an error of this package.
+
+    The first node's parameter ``executor`` chooses it, where it is declared.
+
+    Parameters
+    ----------
+    factory : callable
+        Called as ``factory(context=…)``; returns the nodes, at least one.
+    argv : sequence of str, optional
+        Command line, as sys.argv, which is also the default.
 
     Returns
     -------
@@ -74,7 +93,7 @@ def run_node(
     try:
         with _stop_flag() as stop:
             _initialise(context, argv)
-            _create_and_spin(factory, context, executor, stop)
+            _create_and_spin(factory, context, stop)
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except USER_ERRORS as error:
@@ -138,11 +157,14 @@ def spin(executor: Executor, context: Context, stop: threading.Event) -> None:
     context : Context
         The executor's context.
     stop : threading.Event
-        Looked at after every callback, and every POLL_PERIOD_S.
+        Looked at every POLL_PERIOD_S.
 
     """
     while context.ok() and not stop.is_set():
-        executor.spin_once(timeout_sec=POLL_PERIOD_S)
+        # Not spin_once: leaving and entering the executor costs as much as a callback. The future
+        # is never done, and made anew because executors leave callbacks of theirs on it.
+        never = Future()  # type: ignore[no-untyped-call] # as rclpy declares it
+        executor.spin_until_future_complete(never, timeout_sec=POLL_PERIOD_S)
 
 
 def _initialise(context: Context, argv: Sequence[str] | None) -> None:
@@ -159,27 +181,23 @@ def _initialise(context: Context, argv: Sequence[str] | None) -> None:
         ) from error
 
 
-def _create_and_spin(
-    factory: NodeFactory, context: Context, choice: str | None, stop: threading.Event
-) -> None:
-    """Create node and executor, spin, and take them down in the order that does not abort."""
-    node: Any = factory(context=context)
-    try:
-        if choice is None:
-            declared = node.has_parameter('executor')
-            choice = str(node.get_parameter('executor').value) if declared else 'auto'
+def _create_and_spin(factory: NodesFactory, context: Context, stop: threading.Event) -> None:
+    """Create nodes and executor, spin, and take them down in the order that does not abort."""
+    with ExitStack() as stack:
+        nodes: Sequence[Any] = factory(context=context)
+        for node in nodes:
+            stack.callback(node.destroy_node)
+        declared = nodes[0].has_parameter('executor')
+        choice = nodes[0].get_parameter('executor').value if declared else 'auto'
         executor = make_executor(choice, context)
-        try:
+        stack.callback(executor.shutdown)
+        for node in nodes:
             executor.add_node(node)
-            # What start-up made lives as long as the node: the garbage collector need not walk it,
-            # which takes tens of milliseconds and delays messages.
-            gc.collect()
-            gc.freeze()
-            spin(executor, context, stop)
-        finally:
-            executor.shutdown()
-    finally:
-        node.destroy_node()
+        # What start-up made lives as long as the nodes: the garbage collector need not walk it,
+        # which takes tens of milliseconds and delays messages.
+        gc.collect()
+        gc.freeze()
+        spin(executor, context, stop)
 
 
 @contextmanager

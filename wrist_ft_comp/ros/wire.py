@@ -24,21 +24,24 @@ class Layout(NamedTuple):
 
     Attributes
     ----------
+    key : tuple
+        What tells messages of this layout from others: size, byte order and frame length.
     frame_end : int
         First byte behind frame_id.
     offset : int
         First byte of the doubles.
     doubles : struct.Struct
         The doubles.
-    stamp : struct.Struct
-        Seconds and nanoseconds, at byte 4.
+    numbers : struct.Struct
+        Of a whole message: seconds and nanoseconds of its stamp, and the doubles.
 
     """
 
+    key: tuple[int, bytes, bytes]
     frame_end: int
     offset: int
     doubles: struct.Struct
-    stamp: struct.Struct
+    numbers: struct.Struct
 
 
 class Wire:
@@ -56,6 +59,33 @@ class Wire:
         self._count = count
         # A topic's messages share one layout, so the checks are made once per layout.
         self._known: dict[tuple[int, bytes, bytes], Layout] = {}
+        self._latest: Layout | None = None
+
+    def read(self, data: bytes) -> tuple[Layout, int, tuple[float, ...]]:
+        """
+        Read stamp and doubles.
+
+        Parameters
+        ----------
+        data : bytes
+            Serialized message.
+
+        Returns
+        -------
+        tuple of Layout, int and tuple of float
+            For replace and frame_id; header stamp, ns; the doubles.
+
+        Raises
+        ------
+        RecordingError
+            When the bytes are no such message.
+
+        """
+        layout = self._latest
+        if layout is None or layout.key != (len(data), data[:2], data[12:_FRAME]):
+            layout = self._latest = self.layout(data)
+        numbers = layout.numbers.unpack(data)
+        return layout, numbers[0] * NANOSECONDS + numbers[1], numbers[2:]
 
     def layout(self, data: bytes) -> Layout:
         """
@@ -69,7 +99,7 @@ class Wire:
         Returns
         -------
         Layout
-            For read, replace and frame_id.
+            For replace and frame_id.
 
         Raises
         ------
@@ -83,36 +113,16 @@ class Wire:
             offset, order = locate_doubles(data, self._count)
             (frame_bytes,) = struct.unpack_from(f'{order}I', data, 12)
             known = Layout(
+                key,
                 _FRAME + frame_bytes,
                 offset,
                 struct.Struct(f'{order}{self._count}d'),
-                struct.Struct(f'{order}iI'),
+                struct.Struct(f'{order}4xiI{offset - 12}x{self._count}d'),
             )
             if len(self._known) >= _MAX_LAYOUTS:
                 self._known.clear()
             self._known[key] = known
         return known
-
-
-def read(layout: Layout, data: bytes) -> tuple[int, tuple[float, ...]]:
-    """
-    Read stamp and doubles.
-
-    Parameters
-    ----------
-    layout : Layout
-        From Wire.layout of the same bytes.
-    data : bytes
-        Serialized message.
-
-    Returns
-    -------
-    tuple of int and tuple of float
-        Header stamp, ns, and the doubles.
-
-    """
-    seconds, nanoseconds = layout.stamp.unpack_from(data, 4)
-    return seconds * NANOSECONDS + nanoseconds, layout.doubles.unpack_from(data, layout.offset)
 
 
 def frame_id(layout: Layout, data: bytes) -> str:

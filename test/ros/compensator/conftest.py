@@ -76,7 +76,7 @@ class Rig:
             'temperature_topics': topics,
             **options.pop('parameters', {}),
         }
-        self.node = bench.start(
+        self.node = options.pop('node', None) or bench.start(
             CompensatorNode, namespace=namespace, parameters=parameters, **options
         )
         self.arrays = bench.listen(DiagnosticArray, '/diagnostics')
@@ -196,7 +196,7 @@ def rig(bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable
     started: list[Rig] = []
 
     def start(**options: Any) -> Rig:
-        namespace = f'/t{next(_NUMBERS)}'
+        namespace = options.pop('namespace', None) or f'/t{next(_NUMBERS)}'
         directory = options.pop('directory', tmp_path / 'data')
         started.append(Rig(bench, namespace, directory, **options))
         return started[-1]

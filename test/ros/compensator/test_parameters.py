@@ -17,6 +17,7 @@ OTHER = {
     'temperature_topics': ['a'],
     'data_directory': '/tmp',  # noqa: S108 -- is to be refused
     'executor': 'events',
+    'sensors': ['left'],
 }
 
 

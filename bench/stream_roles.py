@@ -1,0 +1,207 @@
+"""
+The processes of the stream benchmark: sensors, receiver, and the relays a user would write.
+
+``python bench/stream_roles.py ROLE …``. Sensor and receiver obey lines on standard input and
+answer with one line of JSON each.
+"""
+
+import json
+import signal
+import struct
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import Temperature
+from std_srvs.srv import Trigger
+
+from wrist_ft_comp.core.recording import NANOSECONDS
+from wrist_ft_comp.ros import qos
+from wrist_ft_comp.ros.running import make_executor
+
+TEMPERATURE_HZ = 10
+_FRAME = b'wrist_ft\0'
+_HEAD = struct.Struct('<4siII12s')
+_DOUBLES = struct.pack('<6d', 1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
+
+
+def wrench_bytes(stamp_ns: int, doubles: bytes = _DOUBLES) -> bytes:
+    """Serialize a wrench, or whatever else is a header and doubles."""
+    stamp = divmod(stamp_ns, NANOSECONDS)
+    return _HEAD.pack(b'\0\1\0\0', *stamp, len(_FRAME), _FRAME) + doubles
+
+
+def sense(context: Any, namespaces: Sequence[str]) -> None:
+    """Publish as told, ``{"to": […], "rate_hz": …, "seconds": …}``, with stamps of now."""
+    node: Any = Node('bench_sensor', context=context)
+    wrenches = {
+        name: node.create_publisher(WrenchStamped, f'/{name}/wrench_raw', qos.FAST_SENSOR)
+        for name in namespaces
+    }
+    thermometers = {
+        name: node.create_publisher(Temperature, f'/{name}/temperature', qos.SLOW_SENSOR)
+        for name in namespaces
+    }
+    for line in sys.stdin:
+        order = json.loads(line)
+        to = order.pop('to')
+        result = _publish([wrenches[n] for n in to], [thermometers[n] for n in to], **order)
+        print(json.dumps(result), flush=True)
+    node.destroy_node()
+
+
+def _publish(
+    wrenches: list[Any], thermometers: list[Any], rate_hz: float, seconds: float
+) -> dict[str, float]:
+    """Keep to a rate: what a pause delayed is sent at once, so that nothing is left out."""
+    due, late_s = round(rate_hz * seconds), 0.0
+    start = next_temperature = time.monotonic()
+    for k in range(due):
+        now = time.monotonic()
+        while now < start + k / rate_hz:
+            time.sleep(start + k / rate_hz - now)
+            now = time.monotonic()
+        late_s = max(late_s, now - start - k / rate_hz)
+        if now >= next_temperature:
+            degrees = struct.pack('<2d', 25.0 + now % 10.0, 0.0)
+            for publisher in thermometers:
+                publisher.publish(wrench_bytes(time.monotonic_ns(), degrees))
+            next_temperature += 1 / TEMPERATURE_HZ
+        for publisher in wrenches:
+            publisher.publish(wrench_bytes(time.monotonic_ns()))
+    return {'sent': due, 'publisher_late_ms': 1e3 * late_s}
+
+
+class Receiver:
+    """
+    Hears every output, and what the compensators count.
+
+    Parameters
+    ----------
+    context : Context
+        Of rclpy.
+    namespaces : sequence of str
+        Whose ``wrench`` to hear.
+
+    """
+
+    def __init__(self, context: Any, namespaces: Sequence[str]) -> None:
+        self._node: Any = Node('bench_receiver', context=context)
+        self._came: dict[str, list[tuple[bytes, int]]] = {name: [] for name in namespaces}
+        self._counted: dict[str, dict[str, int]] = {name: {} for name in namespaces}
+        self._calibrated: list[str] = []
+        profile: Any = QoSProfile
+        for name, came in self._came.items():
+            hear = partial(_hear, came.append)
+            self._node.create_subscription(
+                WrenchStamped, f'/{name}/wrench', hear, profile(depth=5000), raw=True
+            )
+        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        self._orders: list[str] = []
+
+    def run(self, context: Any) -> None:
+        """Obey ``take`` and ``calibrate NAMESPACE`` until standard input ends."""
+        executor = make_executor('auto', context)
+        executor.add_node(self._node)
+        threading.Thread(target=self._listen, daemon=True).start()
+        while 'end' not in self._orders:
+            executor.spin_once(timeout_sec=0.02)
+            while self._orders and self._orders[0] != 'end':
+                self._obey(*self._orders.pop(0).split())
+        executor.shutdown()
+        self._node.destroy_node()
+
+    def _listen(self) -> None:
+        """Take orders, beside the executor."""
+        self._orders.extend(line.strip() for line in sys.stdin)
+
+    def _obey(self, order: str, namespace: str = '') -> None:
+        """Carry out one order."""
+        if order == 'calibrate':
+            client = self._node.create_client(Trigger, f'/{namespace}/wrist_ft_comp/calibrate')
+            client.wait_for_service()
+            answer = client.call_async(Trigger.Request())
+            answer.add_done_callback(lambda done: self._calibrated.append(done.result().message))
+            return
+        found = {
+            name: {**latencies(came), **self._counted[name]} for name, came in self._came.items()
+        }
+        print(json.dumps({'topics': found, 'calibrated': self._calibrated}), flush=True)
+        for came in self._came.values():
+            came.clear()
+
+    def _on_diagnostics(self, array: Any) -> None:
+        """Keep the compensators' own counts of wrenches in and out."""
+        for status in array.status:
+            name, _, concern = status.name.partition('/wrist_ft_comp: ')
+            if name in self._counted and concern in {'input', 'output'}:
+                for item in status.values:
+                    if item.key in {'received', 'published'}:
+                        self._counted[name][item.key] = int(item.value)
+
+
+def _hear(keep: Callable[[tuple[bytes, int]], None], data: bytes) -> None:
+    """Keep stamp and time of arrival."""
+    keep((data[4:12], time.monotonic_ns()))
+
+
+def latencies(came: list[tuple[bytes, int]]) -> dict[str, Any]:
+    """Compute latencies from the stamps, which pass through untouched, µs."""
+    if not came:
+        return {'heard': 0, 'latencies_us': [0.0, 0.0, 0.0]}
+    stamps = np.array([struct.unpack('<iI', head) for head, _ in came], dtype=np.int64)
+    arrived = np.array([at for _, at in came])
+    late_us = (arrived - stamps[:, 0] * NANOSECONDS - stamps[:, 1]) / 1e3
+    heard = len(np.unique(stamps, axis=0))
+    return {'heard': heard, 'latencies_us': np.percentile(late_us, [50, 99, 100]).tolist()}
+
+
+def relay(context: Any, kind: str) -> None:
+    """Pass wrenches on: typed on the default executor, or bytes on the events executor."""
+    raw = kind == 'bytes'
+    node: Any = Node('bench_relay', context=context, namespace=f'/{kind}')
+    publisher = node.create_publisher(WrenchStamped, 'wrench', qos.OUTPUT)
+    node.create_subscription(
+        WrenchStamped, 'wrench_raw', publisher.publish, qos.FAST_SENSOR, raw=raw
+    )
+    executor = make_executor('auto' if raw else 'default', context)
+    executor.add_node(node)
+    for _ in _until_signal():
+        executor.spin_once(timeout_sec=0.2)
+    executor.shutdown()
+    node.destroy_node()
+
+
+def _until_signal() -> Iterator[None]:
+    """Go on until SIGTERM or SIGINT."""
+    ended: list[int] = []
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda number, _: ended.append(number))
+    while not ended:
+        yield
+
+
+def main(role: str, *names: str) -> None:
+    """Be one of the processes."""
+    context = Context()
+    context.init([])
+    if role == 'sensor':
+        sense(context, names)
+    elif role == 'receiver':
+        Receiver(context, names).run(context)
+    else:
+        relay(context, *names)
+    context.try_shutdown()
+
+
+if __name__ == '__main__':
+    main(*sys.argv[1:])

@@ -1,0 +1,190 @@
+"""Two wrists in one process: each with its own model, tare, services and files."""
+
+import itertools
+import signal
+from functools import partial
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
+
+from std_srvs.srv import SetBool, Trigger
+
+from wrist_ft_comp import SettingsError, WristFtCompError
+from wrist_ft_comp.ros.compensator_node import CompensatorNode
+from wrist_ft_comp.ros.several_sensors import node_per_sensor
+
+MODULE = 'wrist_ft_comp.ros.compensator_node'
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+_NUMBERS = itertools.count()
+make = partial(node_per_sensor, CompensatorNode)
+
+
+@pytest.fixture
+def pair(bench, rig, tmp_path):
+    """Start a left and a right sensor in one executor; yields what talks to each."""
+
+    def start(left='', right='', **options):
+        namespace = f'/pair{next(_NUMBERS)}'
+        file = tmp_path / 'parameters.yaml'
+        lines = (
+            f'{namespace}/{name}/wrist_ft_comp: {{ros__parameters: {{model_file: "{model}"}}}}\n'
+            for name, model in (('left', left), ('right', right))
+        )
+        file.write_text(''.join(lines))
+        nodes = bench.start_all(
+            make,
+            namespace=namespace,
+            parameters={'sensors': ['left', 'right'], 'data_directory': str(tmp_path / 'data')},
+            cli_args=['--ros-args', '--params-file', str(file)],
+            **options,
+        )
+        return [rig(node=node, namespace=node.get_namespace()) for node in nodes]
+
+    return start
+
+
+@pytest.fixture
+def models(make_model):
+    """Write a model file per sensor; force z drifts by 2 and by 5 N/K above 20 °C, without lag."""
+    left = make_model('left.yaml', {'force_z': (2.0, 0.0, 0.0)})
+    right = make_model('right.yaml', {'force_z': (5.0, 0.0, 0.0)})
+    return str(left.path), str(right.path)
+
+
+def warm_up(sensors, temperature_c=21.0):
+    for second in range(3):
+        for sensor in sensors:
+            sensor.warm(START + second * SECOND, temperature_c)
+
+
+@pytest.mark.parametrize('executor', ['auto', 'default'])
+def test_each_sensor_is_corrected_by_its_own_model(pair, models, executor):
+    sensors = pair(*models, executor=executor)
+    warm_up(sensors)
+    found = [each.ask_output(START + 9 * SECOND, [0.0] * 6)[2] for each in sensors]
+    assert found == pytest.approx([-2.0, -5.0])
+    for each, path in zip(sensors, models, strict=True):
+        values = {item.key: item.value for item in each.diagnosis('model').values}
+        assert values['file'] == path
+
+
+def test_each_sensor_follows_its_own_thermometer(pair, models):
+    left, right = pair(*models)
+    warm_up([left], 21.0)
+    warm_up([right], 23.0)
+    assert left.ask_output(START + 9 * SECOND, [0.0] * 6)[2] == pytest.approx(-2.0)
+    assert right.ask_output(START + 9 * SECOND, [0.0] * 6)[2] == pytest.approx(-15.0)
+
+
+def test_a_tare_of_one_leaves_the_other(pair, models):
+    left, right = pair(*models)
+    warm_up([left, right])
+    answer = left.ask('tare')
+    stamps = START + 9 * SECOND + np.arange(30) * (SECOND // 20)
+    for stamp in stamps:
+        left.put(int(stamp), [7.0] * 6)
+    assert answer.get(timeout=20.0).success
+    left.take(len(stamps))
+    later = START + 12 * SECOND
+    assert left.ask_output(later, [7.0] * 6) == pytest.approx([0.0] * 6)
+    assert right.ask_output(later, [7.0] * 6) == pytest.approx([7, 7, 2, 7, 7, 7])
+
+
+def test_a_calibration_of_one_leaves_the_other(pair, models, make_robot):
+    left, right = pair('', models[1])
+    make_robot().write(left.node.store.new_recording_path())
+    warm_up([left, right])
+    before = right.node.model.stored
+    answer = left.call('calibrate')
+    assert answer.success, answer.message
+    assert left.node.model.stored.path.parent == left.node.store.directory / 'models'
+    assert right.node.model.stored is before
+    assert right.ask_output(START + 9 * SECOND, [0.0] * 6)[2] == pytest.approx(-5.0)
+    assert not right.node.calibration.last_outcome
+    refusal = right.call('calibrate')
+    assert 'There is no recording' in refusal.message
+    assert left.call('rollback').success
+
+
+def test_each_sensor_keeps_its_files_in_a_folder_of_its_own(pair, tmp_path):
+    for each, name in zip(pair(), ('left', 'right'), strict=True):
+        assert each.call('record', data=True).success
+        (path,) = (tmp_path / 'data' / name / 'recordings').glob('*.csv')
+        assert str(path) in each.call('record', data=False).message
+
+
+def test_every_node_tells_what_the_process_serves(pair):
+    for each in pair():
+        assert list(each.node.get_parameter('sensors').value) == ['left', 'right']
+        assert not each.set('sensors', ['other']).successful
+
+
+def test_without_names_there_is_one_node_as_ever(ros_context):
+    (node,) = make(context=ros_context, namespace='/alone')
+    assert node.get_fully_qualified_name() == '/alone/wrist_ft_comp'
+    assert node.store.directory.name == 'alone__wrist_ft_comp'
+    node.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ('names', 'words'),
+    [
+        (['left', 'right', 'left'], 'once; got left 2 times'),
+        (['left arm'], "begin with a letter, because they become namespaces; got 'left arm'"),
+        (['1st'], "got '1st'"),
+        (['left/finger'], "got 'left/finger'"),
+    ],
+)
+def test_names_that_cannot_be_namespaces_are_refused(ros_context, names, words):
+    with pytest.raises(SettingsError, match=words):
+        make(context=ros_context, cli_args=['--ros-args', '-p', f'sensors:={names}'])
+
+
+@pytest.mark.parametrize(
+    ('remap', 'topic'),
+    [('wrench_raw:=/driver/wrench', '/driver/wrench'), ('wrench:=/out', '/out')],
+)
+def test_sensors_that_meet_on_a_topic_are_refused(ros_context, remap, topic):
+    arguments = ['--ros-args', '-p', 'sensors:=[left, right]', '-r', remap]
+    with pytest.raises(SettingsError, match=f'left and right would share the topic {topic}'):
+        make(context=ros_context, cli_args=arguments)
+
+
+def test_a_remap_by_full_name_means_one_sensor(ros_context):
+    arguments = ['--ros-args', '-p', 'sensors:=[left, right]', '-r', '/left/wrench_raw:=/driver']
+    nodes = make(context=ros_context, cli_args=arguments)
+    assert [node.own_topics[0] for node in nodes] == ['/driver', '/right/wrench_raw']
+    for node in nodes:
+        node.destroy_node()
+
+
+def test_an_error_names_its_sensor(ros_context):
+    arguments = ['--ros-args', '-p', 'sensors:=[left]', '-p', 'model_file:=/nowhere.yaml']
+    with pytest.raises(WristFtCompError, match=r'Sensor left: /nowhere.yaml cannot be read'):
+        make(context=ros_context, cli_args=arguments)
+
+
+@pytest.mark.parametrize(
+    ('executor', 'number'), [('events', signal.SIGINT), ('default', signal.SIGTERM)]
+)
+def test_remaps_of_namespace_and_node_hold_and_a_signal_ends_all(
+    bench, executable, tmp_path, executor, number
+):
+    process = executable(
+        MODULE,
+        *('-r', f'__ns:=/arms_{executor}', '-r', '__node:=comp'),
+        *('-p', 'sensors:=[left, right]', '-p', f'executor:={executor}'),
+        *('-p', f'data_directory:={tmp_path}'),
+    )
+    for name in ('left', 'right'):
+        service = f'/arms_{executor}/{name}/comp'
+        assert bench.call(Trigger, f'{service}/reset_tare', Trigger.Request()).success
+        assert bench.call(SetBool, f'{service}/record', SetBool.Request(data=True)).success
+    code, errors = process.end(number)
+    assert code == 0, errors
+    assert 'Traceback' not in errors
+    assert 'terminate called' not in errors
+    assert errors.count('recorded 0 thermal cells') == 2
