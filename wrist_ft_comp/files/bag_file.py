@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import BinaryIO, TypeVar
 
 from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.storage_mcap import McapReader
 
 from wrist_ft_comp import RecordingError
-from wrist_ft_comp.files.bulk_storage import BulkReader, Message
 
 #: Storage plugin by suffix.
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
@@ -28,6 +28,7 @@ _MCAP_MAGIC = b'\x89MCAP0\r\n'
 _MCAP_DATA_END = 0x0F
 
 _Key = TypeVar('_Key')
+Message = tuple[Connection, int, bytes]
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +216,7 @@ def _choose(path: Path) -> Path:
 def _open(name: str, chosen: Path, stack: ExitStack) -> Bag:
     """Let rosbags open it; fall back on scanning an .mcap file that lost its end."""
     try:
-        reader = stack.enter_context(BulkReader(chosen))
+        reader = stack.enter_context(Reader(chosen))
     except Exception:
         cut = _cut_mcap(chosen)
         if cut is None:

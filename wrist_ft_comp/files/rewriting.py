@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from wrist_ft_comp import RecordingError
@@ -20,7 +20,6 @@ from wrist_ft_comp.core.recording import AXES, FloatArray, IntArray
 from wrist_ft_comp.files import cdr
 from wrist_ft_comp.files.bag_file import Bag
 from wrist_ft_comp.files.bag_recording import WRENCH_TYPE, Topics, unpack
-from wrist_ft_comp.files.bulk_storage import BulkWriter, Message
 from wrist_ft_comp.files.chamber_table import read_chamber_table, write_chamber_table
 from wrist_ft_comp.files.csv_recording import numbers, sound_chunks, stamps_ns
 from wrist_ft_comp.files.csv_text import CsvChunk, CsvText
@@ -140,7 +139,7 @@ def _definition(connection: Connection) -> tuple[str, str]:
     return text, digest or f'RIHS01_{0:064}'
 
 
-def _add_topic(writer: BulkWriter, like: Connection, topic: str) -> Connection:
+def _add_topic(writer: Writer, like: Connection, topic: str) -> Connection:
     """Add a topic with the type, definition and quality of service of another."""
     text, digest = _definition(like)
     extra = like.ext
@@ -188,7 +187,7 @@ def rewrite_bag(  # noqa: PLR0913, PLR0917 - the front door's settings, passed t
             f'{bag.name} holds {output_topic} already; name another topic for the output.'
         )
     total, seen = sum(connection.msgcount for connection in bag.connections), 0
-    writer = BulkWriter(folder, version=9, storage_plugin=StoragePlugin[bag.storage.upper()])
+    writer = Writer(folder, version=9, storage_plugin=StoragePlugin[bag.storage.upper()])
     writer.set_compression(_COMPRESSION[bag.compression], CompressionFormat.ZSTD)
     with writer:
         copies = {c.id: _add_topic(writer, c, c.topic) for c in bag.connections}
@@ -197,12 +196,10 @@ def rewrite_bag(  # noqa: PLR0913, PLR0917 - the front door's settings, passed t
         for batch in bag.batches(bag.connections):
             messages = [data for connection, _, data in batch if connection.id in raw]
             added = iter(_correct_messages(bag, first.topic, messages, correct))
-            copied: list[Message] = []
             for connection, stamp, data in batch:
-                copied.append((copies[connection.id], stamp, data))
+                writer.write(copies[connection.id], stamp, data)
                 if connection.id in raw:
-                    copied.append((output, stamp, next(added)))
-            writer.write_all(copied)
+                    writer.write(output, stamp, next(added))
             seen += len(batch)
             if progress:
                 progress(min(seen / total, 1.0))
