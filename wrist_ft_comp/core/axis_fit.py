@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from wrist_ft_comp.core.axis_model import AxisModel
+from wrist_ft_comp.core.held_out import HeldOut
 
 Output = Literal['zero', 'sensitivity']
 OUTPUTS: tuple[Output, ...] = ('zero', 'sensitivity')
@@ -111,6 +112,8 @@ class AxisFit:
         What a person should be warned of, such as better candidates that could not be trusted.
     refusal : str
         Why this axis could not be learnt although it drifts; empty when it was.
+    held_out : HeldOut or None
+        The errors behind rms_before and rms_after, for pictures.
 
     """
 
@@ -126,3 +129,4 @@ class AxisFit:
     terms: tuple[Term, ...] = ()
     doubts: tuple[str, ...] = ()
     refusal: str = ''
+    held_out: HeldOut | None = None

@@ -193,12 +193,27 @@ def _free_errors(competition: Competition, features: Features, start_s: FloatArr
     structure = oe.Structure('found', features.degree, 0, tuple(start_s))
     errors = []
     for block in np.unique(competition.fitted_moments.block):
-        kept = fitted.without(block)
-        tau_s = search_time_constants(kept, features, start_s, _TOLERANCE)
+        tau_s = _without(competition, features, start_s, block)
         moments = accumulate(fitted, bank_inputs(fitted, features, tau_s), tau_s)
         scored = accumulate(judged, bank_inputs(judged, features, tau_s), tau_s, JUDGED_PARTS)
         errors.append(oe.block_errors(moments, scored, structure, moments.inputs, block)[0])
     return np.concatenate(errors)
+
+
+def left_out_time_constants(competition: Competition, entry: Entry, block: int) -> FloatArray:
+    """Return what a candidate uses when a block is held out: found anew, or fixed, s."""
+    if entry.time_constants_s is None:
+        return np.array(entry.structure.bank_s or (0.0,))
+    features = competition.features_of(entry.structure)
+    return _without(competition, features, entry.time_constants_s, block)
+
+
+def _without(
+    competition: Competition, features: Features, start_s: FloatArray, block: int
+) -> FloatArray:
+    """Search time constants without a block, s."""
+    kept = competition.fitted.without(block)
+    return search_time_constants(kept, features, start_s, _TOLERANCE)
 
 
 def structures(

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from wrist_ft_comp.core.axis_fit import OUTPUTS, AxisFit, Fitted, Term
 from wrist_ft_comp.core.axis_model import AxisModel
 from wrist_ft_comp.core.binned import bin_problem
 from wrist_ft_comp.core.competition import Competition, Entry, enter, open_competition, structures
+from wrist_ft_comp.core.competition_errors import left_out_bins
 from wrist_ft_comp.core.features import Features
+from wrist_ft_comp.core.held_out import hold_out
 from wrist_ft_comp.core.outer_inner import from_gains
 from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.recording import FloatArray
@@ -58,6 +61,19 @@ def identify_relaxations(problem: AxisProblem, settings: IdentificationSettings)
         structure.name: enter(competition, structure)
         for structure in structures(settings, features, grid)
     }
+    fit = _choose(competition, entries, settings)
+    before, after = (
+        partial(left_out_bins, competition, entry) for entry in (None, entries.get(fit.chosen))
+    )
+    detrended = any(sums.time.any() for sums in competition.judged.sums)
+    return replace(fit, held_out=hold_out(problem, before, after, detrended=detrended))
+
+
+def _choose(
+    competition: Competition, entries: Mapping[str, Entry], settings: IdentificationSettings
+) -> AxisFit:
+    """Find the simplest good candidate that may run, and fit it to everything."""
+    problem = competition.problem
     errors = {
         'none': oe.uncompensated_errors(competition.judged_moments),
         **{name: entry.errors for name, entry in entries.items()},

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wrist_ft_comp.core.axis_model import AxisModel
+from wrist_ft_comp.core.held_out import BlockBins
 from wrist_ft_comp.core.problem import JUDGED_PARTS, AxisProblem
 from wrist_ft_comp.core.recording import FloatArray, IntArray
 
@@ -66,9 +67,9 @@ def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray
     return np.asarray(sums / counts.reshape(-1, *[1] * (values.ndim - 1)))
 
 
-def block_errors(problem: AxisProblem, left: Sequence[FloatArray], block: int) -> list[float]:
+def block_bins(problem: AxisProblem, left: Sequence[FloatArray], block: int) -> list[BlockBins]:
     """
-    Score a block: mean squares of bin means around each recording's constant.
+    Average what is left in a block over bins, around each recording's constant.
 
     Parameters
     ----------
@@ -81,17 +82,39 @@ def block_errors(problem: AxisProblem, left: Sequence[FloatArray], block: int) -
 
     Returns
     -------
-    list of float
-        One per part of the block.
+    list of BlockBins
+        Of the recordings that have samples in the block.
 
     """
-    errors = []
-    for number, values in zip(problem.blocks, left, strict=True):
+    found = []
+    for i, (number, values) in enumerate(zip(problem.blocks, left, strict=True)):
         finite = np.isfinite(values)
         rows = np.flatnonzero((number == block) & finite)
         if len(rows):
             inside = bin_means(values[rows], rows, problem.bin_cells[1])
             constant = (inside if problem.tared else values[(number != block) & finite]).mean()
-            parts = np.array_split((inside - constant) ** 2, min(JUDGED_PARTS, len(inside)))
-            errors += [float(part.mean()) for part in parts]
+            cells = bin_means(rows.astype(float), rows, problem.bin_cells[1])
+            found.append(BlockBins(i, cells, inside - constant))
+    return found
+
+
+def block_errors(problem: AxisProblem, left: Sequence[FloatArray], block: int) -> list[float]:
+    """
+    Score a block: mean squares of bin means around each recording's constant.
+
+    Parameters
+    ----------
+    problem, left, block
+        As for block_bins.
+
+    Returns
+    -------
+    list of float
+        One per part of the block.
+
+    """
+    errors = []
+    for bins in block_bins(problem, left, block):
+        parts = np.array_split(bins.errors**2, min(JUDGED_PARTS, len(bins.errors)))
+        errors += [float(part.mean()) for part in parts]
     return errors

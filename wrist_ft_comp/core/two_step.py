@@ -10,10 +10,11 @@ import numpy as np
 from wrist_ft_comp.core.axis_fit import AxisFit, Fitted
 from wrist_ft_comp.core.axis_model import AxisModel
 from wrist_ft_comp.core.features import Features
+from wrist_ft_comp.core.held_out import BlockBins, hold_out
 from wrist_ft_comp.core.outer_inner import OuterInnerMethod, identify
 from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.recording import FloatArray
-from wrist_ft_comp.core.scoring import block_errors, unexplained
+from wrist_ft_comp.core.scoring import block_bins, block_errors, unexplained
 from wrist_ft_comp.core.selection import finish, simplest_good
 from wrist_ft_comp.core.settings import IdentificationSettings, build_features
 
@@ -59,7 +60,9 @@ def identify_two_step(
     errors = {name: _held_out(problem, fit) for name, fit in candidates.items()}
     competing = [name for name in candidates if name != 'none' or 'none' in methods]
     chosen = competing[simplest_good([errors[name] for name in competing])]
-    return finish(problem, candidates[chosen](problem), chosen, errors, competing)
+    fit = finish(problem, candidates[chosen](problem), chosen, errors, competing)
+    before, after = (partial(_bins, problem, candidates[name]) for name in ('none', chosen))
+    return replace(fit, held_out=hold_out(problem, before, after))
 
 
 def _features(problem: AxisProblem, settings: IdentificationSettings) -> Features:
@@ -98,6 +101,15 @@ def _held_out(problem: AxisProblem, fit: _Fit) -> FloatArray:
     """Fit without each block in turn and score it there: mean square errors, shape (parts,)."""
     errors: list[float] = []
     for block in problem.block_numbers:
-        left = unexplained(problem, fit(problem.without(block)).model)
-        errors += block_errors(problem, left, block)
+        errors += block_errors(problem, _left(problem, fit, block), block)
     return np.array(errors)
+
+
+def _left(problem: AxisProblem, fit: _Fit, block: int) -> list[FloatArray]:
+    """Leave of r - w what a fit to the other blocks does not explain, shapes (N_i,)."""
+    return unexplained(problem, fit(problem.without(block)).model)
+
+
+def _bins(problem: AxisProblem, fit: _Fit, block: int) -> list[BlockBins]:
+    """Return the errors on a block of a fit to the others."""
+    return block_bins(problem, _left(problem, fit, block), block)
