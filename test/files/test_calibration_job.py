@@ -43,6 +43,7 @@ OTHER = CalibrationJob(
     topics=Topics('/w', ('/t1', '/t2'), '/r'),
     skip_unusable=True,
     keep_copied_columns=True,
+    report=Path('out/report.html'),
 )
 
 
@@ -95,8 +96,9 @@ def test_a_job_is_one_line_of_ascii():
 def test_the_model_is_saved_with_where_it_came_from(tmp_path):
     path = warm_up_csv(tmp_path / 'run.csv')
     seen = []
-    calibration, stored, left_out = run_job(job(tmp_path, path), seen.append)
-    assert left_out == ()
+    found = run_job(job(tmp_path, path), seen.append)
+    calibration, stored = found.calibration, found.stored
+    assert found.left_out == ()
     loaded = load_model(tmp_path / 'out/model.yaml')
     assert loaded.sha256 == stored.sha256
     assert set(loaded.model.axes) == {'force_z'}
@@ -121,16 +123,16 @@ class TestUnusable:
         good = warm_up_csv(tmp_path / 'good.csv')
         empty, other = tmp_path / 'empty.csv', warm_up_csv(tmp_path / 'two.csv', thermometers=2)
         empty.write_text('stamp_ns,force_x,temperature_c\n')
-        _, stored, left_out = run_job(
+        found = run_job(
             job(tmp_path, empty, tmp_path / 'gone.csv', good, other, skip_unusable=True)
         )
-        assert [sentence.split()[0] for sentence in left_out] == [
+        assert [sentence.split()[0] for sentence in found.left_out] == [
             'empty.csv',
             'gone.csv',
             'two.csv',
         ]
-        assert '2 thermometers; 1 are expected' in left_out[-1]
-        assert [each['path'] for each in stored.document['provenance']['recordings']] == [
+        assert '2 thermometers; 1 are expected' in found.left_out[-1]
+        assert [each['path'] for each in found.stored.document['provenance']['recordings']] == [
             str(good)
         ]
 
@@ -138,11 +140,9 @@ class TestUnusable:
         plain = warm_up_csv(tmp_path / 'plain.csv')
         loaded = warm_up_csv(tmp_path / 'loaded.csv', reference=True)
         settings = CalibrationSettings(reference='recorded')
-        _, _, left_out = run_job(
-            job(tmp_path, plain, loaded, settings=settings, skip_unusable=True)
-        )
-        assert len(left_out) == 1
-        assert left_out[0].startswith('plain.csv was left out: plain.csv holds no reference')
+        found = run_job(job(tmp_path, plain, loaded, settings=settings, skip_unusable=True))
+        assert len(found.left_out) == 1
+        assert found.left_out[0].startswith('plain.csv was left out: plain.csv holds no reference')
 
     def test_the_last_reason_is_given_when_none_is_left(self, tmp_path):
         with pytest.raises(RecordingError, match=r'b\.csv does not exist'):

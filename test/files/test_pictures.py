@@ -1,5 +1,3 @@
-import xml.etree.ElementTree as ET
-
 import numpy as np
 import pytest
 from matplotlib import colors
@@ -13,10 +11,8 @@ from wrist_ft_comp.files.pictures import (
     TemperatureSeries,
     draw_drift,
     save_png,
-    svg_text,
 )
 
-XLINK = '{http://www.w3.org/1999/xlink}href'
 DRAWN = (pictures.RAW_COLOUR, pictures.COMPENSATED_COLOUR)
 
 
@@ -94,43 +90,6 @@ def test_more_thermometers_than_colours_are_all_drawn():
 def test_a_folder_that_is_missing_is_a_sentence(tmp_path):
     with pytest.raises(RecordingError, match='cannot be written'):
         save_png(tmp_path / 'no' / 'a.png', figure(1))
-
-
-def test_svg_is_xml_whose_references_end_inside_it():
-    root = ET.fromstring(svg_text(figure(2), 'p0'))  # noqa: S314 -- our own text
-    ids = [node.get('id') for node in root.iter() if node.get('id')]
-    assert ids
-    assert len(set(ids)) == len(ids)
-    targets = [node.get(XLINK)[1:] for node in root.iter() if node.get(XLINK)]
-    clips = [node.get('clip-path')[5:-1] for node in root.iter() if node.get('clip-path')]
-    assert targets
-    assert clips
-    assert {*targets, *clips} <= set(ids)
-
-
-def test_svg_of_two_pictures_shares_no_id():
-    texts = [svg_text(figure(2), name) for name in ('p0', 'p1')]
-    roots = [ET.fromstring(text) for text in texts]  # noqa: S314 -- our own text
-    one, other = ({n.get('id') for n in root.iter() if n.get('id')} for root in roots)
-    assert one
-    assert not one & other
-
-
-def test_svg_names_nothing_but_its_namespaces():
-    text = svg_text(figure(1), 'p0')
-    for namespace in ('http://www.w3.org/2000/svg', 'http://www.w3.org/1999/xlink'):
-        text = text.replace(f'="{namespace}"', '')
-    assert 'http' not in text
-    assert '<metadata' not in text
-
-
-def test_svg_of_the_same_picture_is_the_same():
-    assert svg_text(figure(1), 'p0') == svg_text(figure(1), 'p0')
-
-
-def test_svg_escapes_titles():
-    root = ET.fromstring(svg_text(figure(1, title='<b> & "x"'), 'p0'))  # noqa: S314
-    assert root.tag.endswith('svg')
 
 
 def test_drawing_does_not_change_the_series():

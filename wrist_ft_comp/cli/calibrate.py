@@ -8,21 +8,15 @@ from typing import get_args
 from wrist_ft_comp import SettingsError
 from wrist_ft_comp.cli import options, paths, values
 from wrist_ft_comp.cli.tables import chamber_table_text, figures_json
-from wrist_ft_comp.core.calibration import Calibration, CalibrationSettings
-from wrist_ft_comp.core.chamber_fit import (
-    ChamberFigures,
-    chamber_figures,
-    compensate_table,
-    leave_one_temperature_out,
-)
+from wrist_ft_comp.core.calibration import CalibrationSettings
 from wrist_ft_comp.core.features import FeatureKind
 from wrist_ft_comp.core.identification import METHODS, IdentificationSettings
 from wrist_ft_comp.core.summary import summarise
-from wrist_ft_comp.files.calibration_job import CalibrationJob, run_job
-from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
-from wrist_ft_comp.files.model_file import StoredModel
-from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.files.report import ReportedRecording, write_report
+from wrist_ft_comp.core.verdict import Verdict
+from wrist_ft_comp.files.calibration_job import CalibrationJob, JobOutcome, run_job
+from wrist_ft_comp.files.chamber_table import is_chamber_table
+from wrist_ft_comp.files.job_report import ChamberColumns, judge_chamber_tables, report_job
+from wrist_ft_comp.files.report_calibration import calibration_verdicts
 
 EXAMPLES = """\
 examples:
@@ -31,8 +25,6 @@ examples:
   wrist_ft_comp calibrate loaded.csv --reference recorded -o model.yaml --json
   wrist_ft_comp calibrate data/keller_pa10/table2_sensor_b_raw.csv -o b.yaml
 """
-
-Columns = dict[str, ChamberFigures]
 
 
 def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
@@ -111,38 +103,18 @@ def run(arguments: argparse.Namespace) -> int:
     paths.check_report_target(arguments.report, [arguments.output, *arguments.recordings])
     job = _job(arguments)
     with options.progress_bar('calibrating') as progress:
-        calibration, stored, _ = run_job(job, progress)
-    tables = _chamber_figures(job, stored)
+        found = run_job(job, progress)
+    tables = judge_chamber_tables(job, found.stored)
+    verdicts = calibration_verdicts(found.calibration, found.recordings)
     if arguments.json:
-        options.print_json(_as_json(calibration, stored, tables))
+        options.print_json(_as_json(found, verdicts, tables))
     else:
-        print(summarise(calibration))
-        print(f'saved as {stored.path}')
+        print(summarise(found.calibration))
+        print(f'saved as {found.stored.path}')
         for name, columns in tables.items():
             print(f'\n{name}\n{chamber_table_text(columns)}')
-    if arguments.report:
-        _write_report(arguments.report, job, stored, tables)
+    report_job(job, found, tables)
     return 0
-
-
-def _write_report(
-    path: Path, job: CalibrationJob, stored: StoredModel, tables: dict[str, Columns]
-) -> None:
-    """Show what the model does to the recordings it was learnt from."""
-    reported = [
-        ReportedRecording(
-            read_recording(
-                recording,
-                period_s=job.period_s,
-                topics=job.topics,
-                keep_copied_columns=job.keep_copied_columns,
-            ),
-            job.settings.reference,
-            tables.get(str(recording), {}),
-        )
-        for recording in job.recordings
-    ]
-    write_report(path, stored, reported)
 
 
 def _job(arguments: argparse.Namespace) -> CalibrationJob:
@@ -170,18 +142,22 @@ def _job(arguments: argparse.Namespace) -> CalibrationJob:
         period_s=arguments.thermal_period,
         topics=options.topics_from(arguments),
         keep_copied_columns=arguments.keep_copied_columns,
+        report=arguments.report,
     )
 
 
 def _as_json(
-    calibration: Calibration, stored: StoredModel, tables: dict[str, Columns]
+    found: JobOutcome, verdicts: dict[str, Verdict], tables: dict[str, ChamberColumns]
 ) -> dict[str, object]:
     """Everything a script may want."""
+    calibration = found.calibration
     return {
-        'model': str(stored.path),
-        'sha256': stored.sha256,
+        'model': str(found.stored.path),
+        'sha256': found.stored.sha256,
         'axes': {
             axis: {
+                'verdict': verdicts[axis].level,
+                'why': verdicts[axis].sentence,
                 'chosen': fit.chosen,
                 'rms_before': fit.rms_before,
                 'rms_after': fit.rms_after,
@@ -196,21 +172,3 @@ def _as_json(
         'warnings': list(calibration.warnings),
         'chamber_tables': figures_json(tables),
     }
-
-
-def _chamber_figures(job: CalibrationJob, stored: StoredModel) -> dict[str, Columns]:
-    """Judge chamber tables: raw, fitted, and every temperature left out in turn."""
-    tables: dict[str, Columns] = {}
-    for path in job.recordings:
-        if not is_chamber_table(path):
-            continue
-        table = read_chamber_table(path, keep_copied_columns=job.keep_copied_columns)
-        columns = {
-            'raw': chamber_figures(table),
-            'fitted': chamber_figures(compensate_table(table, stored.model)),
-        }
-        left_out = leave_one_temperature_out(table, job.settings, job.period_s)
-        if left_out is not None:
-            columns['left out'] = chamber_figures(left_out)
-        tables[str(path)] = columns
-    return tables

@@ -6,19 +6,18 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from wrist_ft_comp.cli import options, paths, values
 from wrist_ft_comp.cli.tables import chamber_table_text, figures_json, table_text
 from wrist_ft_comp.cli.warning_lines import print_warnings, range_warnings
 from wrist_ft_comp.core.chamber_fit import ChamberFigures, chamber_figures, compensate_table
-from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate
+from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate, pool
 from wrist_ft_comp.core.problem import Reference
-from wrist_ft_comp.core.recording import AXES, NANOSECONDS, Recording, axis_unit
+from wrist_ft_comp.core.recording import NANOSECONDS, Recording, axis_unit
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.model_file import StoredModel, load_model
 from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.files.report import ReportedRecording, write_report
+from wrist_ft_comp.files.report import write_report
+from wrist_ft_comp.files.report_evaluation import EvaluatedRecording, evaluation_view
 
 EXAMPLES = """\
 examples:
@@ -103,8 +102,8 @@ def run(arguments: argparse.Namespace) -> int:
                 print(f'\n{each.path}\n{chamber_table_text(each.figures)}')
     print_warnings(warning for each in judged for warning in each.recording.warnings)
     if arguments.report:
-        reported = [ReportedRecording(e.recording, e.reference, e.figures) for e in judged]
-        write_report(arguments.report, stored, reported, arguments.tare)
+        shown = [EvaluatedRecording(e.recording, e.reference, e.figures) for e in judged]
+        write_report(arguments.report, evaluation_view(stored, shown, arguments.tare))
     return 0
 
 
@@ -138,45 +137,6 @@ def _judge(
         figures['raw'] = chamber_figures(table)
         figures['compensated'] = chamber_figures(compensate_table(table, stored.model))
     return _Judged(path, replace(recording, warnings=warnings), reference, axes, figures)
-
-
-def pool(
-    results: Sequence[dict[str, AxisEvaluation]], cells: Sequence[int]
-) -> dict[str, AxisEvaluation]:
-    """
-    Pool the evaluations of several recordings: mean squares by length, largest of the largest.
-
-    Parameters
-    ----------
-    results : sequence of dict of str to AxisEvaluation
-        One per recording.
-    cells : sequence of int
-        Length of each.
-
-    Returns
-    -------
-    dict of str to AxisEvaluation
-        By axis, those that any recording has.
-
-    """
-    pooled = {}
-    for axis in AXES:
-        of_axis = [result.get(axis) for result in results]
-        found = [(e, n) for e, n in zip(of_axis, cells, strict=True) if e is not None]
-        if found:
-            weights = [n for _, n in found]
-            pooled[axis] = AxisEvaluation(
-                _root_mean_square([e.rms_before for e, _ in found], weights),
-                _root_mean_square([e.rms_after for e, _ in found], weights),
-                max(e.max_before for e, _ in found),
-                max(e.max_after for e, _ in found),
-            )
-    return pooled
-
-
-def _root_mean_square(values: Sequence[float], weights: Sequence[int]) -> float:
-    """Pool root mean squares."""
-    return float(np.sqrt(np.average(np.square(values), weights=weights)))
 
 
 def evaluation_text(axes: dict[str, AxisEvaluation]) -> str:

@@ -12,7 +12,7 @@ import json
 import os
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,56 +20,22 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp import RecordingError, WristFtCompError
-from wrist_ft_comp.core.calibration import Calibration, CalibrationSettings, calibrate
-from wrist_ft_comp.core.identification import IdentificationSettings
-from wrist_ft_comp.core.outer_inner import Orders
+from wrist_ft_comp.core.calibration import calibrate
 from wrist_ft_comp.core.recording import Recording
 from wrist_ft_comp.core.summary import summarise
-from wrist_ft_comp.files.model_file import StoredModel, save_model
-from wrist_ft_comp.files.recordings import Topics, read_recording
+from wrist_ft_comp.files.job import CalibrationJob, JobOutcome, decode_job, encode_job
+from wrist_ft_comp.files.job_report import report_job
+from wrist_ft_comp.files.model_file import save_model
+from wrist_ft_comp.files.recordings import read_recording
+
+__all__ = ['CalibrationJob', 'JobOutcome', 'decode_job', 'encode_job', 'hash_recording', 'run_job']
 
 _HASH_CHUNK = 1 << 20
 
 
-@dataclass(frozen=True)
-class CalibrationJob:
+def run_job(job: CalibrationJob, progress: Callable[[float], None] | None = None) -> JobOutcome:
     """
-    What to calibrate from, how, and where the model goes.
-
-    Attributes
-    ----------
-    recordings : tuple of Path
-        Bags, CSV files or chamber tables.
-    output : Path
-        Model file to make or replace.
-    settings : CalibrationSettings
-        What a person chose.
-    period_s : float
-        Thermal period h, s.
-    topics : Topics
-        Topic names in bags.
-    skip_unusable : bool
-        Leave out, with a warning, recordings that cannot be read, have other thermometers than
-        topics names, or lack the reference; as long as one is left.
-    keep_copied_columns : bool
-        Fit columns of a chamber table that repeat another one, too.
-
-    """
-
-    recordings: tuple[Path, ...]
-    output: Path
-    settings: CalibrationSettings = field(default_factory=CalibrationSettings)
-    period_s: float = 1.0
-    topics: Topics = field(default_factory=Topics)
-    skip_unusable: bool = False
-    keep_copied_columns: bool = False
-
-
-def run_job(
-    job: CalibrationJob, progress: Callable[[float], None] | None = None
-) -> tuple[Calibration, StoredModel, tuple[str, ...]]:
-    """
-    Read, fit, save.
+    Read, fit, save the model; the report is left to report_job.
 
     Parameters
     ----------
@@ -80,8 +46,8 @@ def run_job(
 
     Returns
     -------
-    tuple of Calibration, StoredModel and tuple of str
-        What was found, what was saved, and which recordings were left out.
+    JobOutcome
+        What was found, and what was saved.
 
     Raises
     ------
@@ -97,7 +63,8 @@ def run_job(
         'recordings': [{'path': str(path), 'sha256': hash_recording(path)} for path in used],
         'settings': json.loads(json.dumps(asdict(job.settings))),
     }
-    return calibration, save_model(job.output, calibration, provenance), left_out
+    stored = save_model(job.output, calibration, provenance)
+    return JobOutcome(calibration, stored, tuple(recordings), left_out)
 
 
 def _read(
@@ -179,54 +146,35 @@ def hash_recording(path: Path) -> str:
     return digest.hexdigest()
 
 
-def encode_job(job: CalibrationJob) -> str:
-    """Write a job as JSON."""
-    return json.dumps(asdict(job), default=str)
-
-
-def decode_job(text: str) -> CalibrationJob:
-    """Read a job that encode_job wrote."""
-    job = _with_tuples(json.loads(text))
-    settings = job['settings']
-    identification = settings['identification']
-    identification['orders'] = Orders(**identification['orders'])
-    settings['identification'] = IdentificationSettings(**identification)
-    return CalibrationJob(
-        **{
-            **job,
-            'recordings': tuple(Path(path) for path in job['recordings']),
-            'output': Path(job['output']),
-            'settings': CalibrationSettings(**settings),
-            'topics': Topics(**job['topics']),
-        }
-    )
-
-
-def _with_tuples(value: Any) -> Any:
-    """Turn the lists of a JSON value back into the tuples they were."""
-    if isinstance(value, dict):
-        return {key: _with_tuples(each) for key, each in value.items()}
-    return tuple(_with_tuples(each) for each in value) if isinstance(value, list) else value
-
-
 def main() -> int:
     """Run one job from standard input, at low priority, and write its outcome."""
     os.nice(10)
+    job = decode_job(sys.stdin.read())
     try:
-        calibration, stored, left_out = run_job(decode_job(sys.stdin.read()))
+        found = run_job(job)
     except WristFtCompError as error:
-        outcome: dict[str, Any] = {'success': False, 'message': str(error)}
+        answer: dict[str, Any] = {'success': False, 'message': str(error)}
     else:
-        notes = ''.join(f'\nwarning: {sentence}' for sentence in left_out)
-        outcome = {
+        notes = ''.join(f'\nwarning: {sentence}' for sentence in found.left_out)
+        answer = {
             'success': True,
-            'message': f'{summarise(calibration)}{notes}\nsaved as {stored.path}',
-            'path': str(stored.path),
-            'sha256': stored.sha256,
-            'document': stored.document,
+            'message': f'{summarise(found.calibration)}{notes}\nsaved as {found.stored.path}'
+            f'{_report(job, found)}',
+            'path': str(found.stored.path),
+            'sha256': found.stored.sha256,
+            'document': found.stored.document,
         }
-    json.dump(outcome, sys.stdout)
+    json.dump(answer, sys.stdout)
     return 0
+
+
+def _report(job: CalibrationJob, found: JobOutcome) -> str:
+    """Write the report and say where; a model is not given up because its report failed."""
+    try:
+        report_job(job, found)
+    except WristFtCompError as error:
+        return f'\nwarning: {error}'
+    return f'\nreport: {job.report}' if job.report else ''
 
 
 if __name__ == '__main__':

@@ -1,15 +1,11 @@
 """Pictures of drift without and with compensation, readable by colour-blind people."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from wrist_ft_comp import RecordingError
@@ -83,7 +79,7 @@ def draw_drift(
     Returns
     -------
     Figure
-        For save_png or svg_text.
+        For save_png.
 
     """
     rows = -(-len(axes) // 2) + 1
@@ -155,29 +151,3 @@ def save_png(path: Path, figure: Figure) -> None:
         figure.savefig(path, dpi=120)
     except OSError as error:
         raise RecordingError(f'{path} cannot be written: {error.strerror}.') from error
-
-
-def svg_text(figure: Figure, name: str) -> str:
-    """
-    Turn a picture into SVG that can stand inside a page, beside others.
-
-    Parameters
-    ----------
-    figure : Figure
-        What to show.
-    name : str
-        Letters and digits, put before every id; each picture of a page needs another one.
-
-    Returns
-    -------
-    str
-        From ``<svg`` on; the same figure gives the same text.
-
-    """
-    FigureCanvasSVG(figure)
-    buffer = StringIO()
-    with rc_context({'svg.hashsalt': name}):
-        figure.savefig(buffer, format='svg', metadata={'Date': None})
-    text = buffer.getvalue()
-    text = re.sub(r'<metadata>.*?</metadata>', '', text[text.index('<svg') :], flags=re.DOTALL)
-    return re.sub(r'(\bid="|href="#|url\(#)', rf'\g<1>{name}-', text)

@@ -1,55 +1,28 @@
-"""The report: one self-contained page that shows what a model does to recordings."""
+"""The report: one self-contained page that says how good a calibration is, and shows why."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from html import escape
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict
+from importlib import resources
 from pathlib import Path
 
-import numpy as np
-
 from wrist_ft_comp import RecordingError
-from wrist_ft_comp.core.chamber_fit import ChamberFigures
-from wrist_ft_comp.core.evaluation import evaluate, tared_errors
-from wrist_ft_comp.core.problem import Reference
-from wrist_ft_comp.core.recording import AXES, Recording, axis_unit, temperature_channel
+from wrist_ft_comp.core.verdict import Level
+from wrist_ft_comp.files import report_pictures as pictures
 from wrist_ft_comp.files.atomic import replaced_on_success
-from wrist_ft_comp.files.model_file import StoredModel
-from wrist_ft_comp.files.pictures import DriftSeries, TemperatureSeries, draw_drift, svg_text
+from wrist_ft_comp.files.report_axis import axis_name, axis_section
+from wrist_ft_comp.files.report_html import bullets, element, facts, number, table, text
+from wrist_ft_comp.files.report_view import ReportView, Source
 
-_STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem;
-  color: #1a1a1a; background: #fff; }
-table { border-collapse: collapse; display: block; overflow-x: auto; }
-th, td { text-align: right; padding: .2rem .8rem; border-bottom: 1px solid #ddd; }
-th:first-child, td:first-child { text-align: left; }
-svg { width: 100%; height: auto; }
-"""
-
-
-@dataclass(frozen=True, eq=False)
-class ReportedRecording:
-    """
-    A recording and what to compare it with.
-
-    Attributes
-    ----------
-    recording : Recording
-        On the model's grid.
-    reference : {'unloaded', 'constant', 'recorded'}
-        What the true wrench was.
-    figures : mapping of str to ChamberFigures
-        Of a chamber table, by title.
-
-    """
-
-    recording: Recording
-    reference: Reference
-    figures: Mapping[str, ChamberFigures] = field(default_factory=dict)
+LEVEL_NAMES: dict[Level, str] = {
+    'good': 'good',
+    'weak': 'weak',
+    'harmful': 'harmful',
+    'uncalibrated': 'not calibrated',
+}
 
 
-def write_report(
-    path: Path, stored: StoredModel, reported: Sequence[ReportedRecording], tare_s: float = 60.0
-) -> None:
+def write_report(path: Path, view: ReportView) -> None:
     """
     Write the page; an existing one is replaced in one step.
 
@@ -57,33 +30,20 @@ def write_report(
     ----------
     path : Path
         Target.
-    stored : StoredModel
-        The model.
-    reported : sequence of ReportedRecording
-        Each becomes a section with a picture.
-    tare_s : float
-        As for evaluate, s.
+    view : ReportView
+        Its content.
 
     Raises
     ------
     RecordingError
-        When the page cannot be written, or a recording does not fit the model.
+        When the page cannot be written.
 
     """
-    sections = ''.join(
-        _section(stored, each, tare_s, f'p{number}') for number, each in enumerate(reported)
-    )
-    page = (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width">'
-        f'<title>{escape(stored.path.name)}</title><style>{_STYLE}</style></head><body>'
-        f'<h1>{escape(stored.path.name)}</h1>{_model_section(stored)}{sections}'
-        f'<p>Model sha256 {stored.sha256}</p></body></html>'
-    )
+    content = page(view)
     try:
         with replaced_on_success(path) as neighbour:
             # A file's name may hold bytes that are no text; they are shown as "?".
-            neighbour.write_text(page, encoding='utf-8', errors='replace')
+            neighbour.write_text(content, encoding='utf-8', errors='replace')
     except OSError as error:
         raise RecordingError(
             f'The report {path} cannot be written: {error.strerror}. Choose a folder that can be '
@@ -91,101 +51,179 @@ def write_report(
         ) from error
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Write a table; its cells are escaped here."""
-    lines = [
-        ''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in row)
-        for tag, row in (('th', header), *(('td', row) for row in rows))
+def page(view: ReportView) -> str:
+    """
+    Write the page as text.
+
+    Parameters
+    ----------
+    view : ReportView
+        Its content.
+
+    Returns
+    -------
+    str
+        HTML that loads nothing and runs nothing.
+
+    """
+    style = resources.files(__package__).joinpath('report.css').read_text('utf-8')
+    title = f'{view.kind.capitalize()} of {view.model}'
+    head = (
+        '<meta charset="utf-8"><meta name="viewport" content="width=device-width, '
+        f'initial-scale=1">{text("title", title)}{element("style", style)}'
+    )
+    body = element('header', text('h1', title) + text('p', headline(view), class_='lead'))
+    main = element('main', ''.join(_sections(view)))
+    return (
+        '<!doctype html>\n<html lang="en">'
+        f'{element("head", head)}{element("body", body + main)}</html>\n'
+    )
+
+
+def headline(view: ReportView) -> str:
+    """
+    Sum the verdicts up in one sentence.
+
+    Parameters
+    ----------
+    view : ReportView
+        The report's content.
+
+    Returns
+    -------
+    str
+        Such as ``5 of 6 axes good, 1 of 6 axes weak.`` and what was seen.
+
+    """
+    counts = Counter(axis.verdict.level for axis in view.axes)
+    total = len(view.axes)
+    parts = [
+        f'{counts[level]} of {total} {"axis" if total == 1 else "axes"} {name}'
+        for level, name in LEVEL_NAMES.items()
+        if counts[level]
     ]
-    return f'<table>{"".join(f"<tr>{line}</tr>" for line in lines)}</table>'
+    low, high = view.coverage.range_c[view.coverage.leading]
+    hours = sum(source.hours for source in view.sources)
+    return f'{", ".join(parts)}. Over {hours:.1f} h, {low:.0f} to {high:.0f} °C.'
 
 
-def _list(sentences: Sequence[str]) -> str:
-    """Write a list of sentences, nothing when there are none."""
-    items = ''.join(f'<li>{escape(sentence)}</li>' for sentence in sentences)
-    return f'<ul>{items}</ul>' if items else ''
+def _sections(view: ReportView) -> Iterator[str]:
+    """Write everything below the title, the most important first."""
+    yield text('h2', 'Is it good?') + _verdicts(view)
+    if view.warnings:
+        yield text('h2', 'Mind this') + bullets(view.warnings)
+    yield text('h2', 'What to record next') + bullets(view.advice)
+    yield text('h2', 'Error before and after') + text('p', view.explanation) + _errors(view)
+    yield ''.join(_chamber_tables(view))
+    yield text('h2', 'What was covered') + _coverage(view)
+    yield text('h2', 'Axis by axis')
+    yield from (axis_section(axis, LEVEL_NAMES[axis.verdict.level]) for axis in view.axes)
+    yield text('h2', 'Where it comes from') + _provenance(view)
 
 
-def _model_section(stored: StoredModel) -> str:
-    """Held-out errors before and after, what was chosen, among what, and what to know."""
-    axes = stored.document['axes']
-    evidence = _table(
-        ['axis', 'before', 'after', 'unit', 'time constants, s', 'chosen'],
+def _verdicts(view: ReportView) -> str:
+    """Write one sentence per axis."""
+    items = [
+        element(
+            'li',
+            element('strong', element('a', axis_name(axis.axis), href=f'#{axis.axis}'))
+            + text('span', LEVEL_NAMES[axis.verdict.level], class_='level')
+            + text('p', axis.verdict.sentence),
+            class_=axis.verdict.level,
+        )
+        for axis in view.axes
+    ]
+    return element('ul', ''.join(items), class_='verdicts')
+
+
+def _errors(view: ReportView) -> str:
+    """Write the table of errors."""
+    held_out = 'Held-out error' if view.kind == 'calibration' else 'Error'
+    return table(
+        f'{held_out}: root mean square (RMS) and largest.',
+        ['axis', 'RMS before', 'after', 'peak before', 'after'],
         [
             [
-                axis,
-                f'{entry["rms_before"]:.4g}',
-                f'{entry["rms_after"]:.4g}',
-                axis_unit(axis),
-                ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-',
-                entry['chosen'],
+                f'{axis_name(axis.axis)}, {axis.unit}',
+                number(axis.rms_before),
+                number(axis.rms_after),
+                number(axis.peak_before),
+                number(axis.peak_after),
             ]
-            for axis, entry in axes.items()
+            for axis in view.axes
         ],
     )
-    candidates = _table(
-        ['axis', 'candidate', 'held out', 'unit'],
+
+
+def _chamber_tables(view: ReportView) -> Iterator[str]:
+    """Write the figures of chamber tables."""
+    titles = {
+        'max_sensitivity_drift': 'max |K_s|, %FS/°C (eq. 23)',
+        'zero_spread': 'zero spread, %FS',
+        'max_deviation': 'max deviation, %FS',
+        'accuracy': 'A, %FS (eq. 24)',
+    }
+    for name, columns in view.tables.items():
+        values = [asdict(figures) for figures in columns.values()]
+        yield table(
+            f'Chamber test {name}. Left out: every temperature predicted from the others.'
+            if 'left out' in columns
+            else f'Chamber test {name}.',
+            ['', *columns],
+            [[title, *(number(each[key]) for each in values)] for key, title in titles.items()],
+        )
+
+
+def _coverage(view: ReportView) -> str:
+    """Show which temperatures and loads were seen."""
+    names = ', '.join(each.name for each in view.thermometers)
+    figures = (
+        (pictures.temperatures_over_time(view.thermometers), f'Temperature of {names} over time.'),
+        (
+            pictures.time_over_temperature(view.coverage),
+            f'Time of thermometer {view.coverage.leading + 1} at each temperature.',
+        ),
+    )
+    pair = ''.join(
+        element('figure', pictures.svg_text(figure, f'c{i}', words) + text('figcaption', words))
+        for i, (figure, words) in enumerate(figures)
+    )
+    ranges = table(
+        'Temperatures, °C',
+        ['', 'from', 'to'],
         [
-            [axis, candidate['name'], f'{candidate["rms"]:.4g}', axis_unit(axis)]
-            for axis, entry in axes.items()
-            for candidate in entry['candidates']
+            [each.name, f'{low:.1f}', f'{high:.1f}']
+            for each, (low, high) in zip(view.thermometers, view.coverage.range_c, strict=True)
         ],
     )
-    notes = [f'{axis}: {note}' for axis, entry in axes.items() for note in entry['notes']]
-    return (
-        f'<h2>Held-out error of the calibration, root mean square</h2>{evidence}'
-        f'{_list([*notes, *stored.document["warnings"]])}'
-        f'<details><summary>All candidates</summary>{candidates}</details>'
-    )
-
-
-def _section(stored: StoredModel, reported: ReportedRecording, tare_s: float, name: str) -> str:
-    """Show one recording: figures, what is left of the drift, the picture, the warnings."""
-    recording, reference = reported.recording, reported.reference
-    try:
-        judged = evaluate(stored.model, recording, reference, tare_s)
-    except RecordingError as error:
-        return f'<h2>{escape(recording.name)}</h2><p>{escape(str(error))}</p>'
-    errors = _table(
-        ['axis', 'unit', 'RMS before', 'after', 'peak before', 'after'],
+    loads = view.coverage.loads.items()
+    known = table(
+        'Loads by the reference, N and N m',
+        ['axis', 'from', 'to', 'standard deviation'],
         [
-            [axis, axis_unit(axis), *(f'{value:.4g}' for value in asdict(axis_errors).values())]
-            for axis, axis_errors in judged.items()
+            [axis_name(a), number(load.low), number(load.high), number(load.deviation)]
+            for a, load in loads
         ],
     )
-    figures = {title: asdict(values) for title, values in reported.figures.items()}
-    chamber = _table(
-        ['%FS, %FS/°C', *figures],
-        [
-            [key.replace('_', ' '), *(f'{values[key]:.4f}' for values in figures.values())]
-            for key in next(iter(figures.values()), {})
-        ],
-    )
-    return (
-        f'<h2>{escape(recording.name)}</h2><p>Reference: {reference}; tared on the first '
-        f'{tare_s:g} s.</p>{errors}{chamber if figures else ""}'
-        f'{_picture(stored, reported, tare_s, name)}{_list(recording.warnings)}'
-    )
+    unknown = text('p', 'Loads are not known: no reference was recorded.', class_='soft')
+    return element('div', pair, class_='pair') + ranges + (known if loads else unknown)
 
 
-def _picture(stored: StoredModel, reported: ReportedRecording, tare_s: float, name: str) -> str:
-    """Draw one recording."""
-    recording = reported.recording
-    before, after = tared_errors(stored.model, recording, reported.reference, tare_s)
-    series = []
-    for column, axis in enumerate(AXES):
-        rows = np.isfinite(before[:, column]) & np.isfinite(after[:, column])
-        if rows.any():
-            series.append(
-                DriftSeries(
-                    f'{axis}, {axis_unit(axis)}',
-                    recording.elapsed_s[rows],
-                    before[rows, column],
-                    after[rows, column],
-                )
-            )
-    temperatures = [
-        TemperatureSeries(temperature_channel(j), recording.elapsed_s, column)
-        for j, column in enumerate(recording.temperature_c.T)
+def _provenance(view: ReportView) -> str:
+    """Write files, hashes, versions and settings."""
+    seen = text('h3', 'Recordings in this report') + _sources(view.sources)
+    learnt = text('h3', 'Recordings the model was learnt from') + _sources(view.learnt_from)
+    return facts(view.provenance) + (learnt if view.kind == 'calibration' else seen + learnt)
+
+
+def _sources(sources: tuple[Source, ...]) -> str:
+    """List recordings."""
+    if not sources:
+        return text('p', 'The model file does not say.')
+    items = [
+        text('span', source.name)
+        + (text('span', f', {source.hours:.2f} h') if source.hours == source.hours else '')
+        + (f'<br>SHA-256 {text("code", source.sha256)}' if source.sha256 else '')
+        for source in sources
     ]
-    return svg_text(draw_drift(series, temperatures), name)
+    return element('ul', ''.join(element('li', item) for item in items))

@@ -76,9 +76,11 @@ class CalibrationControl:
                 f'There is no recording in {node.store.directory / "recordings"}. Record a '
                 'warm-up with ~/record, or set calibration.recordings.'
             )
+        output = node.store.new_model_path()
         return CalibrationJob(
             recordings=recordings,
-            output=node.store.new_model_path(),
+            output=output,
+            report=output.with_suffix('.html'),
             settings=CalibrationSettings(
                 reference=given['calibration.reference'],
                 min_temperature_span_k=given['calibration.min_temperature_span'],

@@ -1,0 +1,248 @@
+"""
+The report in a real browser: nothing complains, nothing is cut off, nothing is pale.
+
+Chromium is installed by .ci/run; elsewhere these are skipped where it is missing.
+"""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+KINDS = ('good', 'weak', 'none', 'evaluation', 'chamber')
+WIDTHS = (1280, 400)
+SCHEMES = ('light', 'dark')
+
+every_look = pytest.mark.parametrize(
+    ('kind', 'width', 'scheme'),
+    [(kind, width, scheme) for kind in KINDS for width in WIDTHS for scheme in SCHEMES],
+)
+
+#: Everything that sticks out to the right of the window, or of a box that hides what does.
+CUT_OFF = """
+(() => {
+  const wide = document.documentElement.clientWidth + 0.5;
+  const bad = [];
+  for (const node of document.querySelectorAll('body *')) {
+    const box = node.getBoundingClientRect();
+    if (box.right > wide || box.left < -0.5) bad.push(['sticks out', node.tagName, box.right]);
+    if (node.namespaceURI.endsWith('svg')) continue;
+    const style = getComputedStyle(node);
+    const hides = style.overflowX !== 'visible' || style.textOverflow !== 'clip';
+    if (hides && node.scrollWidth > node.clientWidth + 1) bad.push(['hides', node.tagName]);
+  }
+  return bad;
+})()
+"""
+
+#: Text of pictures that leaves its picture, or is smaller than people can read.
+PICTURE_TEXT = """
+(() => {
+  const bad = [];
+  for (const picture of document.querySelectorAll('svg')) {
+    const frame = picture.getBoundingClientRect();
+    if (frame.width < 200 || frame.height < 100) bad.push(['small', frame.width, frame.height]);
+    for (const text of picture.querySelectorAll('text')) {
+      const box = text.getBoundingClientRect();
+      const outside = box.left < frame.left - 1 || box.right > frame.right + 1
+        || box.top < frame.top - 1 || box.bottom > frame.bottom + 1;
+      if (outside || Math.max(box.height, box.width) < 5) bad.push([text.textContent, box.left]);
+      const size = parseFloat(getComputedStyle(text).fontSize) * frame.width
+        / picture.viewBox.baseVal.width;
+      if (size < 9) bad.push(['tiny', text.textContent, size]);
+    }
+  }
+  return bad;
+})()
+"""
+
+#: Text that covers other text.
+OVERLAPS = """
+(() => {
+  const bad = [];
+  for (const picture of document.querySelectorAll('svg')) {
+    const boxes = [...picture.querySelectorAll('text')].map(
+      (text) => [text.textContent, text.getBoundingClientRect()]);
+    boxes.forEach(([name, one], i) => boxes.slice(i + 1).forEach(([other, two]) => {
+      const across = Math.min(one.right, two.right) - Math.max(one.left, two.left);
+      const down = Math.min(one.bottom, two.bottom) - Math.max(one.top, two.top);
+      if (across > 1 && down > 3) bad.push([name, other]);
+    }));
+  }
+  return bad;
+})()
+"""
+
+#: WCAG's contrast of every text, and of every line and mark of the pictures, with its paper.
+PALE = """
+(() => {
+  const channel = (v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
+  const parts = (colour) => colour.match(/[\\d.]+/g).map(Number);
+  const luminance = (colour) => parts(colour).slice(0, 3).map((v) => channel(v / 255))
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const paper = (node) => {
+    for (let at = node; at; at = at.parentElement) {
+      const colour = getComputedStyle(at).backgroundColor;
+      if (!(parts(colour)[3] === 0)) return colour;
+    }
+    return 'rgb(255, 255, 255)';
+  };
+  const contrast = (one, two) => {
+    const [a, b] = [luminance(one), luminance(two)].sort((x, y) => y - x);
+    return (a + 0.05) / (b + 0.05);
+  };
+  const bad = [];
+  let seen = 0;
+  for (const node of document.querySelectorAll('body *')) {
+    const own = [...node.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim());
+    if (!own || node.tagName.toLowerCase() === 'style') continue;
+    seen += 1;
+    const style = getComputedStyle(node);
+    const ink = node.namespaceURI.endsWith('svg') ? style.fill : style.color;
+    const value = contrast(ink, paper(node));
+    if (value < 4.5) bad.push([node.textContent.slice(0, 30), ink, paper(node), value]);
+  }
+  const names = ['without', 'with', 'thermometer-1', 'thermometer-2', 'thermometer-3'];
+  const probe = document.body.appendChild(document.createElement('i'));
+  for (const name of names) {
+    probe.style.color = `var(--${name})`;
+    for (const back of ['paper', 'card']) {
+      probe.style.backgroundColor = `var(--${back})`;
+      const style = getComputedStyle(probe);
+      const value = contrast(style.color, style.backgroundColor);
+      if (value < 3) bad.push([name, back, value]);
+    }
+  }
+  probe.remove();
+  return { bad, seen };
+})()
+"""
+
+
+@pytest.fixture(scope='module')
+def browser(tmp_path_factory):
+    path = Path(__file__).with_name('browser.py')
+    spec = importlib.util.spec_from_file_location('report_browser', path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    if module.CHROMIUM is None:
+        pytest.skip('there is no chromium here; on Debian, apt install chromium')
+    started = module.Browser(tmp_path_factory.mktemp('profile'))
+    yield started
+    started.close()
+
+
+@pytest.fixture(scope='module')
+def files(text, tmp_path_factory):
+    folder = tmp_path_factory.mktemp('pages')
+
+    def path_of(kind):
+        path = folder / f'{kind}.html'
+        if not path.exists():
+            path.write_text(text(kind), encoding='utf-8')
+        return path
+
+    return path_of
+
+
+@pytest.fixture(scope='module')
+def look(browser, files):
+    """Look at a page once, and keep what was seen."""
+    seen = {}
+
+    def measure(kind, width, scheme):
+        key = kind, width, scheme
+        if key not in seen:
+            browser.open(files(kind), width, scheme)
+            seen[key] = {
+                'complaints': browser.complaints(),
+                'mode': browser.evaluate('document.compatMode'),
+                'window': browser.evaluate('innerWidth'),
+                'page': browser.evaluate('document.documentElement.scrollWidth'),
+                'cut off': browser.evaluate(CUT_OFF),
+                'words': browser.evaluate("document.querySelectorAll('svg text').length"),
+                'picture text': browser.evaluate(PICTURE_TEXT),
+                'overlaps': browser.evaluate(OVERLAPS),
+                'contrast': browser.evaluate(PALE),
+            }
+        return seen[key]
+
+    return measure
+
+
+@every_look
+def test_the_browser_has_nothing_to_complain_about(kind, width, scheme, look):
+    seen = look(kind, width, scheme)
+    assert seen['complaints'] == []
+    assert seen['mode'] == 'CSS1Compat'
+
+
+@every_look
+def test_nothing_is_cut_off(kind, width, scheme, look):
+    seen = look(kind, width, scheme)
+    assert seen['window'] == width
+    assert seen['page'] <= width
+    assert seen['cut off'] == []
+
+
+@every_look
+def test_pictures_are_whole_and_can_be_read(kind, width, scheme, look):
+    seen = look(kind, width, scheme)
+    assert seen['words'] > 20
+    assert seen['picture text'] == []
+    assert seen['overlaps'] == []
+
+
+@every_look
+def test_nothing_is_pale(kind, width, scheme, look):
+    contrast = look(kind, width, scheme)['contrast']
+    assert contrast['seen'] > 50
+    assert contrast['bad'] == []
+
+
+def test_dark_is_dark_and_light_is_light(browser, files):
+    papers = []
+    for scheme in SCHEMES:
+        browser.open(files('good'), 1280, scheme)
+        papers.append(browser.evaluate('getComputedStyle(document.body).backgroundColor'))
+    assert papers == ['rgb(255, 255, 255)', 'rgb(20, 23, 26)']
+
+
+def test_lines_take_the_colours_of_the_page(browser, files):
+    line = (
+        'getComputedStyle(document.querySelector(\'#force_x svg path[style*="--with"]\')).stroke'
+    )
+    strokes = []
+    for scheme in SCHEMES:
+        browser.open(files('good'), 1280, scheme)
+        strokes.append(browser.evaluate(line))
+    assert len(set(strokes)) == 2
+    assert all(stroke.startswith('rgb') for stroke in strokes)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_it_prints(kind, browser, files):
+    """On paper it is light whatever the screen is, and nothing is hidden."""
+    browser.open(files(kind), 1280, 'dark')
+    assert browser.pdf().startswith(b'%PDF')
+    assert browser.evaluate('getComputedStyle(document.body).backgroundColor') == (
+        'rgb(255, 255, 255)'
+    )
+    assert browser.evaluate(CUT_OFF) == []
+
+
+def test_the_checks_can_fail(browser, tmp_path):
+    page = tmp_path / 'bad.html'
+    page.write_text(
+        '<!doctype html><body style="background:#fff"><script>oops()</script>'
+        '<p style="width:3000px;color:#ccc">pale</p><svg width="300" height="200" '
+        'viewBox="0 0 300 200"><text x="290" y="20">outside</text><text x="5" y="50">on</text>'
+        '<text x="7" y="52">top</text></svg>',
+        encoding='utf-8',
+    )
+    browser.open(page, 400)
+    assert browser.complaints()
+    assert browser.evaluate(CUT_OFF)
+    assert browser.evaluate(PICTURE_TEXT)
+    assert ['on', 'top'] in browser.evaluate(OVERLAPS)
+    assert browser.evaluate(PALE)['bad']

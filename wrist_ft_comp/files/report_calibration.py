@@ -1,0 +1,198 @@
+"""The view of a calibration: held-out errors, what was chosen, what to record next."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from wrist_ft_comp.core.advice import what_to_record_next
+from wrist_ft_comp.core.calibration import Calibration
+from wrist_ft_comp.core.chamber_fit import ChamberFigures
+from wrist_ft_comp.core.coverage import cover
+from wrist_ft_comp.core.held_out import HeldOut, rms_by_block
+from wrist_ft_comp.core.identification import AxisFit
+from wrist_ft_comp.core.problem import JUDGED_BIN_S, Reference, noise_level
+from wrist_ft_comp.core.recording import Recording, axis_unit
+from wrist_ft_comp.core.verdict import Evidence, Verdict, judge
+from wrist_ft_comp.files.model_file import StoredModel
+from wrist_ft_comp.files.report_parts import (
+    drifts_removed,
+    model_provenance,
+    model_sources,
+    recording_starts_h,
+    thermometer_series,
+)
+from wrist_ft_comp.files.report_view import AxisView, ErrorSeries, ReportView, Source
+
+
+def calibration_verdicts(
+    calibration: Calibration, recordings: Sequence[Recording]
+) -> dict[str, Verdict]:
+    """
+    Judge every axis of a calibration by its held-out errors.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        From calibrate.
+    recordings : sequence of Recording
+        What it was made from.
+
+    Returns
+    -------
+    dict of str to Verdict
+        By axis.
+
+    """
+    longest_s = max(recording.duration_s for recording in recordings)
+    return {axis: _judge(axis, fit, longest_s) for axis, fit in calibration.fits.items()}
+
+
+def calibration_view(
+    calibration: Calibration,
+    recordings: Sequence[Recording],
+    stored: StoredModel,
+    reference: Reference,
+    tables: Mapping[str, Mapping[str, ChamberFigures]] | None = None,
+) -> ReportView:
+    """
+    Fill a report's view from a calibration.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        From calibrate.
+    recordings : sequence of Recording
+        What it was made from.
+    stored : StoredModel
+        The model as it was saved.
+    reference : {'unloaded', 'constant', 'recorded'}
+        What the true wrench was.
+    tables : mapping, optional
+        Figures of chamber tables, by name, then by title.
+
+    Returns
+    -------
+    ReportView
+        Ready to be written.
+
+    """
+    verdicts = calibration_verdicts(calibration, recordings)
+    coverage = cover(recordings)
+    taus = [tau for fit in calibration.fits.values() for tau in fit.time_constants_s]
+    return ReportView(
+        kind='calibration',
+        model=stored.path.name,
+        explanation=_explanation(calibration, recordings, reference),
+        axes=tuple(
+            _axis_view(axis, fit, verdicts[axis], recordings, coverage.leading)
+            for axis, fit in calibration.fits.items()
+        ),
+        thermometers=thermometer_series(recordings),
+        sources=tuple(Source(each.name, each.duration_s / 3600) for each in recordings),
+        coverage=coverage,
+        advice=tuple(
+            what_to_record_next(
+                coverage,
+                {axis: verdict.level for axis, verdict in verdicts.items()},
+                reference,
+                [each.duration_s for each in recordings],
+                max(taus, default=0.0),
+                chamber=not all(_held_out(fit).tared for fit in calibration.fits.values()),
+            )
+        ),
+        warnings=calibration.warnings,
+        learnt_from=model_sources(stored),
+        provenance=model_provenance(stored),
+        tables=tables or {},
+    )
+
+
+def _held_out(fit: AxisFit) -> HeldOut:
+    """Return the errors that every identified axis carries."""
+    assert fit.held_out is not None  # noqa: S101 -- identify_axis always keeps them
+    return fit.held_out
+
+
+def _judge(axis: str, fit: AxisFit, longest_s: float) -> Verdict:
+    """Judge one axis."""
+    held_out = _held_out(fit)
+    parts = held_out.recording * (held_out.block.max() + 1) + held_out.block
+    tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
+    return judge(
+        Evidence(
+            unit=axis_unit(axis),
+            before=fit.rms_before,
+            after=fit.rms_after,
+            noise=noise_level([held_out.after[parts == part] for part in np.unique(parts)]),
+            compensated=fit.model is not None,
+            best_candidate=min(tried, default=None),
+            blocks=rms_by_block(held_out),
+            slowest_s=max(fit.time_constants_s, default=0.0),
+            longest_s=longest_s,
+        )
+    )
+
+
+def _axis_view(
+    axis: str, fit: AxisFit, verdict: Verdict, recordings: Sequence[Recording], leading: int
+) -> AxisView:
+    """Fill the view of one axis."""
+    held_out = _held_out(fit)
+    return AxisView(
+        axis=axis,
+        unit=axis_unit(axis),
+        verdict=verdict,
+        rms_before=fit.rms_before,
+        rms_after=fit.rms_after,
+        peak_before=float(np.abs(held_out.before).max()),
+        peak_after=float(np.abs(held_out.after).max()),
+        series=_series(held_out, recordings, leading),
+        drifts=drifts_removed(fit.model),
+        chosen=fit.chosen,
+        time_constants_s=fit.time_constants_s,
+        candidates=fit.candidates,
+        notes=fit.notes,
+    )
+
+
+def _series(held_out: HeldOut, recordings: Sequence[Recording], leading: int) -> ErrorSeries:
+    """Lay held-out errors out over time and temperature."""
+    starts = recording_starts_h(recordings)
+    period_h = recordings[0].period_s / 3600
+    temperature_c = [
+        recordings[number].temperature_c[round(cell), leading]
+        for number, cell in zip(held_out.recording, held_out.cell, strict=True)
+    ]
+    return ErrorSeries(
+        hours=starts[held_out.recording] + (held_out.cell + 0.5) * period_h,
+        temperature_c=np.array(temperature_c),
+        before=held_out.before,
+        after=held_out.after,
+        part=held_out.recording * (held_out.block.max() + 1) + held_out.block,
+    )
+
+
+def _explanation(
+    calibration: Calibration, recordings: Sequence[Recording], reference: Reference
+) -> str:
+    """Say what was held out, and from where errors are counted."""
+    held_out = _held_out(next(iter(calibration.fits.values())))
+    count = len(np.unique(held_out.block))
+    if len(recordings) > 1:
+        blocks = f'Each of the {count} recordings was held out in turn'
+        zero = 'the mean of the recording'
+    elif held_out.tared:
+        minutes = recordings[0].duration_s / count / 60
+        blocks = (
+            f'The recording was cut into {count} blocks of {minutes:.0f} min, and each was held '
+            'out in turn'
+        )
+        zero = 'the mean of the block'
+    else:
+        blocks = f'Each of the {count} plateaus was held out in turn'
+        zero = 'the mean of the other plateaus'
+    return (
+        f'{blocks}: a model that was fitted to the others ran on its temperatures alone. Errors '
+        f'are means over {JUDGED_BIN_S:g} s, counted from {zero}, with compensation and without: '
+        f'what is compared is drift after a tare. Reference: {reference}.'
+    )
