@@ -166,9 +166,9 @@ def test_a_report_shows_every_axis_and_recording(done, make, tmp_path):
     page = tmp_path / 'r.html'
     done('calibrate', *paths, '-o', tmp_path / 'm.yaml', '--method', 'pls', '--report', page)
     text = page.read_text()
-    for word in ('0.csv', '1.csv', 'force_z', 'torque_x', 'pls'):
+    for word in ('0.csv', '1.csv', 'force z', 'torque x', 'pls'):
         assert word in text
-    assert text.count('<svg') == 2
+    assert text.count('<svg') == 6  # two of each axis, and two of what was covered
 
 
 @pytest.mark.parametrize(

@@ -185,7 +185,7 @@ def test_a_report_tells_what_was_printed(done, make, model, tmp_path):
     text = page.read_text()
     for number in out.splitlines()[1].split()[2:6]:
         assert f'<td>{number}</td>' in text
-    assert 'first 5 s' in text
+    assert 'first 5\N{NO-BREAK SPACE}s' in text
 
 
 @pytest.mark.parametrize('victim', ['model', 'recording'])

@@ -50,6 +50,6 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
             found.append(
                 f'Thermometer {number + 1} of {recording.name} goes from {column.min():.1f} to '
                 f'{column.max():.1f} °C; the model was learnt from {low:.1f} to {high:.1f} °C. '
-                f'For {100 * share:.2g} % of the time it takes the nearest of these.'
+                f'For {100 * share:.2g} % of the time the correction is a guess.'
             )
     return tuple(found)

@@ -105,10 +105,9 @@ def _temperatures(coverage: Coverage) -> Iterator[str]:
     unseen = unseen_temperatures(coverage)
     for start, end in unseen:
         if end <= low or start >= high:
-            edge = low if end <= low else high
             yield (
-                f'You have not seen {start:.0f} to {end:.0f} °C{where}: there the correction '
-                f'stays what it is at {edge:.0f} °C. If the robot gets there, record it there.'
+                f'You have not seen {start:.0f} to {end:.0f} °C{where}: there the correction is a '
+                'guess that soon stands still. If the robot gets there, record it there.'
             )
     holes = [f'{start:.0f} to {end:.0f}' for start, end in unseen if low < end <= high > start]
     if holes:

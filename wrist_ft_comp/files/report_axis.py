@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from wrist_ft_comp.core.selection import Candidate
+from wrist_ft_comp.core.axis_fit import Candidate
 from wrist_ft_comp.files import report_pictures as pictures
 from wrist_ft_comp.files.report_html import bullets, duration, element, facts, number, text
 from wrist_ft_comp.files.report_view import AxisView

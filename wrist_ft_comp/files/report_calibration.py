@@ -149,7 +149,9 @@ def _axis_view(
         series=_series(held_out, recordings, leading),
         drifts=drifts_removed(fit.model),
         chosen=fit.chosen,
+        reason=fit.reason,
         time_constants_s=fit.time_constants_s,
+        time_constant_errors_s=fit.time_constant_errors_s,
         candidates=fit.candidates,
         notes=fit.notes,
     )

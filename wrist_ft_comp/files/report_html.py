@@ -79,10 +79,10 @@ def table(caption: str, header: Sequence[str], rows: Iterable[Sequence[str]]) ->
 
 
 def number(value: float) -> str:
-    """Write a number with three digits that count."""
+    """Write a number with four digits that count, as the command line does."""
     if value != value:  # noqa: PLR0124 -- NaN
         return '–'
-    return f'{value:.0f}' if abs(value) >= 1000 else f'{value:.3g}'
+    return f'{value:.0f}' if abs(value) >= 1000 else f'{value:.4g}'
 
 
 def duration(seconds: float) -> str:

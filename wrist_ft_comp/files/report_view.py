@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from wrist_ft_comp.core.axis_fit import Candidate
 from wrist_ft_comp.core.chamber_fit import ChamberFigures
 from wrist_ft_comp.core.coverage import Coverage
 from wrist_ft_comp.core.recording import FloatArray, IntArray
-from wrist_ft_comp.core.selection import Candidate
 from wrist_ft_comp.core.verdict import Verdict
 
 
