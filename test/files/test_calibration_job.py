@@ -111,6 +111,22 @@ def test_the_model_is_saved_with_where_it_came_from(tmp_path):
     assert calibration.fits['force_z'].rms_after < calibration.fits['force_z'].rms_before / 10
 
 
+def test_a_report_that_fails_leaves_the_model_and_says_so(tmp_path):
+    """As a process, where the answer is all that its asker sees."""
+    path = warm_up_csv(tmp_path / 'run.csv')
+    asked = job(tmp_path, path, report=tmp_path / 'no' / 'report.html')
+    command = [sys.executable, '-m', 'wrist_ft_comp.files.calibration_job']
+    done = subprocess.run(
+        command, input=encode_job(asked), capture_output=True, text=True, check=True, timeout=120
+    )
+    answer = json.loads(done.stdout)
+    assert answer['success']
+    last = answer['message'].splitlines()[-1]
+    assert last.startswith('warning: The report')
+    assert 'cannot be written' in last
+    assert load_model(tmp_path / 'out/model.yaml').sha256 == answer['sha256']
+
+
 def test_a_refusal_saves_nothing(tmp_path):
     path = warm_up_csv(tmp_path / 'run.csv', span_k=1.0)
     with pytest.raises(CalibrationRefusedError, match=r'spans 1\.0 K; at least 3\.0 K'):

@@ -46,7 +46,10 @@ def test_a_warm_up_is_recorded_learnt_and_removed(rig, make_robot, thermometers,
     np.testing.assert_allclose(outputs, np.tile(raw, (len(outputs), 1)), atol=1e-9)
 
     stored = load_model(next((node.directory / 'models').glob('*.yaml')))
-    assert str(stored.path) in lines[-1]
+    assert lines[-2] == f'saved as {stored.path}'
+    report = stored.path.with_suffix('.html')
+    assert lines[-1] == f'report: {report}'
+    assert 'Is it good?' in report.read_text(encoding='utf-8')
     assert set(stored.model.axes) == set(AXES)
     assert stored.model.thermometers == thermometers
     assert node.node.model.stored.sha256 == stored.sha256
