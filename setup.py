@@ -34,7 +34,13 @@ setup(
     ],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]>=7.1,<8', 'ros-jazzy-common-interfaces>=5.3,<6'],
-        'test': ['pytest>=7.4,<10', 'hypothesis>=6,<7', 'scikit-learn>=1.4,<2'],
+        'completion': ['shtab>=1.5,<2'],
+        'test': [
+            'pytest>=7.4,<10',
+            'hypothesis>=6,<7',
+            'scikit-learn>=1.4,<2',
+            'shtab>=1.5,<2',
+        ],
         'lint': [
             'ruff>=0.17,<0.18',
             'mypy>=2.4,<3',

@@ -151,7 +151,8 @@ def test_pooling_takes_axes_from_where_they_are():
 
 def test_the_table_fits_the_screen_and_names_units(done, drift_csv, model):
     lines = done('evaluate', model, drift_csv).splitlines()
-    assert len(lines) == 3
+    assert [line.split()[0] for line in lines[:3]] == ['axis', 'force_z', 'torque_x']
+    assert lines[4].startswith('force_z: good. ')
     assert 'N m' in lines[2]
     assert max(map(len, lines)) <= 80
 

@@ -2,7 +2,6 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +11,7 @@ import pytest
 import wrist_ft_comp
 from wrist_ft_comp.cli import options, values
 
-COMMANDS = ('calibrate', 'evaluate', 'compensate', 'show', 'demo')
+COMMANDS = ('calibrate', 'evaluate', 'compensate', 'show', 'demo', 'completion')
 PROGRAM = [sys.executable, '-m', 'wrist_ft_comp.cli.main']
 
 
@@ -94,32 +93,6 @@ def test_a_narrow_locale_gets_escapes(drift_csv, tmp_path):
         out, err = child.communicate(timeout=60)
     assert (child.returncode, err) == (0, '')
     assert '\\xb0C' in out
-
-
-def test_ctrl_c_leaves_nothing_half_written(make, model, tmp_path):
-    """A slow reader (a named pipe that never ends) holds the command in the middle of its work."""
-    pipe = tmp_path / 'endless.csv'
-    os.mkfifo(pipe)
-    target = tmp_path / 'm.yaml'
-    target.write_bytes(model.read_bytes())
-    columns = make.drifting()
-    lines = [
-        ','.join(columns),
-        *(','.join(map(str, row)) for row in zip(*columns.values(), strict=True)),
-    ]
-    with (
-        process('calibrate', pipe, '-o', target, stdout=subprocess.PIPE) as child,
-        pipe.open('w') as feed,  # opens once the command reads
-    ):
-        feed.write('\n'.join(lines))
-        feed.flush()
-        child.send_signal(signal.SIGINT)
-        out, err = child.communicate(timeout=60)
-    assert child.returncode == 130
-    assert out == ''
-    assert err.splitlines()[-1] == 'wrist_ft_comp: interrupted; nothing was left half-written.'
-    assert target.read_bytes() == model.read_bytes()
-    assert sorted(each.name for each in tmp_path.iterdir()) == ['endless.csv', 'm.yaml']
 
 
 def test_values_below_zero_belong_to_the_option_before_them():

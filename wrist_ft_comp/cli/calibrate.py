@@ -7,7 +7,8 @@ from typing import get_args
 
 from wrist_ft_comp import SettingsError
 from wrist_ft_comp.cli import options, paths, values
-from wrist_ft_comp.cli.tables import chamber_table_text, figures_json
+from wrist_ft_comp.cli.suggestions import one_of
+from wrist_ft_comp.cli.tables import chamber_table_text, figures_json, verdict_text
 from wrist_ft_comp.core.calibration import CalibrationSettings
 from wrist_ft_comp.core.features import FeatureKind
 from wrist_ft_comp.core.identification import METHODS, IdentificationSettings
@@ -46,6 +47,7 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
     parser.add_argument(
         '--method',
         choices=METHODS,
+        type=one_of(METHODS),
         metavar='METHOD',
         help=f'{", ".join(METHODS)} (default: pls for chamber tables, else auto)',
     )
@@ -60,6 +62,7 @@ def _add_structure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--features',
         choices=get_args(FeatureKind),
+        type=one_of(get_args(FeatureKind)),
         help='powers of temperature, or hat functions at given temperatures '
         '(default: hats for chamber tables, else powers)',
     )
@@ -110,10 +113,12 @@ def run(arguments: argparse.Namespace) -> int:
         options.print_json(_as_json(found, verdicts, tables))
     else:
         print(summarise(found.calibration))
-        print(f'saved as {found.stored.path}')
+        print(f'\n{verdict_text(verdicts)}\n\nsaved as {found.stored.path}')
         for name, columns in tables.items():
             print(f'\n{name}\n{chamber_table_text(columns)}')
     report_job(job, found, tables)
+    if job.report and not arguments.json:
+        print(f'report: {job.report}')
     return 0
 
 

@@ -11,7 +11,7 @@ from wrist_ft_comp.cli.warning_lines import print_warnings, range_warnings
 from wrist_ft_comp.core.chamber_fit import table_tare
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.evaluation import correct_many, initial_tare, track_drift
-from wrist_ft_comp.core.recording import NANOSECONDS, FloatArray, Recording
+from wrist_ft_comp.core.recording import AXES, NANOSECONDS, FloatArray, Recording
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import read_recording, rewrite_recording
@@ -46,6 +46,7 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
         help='tare on the first SECONDS, which must be unloaded (default: 0, no tare; a chamber '
         'table is tared without load at its reference temperature)',
     )
+    options.add_json(parser)
     group = options.add_topics(parser)
     group.add_argument(
         '--output-topic',
@@ -79,7 +80,12 @@ def run(arguments: argparse.Namespace) -> int:
             output_topic=arguments.output_topic,
             progress=lambda done: progress((1 + 2 * done) / 3),
         )
-    print_warnings((*recording.warnings, *warnings, *range_warnings(stored, recording)))
+    warnings = (*recording.warnings, *warnings, *range_warnings(stored, recording))
+    if arguments.json:
+        found = {'output': arguments.output, 'tare': dict(zip(AXES, tare.tolist(), strict=True))}
+        options.print_json({**found, 'warnings': warnings})
+        return 0
+    print_warnings(warnings)
     print(f'wrote {arguments.output}')
     return 0
 

@@ -7,7 +7,13 @@ from functools import partial
 from pathlib import Path
 
 from wrist_ft_comp.cli import options, paths, values
-from wrist_ft_comp.cli.tables import chamber_table_text, figures_json, table_text
+from wrist_ft_comp.cli.tables import (
+    chamber_table_text,
+    figures_json,
+    table_text,
+    verdict_text,
+    verdicts_json,
+)
 from wrist_ft_comp.cli.warning_lines import print_warnings, range_warnings
 from wrist_ft_comp.core.chamber_fit import ChamberFigures, chamber_figures, compensate_table
 from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate, pool
@@ -93,17 +99,20 @@ def run(arguments: argparse.Namespace) -> int:
             for number, path in enumerate(arguments.recordings)
         ]
     pooled = pool([each.axes for each in judged], [len(each.recording) for each in judged])
+    shown = [EvaluatedRecording(e.recording, e.reference, e.figures) for e in judged]
+    view = evaluation_view(stored, shown, arguments.tare)
+    verdicts = {axis.axis: axis.verdict for axis in view.axes}
     if arguments.json:
-        options.print_json(_as_json(stored, arguments.tare, pooled, judged))
+        found = _as_json(stored, arguments.tare, pooled, judged)
+        options.print_json({**found, 'verdicts': verdicts_json(verdicts)})
     else:
-        print(evaluation_text(pooled))
+        print(f'{evaluation_text(pooled)}\n\n{verdict_text(verdicts)}')
         for each in judged:
             if each.figures:
                 print(f'\n{each.path}\n{chamber_table_text(each.figures)}')
     print_warnings(warning for each in judged for warning in each.recording.warnings)
     if arguments.report:
-        shown = [EvaluatedRecording(e.recording, e.reference, e.figures) for e in judged]
-        write_report(arguments.report, evaluation_view(stored, shown, arguments.tare))
+        write_report(arguments.report, view)
     return 0
 
 

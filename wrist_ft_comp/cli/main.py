@@ -12,7 +12,8 @@ from collections.abc import Sequence
 
 import wrist_ft_comp
 from wrist_ft_comp import WristFtCompError
-from wrist_ft_comp.cli import calibrate, compensate, demo, evaluate, show, values
+from wrist_ft_comp.cli import calibrate, compensate, completion, demo, evaluate, show, values
+from wrist_ft_comp.cli.suggestions import check_words
 
 #: What a shell reports for a command that Ctrl-C ended.
 _INTERRUPTED = 130
@@ -26,8 +27,11 @@ Run "wrist_ft_comp COMMAND --help" for the options of a command.
 """
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Build the parser of all commands."""
+Commands = dict[str, argparse.ArgumentParser]
+
+
+def build_parser() -> tuple[argparse.ArgumentParser, Commands]:
+    """Build the parser of all commands, and those of each by name."""
     parser = argparse.ArgumentParser(
         prog='wrist_ft_comp',
         description='Remove the temperature drift of a wrist force/torque sensor.',
@@ -38,7 +42,8 @@ def build_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
     for command in (calibrate, evaluate, compensate, show, demo):
         command.add_parser(commands)
-    return parser
+    completion.add_parser(commands, parser)
+    return parser, dict(commands.choices)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -75,7 +80,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str]) -> int:
     """Parse and run; what was printed has left the process then, or an error says why not."""
     try:
-        arguments = build_parser().parse_args(values.with_negative_values(argv))
+        parser, commands = build_parser()
+        words = values.with_negative_values(argv)
+        check_words(parser, commands, words)
+        arguments = parser.parse_args(words)
     except SystemExit:  # --help and --version have printed
         sys.stdout.flush()
         raise

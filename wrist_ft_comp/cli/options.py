@@ -10,6 +10,7 @@ from typing import get_args
 
 from tqdm import tqdm
 
+from wrist_ft_comp.cli.suggestions import one_of
 from wrist_ft_comp.core.problem import Reference
 from wrist_ft_comp.files.recordings import Topics
 
@@ -57,6 +58,7 @@ def add_reference(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--reference',
         choices=get_args(Reference),
+        type=one_of(get_args(Reference)),
         help='what the true wrench was: zero, an unknown constant, or recorded beside the raw one '
         '(default: recorded for chamber tables, else unloaded)',
     )
@@ -74,6 +76,11 @@ def add_copied_columns(parser: argparse.ArgumentParser) -> None:
 def add_output_forms(parser: argparse.ArgumentParser) -> None:
     """Add the forms of output."""
     parser.add_argument('--report', type=Path, metavar='REPORT.html', help='write a report, too')
+    add_json(parser)
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add the form of output that scripts read."""
     parser.add_argument('--json', action='store_true', help='print JSON for scripts')
 
 

@@ -1,15 +1,26 @@
 """wrist_ft_comp show: what a file is."""
 
 import argparse
+from collections.abc import Iterator
 from pathlib import Path
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.tables import table_text
 from wrist_ft_comp.core.recording import NANOSECONDS, axis_unit
 from wrist_ft_comp.files.model_file import StoredModel, load_model
-from wrist_ft_comp.files.recordings import RecordingSummary, describe_recording
-from wrist_ft_comp.files.sniffing import looks_like_model
+from wrist_ft_comp.files.recordings import (
+    ChannelSummary,
+    RecordingSummary,
+    describe_recording,
+)
+from wrist_ft_comp.files.sniffing import looks_like_model, looks_like_report
+from wrist_ft_comp.files.summary import RAW_WRENCH, REFERENCE, TEMPERATURE
 
+#: What a model is for, to whoever finds one.
+_PURPOSE = (
+    'It predicts from temperatures how a wrist force/torque sensor drifts. The node',
+    '"compensator" runs it (parameter model_file); wrist_ft_comp evaluate judges it.',
+)
 EXAMPLES = """\
 examples:
   wrist_ft_comp show model.yaml
@@ -34,6 +45,8 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
+    if looks_like_report(arguments.file):
+        return _show_report(arguments)
     if arguments.file.suffix in {'.yaml', '.yml'} or looks_like_model(arguments.file):
         stored = load_model(arguments.file)
         if arguments.json:
@@ -46,7 +59,16 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         options.print_json(_summary_json(summary))
     else:
-        print(_text(summary))
+        print(_text(summary, arguments.file))
+    return 0
+
+
+def _show_report(arguments: argparse.Namespace) -> int:
+    """Say that a file is a report; returns the exit code."""
+    if arguments.json:
+        options.print_json({'name': arguments.file.name, 'kind': 'report'})
+    else:
+        print(f'{arguments.file}: a report of wrist_ft_comp; open it in a browser')
     return 0
 
 
@@ -55,6 +77,7 @@ def _model_text(stored: StoredModel) -> str:
     document = stored.document
     lines = [
         f'{stored.path}: a drift model, sha256 {stored.sha256[:12]}',
+        *_PURPOSE,
         _origin(stored),
         *(
             f'thermometer {j}: calibrated from {low:.1f} to {high:.1f} °C'
@@ -122,18 +145,44 @@ def _duration_s(summary: RecordingSummary) -> float | None:
     return (summary.last_ns - summary.first_ns) / NANOSECONDS
 
 
-def _text(summary: RecordingSummary) -> str:
+def _text(summary: RecordingSummary, path: Path) -> str:
     """Describe a recording for people."""
     duration_s = _duration_s(summary)
     span = 'no samples' if duration_s is None else f'{duration_s:.1f} s'
-    rows = [[c.name, c.kind, str(c.samples), c.role or '-'] for c in summary.channels]
+    rows = [
+        [c.name, c.kind, str(c.samples), _rate(c, duration_s), c.role or '-']
+        for c in summary.channels
+    ]
     return '\n'.join(
         [
             f'{summary.name}: {summary.kind}, {span}',
-            table_text(['channel', 'type or unit', 'samples', 'used as'], rows),
+            table_text(['channel', 'type or unit', 'samples', 'per second', 'used as'], rows),
+            *_use(summary, path),
             *(f'warning: {warning}' for warning in summary.warnings),
         ]
     )
+
+
+def _rate(channel: ChannelSummary, duration_s: float | None) -> str:
+    """Say how often a channel was sampled, on average."""
+    return f'{(channel.samples - 1) / duration_s:.4g}' if duration_s else '-'
+
+
+def _use(summary: RecordingSummary, path: Path) -> Iterator[str]:
+    """Say what a recording is good for, or what it lacks."""
+    held = {channel.role for channel in summary.channels if channel.samples}
+    lacks = [role for role in (RAW_WRENCH, TEMPERATURE) if role not in held]
+    if not lacks:
+        reference = ' --reference recorded' if REFERENCE in held else ''
+        yield f'Learn from it: wrist_ft_comp calibrate {path} -o model.yaml{reference}'
+        return
+    yield f'It holds no {" and no ".join(lacks)}, so nothing can be learnt from it.'
+    kinds = {RAW_WRENCH: 'WrenchStamped', TEMPERATURE: 'Temperature'}
+    options_of = {RAW_WRENCH: '--wrench-topic', TEMPERATURE: '--temperature-topic'}
+    for role in lacks:
+        for channel in summary.channels:
+            if channel.kind.endswith(kinds[role]) and not channel.role:
+                yield f'If {channel.name} is the {role}: {options_of[role]} {channel.name}'
 
 
 def _summary_json(summary: RecordingSummary) -> dict[str, object]:

@@ -1,14 +1,23 @@
 """Tables that fit 80 columns."""
 
-from collections.abc import Mapping, Sequence
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from itertools import zip_longest
 
 from wrist_ft_comp.core.chamber_fit import ChamberFigures
+from wrist_ft_comp.core.verdict import LEVEL_NAMES, Verdict
+
+#: Columns of a terminal that nobody has made wider.
+WIDTH = 80
+_GAP = '  '
 
 
 def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """
     Align a table, first column to the left, the others to the right.
+
+    Cells of a table that would be wider than the screen are broken into several lines.
 
     Parameters
     ----------
@@ -20,18 +29,61 @@ def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     Returns
     -------
     str
-        Lines.
+        Lines of at most 80 characters.
 
     """
-    lines = [list(header), *(list(row) for row in rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
+    table = [list(header), *(list(row) for row in rows)]
+    widths = _fitting([max(len(row[i]) for row in table) for i in range(len(header))])
+    return '\n'.join(line for row in table for line in _lines(row, widths))
+
+
+def _fitting(widths: list[int]) -> list[int]:
+    """Narrow the widest columns until the table fits."""
+    fitting = list(widths)
+    while sum(fitting) + len(_GAP) * (len(fitting) - 1) > WIDTH:
+        fitting[fitting.index(max(fitting))] -= 1
+    return fitting
+
+
+def _lines(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
+    """Write one row, in as many lines as its highest cell needs."""
+    cells = [textwrap.wrap(cell, width) for cell, width in zip(row, widths, strict=True)]
+    for parts in zip_longest(*cells, fillvalue=''):
+        aligned = [
+            part.ljust(width) if i == 0 else part.rjust(width)
+            for i, (part, width) in enumerate(zip(parts, widths, strict=True))
+        ]
+        yield _GAP.join(aligned).rstrip()
+
+
+def verdict_text(verdicts: Mapping[str, Verdict]) -> str:
+    """
+    Say of every axis whether it is good, and why.
+
+    Parameters
+    ----------
+    verdicts : mapping of str to Verdict
+        By axis.
+
+    Returns
+    -------
+    str
+        Lines of at most 80 characters.
+
+    """
     return '\n'.join(
-        '  '.join(
-            cell.ljust(width) if i == 0 else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
-        ).rstrip()
-        for line in lines
+        textwrap.fill(
+            f'{axis}: {LEVEL_NAMES[verdict.level]}. {verdict.sentence}',
+            WIDTH,
+            subsequent_indent='    ',
+        )
+        for axis, verdict in verdicts.items()
     )
+
+
+def verdicts_json(verdicts: Mapping[str, Verdict]) -> dict[str, dict[str, str]]:
+    """Turn verdicts into plain values, by axis."""
+    return {axis: {'level': each.level, 'why': each.sentence} for axis, each in verdicts.items()}
 
 
 def chamber_table_text(columns: Mapping[str, ChamberFigures]) -> str:

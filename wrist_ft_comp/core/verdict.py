@@ -18,6 +18,13 @@ import numpy as np
 from wrist_ft_comp.core.held_out import BlockErrors
 
 Level = Literal['good', 'weak', 'harmful', 'uncalibrated']
+#: For people, the best first.
+LEVEL_NAMES: dict[Level, str] = {
+    'good': 'good',
+    'weak': 'weak',
+    'harmful': 'harmful',
+    'uncalibrated': 'not calibrated',
+}
 
 
 @dataclass(frozen=True)

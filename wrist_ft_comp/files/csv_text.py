@@ -124,6 +124,18 @@ def parse_header(name: str, line: str) -> CsvLayout:
     return layout
 
 
+def _mistyped(layout: CsvLayout) -> list[str]:
+    """Warn of columns that are not used but named almost like ones that would be."""
+    used = {layout.stamp, *(channel for group in layout.groups for channel in group)}
+    known = {*AXES, *REFERENCE_CHANNELS, 'temperature_c', 'temperature_2_c'} - used
+    near = {c: difflib.get_close_matches(c.lower(), known, 1, 0.85) for c in layout.columns}
+    return [
+        f'The column {column} of {layout.name} is not used; if it is {found[0]}, rename it.'
+        for column, found in near.items()
+        if found and column not in used
+    ]
+
+
 class CsvText:
     """
     One CSV recording, read in chunks of cells.
@@ -159,6 +171,7 @@ class CsvText:
             self.layout = parse_header(path.name, self.header)
         except csv.Error as error:
             raise RecordingError(f'{path.name} is no CSV recording: {error}.') from error
+        self.warnings += _mistyped(self.layout)
 
     def _open(self) -> io.TextIOWrapper:
         """Open the file as text; a byte order mark at its start is skipped."""

@@ -7,19 +7,15 @@ from importlib import resources
 from pathlib import Path
 
 from wrist_ft_comp import RecordingError
-from wrist_ft_comp.core.verdict import Level
+from wrist_ft_comp.core.verdict import LEVEL_NAMES
 from wrist_ft_comp.files import report_pictures as pictures
 from wrist_ft_comp.files.atomic import replaced_on_success
 from wrist_ft_comp.files.report_axis import axis_name, axis_section
 from wrist_ft_comp.files.report_html import bullets, element, facts, number, table, text
 from wrist_ft_comp.files.report_view import ReportView, Source
 
-LEVEL_NAMES: dict[Level, str] = {
-    'good': 'good',
-    'weak': 'weak',
-    'harmful': 'harmful',
-    'uncalibrated': 'not calibrated',
-}
+#: By this a page is known again.
+GENERATOR = 'wrist_ft_comp report'
 
 
 def write_report(path: Path, view: ReportView) -> None:
@@ -69,8 +65,9 @@ def page(view: ReportView) -> str:
     style = resources.files(__package__).joinpath('report.css').read_text('utf-8')
     title = f'{view.kind.capitalize()} of {view.model}'
     head = (
-        '<meta charset="utf-8"><meta name="viewport" content="width=device-width, '
-        f'initial-scale=1">{text("title", title)}{element("style", style)}'
+        f'<meta charset="utf-8"><meta name="generator" content="{GENERATOR}">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'{text("title", title)}{element("style", style)}'
     )
     body = element('header', text('h1', title) + text('p', headline(view), class_='lead'))
     main = element('main', ''.join(_sections(view)))

@@ -5,6 +5,7 @@ from pathlib import Path
 from wrist_ft_comp.files.bag_file import SUFFIXES
 from wrist_ft_comp.files.chamber_table import is_chamber_table
 from wrist_ft_comp.files.model_file import FORMAT
+from wrist_ft_comp.files.report import GENERATOR
 
 _BEGINNING = 4096
 
@@ -24,12 +25,34 @@ def looks_like_model(path: Path) -> bool:
         Also True for models of versions that this package does not read.
 
     """
+    return FORMAT.encode() in _beginning(path)
+
+
+def looks_like_report(path: Path) -> bool:
+    """
+    Tell whether a file is a page that this package wrote.
+
+    Parameters
+    ----------
+    path : Path
+        Whatever was named; it need not exist.
+
+    Returns
+    -------
+    bool
+        True for reports of calibrations and of evaluations.
+
+    """
+    return GENERATOR.encode() in _beginning(path)
+
+
+def _beginning(path: Path) -> bytes:
+    """Read the beginning of a file; of what is none, nothing."""
     try:
         with path.open('rb') as file:
-            beginning = file.read(_BEGINNING)
+            return file.read(_BEGINNING)
     except (OSError, ValueError):
-        return False
-    return FORMAT.encode() in beginning
+        return b''
 
 
 def looks_like_recording(path: Path) -> bool:

@@ -1,0 +1,96 @@
+"""Ctrl-C at the worst moment: a real SIGINT, and what it leaves on the disk."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+PROGRAM = [sys.executable, '-m', 'wrist_ft_comp.cli.main']
+SENTENCE = 'wrist_ft_comp: interrupted; nothing was left half-written.'
+#: Says so and waits when everything is written and nothing has taken its place yet.
+HELD = """
+import pathlib, signal, sys
+from wrist_ft_comp.cli.main import main
+
+def hold(*_):
+    print('written', flush=True)
+    signal.pause()
+
+pathlib.Path.rename = pathlib.Path.replace = hold
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def contents(folder):
+    return {path.name: path.is_file() and path.read_bytes() for path in folder.iterdir()}
+
+
+def interrupt(argv):
+    """Run until all is written, press Ctrl-C, and give what was said."""
+    command = [sys.executable, '-c', HELD, *map(str, argv)]
+    pipes = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
+    with subprocess.Popen(command, text=True, **pipes) as child:
+        said = child.stdout.readline()
+        while said and said != 'written\n':
+            said = child.stdout.readline()
+        child.send_signal(signal.SIGINT)
+        _, err = child.communicate(timeout=60)
+    assert said == 'written\n', err
+    return child.returncode, err
+
+
+def test_ctrl_c_while_saving_keeps_the_old_model(drift_csv, model, tmp_path):
+    target = tmp_path / 'm.yaml'
+    target.write_bytes(model.read_bytes())
+    before = contents(tmp_path)
+    code, err = interrupt(['calibrate', drift_csv, '-o', target, '--method', 'pls'])
+    assert (code, err.splitlines()[-1]) == (130, SENTENCE)
+    assert contents(tmp_path) == before
+
+
+def test_ctrl_c_while_reporting_keeps_the_old_report(drift_csv, model, tmp_path):
+    target = tmp_path / 'r.html'
+    target.write_text('old')
+    code, err = interrupt(['evaluate', model, drift_csv, '--report', target])
+    assert (code, err.splitlines()[-1]) == (130, SENTENCE)
+    assert contents(tmp_path) == {'r.html': b'old'}
+
+
+@pytest.mark.parametrize('kind', ['csv', 'sqlite3', 'mcap'])
+def test_ctrl_c_while_compensating_leaves_nothing(kind, drift_csv, bags, model, tmp_path):
+    source = drift_csv if kind == 'csv' else bags[kind]
+    code, err = interrupt(['compensate', model, source, '-o', tmp_path / 'out'])
+    assert (code, err.splitlines()[-1]) == (130, SENTENCE)
+    assert contents(tmp_path) == {}
+
+
+def process(*argv, **more):
+    return subprocess.Popen([*PROGRAM, *map(str, argv)], stderr=subprocess.PIPE, text=True, **more)
+
+
+def test_ctrl_c_leaves_nothing_half_written(make, model, tmp_path):
+    """A slow reader (a named pipe that never ends) holds the command in the middle of its work."""
+    pipe = tmp_path / 'endless.csv'
+    os.mkfifo(pipe)
+    target = tmp_path / 'm.yaml'
+    target.write_bytes(model.read_bytes())
+    columns = make.drifting()
+    lines = [
+        ','.join(columns),
+        *(','.join(map(str, row)) for row in zip(*columns.values(), strict=True)),
+    ]
+    with (
+        process('calibrate', pipe, '-o', target, stdout=subprocess.PIPE) as child,
+        pipe.open('w') as feed,  # opens once the command reads
+    ):
+        feed.write('\n'.join(lines))
+        feed.flush()
+        child.send_signal(signal.SIGINT)
+        out, err = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert out == ''
+    assert err.splitlines()[-1] == 'wrist_ft_comp: interrupted; nothing was left half-written.'
+    assert target.read_bytes() == model.read_bytes()
+    assert sorted(each.name for each in tmp_path.iterdir()) == ['endless.csv', 'm.yaml']
