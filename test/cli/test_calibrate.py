@@ -209,3 +209,16 @@ def test_settings_that_cannot_be_are_refused(options, expected, run, drift_csv, 
     outcome = run('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', *options)
     assert expected in outcome.sentence
     assert not (tmp_path / 'm.yaml').exists()
+
+
+def test_verdicts_are_printed_and_in_the_json(done, drift_csv, tmp_path):
+    argv = ['calibrate', drift_csv, '-o', tmp_path / 'm.yaml', '--method', 'pls']
+    assert 'force_z: good. ' in done(*argv)
+    assert json.loads(done(*argv, '--json'))['axes']['force_z']['verdict'] == 'good'
+
+
+def test_the_report_is_named(done, drift_csv, tmp_path):
+    page = tmp_path / 'r.html'
+    argv = ['calibrate', drift_csv, '-o', tmp_path / 'm.yaml', '--method', 'pls', '--report', page]
+    assert done(*argv).splitlines()[-1] == f'report: {page}'
+    json.loads(done(*argv, '--json'))

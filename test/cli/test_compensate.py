@@ -151,3 +151,14 @@ def test_a_relative_target_in_this_folder_is_made(done, make, model, tmp_path, m
     monkeypatch.chdir(tmp_path)
     done('compensate', model, 'run.csv', '-o', 'out.csv')
     assert Path('out.csv').exists()
+
+
+def test_json_says_where_it_went_and_what_was_tared(run, drift_csv, model, tmp_path):
+    target = tmp_path / 'out.csv'
+    outcome = run('compensate', model, drift_csv, '-o', target, '--tare', '5', '--json')
+    found = json.loads(outcome.out)
+    assert (outcome.code, outcome.err) == (0, '')
+    assert found['output'] == str(target)
+    assert target.exists()
+    assert found['tare']['force_z'] != 0
+    assert found['warnings'] == []

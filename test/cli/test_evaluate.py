@@ -198,3 +198,9 @@ def test_a_report_overwrites_neither_model_nor_recording(victim, run, make, mode
     argv = ['evaluate', *copies.values(), '--report', copies[victim]]
     assert 'overwrite' in run(*argv).sentence
     assert copies[victim].read_bytes() == before
+
+
+def test_json_holds_the_verdicts(done, drift_csv, model):
+    found = json.loads(done('evaluate', model, drift_csv, '--json'))['verdicts']
+    assert found['force_z']['level'] == 'good'
+    assert '% of the drift is left' in found['force_z']['why']

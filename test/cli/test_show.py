@@ -1,4 +1,5 @@
 import json
+import re
 
 import pytest
 import yaml
@@ -90,3 +91,37 @@ def test_a_missing_key_is_named(key, run, model, drift_csv, tmp_path):
     copy = tmp_path / 'm.yaml'
     copy.write_text(yaml.safe_dump(document))
     assert key in run('evaluate', copy, drift_csv).sentence
+
+
+def test_a_model_says_what_it_is_for(done, model):
+    out = done('show', model)
+    assert 'how a wrist force/torque sensor drifts' in out
+    assert max(len(line) for line in out.splitlines() if str(model) not in line) <= 80
+
+
+def test_a_recording_says_what_to_do_with_it(done, drift_csv, make, tmp_path):
+    assert f'wrist_ft_comp calibrate {drift_csv} -o model.yaml' in done('show', drift_csv)
+    loaded = make.csv(tmp_path / 'loaded.csv', make.loaded())
+    assert done('show', loaded).rstrip().endswith('--reference recorded')
+    assert re.search(r' 400 +1 +raw wrench', done('show', drift_csv))  # samples, per second
+
+
+def test_a_recording_says_what_it_lacks(done, make, tmp_path):
+    path = make.csv(tmp_path / 'run.csv', {'stamp_s': [0.0, 1.0], 'force_x': [1.0, 2.0]})
+    out = done('show', path)
+    assert 'It holds no temperature, so nothing can be learnt from it.' in out
+    assert 'calibrate' not in out
+
+
+def test_a_bag_says_which_topic_may_be_meant(done, bags):
+    out = done('show', bags['mcap'], '--wrench-topic', '/other')
+    assert 'It holds no raw wrench' in out
+    assert 'If /wrench_raw is the raw wrench: --wrench-topic /wrench_raw' in out
+    assert '/log is' not in out
+
+
+def test_a_report_is_known(done, drift_csv, model, tmp_path):
+    page = tmp_path / 'r.html'
+    done('evaluate', model, drift_csv, '--report', page)
+    assert 'open it in a browser' in done('show', page)
+    assert json.loads(done('show', page, '--json'))['kind'] == 'report'
