@@ -1,0 +1,62 @@
+"""What the live views show is there: every topic and field, on a running node."""
+
+import json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed here')
+
+from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
+from sensor_msgs.msg import Temperature
+
+CONFIG = Path(__file__).parents[3] / 'config'
+MESSAGES = {
+    'geometry_msgs/msg/WrenchStamped': WrenchStamped,
+    'geometry_msgs/Wrench': Wrench,
+    'geometry_msgs/Vector3': Vector3,
+    'sensor_msgs/msg/Temperature': Temperature,
+}
+
+
+def plotjuggler():
+    root = ET.parse(CONFIG / 'plotjuggler.xml').getroot()  # noqa: S314 -- our own file
+    return [curve.get('name') for curve in root.iter('curve')]
+
+
+def foxglove():
+    panels = json.loads((CONFIG / 'foxglove.json').read_text(encoding='utf-8'))['configById']
+    paths = [path['value'] for panel in panels.values() for path in panel.get('paths', ())]
+    return [path.replace('.', '/') for path in paths]
+
+
+@pytest.fixture
+def topics(rig):
+    """Topics of a node with two thermometers in the root namespace, and their types."""
+    node = rig(thermometers=2)
+    name, namespace = node.node.get_name(), node.node.get_namespace()
+    found = node.node.get_publisher_names_and_types_by_node(name, namespace)
+    found += node.node.get_subscriber_names_and_types_by_node(name, namespace)
+    return {topic.removeprefix(namespace): types[0] for topic, types in found}
+
+
+@pytest.mark.parametrize('shown', [plotjuggler, foxglove])
+def test_every_path_leads_to_a_number_of_the_node_s_topics(shown, topics):
+    paths = shown()
+    assert {'/wrench_raw/wrench/force/z', '/wrench/wrench/force/z'} <= set(paths)
+    for path in paths:
+        topic = max((t for t in topics if path.startswith(f'{t}/')), key=len)
+        kind = topics[topic]
+        for field in path.removeprefix(f'{topic}/').split('/'):
+            kind = MESSAGES[kind].get_fields_and_field_types()[field]
+        assert kind == 'double', path
+
+
+@pytest.mark.parametrize('shown', [plotjuggler, foxglove])
+def test_every_axis_is_shown_raw_compensated_and_with_its_drift(shown):
+    paths = shown()
+    for kind in ('force', 'torque'):
+        for letter in 'xyz':
+            assert sum(path.endswith(f'/wrench/{kind}/{letter}') for path in paths) == 3
+    assert '/temperature/temperature' in paths
