@@ -62,6 +62,19 @@ def test_loaded_recordings_add_up_too(run):
     assert total(held_out, held_out.after) == pytest.approx(fit.rms_after, rel=1e-6)
 
 
+def test_a_long_recording_is_judged_beside_its_trend(make_recording):
+    """Nine hours: creep is not counted against a candidate, neither here nor in its score."""
+    hours = np.arange(540) / 60
+    temperature = 30 + 8 * np.sin(hours * 2)
+    noise = np.random.default_rng(2).normal(0, 0.01, 540)
+    drift = 0.3 * (temperature - 30) + 0.2 * hours + noise
+    fit = learn([make_recording(temperature, {'force_z': drift}, period_s=60.0)])
+    held_out = fit.held_out
+    assert held_out.detrended
+    assert total(held_out, held_out.before) == pytest.approx(fit.rms_before, rel=1e-6)
+    assert total(held_out, held_out.after) == pytest.approx(fit.rms_after, rel=1e-6)
+
+
 def test_without_compensation_nothing_changes(make_recording, warm_up):
     noise = np.random.default_rng(5).normal(0, 1, CELLS)
     fit = learn([make_recording(warm_up(CELLS, 1), {'force_z': noise})])

@@ -10,7 +10,7 @@ from wrist_ft_comp.core.chamber_fit import ChamberFigures
 from wrist_ft_comp.core.coverage import cover
 from wrist_ft_comp.core.held_out import HeldOut, rms_by_block
 from wrist_ft_comp.core.identification import AxisFit
-from wrist_ft_comp.core.problem import JUDGED_BIN_S, Reference, noise_level
+from wrist_ft_comp.core.problem import Reference, noise_level
 from wrist_ft_comp.core.recording import Recording, axis_unit
 from wrist_ft_comp.core.verdict import Evidence, Verdict, judge
 from wrist_ft_comp.files.model_file import StoredModel
@@ -193,8 +193,13 @@ def _explanation(
     else:
         blocks = f'Each of the {count} plateaus was held out in turn'
         zero = 'the mean of the other plateaus'
+    trend = (
+        ', and from a straight line over recordings that last a third of a day'
+        if any(_held_out(fit).detrended for fit in calibration.fits.values())
+        else ''
+    )
     return (
         f'{blocks}: a model that was fitted to the others ran on its temperatures alone. Errors '
-        f'are means over {JUDGED_BIN_S:g} s, counted from {zero}, with compensation and without: '
-        f'what is compared is drift after a tare. Reference: {reference}.'
+        f'are means over {held_out.bin_s:g} s, counted from {zero}{trend}, with compensation and '
+        f'without: what is compared is drift after a tare. Reference: {reference}.'
     )
