@@ -63,5 +63,7 @@ def test_what_is_not_calibrated_says_why():
     assert judge(bare).sentence.startswith('The model does not compensate this axis')
     tried = judge(replace(bare, best_candidate=9.5)).sentence
     assert 'the best candidate leaves 9.5 N' in tried
+    refused = judge(replace(bare, best_candidate=1.0, refusal='It drifts too slowly')).sentence
+    assert refused == 'It drifts too slowly. It is passed through, with a drift of 10 N RMS.'
     quiet = judge(replace(bare, noise=10.0, best_candidate=9.5)).sentence
     assert quiet.startswith('There is nothing to remove')

@@ -77,6 +77,8 @@ class Evidence:
         What a block is.
     slowest_s, longest_s : float
         Slowest time constant, and longest recording, s; 0 if unknown.
+    refusal : str
+        Why an axis that drifts was not learnt, without a full stop; empty when it was.
 
     """
 
@@ -90,6 +92,7 @@ class Evidence:
     block_name: str = 'held-out block'
     slowest_s: float = 0.0
     longest_s: float = 0.0
+    refusal: str = ''
 
 
 @dataclass(frozen=True)
@@ -158,6 +161,8 @@ def _is_noise(error: float, evidence: Evidence, thresholds: Thresholds) -> bool:
 def _why_uncalibrated(evidence: Evidence, thresholds: Thresholds) -> str:
     """Say why an axis is passed through."""
     drift = f'{evidence.before:.3g} {evidence.unit} RMS'
+    if evidence.refusal:
+        return f'{evidence.refusal}. It is passed through, with a drift of {drift}.'
     if _is_noise(evidence.before, evidence, thresholds):
         return (
             f'There is nothing to remove: its drift of {drift} is no more than the noise of the '

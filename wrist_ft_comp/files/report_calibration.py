@@ -12,7 +12,7 @@ from wrist_ft_comp.core.held_out import HeldOut, rms_by_block
 from wrist_ft_comp.core.identification import AxisFit
 from wrist_ft_comp.core.problem import Reference, noise_level
 from wrist_ft_comp.core.recording import Recording, axis_unit
-from wrist_ft_comp.core.verdict import Evidence, Verdict, judge
+from wrist_ft_comp.core.verdict import Evidence, Level, Verdict, judge
 from wrist_ft_comp.files.model_file import StoredModel
 from wrist_ft_comp.files.report_parts import (
     drifts_removed,
@@ -78,6 +78,11 @@ def calibration_view(
     """
     verdicts = calibration_verdicts(calibration, recordings)
     coverage = cover(recordings)
+    # An axis that was refused drifts, and is explained no better than a weak one.
+    levels: dict[str, Level] = {
+        axis: 'weak' if calibration.fits[axis].refusal else verdict.level
+        for axis, verdict in verdicts.items()
+    }
     taus = [tau for fit in calibration.fits.values() for tau in fit.time_constants_s]
     return ReportView(
         kind='calibration',
@@ -93,17 +98,27 @@ def calibration_view(
         advice=tuple(
             what_to_record_next(
                 coverage,
-                {axis: verdict.level for axis, verdict in verdicts.items()},
+                levels,
                 reference,
                 [each.duration_s for each in recordings],
                 max(taus, default=0.0),
                 chamber=not all(_held_out(fit).tared for fit in calibration.fits.values()),
             )
         ),
-        warnings=calibration.warnings,
+        warnings=_warnings(calibration),
         learnt_from=model_sources(stored),
         provenance=model_provenance(stored),
         tables=tables or {},
+    )
+
+
+def _warnings(calibration: Calibration) -> tuple[str, ...]:
+    """Leave out the refusals, which are verdicts here."""
+    refusals = tuple(fit.refusal for fit in calibration.fits.values() if fit.refusal)
+    return tuple(
+        warning
+        for warning in calibration.warnings
+        if not (refusals and warning.startswith(refusals))
     )
 
 
@@ -129,6 +144,7 @@ def _judge(axis: str, fit: AxisFit, longest_s: float) -> Verdict:
             blocks=rms_by_block(held_out),
             slowest_s=max(fit.time_constants_s, default=0.0),
             longest_s=longest_s,
+            refusal=fit.refusal,
         )
     )
 
@@ -149,7 +165,7 @@ def _axis_view(
         series=_series(held_out, recordings, leading),
         drifts=drifts_removed(fit.model),
         chosen=fit.chosen,
-        reason=fit.reason,
+        reason='' if fit.refusal else fit.reason,
         time_constants_s=fit.time_constants_s,
         time_constant_errors_s=fit.time_constant_errors_s,
         candidates=fit.candidates,
