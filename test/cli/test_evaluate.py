@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import yaml
 
-from wrist_ft_comp.cli.evaluate import pool
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.core.evaluation import AxisEvaluation
+from wrist_ft_comp.core.pooling import pool
 
 KEYS = {'rms_before', 'rms_after', 'max_before', 'max_after'}
 

@@ -16,7 +16,8 @@ from wrist_ft_comp.cli.tables import (
 )
 from wrist_ft_comp.cli.warning_lines import print_warnings, range_warnings
 from wrist_ft_comp.core.chamber_fit import ChamberFigures, chamber_figures, compensate_table
-from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate, pool
+from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate
+from wrist_ft_comp.core.pooling import pool
 from wrist_ft_comp.core.problem import Reference
 from wrist_ft_comp.core.recording import NANOSECONDS, Recording, axis_unit
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table

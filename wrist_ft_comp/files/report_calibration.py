@@ -83,7 +83,6 @@ def calibration_view(
         axis: 'weak' if calibration.fits[axis].refusal else verdict.level
         for axis, verdict in verdicts.items()
     }
-    taus = [tau for fit in calibration.fits.values() for tau in fit.time_constants_s]
     return ReportView(
         kind='calibration',
         model=stored.path.name,
@@ -101,7 +100,7 @@ def calibration_view(
                 levels,
                 reference,
                 [each.duration_s for each in recordings],
-                max(taus, default=0.0),
+                max(map(_slowest_s, calibration.fits.values()), default=0.0),
                 chamber=not all(_held_out(fit).tared for fit in calibration.fits.values()),
             )
         ),
@@ -115,17 +114,19 @@ def calibration_view(
 def _warnings(calibration: Calibration) -> tuple[str, ...]:
     """Leave out the refusals, which are verdicts here."""
     refusals = tuple(fit.refusal for fit in calibration.fits.values() if fit.refusal)
-    return tuple(
-        warning
-        for warning in calibration.warnings
-        if not (refusals and warning.startswith(refusals))
-    )
+    return tuple(each for each in calibration.warnings if not each.startswith(refusals))
 
 
 def _held_out(fit: AxisFit) -> HeldOut:
     """Return the errors that every identified axis carries."""
     assert fit.held_out is not None  # noqa: S101 -- identify_axis always keeps them
     return fit.held_out
+
+
+def _slowest_s(fit: AxisFit) -> float:
+    """Find the slowest time constant that was searched, s; those of a bank are given."""
+    pairs = zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
+    return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
 
 
 def _judge(axis: str, fit: AxisFit, longest_s: float) -> Verdict:
@@ -142,7 +143,7 @@ def _judge(axis: str, fit: AxisFit, longest_s: float) -> Verdict:
             compensated=fit.model is not None,
             best_candidate=min(tried, default=None),
             blocks=rms_by_block(held_out),
-            slowest_s=max(fit.time_constants_s, default=0.0),
+            slowest_s=_slowest_s(fit),
             longest_s=longest_s,
             refusal=fit.refusal,
         )
@@ -214,8 +215,9 @@ def _explanation(
         if any(_held_out(fit).detrended for fit in calibration.fits.values())
         else ''
     )
+    tared = ': what is compared is drift after a tare' if held_out.tared else ''
     return (
         f'{blocks}: a model that was fitted to the others ran on its temperatures alone. Errors '
         f'are means over {held_out.bin_s:g} s, counted from {zero}{trend}, with compensation and '
-        f'without: what is compared is drift after a tare. Reference: {reference}.'
+        f'without{tared}. Reference: {reference}.'
     )

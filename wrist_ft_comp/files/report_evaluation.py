@@ -10,8 +10,9 @@ from wrist_ft_comp.core.advice import what_was_not_learnt
 from wrist_ft_comp.core.axis_fit import Candidate
 from wrist_ft_comp.core.chamber_fit import ChamberFigures
 from wrist_ft_comp.core.coverage import cover
-from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate, pool, tared_errors
+from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate, tared_errors
 from wrist_ft_comp.core.held_out import BlockErrors
+from wrist_ft_comp.core.pooling import pool
 from wrist_ft_comp.core.problem import Reference, noise_level
 from wrist_ft_comp.core.recording import AXES, Recording, axis_unit
 from wrist_ft_comp.core.verdict import Evidence, judge

@@ -151,6 +151,21 @@ def test_the_headline_counts(view):
     assert headline(mixed).startswith('2 of 3 axes good, 1 of 3 axes not calibrated.')
 
 
+def test_a_refused_axis_is_said_once_at_the_top(make, tmp_path):
+    recordings = [make.recording()]
+    found, stored = make.learn(recordings, tmp_path, method='pls')
+    refusal = 'force_z drifts too slowly'
+    fit = replace(found.fits['force_z'], model=None, refusal=refusal, reason=f'{refusal}.')
+    fits = {**found.fits, 'force_z': fit}
+    refused = replace(found, fits=fits, warnings=(f'{refusal}. It is left.', 'Something else.'))
+    view = calibration_view(refused, recordings, stored, 'unloaded')
+    assert view.warnings == ('Something else.',)
+    axis = next(axis for axis in view.axes if axis.axis == 'force_z')
+    assert axis.verdict.level == 'uncalibrated'
+    assert axis.verdict.sentence.startswith(refusal)
+    assert axis.reason == ''
+
+
 def test_a_calibration_says_what_was_held_out(text):
     assert 'Each of the 2 recordings was held out' in text('good')
     assert 'cut into 5 blocks' in text('weak')
