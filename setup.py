@@ -6,7 +6,7 @@ package_name = 'wrist_ft_comp'
 
 
 def files_in(folder):
-    return [str(path) for path in Path(folder).iterdir()]
+    return sorted(str(path) for path in Path(folder).iterdir() if path.is_file())
 
 
 setup(
@@ -16,7 +16,8 @@ setup(
     package_data={f'{package_name}.files': ['*.schema.json', '*.css']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
-        (f'share/{package_name}', ['package.xml', 'README.md', 'CHANGELOG.rst']),
+        (f'share/{package_name}', ['package.xml', 'README.md', 'CHANGELOG.rst', 'LICENSE']),
+        (f'share/{package_name}/docs', files_in('docs')),
         (f'share/{package_name}/config', files_in('config')),
         (f'share/{package_name}/data/keller_pa10', files_in('data/keller_pa10')),
     ],
@@ -43,6 +44,15 @@ setup(
         ],
         'lint': [
             'ruff>=0.17,<0.18',
+            'flake8>=7.0,<8',
+            'flake8-blind-except',
+            'flake8-builtins',
+            'flake8-class-newline',
+            'flake8-comprehensions',
+            'flake8-deprecated',
+            'flake8-docstrings',
+            'flake8-import-order',
+            'flake8-quotes',
             'mypy>=2.4,<3',
             'types-PyYAML',
             'types-jsonschema',
@@ -56,8 +66,8 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'compensator = wrist_ft_comp.ros.compensator_node:main',
-            'simulated_sensor = wrist_ft_comp.ros.simulated_sensor_node:main',
+            'compensator = wrist_ft_comp.ros.executables:compensator',
+            'simulated_sensor = wrist_ft_comp.ros.executables:simulated_sensor',
             'wrist_ft_comp = wrist_ft_comp.cli.entry:main',
         ],
     },

@@ -1,0 +1,83 @@
+"""The core and the command line where there is no ROS 2; a node asked for there is refused."""
+
+import os
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TABLE = ROOT / 'data/keller_pa10/table2_sensor_b_raw.csv'
+NEEDED = ('numpy', 'scipy', 'yaml', 'jsonschema', 'matplotlib', 'tqdm', 'rosbags')
+ROS = {
+    'rclpy', 'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'diagnostic_msgs',
+    'rcl_interfaces', 'builtin_interfaces', 'ament_index_python',
+}  # fmt: skip
+TIMEOUT_S = 100.0
+
+
+@pytest.fixture(scope='module')
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of this Python's packages but those of ROS 2."""
+    folder = tmp_path_factory.mktemp('site')
+    for name in NEEDED:
+        found = find_spec(name)
+        assert found is not None
+        (place, *_) = found.submodule_search_locations or ['']
+        for each in Path(place).parent.iterdir():
+            link = folder / each.name
+            if each.name not in ROS and each.suffix != '.pth' and not link.exists():
+                link.symlink_to(each)
+    return folder
+
+
+def run(site: Path, *words: str) -> 'subprocess.CompletedProcess[str]':
+    environment = {key: value for key, value in os.environ.items() if 'ROS' not in key}
+    return subprocess.run(
+        [sys.executable, '-S', *words],
+        env={**environment, 'PYTHONPATH': f'{ROOT}{os.pathsep}{site}', 'MPLBACKEND': 'agg'},
+        cwd=site,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+
+
+def test_there_really_is_no_ros(site: Path) -> None:
+    done = run(site, '-c', 'import numpy, rclpy')
+    assert "No module named 'rclpy'" in done.stderr
+
+
+def test_the_command_line_gives_its_results(site: Path, tmp_path: Path) -> None:
+    model, out = tmp_path / 'b.yaml', tmp_path / 'out.csv'
+    for words in (
+        ['calibrate', TABLE, '-o', model, '--report', tmp_path / 'b.html'],
+        ['show', model],
+        ['evaluate', model, TABLE],
+        ['compensate', model, TABLE, '-o', out],
+    ):
+        done = run(site, '-m', 'wrist_ft_comp', *map(str, words))
+        assert done.returncode == 0, done.stderr
+        assert len(done.stdout.splitlines()) > 0
+    assert out.read_text('utf-8').count('\n') == TABLE.read_text('utf-8').count('\n')
+
+
+@pytest.mark.parametrize('name', ['compensator', 'simulated_sensor'])
+def test_a_node_that_is_asked_for_is_refused_in_one_sentence(site: Path, name: str) -> None:
+    source = f'from wrist_ft_comp.ros import executables; executables.{name}()'
+    done = run(site, '-c', source)
+    assert done.returncode == 1
+    assert done.stdout == ''
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith(f'{name}: a node needs ROS 2, but this Python')
+    assert 'Source a ROS 2 installation' in done.stderr
+
+
+def test_the_demonstration_is_refused_too(site: Path) -> None:
+    done = run(site, '-m', 'wrist_ft_comp', 'demo')
+    assert done.returncode == 1
+    assert 'The demonstration needs rclpy' in done.stderr
+    assert len(done.stderr.splitlines()) == 1
