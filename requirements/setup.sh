@@ -16,6 +16,18 @@ except ImportError:
              'Install its venv package (Debian, Ubuntu: apt install python3-venv).')
 CHECK
 
+# A sourced ROS 2 is built for one Python; another one finds its rclpy, but cannot import it.
+"$python" - <<'CHECK' || exit 1
+import importlib.util, sys
+if importlib.util.find_spec('rclpy'):
+    try:
+        import rclpy
+    except ImportError as error:
+        sys.exit(f'A ROS 2 is sourced whose rclpy this Python ({sys.executable}) cannot import: {error}. '
+                 'Name the Python it is built for with "make PYTHON=/usr/bin/python3 setup", '
+                 'or use a shell that sources no ROS 2.')
+CHECK
+
 rm -rf .venv
 if "$python" -c 'import rclpy' 2>/dev/null; then
     echo "A ROS 2 is sourced: using its rclpy, and Ubuntu 24.04's versions of what is missing."
