@@ -3,7 +3,9 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: setup demo test lint bench lock clean
+PYTHON312 ?= python3.12
+
+.PHONY: setup demo test test-noble colcon lint docs bench lock clean
 
 setup: $(READY)
 
@@ -17,14 +19,36 @@ demo: $(READY)
 test: $(READY)
 	$(BIN)/python -m pytest
 
+# The suite with the versions that Ubuntu 24.04 has. The stamp is no part of build/noble itself.
+test-noble: build/.noble
+	build/noble/bin/python -m pytest
+
+build/.noble: setup.py requirements/lock.txt requirements/noble.txt requirements/noble.sh
+	sh requirements/noble.sh '$(PYTHON312)'
+	touch $@
+
+# A workspace's build of this package, and what it installs.
+colcon: build/.colcon
+	PATH="$(CURDIR)/build/colcon/bin:$$PATH" $(BIN)/python -m pytest test/ros/test_colcon.py
+
+build/.colcon: $(READY) requirements/colcon.txt requirements/colcon.sh
+	sh requirements/colcon.sh
+	touch $@
+
+# docs/interface.md from the code.
+docs: $(READY)
+	$(BIN)/python docs/generator/interface.py
+
 lint: $(READY)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
+	$(BIN)/flake8
 	$(BIN)/mypy
 
 bench: $(READY)
 	$(BIN)/python bench/reading.py
 	$(BIN)/python bench/accuracy.py
+	$(BIN)/python bench/practice.py
 	$(BIN)/python bench/identification.py
 	$(BIN)/python bench/stream.py
 	$(BIN)/python bench/endurance.py

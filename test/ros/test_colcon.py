@@ -1,0 +1,126 @@
+"""The package as a workspace builds it; where colcon is missing, "make colcon" brings it."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+NAME = 'wrist_ft_comp'
+EXECUTABLES = {'compensator', 'simulated_sensor', 'wrist_ft_comp'}
+TIMEOUT_S = 300.0
+
+colcon = shutil.which('colcon')
+pytestmark = pytest.mark.skipif(colcon is None, reason='colcon is not on the PATH: make colcon')
+
+
+def run(words: list[str], folder: Path, environment: dict[str, str]) -> str:
+    done = subprocess.run(
+        words,
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+    assert done.returncode == 0, f'{words}\n{done.stdout}{done.stderr}'
+    return done.stdout
+
+
+@pytest.fixture(scope='module')
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A workspace with this package, built."""
+    folder = tmp_path_factory.mktemp('workspace')
+    shutil.copytree(
+        ROOT,
+        folder / 'src' / NAME,
+        ignore=shutil.ignore_patterns('.*', 'build', 'install', 'log', 'out', '*.egg-info'),
+    )
+    environment = {k: v for k, v in os.environ.items() if k != 'PYTHONPATH'}
+    run([str(colcon), 'build'], folder, environment)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def sourced(workspace: Path) -> dict[str, str]:
+    """The environment of a shell that sourced the workspace, far from these sources."""
+    environment = {k: v for k, v in os.environ.items() if k != 'PYTHONPATH'}
+    listing = run(['sh', '-c', '. install/setup.sh && env -0'], workspace, environment)
+    return dict(each.split('=', 1) for each in listing.split('\0') if '=' in each)
+
+
+@pytest.fixture(scope='module')
+def prefix(workspace: Path) -> Path:
+    return workspace / 'install' / NAME
+
+
+def test_the_executables_are_where_ros2_run_looks(prefix: Path) -> None:
+    folder = prefix / 'lib' / NAME
+    assert {each.name for each in folder.iterdir()} == EXECUTABLES
+    assert all(os.access(each, os.X_OK) for each in folder.iterdir())
+
+
+def test_the_package_is_in_the_index(prefix: Path, sourced: dict[str, str]) -> None:
+    pytest.importorskip('ament_index_python', reason='the index is read by ROS 2')
+    assert str(prefix) in sourced['AMENT_PREFIX_PATH'].split(os.pathsep)
+    code = (
+        'from ament_index_python.packages import *; '
+        f"print(get_package_prefix('{NAME}'), get_package_share_directory('{NAME}'))"
+    )
+    found = run([sys.executable, '-c', code], prefix, sourced).split()
+    assert found == [str(prefix), str(prefix / 'share' / NAME)]
+
+
+def test_what_people_read_and_load_is_in_share(prefix: Path) -> None:
+    share = prefix / 'share' / NAME
+    for name in ('package.xml', 'README.md', 'CHANGELOG.rst', 'LICENSE'):
+        assert (share / name).read_bytes() == (ROOT / name).read_bytes(), name
+    for folder in ('config', 'docs', 'data/keller_pa10'):
+        wanted = {each.name for each in (ROOT / folder).iterdir() if each.is_file()}
+        assert wanted == {each.name for each in (share / folder).iterdir()}, folder
+    assert yaml.safe_load((share / 'config/compensator.yaml').read_text('utf-8'))
+
+
+def test_the_schema_is_beside_the_code_that_reads_it(prefix: Path) -> None:
+    assert len(list(prefix.rglob('model.schema.json'))) == 1
+
+
+def test_the_installed_command_calibrates(
+    prefix: Path, sourced: dict[str, str], tmp_path: Path
+) -> None:
+    command = str(prefix / 'lib' / NAME / NAME)
+    table = str(prefix / 'share' / NAME / 'data/keller_pa10/table2_sensor_b_raw.csv')
+    run([command, 'calibrate', table, '-o', 'b.yaml'], tmp_path, sourced)
+    assert 'b.yaml: a drift model' in run([command, 'show', 'b.yaml'], tmp_path, sourced)
+
+
+@pytest.fixture
+def node(prefix: Path, sourced: dict[str, str], ros_domain: int) -> Iterator[None]:
+    """The installed node, with the installed file of parameters."""
+    environment = {**sourced, 'ROS_DOMAIN_ID': str(ros_domain)}
+    for name in ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_HOME', 'ROS_LOG_DIR'):
+        environment[name] = os.environ[name]
+    command = [
+        prefix / 'lib' / NAME / 'compensator', '--ros-args', '-r', '__ns:=/installed',
+        '--params-file', prefix / 'share' / NAME / 'config/compensator.yaml',
+    ]  # fmt: skip
+    process = subprocess.Popen([str(word) for word in command], env=environment, cwd=prefix)
+    yield
+    process.send_signal(signal.SIGINT)
+    assert process.wait(TIMEOUT_S) == 0
+
+
+@pytest.mark.usefixtures('node')
+def test_the_installed_node_answers(bench: Any) -> None:
+    srv = pytest.importorskip('std_srvs.srv', reason='the node tests need ROS 2 (rclpy)')
+    service = '/installed/wrist_ft_comp/reset_tare'
+    answer = bench.call(srv.Trigger, service, srv.Trigger.Request())
+    assert answer.message == 'the tare is zero again'
