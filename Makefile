@@ -37,7 +37,8 @@ build/.colcon: $(READY) requirements/colcon.txt requirements/colcon.sh
 
 # docs/interface.md from the code.
 docs: $(READY)
-	$(BIN)/python docs/generator/interface.py
+	$(BIN)/python docs/generator/interface.py > docs/interface.new
+	mv docs/interface.new docs/interface.md
 
 lint: $(READY)
 	$(BIN)/ruff check

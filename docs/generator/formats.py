@@ -1,0 +1,122 @@
+"""What is written and read: options of the command, columns of recordings, entries of models."""
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import wrist_ft_comp
+from markdown import table
+from wrist_ft_comp.cli.main import build_parser
+from wrist_ft_comp.core.recording import AXES, REFERENCE_CHANNELS, temperature_channel
+
+SCHEMA = Path(wrist_ft_comp.__file__).parent / 'files/model.schema.json'
+FORMATS = """\
+## Recordings
+
+A rosbag2 folder (mcap or sqlite3, compressed or not), a bare `.mcap` or `.db3`, or a CSV file
+(UTF-8) with these columns in any order. A cell may be empty where a channel has no sample at that
+stamp.
+"""
+CHAMBER = """
+A chamber table of static tests is a CSV file with one row per load step: `load_<unit>` and one
+column `output_at_<T>_c` per temperature; other columns are carried along.
+
+## Model file
+
+YAML, checked against this schema when it is loaded; another version is refused. `[]` stands for an
+element of a list, `*` for the name of an axis.
+"""
+
+
+def command_line() -> Iterator[str]:
+    """Describe the command's options, in a form that no Python version changes."""
+    yield '## Command `wrist_ft_comp`\n'
+    yield 'Exit code 0 done, 1 refused or failed with one sentence on standard error, 2 usage.\n'
+    parsers = argparse._SubParsersAction
+    (commands,) = (each for each in build_parser()._actions if isinstance(each, parsers))
+    for name, parser in commands.choices.items():
+        yield f'### `{name}`\n\n{parser.description}\n'
+        yield table(('argument', 'what it is'), map(option_row, parser._actions[1:])) + '\n'
+
+
+def option_row(action: argparse.Action) -> list[str]:
+    """Describe one option."""
+    value = (
+        action.metavar
+        or (action.choices and ','.join(map(str, action.choices)))
+        or action.dest.upper()
+    )
+    value = '' if action.nargs == 0 else f' {value}' if action.option_strings else str(value)
+    name = f'{", ".join(action.option_strings)}{value}'
+    return [f'`{name}`', str(action.help or '') % {**vars(action), 'prog': 'wrist_ft_comp'}]
+
+
+def csv_columns() -> str:
+    """List the columns of a CSV recording."""
+    thermometers = ', '.join(f'`{temperature_channel(j)}`' for j in range(3))
+    rows = [
+        [
+            '`stamp_s` or `stamp_ns`',
+            's or ns',
+            'one of them, ascending; kept as integer nanoseconds',
+        ],
+        [', '.join(f'`{axis}`' for axis in AXES), 'N, N m', 'raw wrench, any subset'],
+        [f'{thermometers} …', '°C', 'thermometers, the one inside the sensor first'],
+        [
+            ', '.join(f'`{each}`' for each in REFERENCE_CHANNELS),
+            'N, N m',
+            'true wrench, any subset',
+        ],
+    ]
+    return table(('column', 'unit', 'what it is'), rows)
+
+
+Schema = dict[str, Any]
+
+
+def resolved(schema: Schema, entry: Schema) -> Schema:
+    """Follow a reference, and take of alternatives the one that is something."""
+    if '$ref' in entry:
+        entry = {**schema['$defs'][entry['$ref'].split('/')[-1]], **entry}
+    for choice in entry.get('oneOf', ()):
+        if choice.get('type') != 'null':
+            return {**resolved(schema, choice), 'nullable': True}
+    return entry
+
+
+def kind(schema: Schema, entry: Schema) -> str:
+    """Name the type of an entry."""
+    if 'const' in entry or 'enum' in entry:
+        values = entry.get('enum', [entry.get('const')])
+        return ' or '.join(f'`{json.dumps(each)}`' for each in values)
+    types = entry['type'] if isinstance(entry['type'], list) else [entry['type']]
+    types = [*types, 'null'] if 'nullable' in entry else types
+    inner = resolved(schema, entry.get('items', {}))
+    return ' or '.join(types) + (f' of {kind(schema, inner)}' if 'type' in inner else '')
+
+
+def schema_rows(schema: Schema, entry: Schema, path: str) -> Iterator[list[str]]:
+    """Walk a schema; lists of plain values are one row."""
+    entry = resolved(schema, entry)
+    names = {'minimum': 'at least', 'maximum': 'at most', 'minItems': 'min.', 'maxItems': 'max.'}
+    limits = (f'{word} {entry[key]}' for key, word in names.items() if key in entry)
+    if path and not path.endswith('[]'):
+        what = kind(schema, entry)
+        yield [f'`{path}`', what, ', '.join(limits), entry.get('description', '')]
+    for name, inner in entry.get('properties', {}).items():
+        yield from schema_rows(schema, inner, f'{path}.{name}'.lstrip('.'))
+    if isinstance(entry.get('additionalProperties'), dict):
+        yield from schema_rows(schema, entry['additionalProperties'], f'{path}.*')
+    if isinstance(entry.get('items'), dict):
+        yield from schema_rows(schema, entry['items'], f'{path}[]')
+
+
+def file_formats() -> Iterator[str]:
+    """Describe recordings and model files."""
+    yield FORMATS
+    yield csv_columns()
+    yield CHAMBER
+    schema = json.loads(SCHEMA.read_text('utf-8'))
+    yield table(('entry', 'type', 'allowed', 'what it is'), schema_rows(schema, schema, ''))

@@ -1,0 +1,165 @@
+"""
+What the nodes offer: topics, services and diagnostics, asked of running ones, and parameters.
+
+Only what a topic or service is for is written here; one without such words is an error.
+"""
+
+import json
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from std_srvs.srv import SetBool
+
+from markdown import table
+from wrist_ft_comp.ros.compensator_node import CompensatorNode
+from wrist_ft_comp.ros.compensator_parameters import PARAMETERS
+from wrist_ft_comp.ros.parameter_table import Parameter, descriptor
+from wrist_ft_comp.ros.simulated_sensor_node import SimulatedSensor
+from wrist_ft_comp.ros.simulated_sensor_parameters import PARAMETERS as SIMULATED
+
+TIMEOUT_S = 20.0
+#: Every node has these; rclpy's own documentation describes them.
+COMMON = {'/rosout', '/parameter_events', '/clock'}
+COMMON_SERVICES = ('parameter', 'type_description')
+PURPOSE = {
+    'wrench_raw': 'raw wrench of the driver',
+    'temperature': 'one per name in `temperature_topics`',
+    'wrench_reference': 'true wrench; subscribed to while recording only',
+    'wrench': "compensated and tared wrench, with the input's header",
+    '~/drift': 'zero drift being subtracted, once per thermal cell',
+    '/diagnostics': 'state of the node, once a second',
+    'temperature_2': 'second thermometer, at the motor',
+    '~/calibrate': 'fits the recordings, saves the model and makes it live; answers when done',
+    '~/record': "starts (`data: true`) or ends (`data: false`) the node's own recording",
+    '~/tare': 'makes the present wrench zero; refused while the load moves',
+    '~/reset_tare': 'forgets the tare',
+    '~/rollback': 'goes back to the model before the last calibration',
+}
+
+
+def parameter_row(row: Parameter) -> list[str]:
+    """Describe a parameter as the node does."""
+    kind = row.ros_type.name.lower().replace('_', ' ')
+    default: Any = list(row.default) if isinstance(row.default, tuple) else row.default
+    shown = descriptor(row).additional_constraints.removeprefix('Must be ').removesuffix('.')
+    when = 'start-up' if row.read_only else 'run time'
+    return [f'`{row.name}`', kind, f'`{json.dumps(default)}`', shown, when, row.description]
+
+
+def parameters(rows: Iterable[Parameter]) -> str:
+    """List a node's parameters."""
+    titles = ('parameter', 'type', 'default', 'allowed', 'may change', 'what it does')
+    return table(titles, map(parameter_row, rows))
+
+
+@contextmanager
+def running(factory: Callable[..., Node], **values: str) -> Iterator[tuple[Any, Any, Any]]:
+    """Run a node beside another one that asks it; both are in this process only."""
+    context = Context()
+    context.init([])
+    executor = SingleThreadedExecutor(context=context)
+    overrides = [RosParameter(name, value=value) for name, value in values.items()]  # type: ignore[no-untyped-call]
+    node = factory(context=context, parameter_overrides=overrides)
+    asker = Node('asker', context=context)
+    try:
+        for each in (node, asker):
+            executor.add_node(each)
+        yield node, asker, executor
+    finally:
+        executor.shutdown()
+        for each in (asker, node):
+            each.destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
+        context.shutdown()
+
+
+def own(name: str, node: Any) -> str:
+    """Write a name as the code does: relative, or below the node's own."""
+    inside = f'/{node.get_name()}/'
+    known = name if name in PURPOSE else name.removeprefix('/')
+    return f'~/{name.removeprefix(inside)}' if name.startswith(inside) else known
+
+
+def type_name(kind: Any) -> str:
+    """Name a message or service type."""
+    return f'{kind.__module__.split(".")[0]}/{kind.__name__}'
+
+
+def topic_rows(node: Any) -> Iterator[list[str]]:
+    """Describe a node's topics."""
+    for word, ends in (('in', node.subscriptions), ('out', node.publishers)):
+        for end in ends:
+            if end.topic_name in COMMON:
+                continue
+            name = own(end.topic_name, node)
+            qos = end.qos_profile
+            quality = f'{qos.reliability.name.lower().replace("_", " ")}, depth {qos.depth}'
+            yield [f'`{name}`', word, f'`{type_name(end.msg_type)}`', quality, PURPOSE[name]]
+
+
+def topics(node: Any) -> str:
+    """List a node's topics; those of several purposes come once."""
+    rows = {tuple(row) for row in topic_rows(node)}
+    titles = ('topic', 'direction', 'type', 'QoS', 'what it is')
+    return table(titles, sorted(rows, key=lambda row: (row[1], row[0])))
+
+
+def services(node: Any) -> str:
+    """List a node's services."""
+    named = ((own(each.srv_name, node), each.srv_type) for each in node.services)
+    rows = [
+        [f'`{name}`', f'`{type_name(kind)}`', PURPOSE[name]]
+        for name, kind in named
+        if not any(word in name for word in COMMON_SERVICES)
+    ]
+    return table(('service', 'type', 'what it does'), sorted(rows))
+
+
+def diagnostics(asker: Any, executor: Any) -> str:
+    """List the statuses that the node publishes, and their values."""
+    arrays: list[Any] = []
+    asker.create_subscription(DiagnosticArray, '/diagnostics', arrays.append, 10)
+    while not arrays:
+        executor.spin_once(timeout_sec=TIMEOUT_S)
+    statuses = (
+        [f'`{each.name.split(": ")[1]}`', ', '.join(f'`{value.key}`' for value in each.values)]
+        for each in arrays[0].status
+    )
+    return table(('status', 'values before a model and a message'), statuses)
+
+
+def compensator() -> Iterator[str]:
+    """Describe the node, while a recording runs."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        running(CompensatorNode, data_directory=folder) as (node, asker, executor),
+    ):
+        client = asker.create_client(SetBool, f'/{node.get_name()}/record')
+        if not client.wait_for_service(TIMEOUT_S):
+            sys.exit(f'{client.srv_name} is not offered within {TIMEOUT_S:g} s.')
+        future = client.call_async(SetBool.Request(data=True))
+        executor.spin_until_future_complete(future, TIMEOUT_S)
+        yield f'## Node `{node.get_name()}` (executable `compensator`)\n'
+        yield topics(node)
+        yield ''
+        yield services(node) + '\n'
+        yield parameters(PARAMETERS) + '\n'
+        yield 'Statuses in `/diagnostics` (REP-107), each named `NODE: STATUS`:\n'
+        yield diagnostics(asker, executor) + '\n'
+
+
+def simulated_sensor() -> Iterator[str]:
+    """Describe the simulated sensor."""
+    with running(SimulatedSensor) as (node, _, _):
+        purpose = {'wrench_reference': 'true wrench', 'temperature': 'thermometer in the sensor'}
+        PURPOSE.update(purpose)
+        yield f'## Node `{node.get_name()}` (executable of the same name)\n'
+        yield topics(node) + '\n'
+        yield parameters(SIMULATED) + '\n'

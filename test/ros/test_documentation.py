@@ -1,0 +1,25 @@
+"""docs/interface.md is what the code says."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TIMEOUT_S = 60.0
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_the_reference_of_the_interface_is_what_the_code_says() -> None:
+    done = subprocess.run(
+        [sys.executable, 'docs/generator/interface.py'],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    written = (ROOT / 'docs/interface.md').read_text('utf-8')
+    assert done.stdout == written, 'write it anew: make docs'
