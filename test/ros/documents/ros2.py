@@ -1,7 +1,8 @@
 """
-A stand-in for the command ``ros2`` where only rclpy is installed: just what the README uses of it.
+A stand-in for the command ``ros2`` where only rclpy is installed: just what the documents use.
 
-``run`` starts the package's executables; ``service call`` and ``param describe`` talk over DDS.
+``run`` starts the package's executables; ``service call``, ``param describe`` and ``topic echo``
+talk over DDS.
 """
 
 import importlib
@@ -12,12 +13,14 @@ from typing import Any
 import rclpy
 import yaml
 from rcl_interfaces.srv import DescribeParameters
+from rclpy.qos import qos_profile_sensor_data
 
 MODULES = {
     'compensator': 'wrist_ft_comp.ros.compensator_node',
     'simulated_sensor': 'wrist_ft_comp.ros.simulated_sensor_node',
 }
 TIMEOUT_S = 60.0
+POLL_S = 0.1
 
 
 def call(service_type: Any, name: str, request: Any) -> Any:
@@ -36,10 +39,35 @@ def call(service_type: Any, name: str, request: Any) -> Any:
         rclpy.shutdown()
 
 
+def echo(topic: str) -> Any:
+    """Wait for one message of a topic."""
+    rclpy.init(args=[])
+    node = rclpy.create_node('ros2_stand_in')
+    received: list[Any] = []
+    try:
+        for _ in range(round(TIMEOUT_S / POLL_S)):
+            rclpy.spin_once(node, timeout_sec=POLL_S)
+            kinds = dict(node.get_topic_names_and_types()).get(topic)
+            if kinds and not list(node.subscriptions):
+                package, _, name = kinds[0].split('/')
+                kind = getattr(importlib.import_module(f'{package}.msg'), name)
+                node.create_subscription(kind, topic, received.append, qos_profile_sensor_data)
+            if received:
+                return received[0]
+        sys.exit(f'no message on {topic}')
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+
+
 def main(words: list[str]) -> int:
     """Run one command."""
     if words[:2] == ['run', 'wrist_ft_comp']:
-        os.execv(sys.executable, [sys.executable, '-m', MODULES[words[2]], *words[3:]])  # noqa: S606
+        program = [sys.executable, '-m', MODULES[words[2]], *words[3:]]
+        os.execv(sys.executable, program)  # noqa: S606
+    if words[:3] == ['topic', 'echo', '--once']:
+        sys.stdout.write(f'{echo(words[3])}\n')
+        return 0
     if words[:2] == ['service', 'call']:
         package, _, name = words[3].split('/')
         service_type = getattr(importlib.import_module(f'{package}.srv'), name)

@@ -1,0 +1,152 @@
+"""The commands of a document: every line of every ``sh`` block, run as it is written."""
+
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+TIMEOUT_S = 60.0
+
+
+def read_commands(document: str) -> list[list[str]]:
+    """Read every command of a document, split as a shell splits it."""
+    text = (ROOT / document).read_text('utf-8')
+    blocks = re.findall(r'^```sh\n(.*?)^```', text, re.M | re.S)
+    return [shlex.split(line) for block in blocks for line in block.splitlines() if line]
+
+
+def runnable(words: list[str]) -> list[str]:
+    """Put programs in the place of names that a user has on the PATH."""
+    if words[0] == 'ros2' and shutil.which('ros2') is None:
+        return [sys.executable, str(Path(__file__).with_name('ros2.py')), *words[1:]]
+    if words[0] == 'wrist_ft_comp':
+        return [sys.executable, '-m', 'wrist_ft_comp', *words[1:]]
+    return words
+
+
+class Terminal:
+    """
+    Runs commands as a reader does, who ends a program before starting it again.
+
+    Attributes
+    ----------
+    folder : Path
+        Working directory.
+
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def run(self, words: list[str]) -> str:
+        """Run a command to its end; returns what it prints."""
+        named = [found for word in words for found in self._expanded(word)]
+        done = subprocess.run(
+            runnable(named),
+            cwd=self.folder,
+            env={**os.environ, 'PYTHONPATH': str(ROOT)},
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT_S,
+            check=False,
+        )
+        assert done.returncode == 0, f'{shlex.join(words)}\n{done.stdout}{done.stderr}'
+        return done.stdout
+
+    def _expanded(self, word: str) -> list[str]:
+        """Expand a star as a shell does."""
+        if '*' not in word:
+            return [word]
+        found = sorted(str(path) for path in self.folder.glob(word))
+        assert found, f'nothing is called {word}'
+        return found
+
+    def start(self, words: list[str]) -> None:
+        """Start a program that goes on."""
+        self.end(words[3])
+        self._running[words[3]] = subprocess.Popen(
+            runnable(words),
+            cwd=self.folder,
+            env={**os.environ, 'PYTHONPATH': str(ROOT)},
+            start_new_session=True,
+        )
+
+    def end(self, name: str = '') -> None:
+        """End a program and whatever it started, as Ctrl-C does; without a name, all of them."""
+        for each in [name] if name else list(self._running):
+            process = self._running.pop(each, None)
+            if process is not None and process.poll() is None:
+                os.killpg(process.pid, signal.SIGINT)
+                process.wait(TIMEOUT_S)
+
+
+@pytest.fixture
+def commands() -> Callable[[str], list[list[str]]]:
+    """Give what reads a document's commands."""
+    return read_commands
+
+
+@pytest.fixture
+def terminal(tmp_path: Path) -> Iterator[Terminal]:
+    """Give a terminal in a folder that looks like the project's root to the commands."""
+    (tmp_path / 'data').symlink_to(ROOT / 'data')
+    result = Terminal(tmp_path)
+    yield result
+    result.end()
+
+
+class Player:
+    """Runs a document from its beginning to its end, as a reader who waits where it says so."""
+
+    def __init__(self, bench: Any, terminal: Terminal) -> None:
+        self._bench = bench
+        self._terminal = terminal
+
+    def play(self, document: str, enough: Callable[[Any], bool]) -> None:
+        """Run a document; a recording is ended when a temperature message is enough."""
+        for words in read_commands(document):
+            if words[:2] == ['ros2', 'run']:
+                self._start(words)
+                continue
+            if words[-1] == '{data: false}':
+                self._wait(enough)
+            self._terminal.run(words)
+
+    def _start(self, words: list[str]) -> None:
+        """Start a program; a compensator is started with nothing else running."""
+        if words[3] == 'compensator':
+            self._terminal.end()
+            self._bench.wait_until(lambda: not self._node_is_there(), 'the end of the one before')
+        self._terminal.start(words)
+        if words[3] == 'compensator':
+            self._bench.wait_until(self._node_is_there, 'the node')
+
+    def _node_is_there(self) -> bool:
+        return 'wrist_ft_comp' in self._bench.helper.get_node_names()
+
+    def _wait(self, enough: Callable[[Any], bool]) -> None:
+        """Wait for a temperature that is enough; the simulation begins without this listener."""
+        from sensor_msgs.msg import Temperature  # noqa: PLC0415 -- only where ROS is
+
+        temperatures = self._bench.listen(Temperature, 'temperature_2')
+        while not enough(temperatures.get(timeout=TIMEOUT_S)):
+            pass
+
+
+@pytest.fixture
+def play(
+    bench: Any, terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> Callable[[str, Callable[[Any], bool]], None]:
+    """Give what runs a document; programs that go on end with the test."""
+    monkeypatch.setenv('ROS_HOME', str(terminal.folder / 'ros_home'))
+    return Player(bench, terminal).play
