@@ -25,9 +25,13 @@ def test_the_readme_s_commands_run(play):
     play('README.md', lambda each: each.temperature > 28.0)
 
 
-def test_the_tutorial_s_commands_run_and_another_day_has_a_tenth_of_the_drift(terminal, play):
+def test_the_tutorial_s_commands_run_and_another_day_has_a_tenth_of_the_drift(
+    terminal, play, commands
+):
     play('docs/tutorial.md', lambda each: each.header.stamp.sec % 86400 > 7200)
     printed = terminal.run(['wrist_ft_comp', 'evaluate', 'model.yaml', 'day_2.csv'])
     ratio = re.search(r'force_z .* (\S+)$', printed, re.M)
     assert ratio is not None, printed
     assert float(ratio[1]) >= 10.0
+    for words in commands('docs/recording.md'):
+        terminal.run(words)

@@ -1,0 +1,102 @@
+"""Links and quoted messages of the documents: what they name is there."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = ('.', 'docs', 'data/keller_pa10', '.github/ISSUE_TEMPLATE')
+DOCUMENTS = sorted(path for folder in FOLDERS for path in (ROOT / folder).glob('*.md'))
+CODE = (
+    'wrist_ft_comp',
+    'bench',
+    'docs',
+    'test',
+    'requirements',
+    'config',
+    'data',
+    '.ci',
+    '.github',
+)
+every_document = pytest.mark.parametrize(
+    'document', DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT))
+)
+
+
+def outside_blocks(document: Path) -> str:
+    return re.sub(r'^```.*?^```', '', document.read_text('utf-8'), flags=re.M | re.S)
+
+
+@every_document
+def test_links_lead_somewhere(document: Path) -> None:
+    for target in re.findall(r'\]\(([^)]+)\)', outside_blocks(document)):
+        if not target.startswith(('http:', 'https:', 'mailto:', '#')):
+            assert (document.parent / target.split('#')[0]).exists(), target
+
+
+@every_document
+def test_files_that_are_named_exist(document: Path) -> None:
+    """Paths in backticks that begin with a folder of the project or a room of the package."""
+    for name in re.findall(r'`([\w./-]+/[\w.-]+\.?\w*)`', outside_blocks(document)):
+        first = name.split('/')[0]
+        if first in CODE:
+            assert (ROOT / name).exists(), name
+        elif first in {'core', 'files', 'ros', 'cli'} and name.endswith('.py'):
+            assert (ROOT / 'wrist_ft_comp' / name).exists(), name
+
+
+@every_document
+def test_targets_of_make_that_are_named_exist(document: Path) -> None:
+    makefile = (ROOT / 'Makefile').read_text('utf-8')
+    for target in re.findall(r'`make ([\w-]+)', document.read_text('utf-8')):
+        assert re.search(rf'^{target}:', makefile, re.M), target
+
+
+def holes(node: ast.AST) -> str:
+    """A string of the code, with … for what is filled in."""
+    if isinstance(node, ast.JoinedStr):
+        return ''.join(holes(part) for part in node.values)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return holes(node.left) + holes(node.right)
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    return '…'
+
+
+def normal(text: str) -> str:
+    """White space as one blank, and holes beside each other as one."""
+    text = ' '.join(text.split())
+    return re.sub(r'…( ?…)*', '…', text)
+
+
+@cache
+def messages() -> tuple[str, ...]:
+    """Every string of the package."""
+    return tuple(
+        normal(holes(node))
+        for path in (ROOT / 'wrist_ft_comp').rglob('*.py')
+        for node in ast.walk(ast.parse(path.read_text('utf-8')))
+        if isinstance(node, (ast.JoinedStr, ast.BinOp, ast.Constant))
+    )
+
+
+def quoted() -> list[str]:
+    text = (ROOT / 'docs/troubleshooting.md').read_text('utf-8')
+    return [normal(line) for line in re.findall(r'^> (.*)$', text, re.M)]
+
+
+@pytest.mark.parametrize('message', quoted())
+def test_a_quoted_message_is_one_of_the_code(message: str) -> None:
+    """Holes may stand for more in the document than in the code, never for less."""
+    parts = [part.strip(' .') for part in message.split('…') if part.strip(' .,;')]
+    pattern = '.*'.join(map(re.escape, parts))
+    assert any(re.search(pattern, each) for each in messages()), message
+
+
+def test_the_parts_of_a_message_are_compared_in_their_order() -> None:
+    (tree,) = ast.parse("f'{name} spans {span:.1f} K; at ' 'least'").body
+    assert isinstance(tree, ast.Expr)
+    assert normal(holes(tree.value)) == '… spans … K; at least'
