@@ -12,7 +12,8 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-from accuracy import Z, polynomial, recording, wrist
+from peers import polynomial
+from scenarios import Z, recording, wrist
 from scipy.signal import butter, lfilter
 
 from wrist_ft_comp.core import simulated_run, thermal_sensor

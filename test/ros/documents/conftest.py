@@ -99,7 +99,8 @@ def commands() -> Callable[[str], list[list[str]]]:
 @pytest.fixture
 def terminal(tmp_path: Path) -> Iterator[Terminal]:
     """Give a terminal in a folder that looks like the project's root to the commands."""
-    (tmp_path / 'data').symlink_to(ROOT / 'data')
+    for name in ('data', 'config'):
+        (tmp_path / name).symlink_to(ROOT / name)
     result = Terminal(tmp_path)
     yield result
     result.end()
