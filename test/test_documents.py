@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ('.', 'docs', 'data/keller_pa10', '.github/ISSUE_TEMPLATE')
@@ -100,3 +101,14 @@ def test_the_parts_of_a_message_are_compared_in_their_order() -> None:
     (tree,) = ast.parse("f'{name} spans {span:.1f} K; at ' 'least'").body
     assert isinstance(tree, ast.Expr)
     assert normal(holes(tree.value)) == '… spans … K; at least'
+
+
+def test_hooks_before_a_commit_run_what_make_lint_runs() -> None:
+    config = yaml.safe_load((ROOT / '.pre-commit-config.yaml').read_text('utf-8'))
+    (repository,) = config['repos']
+    assert repository['repo'] == 'local', "the linters are the environment's own"
+    hooks = [hook['entry'].removeprefix('.venv/bin/') for hook in repository['hooks']]
+    makefile = (ROOT / 'Makefile').read_text('utf-8')
+    recipe = re.search(r'^lint:.*\n((?:\t.*\n)+)', makefile, re.M)
+    assert recipe is not None
+    assert hooks == re.findall(r'\$\(BIN\)/(.*)', recipe[1])
