@@ -2,7 +2,7 @@
 
 import sys
 
-from wrist_ft_comp.cli.main import main
+from wrist_ft_comp.cli.entry import main
 
 if __name__ == '__main__':
     sys.exit(main())

@@ -41,11 +41,14 @@ class Terminal:
     ----------
     folder : Path
         Working directory.
+    printed : str
+        What all commands printed that ran to their end.
 
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.printed = ''
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     def run(self, words: list[str]) -> str:
@@ -61,6 +64,7 @@ class Terminal:
             check=False,
         )
         assert done.returncode == 0, f'{shlex.join(words)}\n{done.stdout}{done.stderr}'
+        self.printed += done.stdout
         return done.stdout
 
     def _expanded(self, word: str) -> list[str]:
