@@ -1,13 +1,13 @@
 """What is written and read: options of the command, columns of recordings, entries of models."""
 
 import argparse
-import json
 from collections.abc import Iterator
+import json
 from pathlib import Path
 from typing import Any
 
-import wrist_ft_comp
 from markdown import table
+import wrist_ft_comp
 from wrist_ft_comp.cli.main import build_parser
 from wrist_ft_comp.core.recording import AXES, REFERENCE_CHANNELS, temperature_channel
 

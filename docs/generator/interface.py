@@ -8,9 +8,9 @@ import os
 import sys
 import tempfile
 
-import wrist_ft_comp
 from formats import command_line, file_formats
 from nodes import compensator, simulated_sensor
+import wrist_ft_comp
 
 HEAD = f"""\
 # Interface

@@ -4,11 +4,11 @@ What the nodes offer: topics, services and diagnostics, asked of running ones, a
 Only what a topic or service is for is written here; one without such words is an error.
 """
 
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 import json
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -21,7 +21,7 @@ from std_srvs.srv import SetBool
 from markdown import table
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
 from wrist_ft_comp.ros.compensator_parameters import PARAMETERS
-from wrist_ft_comp.ros.parameter_table import Parameter, descriptor
+from wrist_ft_comp.ros.parameter_table import descriptor, Parameter
 from wrist_ft_comp.ros.simulated_sensor_node import SimulatedSensor
 from wrist_ft_comp.ros.simulated_sensor_parameters import PARAMETERS as SIMULATED
 
@@ -66,7 +66,8 @@ def running(factory: Callable[..., Node], **values: str) -> Iterator[tuple[Any, 
     context = Context()
     context.init([])
     executor = SingleThreadedExecutor(context=context)
-    overrides = [RosParameter(name, value=value) for name, value in values.items()]  # type: ignore[no-untyped-call]
+    untyped: Any = RosParameter
+    overrides = [untyped(name, value=value) for name, value in values.items()]
     node = factory(context=context, parameter_overrides=overrides)
     asker = Node('asker', context=context)
     try:
