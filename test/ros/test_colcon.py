@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 import yaml
 
+import wrist_ft_comp
+
 ROOT = Path(__file__).parents[2]
 NAME = 'wrist_ft_comp'
 EXECUTABLES = {'compensator', 'simulated_sensor', 'wrist_ft_comp'}
@@ -100,6 +102,13 @@ def test_the_installed_command_calibrates(
     table = str(prefix / 'share' / NAME / 'data/keller_pa10/table2_sensor_b_raw.csv')
     run([command, 'calibrate', table, '-o', 'b.yaml'], tmp_path, sourced)
     assert 'b.yaml: a drift model' in run([command, 'show', 'b.yaml'], tmp_path, sourced)
+
+
+def test_python_m_is_the_command_where_nothing_is_on_the_path(
+    sourced: dict[str, str], tmp_path: Path
+) -> None:
+    printed = run([sys.executable, '-m', NAME, '--version'], tmp_path, sourced)
+    assert printed.strip() == wrist_ft_comp.__version__
 
 
 @pytest.fixture
