@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from markdown import table
+
 import wrist_ft_comp
 from wrist_ft_comp.cli.main import build_parser
 from wrist_ft_comp.core.recording import AXES, REFERENCE_CHANNELS, temperature_channel

@@ -10,6 +10,7 @@ import tempfile
 
 from formats import command_line, file_formats
 from nodes import compensator, simulated_sensor
+
 import wrist_ft_comp
 
 HEAD = f"""\

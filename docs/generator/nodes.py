@@ -12,13 +12,13 @@ import tempfile
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from markdown import table
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool
 
-from markdown import table
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
 from wrist_ft_comp.ros.compensator_parameters import PARAMETERS
 from wrist_ft_comp.ros.parameter_table import descriptor, Parameter
