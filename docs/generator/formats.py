@@ -35,9 +35,8 @@ def command_line() -> Iterator[str]:
     """Describe the command's options, in a form that no Python version changes."""
     yield '## Command `wrist_ft_comp`\n'
     yield 'Exit code 0 done, 1 refused or failed with one sentence on standard error, 2 usage.\n'
-    parsers = argparse._SubParsersAction
-    (commands,) = (each for each in build_parser()._actions if isinstance(each, parsers))
-    for name, parser in commands.choices.items():
+    _, commands = build_parser()
+    for name, parser in commands.items():
         yield f'### `{name}`\n\n{parser.description}\n'
         yield table(('argument', 'what it is'), map(option_row, parser._actions[1:])) + '\n'
 
