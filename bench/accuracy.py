@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from peers import PEERS, Method, Predictor, tare_only
-from scenarios import LEARNT_H, LOAD_CELL, SCENARIOS, Z, drift, load_cell
+from peers import Method, PEERS, Predictor, tare_only
+from scenarios import drift, LEARNT_H, LOAD_CELL, load_cell, SCENARIOS, Z
 
 from wrist_ft_comp import WristFtCompError
-from wrist_ft_comp.core.calibration import Calibration, CalibrationSettings, calibrate
+from wrist_ft_comp.core.calibration import calibrate, Calibration, CalibrationSettings
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.evaluation import simulate_drift
 from wrist_ft_comp.core.identification import IdentificationSettings

@@ -9,10 +9,10 @@ that nobody hears; only the transport is left out. Figures in ``out/endurance.js
 import argparse
 import json
 import os
+from pathlib import Path
 import struct
 import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 from rclpy.context import Context

@@ -15,9 +15,9 @@ os.environ.update(ONE_THREAD)  # as the command and the node's calibration do, b
 import numpy as np
 
 from wrist_ft_comp.core import simulated_run, thermal_sensor
-from wrist_ft_comp.core.calibration import CalibrationSettings, calibrate
+from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
 from wrist_ft_comp.core.problem import Reference
-from wrist_ft_comp.core.recording import NANOSECONDS, FloatArray, Recording
+from wrist_ft_comp.core.recording import FloatArray, NANOSECONDS, Recording
 
 
 def wrist(run: int, hours: float, *, loaded: bool) -> Recording:

@@ -13,11 +13,11 @@ from functools import partial
 
 import numpy as np
 from peers import polynomial
-from scenarios import Z, recording, wrist
+from scenarios import recording, wrist, Z
 from scipy.signal import butter, lfilter
 
 from wrist_ft_comp.core import simulated_run, thermal_sensor
-from wrist_ft_comp.core.calibration import CalibrationSettings, calibrate
+from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
 from wrist_ft_comp.core.evaluation import simulate_drift
 from wrist_ft_comp.core.recording import FloatArray, Recording
 

@@ -6,17 +6,17 @@ compared with rosbags' deserialize_cdr, one message by one, on the same bag.
 """
 
 import argparse
+from collections.abc import Callable
+from pathlib import Path
 import resource
 import struct
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from pathlib import Path
 
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import get_typestore, Stores
 
 from wrist_ft_comp.files.recordings import read_recording
 

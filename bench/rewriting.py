@@ -10,22 +10,22 @@ is shown for the whole and for a quarter of it, because it must not grow. Figure
 """
 
 import argparse
+from collections.abc import Callable, Iterator
 import csv
 import json
 import math
 import os
+from pathlib import Path
 import struct
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import get_typestore, Stores
 from warm_up import make_model
 
 from wrist_ft_comp.core.compensator import Compensator, StreamSettings

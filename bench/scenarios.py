@@ -1,7 +1,7 @@
 """Recordings to learn from and to be judged on: simulated sensors, and a real load cell."""
 
-import csv
 from collections.abc import Callable
+import csv
 from dataclasses import replace
 from datetime import datetime
 from functools import partial
@@ -11,7 +11,7 @@ import numpy as np
 
 from wrist_ft_comp.core import simulated_run, thermal_sensor
 from wrist_ft_comp.core.arx import free_run, relaxation
-from wrist_ft_comp.core.recording import AXES, NANOSECONDS, FloatArray, Recording, Samples
+from wrist_ft_comp.core.recording import AXES, FloatArray, NANOSECONDS, Recording, Samples
 from wrist_ft_comp.core.sampling import grid_samples
 
 Z = AXES.index('force_z')

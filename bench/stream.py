@@ -14,21 +14,21 @@ it hears. A table goes to standard output, figures to ``out/stream.json``, a pic
 """
 
 import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, ExitStack
 import json
 import os
+from pathlib import Path
 import signal
+from statistics import median
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
-from statistics import median
 from typing import Any
 
 from stream_roles import wrench_bytes
-from stream_table import Run, draw, print_header, print_row, summary
+from stream_table import draw, print_header, print_row, Run, summary
 from warm_up import make_model, write_warm_up
 
 from wrist_ft_comp.core.compensator import Compensator, StreamSettings

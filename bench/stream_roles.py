@@ -5,19 +5,19 @@ The processes of the stream benchmark: sensors, receiver, and the relays a user 
 answer with one line of JSON each.
 """
 
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 import json
 import signal
 import struct
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
+import numpy as np
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import QoSProfile

@@ -1,8 +1,8 @@
 """A model for the benchmarks: calibrated from a made-up warm-up of six axes."""
 
+from pathlib import Path
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 

@@ -1,9 +1,9 @@
 """Links and quoted messages of the documents: what they name is there."""
 
 import ast
-import re
 from functools import cache
 from pathlib import Path
+import re
 
 import pytest
 import yaml

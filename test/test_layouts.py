@@ -1,8 +1,8 @@
 """The layouts of PlotJuggler and Foxglove are whole, as these tools read them."""
 
 import json
-import xml.etree.ElementTree as ET
 from pathlib import Path
+import xml.etree.ElementTree as ET
 
 CONFIG = Path(__file__).parent.parent / 'config'
 

@@ -1,9 +1,9 @@
 """package.xml and setup.py name what the code imports, and say the same."""
 
 import ast
+from pathlib import Path
 import re
 import sys
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest

@@ -1,9 +1,9 @@
 """The directions in which the rooms may look, read from the source."""
 
 import ast
-import sys
 from collections.abc import Iterator
 from pathlib import Path
+import sys
 
 import pytest
 

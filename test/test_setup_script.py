@@ -1,10 +1,10 @@
 """Which way requirements/setup.sh goes: around a sourced ROS 2, or with ROS from wheels."""
 
 import os
+from pathlib import Path
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 

@@ -1,10 +1,10 @@
 """The core and the command line where there is no ROS 2; a node asked for there is refused."""
 
+from importlib.util import find_spec
 import os
+from pathlib import Path
 import subprocess
 import sys
-from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 

@@ -1,14 +1,14 @@
 """Recordings with a known drift, and the command line run in this process."""
 
-import struct
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+import struct
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import get_typestore, Stores
 
 from wrist_ft_comp.cli.main import main
 

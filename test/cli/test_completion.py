@@ -1,9 +1,9 @@
 """The scripts that complete words, run by the shells themselves."""
 
+from importlib import util
 import shutil
 import subprocess
 import sys
-from importlib import util
 
 import pytest
 

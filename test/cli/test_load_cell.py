@@ -5,8 +5,8 @@ Data: the TANEN project by hmd83 (CC BY 4.0).
 """
 
 import csv
-import json
 from datetime import datetime
+import json
 from pathlib import Path
 
 import numpy as np

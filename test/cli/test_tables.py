@@ -1,6 +1,6 @@
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+import pytest
 
 from wrist_ft_comp.cli.tables import table_text, verdict_text, verdicts_json
 from wrist_ft_comp.core.verdict import Verdict

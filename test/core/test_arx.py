@@ -6,10 +6,10 @@ from scipy import signal
 
 from wrist_ft_comp import TooShortError
 from wrist_ft_comp.core.arx import (
-    MAX_POLE_RADIUS,
     Arx,
     fit_one_step,
     free_run,
+    MAX_POLE_RADIUS,
     predict_one_step,
     regressors,
     relaxation,

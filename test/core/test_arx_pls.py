@@ -3,10 +3,10 @@
 from dataclasses import replace
 from itertools import pairwise
 
-import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+import numpy as np
+import pytest
 from scipy import signal
 
 from wrist_ft_comp import ModelFileError

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+import numpy as np
+import pytest
 
 from wrist_ft_comp import ModelFileError
 from wrist_ft_comp.core.arx import Arx, relaxation, static_gain

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.core.arx import free_run, relaxation
-from wrist_ft_comp.core.binned import BinnedProblem, bin_problem
+from wrist_ft_comp.core.binned import bin_problem, BinnedProblem
 from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.moments import Moments, accumulate, bank_inputs
+from wrist_ft_comp.core.moments import accumulate, bank_inputs, Moments
 from wrist_ft_comp.core.problem import AxisProblem, pose_problem
 from wrist_ft_comp.core.recording import Recording
 

@@ -1,7 +1,7 @@
 """However long the stream runs and whatever its thermometers do, what is kept does not grow."""
 
-import pickle
 from collections.abc import Callable, Iterator
+import pickle
 
 import pytest
 

@@ -1,14 +1,14 @@
 """Calibration as a whole: what it refuses, what it warns of, what it hands back."""
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
+import re
 
 import numpy as np
 import pytest
 
 from wrist_ft_comp import CalibrationRefusedError, SettingsError
-from wrist_ft_comp.core.calibration import CalibrationSettings, calibrate
+from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
 from wrist_ft_comp.core.identification import IdentificationSettings
 from wrist_ft_comp.core.recording import Recording
 from wrist_ft_comp.core.recording_checks import MIN_SAMPLES

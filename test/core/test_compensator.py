@@ -2,19 +2,19 @@
 
 from collections.abc import Callable, Iterable
 
-import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+import numpy as np
+import pytest
 
 from wrist_ft_comp import SettingsError
 from wrist_ft_comp.core import drift
 from wrist_ft_comp.core.compensator import (
-    MAX_SENSITIVITY,
-    TORQUE_LEVER_M,
-    Compensator,
-    StreamSettings,
     axis_limits,
+    Compensator,
+    MAX_SENSITIVITY,
+    StreamSettings,
+    TORQUE_LEVER_M,
 )
 from wrist_ft_comp.core.drift import Drift, DriftModel
 from wrist_ft_comp.core.evaluation import correct_many, track_drift

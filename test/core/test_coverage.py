@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.core.advice import what_to_record_next, what_was_not_learnt
-from wrist_ft_comp.core.coverage import WORKING_RANGE_C, cover, unseen_temperatures
+from wrist_ft_comp.core.coverage import cover, unseen_temperatures, WORKING_RANGE_C
 
 HOUR = 360  # cells of 10 s
 

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+import numpy as np
+import pytest
 
 from wrist_ft_comp import ModelFileError
 from wrist_ft_comp.core import drift

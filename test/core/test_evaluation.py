@@ -1,7 +1,7 @@
 """Models on whole recordings, and a real load cell that they must help."""
 
-import csv
 from collections.abc import Callable
+import csv
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -11,7 +11,7 @@ import pytest
 
 from wrist_ft_comp import RecordingError
 from wrist_ft_comp.core import evaluation
-from wrist_ft_comp.core.calibration import CalibrationSettings, calibrate
+from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.identification import IdentificationSettings
 from wrist_ft_comp.core.recording import AXES, Recording, Samples

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.core.calibration import CalibrationSettings, calibrate
+from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
 from wrist_ft_comp.core.held_out import rms_by_block
-from wrist_ft_comp.core.identification import METHODS, IdentificationSettings
+from wrist_ft_comp.core.identification import IdentificationSettings, METHODS
 from wrist_ft_comp.core.problem import JUDGED_PARTS
 
 CELLS = 720

@@ -8,10 +8,10 @@ import pytest
 
 from wrist_ft_comp import SettingsError
 from wrist_ft_comp.core import drift
-from wrist_ft_comp.core.calibration import Calibration, CalibrationSettings, calibrate
+from wrist_ft_comp.core.calibration import calibrate, Calibration, CalibrationSettings
 from wrist_ft_comp.core.competition import time_constant_grid
 from wrist_ft_comp.core.evaluation import evaluate
-from wrist_ft_comp.core.identification import METHODS, IdentificationSettings
+from wrist_ft_comp.core.identification import IdentificationSettings, METHODS
 from wrist_ft_comp.core.problem import cross_validation_blocks, pose_problem
 from wrist_ft_comp.core.recording import AXES, Recording
 from wrist_ft_comp.core.settings import build_features

@@ -8,7 +8,7 @@ import pytest
 
 from wrist_ft_comp.core.binned import bin_problem
 from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.moments import Moments, accumulate, bank_inputs
+from wrist_ft_comp.core.moments import accumulate, bank_inputs, Moments
 from wrist_ft_comp.core.problem import AxisProblem, cross_validation_blocks, pose_problem
 from wrist_ft_comp.core.recording import Recording
 from wrist_ft_comp.core.regularised import least_squares

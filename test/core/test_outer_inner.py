@@ -9,7 +9,7 @@ import pytest
 from wrist_ft_comp.core.arx import Arx, relaxation, static_gain
 from wrist_ft_comp.core.arx_pls import ArxPls
 from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.outer_inner import Orders, from_gains, identify
+from wrist_ft_comp.core.outer_inner import from_gains, identify, Orders
 from wrist_ft_comp.core.problem import AxisProblem, cross_validation_blocks, pose_problem
 from wrist_ft_comp.core.recording import Recording
 

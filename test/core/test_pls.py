@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp import SettingsError
-from wrist_ft_comp.core.pls import Pls, fit_pcr, fit_pls, fix_signs
+from wrist_ft_comp.core.pls import fit_pcr, fit_pls, fix_signs, Pls
 
 Array = np.ndarray
 Fit = Callable[[Array, Array, int], Pls]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.core.recording import AXES, REFERENCE_CHANNELS
-from wrist_ft_comp.core.reduction import StreamReducer, row_channels
+from wrist_ft_comp.core.reduction import row_channels, StreamReducer
 from wrist_ft_comp.core.thermal_grid import ThermalGrid
 
 SECOND = 1_000_000_000

@@ -7,7 +7,7 @@ import pytest
 
 from wrist_ft_comp.core import drift
 from wrist_ft_comp.core import simulation_error as oe
-from wrist_ft_comp.core.axis_fit import OUTPUTS, AxisFit
+from wrist_ft_comp.core.axis_fit import AxisFit, OUTPUTS
 from wrist_ft_comp.core.axis_model import AxisModel
 from wrist_ft_comp.core.competition import enter, open_competition, structures
 from wrist_ft_comp.core.drift import DriftModel
@@ -17,7 +17,7 @@ from wrist_ft_comp.core.problem import AxisProblem, cross_validation_blocks, pos
 from wrist_ft_comp.core.recording import AXES, Recording
 from wrist_ft_comp.core.relaxations import _fit_entry
 from wrist_ft_comp.core.selection import anchor
-from wrist_ft_comp.core.settings import IdentificationSettings, build_features
+from wrist_ft_comp.core.settings import build_features, IdentificationSettings
 
 Array = np.ndarray
 Lagged = Callable[..., Array]

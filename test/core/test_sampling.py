@@ -2,14 +2,14 @@
 
 import math
 
-import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+import numpy as np
+import pytest
 
 from wrist_ft_comp import RecordingError
 from wrist_ft_comp.core.recording import AXES, Recording, Samples, temperature_channel
-from wrist_ft_comp.core.sampling import MAX_CELLS, GridBuilder, grid_samples
+from wrist_ft_comp.core.sampling import grid_samples, GridBuilder, MAX_CELLS
 
 SECOND = 1_000_000_000
 #: Stamps as they are since 1970, so that rounding to floats would show.

@@ -9,7 +9,7 @@ import pytest
 from wrist_ft_comp.core import simulation_error as oe
 from wrist_ft_comp.core.binned import bin_problem
 from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.moments import Moments, accumulate, bank_inputs
+from wrist_ft_comp.core.moments import accumulate, bank_inputs, Moments
 from wrist_ft_comp.core.pls import fit_pls
 from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.regularised import MAX_LATENTS, RIDGE_STRENGTHS, TINY_RIDGE

@@ -11,7 +11,7 @@ from wrist_ft_comp.core.binned import bin_problem
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.problem import AxisProblem, cross_validation_blocks, pose_problem
 from wrist_ft_comp.core.recording import Recording
-from wrist_ft_comp.core.standard_errors import FreeFit, by_relaxation, fit_free
+from wrist_ft_comp.core.standard_errors import by_relaxation, fit_free, FreeFit
 from wrist_ft_comp.core.time_constants import search_time_constants
 
 Array = np.ndarray

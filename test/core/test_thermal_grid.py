@@ -1,12 +1,12 @@
 """The thermal grid as a stream, against the batch and in trouble."""
 
-import math
 from itertools import pairwise
+import math
 
-import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+import numpy as np
+import pytest
 
 from wrist_ft_comp.core.recording import Samples, temperature_channel
 from wrist_ft_comp.core.sampling import grid_samples

@@ -7,17 +7,15 @@ from scipy.integrate import solve_ivp
 from wrist_ft_comp import SettingsError
 from wrist_ft_comp.core.heat_flow import build_heat_flow, interpolation
 from wrist_ft_comp.core.simulated_run import (
-    RunSettings,
     draw_run,
     drive,
     duty_cycle,
     room_temperature,
+    RunSettings,
     true_wrench,
 )
-from wrist_ft_comp.core.strain_gauges import NOMINAL_C, bridge_output
+from wrist_ft_comp.core.strain_gauges import bridge_output, NOMINAL_C
 from wrist_ft_comp.core.thermal_sensor import (
-    ThermalSensorSettings,
-    ThermalState,
     advance,
     build_sensor,
     gauge_temperatures,
@@ -27,6 +25,8 @@ from wrist_ft_comp.core.thermal_sensor import (
     simulate,
     start,
     steady_state,
+    ThermalSensorSettings,
+    ThermalState,
     thermometer_temperatures,
     trajectory,
 )

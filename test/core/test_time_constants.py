@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from wrist_ft_comp.core.binned import BinnedProblem, bin_problem
+from wrist_ft_comp.core.binned import bin_problem, BinnedProblem
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.problem import AxisProblem, cross_validation_blocks, pose_problem
 from wrist_ft_comp.core.recording import Recording

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.core.held_out import BlockErrors
-from wrist_ft_comp.core.verdict import THRESHOLDS, Evidence, judge
+from wrist_ft_comp.core.verdict import Evidence, judge, THRESHOLDS
 
 FINE = Evidence('N', before=10.0, after=1.0, noise=0.01, compensated=True)
 JUST = 1e-9

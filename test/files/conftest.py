@@ -1,14 +1,14 @@
 """Bags to read: written by rosbags itself, message by message."""
 
-import struct
 from collections.abc import Callable, Iterable
 from pathlib import Path
+import struct
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import get_typestore, Stores
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TYPES = STORE.types

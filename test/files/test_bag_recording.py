@@ -1,19 +1,19 @@
 """Bags of every storage and compression, whole, cut off and wrong."""
 
+from pathlib import Path
 import shutil
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import get_typestore, Stores
 
 from wrist_ft_comp import RecordingError
 from wrist_ft_comp.core.recording import AXES, REFERENCE_CHANNELS
 from wrist_ft_comp.files import bag_file
 from wrist_ft_comp.files.bag_file import open_bag
-from wrist_ft_comp.files.bag_recording import Topics, read_blocks
+from wrist_ft_comp.files.bag_recording import read_blocks, Topics
 
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 TEMPERATURE = 'sensor_msgs/msg/Temperature'

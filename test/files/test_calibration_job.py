@@ -1,9 +1,9 @@
+from dataclasses import fields, is_dataclass
 import hashlib
 import json
+from pathlib import Path
 import subprocess
 import sys
-from dataclasses import fields, is_dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest

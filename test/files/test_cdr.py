@@ -2,11 +2,11 @@
 
 import struct
 
-import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosbags.typesys import Stores, get_typestore
+import numpy as np
+import pytest
+from rosbags.typesys import get_typestore, Stores
 
 from wrist_ft_comp import RecordingError
 from wrist_ft_comp.files import cdr

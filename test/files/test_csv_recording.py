@@ -1,12 +1,12 @@
 """CSV recordings: exact stamps, empty cells, cut-off files, and a sentence for everything bad."""
 
-import math
 from decimal import Decimal
+import math
 
+from hypothesis import given, HealthCheck, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from wrist_ft_comp import RecordingError
 from wrist_ft_comp.files import csv_text

@@ -1,9 +1,9 @@
 """Model files: what is saved is what runs, and what is refused is named."""
 
+from collections.abc import Callable, Iterator
 import copy
 import hashlib
 import os
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.identification import AxisFit, Candidate, Term
 from wrist_ft_comp.core.recording import AXES
-from wrist_ft_comp.files.model_file import FORMAT, MAX_BYTES, VERSION, load_model, save_model
+from wrist_ft_comp.files.model_file import FORMAT, load_model, MAX_BYTES, save_model, VERSION
 
 Array = np.ndarray
 Document = dict[str, Any]

@@ -1,16 +1,16 @@
-import numpy as np
-import pytest
 from matplotlib import colors
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
+import numpy as np
+import pytest
 
 from wrist_ft_comp import RecordingError
 from wrist_ft_comp.files import pictures
 from wrist_ft_comp.files.pictures import (
-    DriftSeries,
-    TemperatureSeries,
     draw_drift,
+    DriftSeries,
     save_png,
+    TemperatureSeries,
 )
 
 DRAWN = (pictures.RAW_COLOUR, pictures.COMPENSATED_COLOUR)

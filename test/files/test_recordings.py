@@ -1,7 +1,7 @@
 """The front door: every kind of recording onto the grid, rewritten, described."""
 
-import shutil
 from pathlib import Path
+import shutil
 
 import numpy as np
 import pytest
@@ -11,10 +11,10 @@ from wrist_ft_comp import RecordingError
 from wrist_ft_comp.core.recording import AXES, NANOSECONDS
 from wrist_ft_comp.files import bag_file, cdr, csv_text
 from wrist_ft_comp.files.recordings import (
-    Topics,
     describe_recording,
     read_recording,
     rewrite_recording,
+    Topics,
 )
 
 TABLE = Path(__file__).parents[2] / 'data' / 'keller_pa10' / 'table1_sensor_a_raw.csv'

@@ -5,17 +5,17 @@ A test module begins with ``pytest.importorskip('rclpy', reason=…)``, so that 
 where ROS 2 is missing.
 """
 
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
+from pathlib import Path
 import queue
 import signal
 import socket
 import subprocess
 import sys
 import threading
-import warnings
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
-from pathlib import Path
 from typing import Any
+import warnings
 
 import pytest
 

@@ -1,12 +1,12 @@
 """The package as a workspace builds it; where colcon is missing, "make colcon" brings it."""
 
+from collections.abc import Iterator
 import os
+from pathlib import Path
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest

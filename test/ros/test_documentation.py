@@ -1,8 +1,8 @@
 """docs/interface.md is what the code says."""
 
+from pathlib import Path
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 

@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from wrist_ft_comp import SettingsError
-from wrist_ft_comp.ros.parameters import Parameter, declare, values
+from wrist_ft_comp.ros.parameters import declare, Parameter, values
 
 TABLE = (
     Parameter('flag', False, 'Whether.'),

@@ -1,6 +1,6 @@
+from contextlib import suppress
 import math
 import struct
-from contextlib import suppress
 
 import pytest
 
@@ -10,7 +10,7 @@ from geometry_msgs.msg import WrenchStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp import RecordingError

@@ -11,7 +11,7 @@ from wrist_ft_comp.cli.suggestions import one_of
 from wrist_ft_comp.cli.tables import chamber_table_text, figures_json, verdict_text
 from wrist_ft_comp.core.calibration import CalibrationSettings
 from wrist_ft_comp.core.features import FeatureKind
-from wrist_ft_comp.core.identification import METHODS, IdentificationSettings
+from wrist_ft_comp.core.identification import IdentificationSettings, METHODS
 from wrist_ft_comp.core.summary import summarise
 from wrist_ft_comp.core.verdict import Verdict
 from wrist_ft_comp.files.calibration_job import CalibrationJob, JobOutcome, run_job

@@ -1,9 +1,9 @@
 """wrist_ft_comp compensate: a recording with its drift removed."""
 
 import argparse
-import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
+import gc
 from pathlib import Path
 
 from wrist_ft_comp.cli import options, paths, values
@@ -11,7 +11,7 @@ from wrist_ft_comp.cli.warning_lines import print_warnings, range_warnings
 from wrist_ft_comp.core.chamber_fit import table_tare
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.evaluation import correct_many, initial_tare, track_drift
-from wrist_ft_comp.core.recording import AXES, NANOSECONDS, FloatArray, Recording
+from wrist_ft_comp.core.recording import AXES, FloatArray, NANOSECONDS, Recording
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import read_recording, rewrite_recording

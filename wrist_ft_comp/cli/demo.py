@@ -1,21 +1,21 @@
 """wrist_ft_comp demo: a simulated sensor, the real node, and a table of what it removed."""
 
 import argparse
-import tempfile
 from importlib.util import find_spec
 from pathlib import Path
+import tempfile
 
-import numpy as np
 from matplotlib.figure import Figure
+import numpy as np
 
 from wrist_ft_comp import RecordingError
 from wrist_ft_comp.cli import values
-from wrist_ft_comp.cli.demo_processes import TOPICS, play
+from wrist_ft_comp.cli.demo_processes import play, TOPICS
 from wrist_ft_comp.cli.evaluate import evaluation_text
 from wrist_ft_comp.core.evaluation import AxisEvaluation
-from wrist_ft_comp.core.recording import AXES, NANOSECONDS, FloatArray, axis_unit
+from wrist_ft_comp.core.recording import AXES, axis_unit, FloatArray, NANOSECONDS
 from wrist_ft_comp.files.demo_log import DemoLog, load_demo_log
-from wrist_ft_comp.files.pictures import DriftSeries, TemperatureSeries, draw_drift, save_png
+from wrist_ft_comp.files.pictures import draw_drift, DriftSeries, save_png, TemperatureSeries
 
 _TARE_S = 60.0
 _WANTED_RATIO = 10.0

@@ -1,15 +1,15 @@
 """The demonstration's three processes: the compensator, the simulated sensor, and the operator."""
 
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, ExitStack
 import json
 import os
+from pathlib import Path
 import queue
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from typing import NoReturn
 
 from tqdm import tqdm

@@ -15,13 +15,13 @@ from wrist_ft_comp.cli.tables import (
     verdicts_json,
 )
 from wrist_ft_comp.cli.warning_lines import print_warnings, range_warnings
-from wrist_ft_comp.core.chamber_fit import ChamberFigures, chamber_figures, compensate_table
+from wrist_ft_comp.core.chamber_fit import chamber_figures, ChamberFigures, compensate_table
 from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate
 from wrist_ft_comp.core.pooling import pool
 from wrist_ft_comp.core.problem import Reference
-from wrist_ft_comp.core.recording import NANOSECONDS, Recording, axis_unit
+from wrist_ft_comp.core.recording import axis_unit, NANOSECONDS, Recording
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
-from wrist_ft_comp.files.model_file import StoredModel, load_model
+from wrist_ft_comp.files.model_file import load_model, StoredModel
 from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.files.report import write_report
 from wrist_ft_comp.files.report_evaluation import EvaluatedRecording, evaluation_view

@@ -5,10 +5,10 @@ Exit code 0 done, 1 refused or failed with one sentence on standard error, 2 usa
 """
 
 import argparse
+from collections.abc import Sequence
 import io
 import os
 import sys
-from collections.abc import Sequence
 
 import wrist_ft_comp
 from wrist_ft_comp import WristFtCompError

@@ -1,10 +1,10 @@
 """Options that several commands share, and the forms of their output."""
 
 import argparse
-import json
-import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import json
+import math
 from pathlib import Path
 from typing import get_args
 

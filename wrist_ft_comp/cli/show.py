@@ -6,12 +6,12 @@ from pathlib import Path
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.tables import table_text
-from wrist_ft_comp.core.recording import NANOSECONDS, axis_unit
-from wrist_ft_comp.files.model_file import StoredModel, load_model
+from wrist_ft_comp.core.recording import axis_unit, NANOSECONDS
+from wrist_ft_comp.files.model_file import load_model, StoredModel
 from wrist_ft_comp.files.recordings import (
     ChannelSummary,
-    RecordingSummary,
     describe_recording,
+    RecordingSummary,
 )
 from wrist_ft_comp.files.sniffing import looks_like_model, looks_like_report
 from wrist_ft_comp.files.summary import RAW_WRENCH, REFERENCE, TEMPERATURE

@@ -1,8 +1,8 @@
 """What a mistyped word may have meant."""
 
 import argparse
-import difflib
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+import difflib
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -1,9 +1,9 @@
 """Tables that fit 80 columns."""
 
-import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from itertools import zip_longest
+import textwrap
 
 from wrist_ft_comp.core.chamber_fit import ChamberFigures
 from wrist_ft_comp.core.verdict import LEVEL_NAMES, Verdict

@@ -1,9 +1,9 @@
 """Parsers of values on the command line."""
 
 import argparse
+from collections.abc import Sequence
 import math
 import re
-from collections.abc import Sequence
 
 #: What the node's parameter thermal_period allows, too.
 _PERIODS_S = (0.1, 600.0)

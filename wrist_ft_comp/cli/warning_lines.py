@@ -1,7 +1,7 @@
 """What a person should know besides the result: lines on standard error."""
 
-import sys
 from collections.abc import Iterable
+import sys
 
 import numpy as np
 

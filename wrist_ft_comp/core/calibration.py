@@ -14,13 +14,13 @@ from wrist_ft_comp.core.channel_checks import (
 )
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.identification import AxisFit, IdentificationSettings, identify_axis
-from wrist_ft_comp.core.problem import Reference, cross_validation_blocks, pose_problem
+from wrist_ft_comp.core.problem import cross_validation_blocks, pose_problem, Reference
 from wrist_ft_comp.core.recording import AXES, FloatArray, Recording
 from wrist_ft_comp.core.recording_checks import (
-    MIN_SAMPLES,
     check_alike,
     check_loads,
     check_temperatures,
+    MIN_SAMPLES,
 )
 
 Progress = Callable[[float], None]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrist_ft_comp import RecordingError
-from wrist_ft_comp.core.recording import NANOSECONDS, FloatArray, IntArray, Samples
+from wrist_ft_comp.core.recording import FloatArray, IntArray, NANOSECONDS, Samples
 
 #: Residence at each temperature (the paper's 4.2), and the least time a load is held.
 RESIDENCE_S = 1800

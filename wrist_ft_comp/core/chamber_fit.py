@@ -6,17 +6,17 @@ import numpy as np
 
 from wrist_ft_comp import WristFtCompError
 from wrist_ft_comp.core import drift
-from wrist_ft_comp.core.calibration import CalibrationSettings, calibrate
+from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
 from wrist_ft_comp.core.chamber import (
-    ChamberTable,
     accuracy,
+    ChamberTable,
     max_deviation,
     sensitivity_drift,
     zero_spread,
 )
 from wrist_ft_comp.core.drift import Drift, DriftModel
 from wrist_ft_comp.core.evaluation import simulate_drift
-from wrist_ft_comp.core.recording import AXES, NANOSECONDS, FloatArray, Recording
+from wrist_ft_comp.core.recording import AXES, FloatArray, NANOSECONDS, Recording
 from wrist_ft_comp.core.sampling import grid_samples
 
 #: The axis a chamber table is read as.

@@ -13,7 +13,7 @@ import numpy as np
 
 from wrist_ft_comp import CalibrationRefusedError
 from wrist_ft_comp.core.problem import has_plateaus
-from wrist_ft_comp.core.recording import AXES, BoolArray, FloatArray, Recording, axis_unit
+from wrist_ft_comp.core.recording import AXES, axis_unit, BoolArray, FloatArray, Recording
 
 #: A channel is lively when so many of its neighbouring cells differ …
 _LIVELY = 0.9

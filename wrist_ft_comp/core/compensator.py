@@ -16,7 +16,7 @@ from wrist_ft_comp import SettingsError
 from wrist_ft_comp.core import drift
 from wrist_ft_comp.core.drift import Drift, DriftModel, DriftState
 from wrist_ft_comp.core.ramp import Ramp
-from wrist_ft_comp.core.recording import AXES, NANOSECONDS, FloatArray
+from wrist_ft_comp.core.recording import AXES, FloatArray, NANOSECONDS
 from wrist_ft_comp.core.thermal_grid import CompletedCells, ThermalGrid
 
 #: Limits for torques are limits for forces times this lever arm, m.

@@ -6,10 +6,10 @@ from typing import Literal
 import numpy as np
 
 from wrist_ft_comp.core import simulation_error as oe
-from wrist_ft_comp.core.binned import BinnedProblem, bin_problem
+from wrist_ft_comp.core.binned import bin_problem, BinnedProblem
 from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.moments import Moments, accumulate, bank_inputs
-from wrist_ft_comp.core.problem import JUDGED_PARTS, AxisProblem
+from wrist_ft_comp.core.moments import accumulate, bank_inputs, Moments
+from wrist_ft_comp.core.problem import AxisProblem, JUDGED_PARTS
 from wrist_ft_comp.core.recording import FloatArray
 from wrist_ft_comp.core.selection import simplest_good
 from wrist_ft_comp.core.settings import IdentificationSettings

@@ -7,7 +7,7 @@ Every method ends in the same type, so whatever was chosen runs by the same free
 from wrist_ft_comp.core.axis_fit import AxisFit, Candidate, Term
 from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.relaxations import identify_relaxations
-from wrist_ft_comp.core.settings import METHODS, IdentificationSettings, Method
+from wrist_ft_comp.core.settings import IdentificationSettings, Method, METHODS
 from wrist_ft_comp.core.two_step import identify_two_step
 
 __all__ = [

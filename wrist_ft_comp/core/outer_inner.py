@@ -16,7 +16,7 @@ from wrist_ft_comp.core.arx import Arx, fit_one_step, free_run, relaxation, stab
 from wrist_ft_comp.core.arx_pls import ArxPls
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.observation import observe_drift
-from wrist_ft_comp.core.pls import Pls, fit_pcr, fit_pls
+from wrist_ft_comp.core.pls import fit_pcr, fit_pls, Pls
 from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.recording import BoolArray, FloatArray
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from wrist_ft_comp import CalibrationRefusedError
-from wrist_ft_comp.core.problem import Reference, noise_level, stretches
-from wrist_ft_comp.core.recording import AXES, FloatArray, Recording, axis_unit
+from wrist_ft_comp.core.problem import noise_level, Reference, stretches
+from wrist_ft_comp.core.recording import AXES, axis_unit, FloatArray, Recording
 
 #: Fewer cells with a wrench than this cannot be divided into blocks worth holding out.
 MIN_SAMPLES = 30

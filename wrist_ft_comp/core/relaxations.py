@@ -8,10 +8,10 @@ import numpy as np
 
 from wrist_ft_comp.core import simulation_error as oe
 from wrist_ft_comp.core.arx import relaxation, static_gain
-from wrist_ft_comp.core.axis_fit import OUTPUTS, AxisFit, Fitted, Term
+from wrist_ft_comp.core.axis_fit import AxisFit, Fitted, OUTPUTS, Term
 from wrist_ft_comp.core.axis_model import AxisModel
 from wrist_ft_comp.core.binned import bin_problem
-from wrist_ft_comp.core.competition import Competition, Entry, enter, open_competition, structures
+from wrist_ft_comp.core.competition import Competition, enter, Entry, open_competition, structures
 from wrist_ft_comp.core.competition_errors import left_out_bins
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.held_out import hold_out
@@ -19,8 +19,8 @@ from wrist_ft_comp.core.outer_inner import from_gains
 from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.recording import FloatArray
 from wrist_ft_comp.core.selection import finish, simplest_good
-from wrist_ft_comp.core.settings import IdentificationSettings, build_features
-from wrist_ft_comp.core.standard_errors import FreeFit, by_relaxation, fit_free
+from wrist_ft_comp.core.settings import build_features, IdentificationSettings
+from wrist_ft_comp.core.standard_errors import by_relaxation, fit_free, FreeFit
 from wrist_ft_comp.core.time_constants import search_time_constants
 
 #: Drift that ranges this many times wider where no wrench was recorded has run away.

@@ -15,11 +15,11 @@ import numpy as np
 from wrist_ft_comp import RecordingError
 from wrist_ft_comp.core.recording import (
     AXES,
-    NANOSECONDS,
-    REFERENCE_CHANNELS,
     FloatArray,
     IntArray,
+    NANOSECONDS,
     Recording,
+    REFERENCE_CHANNELS,
     Samples,
     temperature_channel,
 )

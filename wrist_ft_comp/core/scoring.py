@@ -6,7 +6,7 @@ import numpy as np
 
 from wrist_ft_comp.core.axis_model import AxisModel
 from wrist_ft_comp.core.held_out import BlockBins
-from wrist_ft_comp.core.problem import JUDGED_PARTS, AxisProblem
+from wrist_ft_comp.core.problem import AxisProblem, JUDGED_PARTS
 from wrist_ft_comp.core.recording import FloatArray, IntArray
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from wrist_ft_comp.core.axis_fit import AxisFit, Candidate, Fitted
 from wrist_ft_comp.core.axis_model import AxisModel
 from wrist_ft_comp.core.problem import AxisProblem
-from wrist_ft_comp.core.recording import FloatArray, axis_unit
+from wrist_ft_comp.core.recording import axis_unit, FloatArray
 from wrist_ft_comp.core.scoring import unexplained
 
 #: A candidate has to lower the mean square error by this share to be worth its complexity.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrist_ft_comp import SettingsError
-from wrist_ft_comp.core.recording import AXES, FloatArray, axis_unit
+from wrist_ft_comp.core.recording import AXES, axis_unit, FloatArray
 
 #: Sines that make up the load of an axis.
 _SINES = 4

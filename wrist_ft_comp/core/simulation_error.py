@@ -18,7 +18,7 @@ import numpy as np
 
 from wrist_ft_comp.core.moments import Moments
 from wrist_ft_comp.core.recording import BoolArray, FloatArray, IntArray
-from wrist_ft_comp.core.regularised import Path, least_squares, pls_path, ridge_path
+from wrist_ft_comp.core.regularised import least_squares, Path, pls_path, ridge_path
 
 _REGRESSIONS: dict[str, Path] = {
     'least squares': lambda products, columns: least_squares(products, columns)[0][np.newaxis],

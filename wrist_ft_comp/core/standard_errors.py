@@ -7,7 +7,7 @@ import numpy as np
 from wrist_ft_comp.core.binned import BinnedProblem
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.recording import BoolArray, FloatArray, IntArray
-from wrist_ft_comp.core.tangent import Tangent, differentiate
+from wrist_ft_comp.core.tangent import differentiate, Tangent
 
 #: What is left is correlated over about this time; standard errors count it as one sample, s.
 _CLUSTER_S = 600.0

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrist_ft_comp.core.heat_flow import ThermalSensorSettings, interpolation
-from wrist_ft_comp.core.recording import AXES, FloatArray, axis_unit
+from wrist_ft_comp.core.heat_flow import interpolation, ThermalSensorSettings
+from wrist_ft_comp.core.recording import AXES, axis_unit, FloatArray
 
 #: Temperature at which the gauges' nominal values and the gain hold, °C.
 NOMINAL_C = 25.0

@@ -6,7 +6,7 @@ import numpy as np
 
 from wrist_ft_comp.core.binned import BinnedProblem
 from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.moments import Moments, accumulate, bank_inputs
+from wrist_ft_comp.core.moments import accumulate, bank_inputs, Moments
 from wrist_ft_comp.core.recording import FloatArray, IntArray
 from wrist_ft_comp.core.regularised import least_squares
 

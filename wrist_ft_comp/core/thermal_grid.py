@@ -6,8 +6,8 @@ every thermometer has delivered a later one, or when the others are ahead of a s
 than the patience. Time comes in with the samples.
 """
 
-import math
 from dataclasses import dataclass
+import math
 
 import numpy as np
 

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrist_ft_comp.core.heat_flow import (
-    HeatFlow,
-    ThermalSensorSettings,
     build_heat_flow,
+    HeatFlow,
     interpolation,
+    ThermalSensorSettings,
 )
 from wrist_ft_comp.core.recording import FloatArray
-from wrist_ft_comp.core.strain_gauges import Gauges, bridge_wrench, draw_gauges, per_axis
+from wrist_ft_comp.core.strain_gauges import bridge_wrench, draw_gauges, Gauges, per_axis
 
 __all__ = [
     'ThermalRun',

@@ -11,12 +11,12 @@ from wrist_ft_comp.core.axis_fit import AxisFit, Fitted
 from wrist_ft_comp.core.axis_model import AxisModel
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.held_out import BlockBins, hold_out
-from wrist_ft_comp.core.outer_inner import OuterInnerMethod, identify
+from wrist_ft_comp.core.outer_inner import identify, OuterInnerMethod
 from wrist_ft_comp.core.problem import AxisProblem
 from wrist_ft_comp.core.recording import FloatArray
 from wrist_ft_comp.core.scoring import block_bins, block_errors, unexplained
 from wrist_ft_comp.core.selection import finish, simplest_good
-from wrist_ft_comp.core.settings import IdentificationSettings, build_features
+from wrist_ft_comp.core.settings import build_features, IdentificationSettings
 
 _MAX_LATENTS = 8
 

@@ -1,10 +1,10 @@
 """Files that are either the old one or the new one, never half of one."""
 
-import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+import os
 from pathlib import Path
+import tempfile
 
 
 @contextmanager

@@ -5,11 +5,11 @@ The package rosbags knows the format. This module finds the file, hands out batc
 messages, and makes one sentence of whatever a broken file raises.
 """
 
-import difflib
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass
+import difflib
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, TypeVar

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from wrist_ft_comp import RecordingError
 from wrist_ft_comp.core.recording import (
     AXES,
-    REFERENCE_CHANNELS,
     FloatArray,
     IntArray,
+    REFERENCE_CHANNELS,
     Samples,
     temperature_channel,
 )

@@ -7,14 +7,14 @@ the stream nor fights it for the interpreter: the job comes as one JSON object o
 the outcome goes as one to standard output.
 """
 
-import hashlib
-import json
-import os
-import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
+import hashlib
+import json
+import os
 from pathlib import Path
+import sys
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from wrist_ft_comp import RecordingError, WristFtCompError
 from wrist_ft_comp.core.calibration import calibrate
 from wrist_ft_comp.core.recording import Recording
 from wrist_ft_comp.core.summary import summarise
-from wrist_ft_comp.files.job import CalibrationJob, JobOutcome, decode_job, encode_job
+from wrist_ft_comp.files.job import CalibrationJob, decode_job, encode_job, JobOutcome
 from wrist_ft_comp.files.job_report import report_job
 from wrist_ft_comp.files.model_file import save_model
 from wrist_ft_comp.files.recordings import read_recording

@@ -11,16 +11,16 @@ Alignment counts from byte 4, so ``o = 4 + 8 ceil((12 + frame length) / 8)``. By
 are never interpreted beyond this and never changed.
 """
 
-import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+import struct
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from wrist_ft_comp import RecordingError
-from wrist_ft_comp.core.recording import NANOSECONDS, FloatArray, IntArray
+from wrist_ft_comp.core.recording import FloatArray, IntArray, NANOSECONDS
 
 #: Doubles in a message of these types: force and torque; temperature and its variance.
 WRENCH_DOUBLES = 6

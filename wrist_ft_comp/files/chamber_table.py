@@ -6,8 +6,8 @@ columns, such as the direction, are carried along and not interpreted.
 """
 
 import csv
-import re
 from pathlib import Path
+import re
 
 import numpy as np
 

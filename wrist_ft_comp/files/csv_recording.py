@@ -13,10 +13,10 @@ import numpy as np
 from wrist_ft_comp import RecordingError
 from wrist_ft_comp.core.recording import (
     AXES,
-    NANOSECONDS,
     BoolArray,
     FloatArray,
     IntArray,
+    NANOSECONDS,
     Samples,
 )
 from wrist_ft_comp.files.csv_text import CsvChunk, CsvLayout, CsvText

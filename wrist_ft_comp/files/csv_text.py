@@ -5,14 +5,14 @@ Columns: ``stamp_s`` (s) or ``stamp_ns``; any of ``force_x`` … ``torque_z``, `
 ``temperature_2_c`` …, ``reference_force_x`` …. Cells are empty where a channel has no sample.
 """
 
+from collections.abc import Callable, Iterator, Sequence
 import csv
+from dataclasses import dataclass, replace
 import difflib
 import io
 import os
-import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
+import re
 
 from wrist_ft_comp import RecordingError
 from wrist_ft_comp.core.recording import AXES, REFERENCE_CHANNELS

@@ -1,9 +1,9 @@
 """The node's own recorder: CSV, row by row, each row handed to the operating system at once."""
 
-import os
 from collections.abc import Sequence
 from contextlib import suppress
 from math import isnan
+import os
 from pathlib import Path
 from types import TracebackType
 

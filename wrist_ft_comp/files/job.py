@@ -1,7 +1,7 @@
 """What a calibration job is, what it gives, and how it travels between processes."""
 
-import json
 from dataclasses import asdict, dataclass, field
+import json
 from pathlib import Path
 from typing import Any
 

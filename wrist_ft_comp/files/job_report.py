@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from wrist_ft_comp.core.chamber_fit import (
-    ChamberFigures,
     chamber_figures,
+    ChamberFigures,
     compensate_table,
     leave_one_temperature_out,
 )

@@ -5,14 +5,14 @@ A file holds what runs (per axis the features and the dynamics), the evidence (c
 time constants) and where it came from. Numbers are written so that they read back exactly.
 """
 
-import hashlib
-import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import cache
+import hashlib
 from importlib import resources
 from pathlib import Path
+import platform
 from typing import Any, cast
 
 import jsonschema
@@ -25,7 +25,7 @@ from wrist_ft_comp import ModelFileError, SettingsError
 from wrist_ft_comp.core.calibration import Calibration
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.files.atomic import replaced_on_success
-from wrist_ft_comp.files.model_document import Document, axis_document, build_model
+from wrist_ft_comp.files.model_document import axis_document, build_model, Document
 
 FORMAT = 'wrist_ft_comp drift model'
 VERSION = 1

@@ -6,9 +6,9 @@ Where a node keeps what it made: models, own recordings, and which model is acti
     <directory>/active.json          the active model, and the ones before it, newest last
 """
 
+from datetime import datetime, timezone
 import json
 import os
-from datetime import datetime, timezone
 from pathlib import Path
 
 from wrist_ft_comp import ModelFileError

@@ -5,11 +5,11 @@ A recording is a rosbag2 folder, a bare ``.mcap`` or ``.db3`` file, a CSV record
 a static chamber test.
 """
 
-import sqlite3
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+import sqlite3
 from tempfile import TemporaryDirectory
 
 from rosbags.rosbag2 import WriterError
@@ -18,13 +18,13 @@ from wrist_ft_comp import RecordingError
 from wrist_ft_comp.core.recording import Recording
 from wrist_ft_comp.core.sampling import GridBuilder
 from wrist_ft_comp.files import bag_recording, csv_recording
-from wrist_ft_comp.files.bag_file import SUFFIXES, Bag, open_bag
+from wrist_ft_comp.files.bag_file import Bag, open_bag, SUFFIXES
 from wrist_ft_comp.files.bag_recording import Topics
 from wrist_ft_comp.files.chamber_table import read_chamber_table
 from wrist_ft_comp.files.csv_text import CsvText
 from wrist_ft_comp.files.kinds import BAG, CSV, kind_of
 from wrist_ft_comp.files.rewriting import Correction, rewrite_bag, rewrite_csv, rewrite_table
-from wrist_ft_comp.files.summary import ChannelSummary, RecordingSummary, describe_recording
+from wrist_ft_comp.files.summary import ChannelSummary, describe_recording, RecordingSummary
 
 __all__ = [
     'ChannelSummary',

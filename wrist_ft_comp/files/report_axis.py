@@ -1,7 +1,7 @@
 """The part of a report that shows one axis."""
 
-import math
 from collections.abc import Iterator
+import math
 
 from wrist_ft_comp.core.axis_fit import Candidate
 from wrist_ft_comp.files import report_pictures as pictures

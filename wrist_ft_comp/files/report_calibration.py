@@ -10,9 +10,9 @@ from wrist_ft_comp.core.chamber_fit import ChamberFigures
 from wrist_ft_comp.core.coverage import cover
 from wrist_ft_comp.core.held_out import HeldOut, rms_by_block
 from wrist_ft_comp.core.identification import AxisFit
-from wrist_ft_comp.core.problem import Reference, noise_level
-from wrist_ft_comp.core.recording import Recording, axis_unit
-from wrist_ft_comp.core.verdict import Evidence, Level, Verdict, judge
+from wrist_ft_comp.core.problem import noise_level, Reference
+from wrist_ft_comp.core.recording import axis_unit, Recording
+from wrist_ft_comp.core.verdict import Evidence, judge, Level, Verdict
 from wrist_ft_comp.files.model_file import StoredModel
 from wrist_ft_comp.files.report_parts import (
     drifts_removed,

@@ -13,8 +13,8 @@ from wrist_ft_comp.core.coverage import cover
 from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate, tared_errors
 from wrist_ft_comp.core.held_out import BlockErrors
 from wrist_ft_comp.core.pooling import pool
-from wrist_ft_comp.core.problem import Reference, noise_level
-from wrist_ft_comp.core.recording import AXES, Recording, axis_unit
+from wrist_ft_comp.core.problem import noise_level, Reference
+from wrist_ft_comp.core.recording import AXES, axis_unit, Recording
 from wrist_ft_comp.core.verdict import Evidence, judge
 from wrist_ft_comp.files.model_file import StoredModel
 from wrist_ft_comp.files.report_parts import (

@@ -1,8 +1,8 @@
 """Small pieces of HTML; all text is escaped here."""
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+import re
 
 #: A number and its unit stay on one line.
 _UNITS = re.compile(r'(?<=\d) (?=(?:N m|N|°C|K|%|h|min|s)(?!\w))')

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp.core.axis_model import AxisModel
-from wrist_ft_comp.core.recording import NANOSECONDS, FloatArray, Recording
+from wrist_ft_comp.core.recording import FloatArray, NANOSECONDS, Recording
 from wrist_ft_comp.files.model_file import StoredModel
 from wrist_ft_comp.files.report_view import Source, ThermometerSeries
 

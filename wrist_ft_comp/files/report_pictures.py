@@ -4,19 +4,19 @@ The pictures of a report: SVG that takes its colours from the page, light or dar
 Without compensation is dashed, or a cross; with it is solid, or a dot: colour is never needed.
 """
 
-import re
 from html import escape
 from io import StringIO
 from itertools import pairwise
+import re
 from typing import Any
 
-import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+import numpy as np
 
-from wrist_ft_comp.core.coverage import WORKING_RANGE_C, Coverage
+from wrist_ft_comp.core.coverage import Coverage, WORKING_RANGE_C
 from wrist_ft_comp.core.recording import FloatArray, IntArray
 from wrist_ft_comp.files.report_view import ErrorSeries, ThermometerSeries
 

@@ -5,21 +5,21 @@ These functions write where they are told to; that nothing half-written is left 
 front door's part (recordings.py).
 """
 
-import csv
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+import csv
 from pathlib import Path
 
 import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 
 from wrist_ft_comp import RecordingError
 from wrist_ft_comp.core.recording import AXES, FloatArray, IntArray
 from wrist_ft_comp.files import cdr
 from wrist_ft_comp.files.bag_file import Bag
-from wrist_ft_comp.files.bag_recording import WRENCH_TYPE, Topics, unpack
+from wrist_ft_comp.files.bag_recording import Topics, unpack, WRENCH_TYPE
 from wrist_ft_comp.files.chamber_table import read_chamber_table, write_chamber_table
 from wrist_ft_comp.files.csv_recording import numbers, sound_chunks, stamps_ns
 from wrist_ft_comp.files.csv_text import CsvChunk, CsvText

@@ -5,13 +5,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from wrist_ft_comp.core.recording import AXES, Samples, axis_unit
+from wrist_ft_comp.core.recording import AXES, axis_unit, Samples
 from wrist_ft_comp.files.bag_file import open_bag
 from wrist_ft_comp.files.bag_recording import Topics
 from wrist_ft_comp.files.chamber_table import read_chamber_table
 from wrist_ft_comp.files.csv_recording import sound_chunks
 from wrist_ft_comp.files.csv_text import CsvText
-from wrist_ft_comp.files.kinds import BAG, CSV, TABLE, kind_of
+from wrist_ft_comp.files.kinds import BAG, CSV, kind_of, TABLE
 
 RAW_WRENCH, TEMPERATURE, REFERENCE = 'raw wrench', 'temperature', 'reference'
 

@@ -1,8 +1,8 @@
 """The service ~/calibrate: from parameters to a process, from its outcome to an answer."""
 
-import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import time
+from typing import Any, TYPE_CHECKING
 
 from wrist_ft_comp import (
     CalibrationRefusedError,

@@ -1,11 +1,11 @@
 """A calibration beside the stream: a process of its own, at low priority."""
 
+from contextlib import suppress
 import json
 import os
 import signal
 import subprocess
 import sys
-from contextlib import suppress
 from typing import Any
 
 from wrist_ft_comp import ONE_THREAD

@@ -5,12 +5,12 @@ A callback converts, steps, publishes. What it means is the core's business: thi
 topics, services and parameters to it.
 """
 
-import math
-import sys
-import time
 from collections.abc import Sequence
 from functools import partial
+import math
 from pathlib import Path
+import sys
+import time
 from typing import Any, cast
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -25,7 +25,7 @@ from std_srvs.srv import SetBool, Trigger
 from wrist_ft_comp import RecordingError, SettingsError
 from wrist_ft_comp.core.compensator import Compensator, StreamSettings
 from wrist_ft_comp.files.cdr import TEMPERATURE_DOUBLES, WRENCH_DOUBLES
-from wrist_ft_comp.files.model_store import ModelStore, default_directory
+from wrist_ft_comp.files.model_store import default_directory, ModelStore
 from wrist_ft_comp.ros import qos, wire
 from wrist_ft_comp.ros.calibration_control import CalibrationControl
 from wrist_ft_comp.ros.compensator_parameters import NODE_NAME, PARAMETERS
@@ -36,7 +36,7 @@ from wrist_ft_comp.ros.parameters import declare, values
 from wrist_ft_comp.ros.recording_control import RecordingControl
 from wrist_ft_comp.ros.running import run_nodes
 from wrist_ft_comp.ros.several_sensors import node_per_sensor
-from wrist_ft_comp.ros.status import Counts, concerns
+from wrist_ft_comp.ros.status import concerns, Counts
 from wrist_ft_comp.ros.tare_control import TareControl
 from wrist_ft_comp.ros.wrench_message import wrench_message
 

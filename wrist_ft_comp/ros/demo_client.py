@@ -5,16 +5,16 @@ It is a program of its own (``python -m wrist_ft_comp.ros.demo_client``) that wr
 object a line to standard output: what it does, how far it is. What it received goes into a file.
 """
 
-import json
-import os
-import sys
 from collections.abc import Callable, Sequence
 from functools import partial
+import json
+import os
 from pathlib import Path
+import sys
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import WrenchStamped
+import numpy as np
 from rclpy.context import Context
 from rclpy.node import Node
 from sensor_msgs.msg import Temperature

@@ -5,8 +5,8 @@ This module imports no rclpy, so that a node asked for where there is no ROS 2 e
 sentence.
 """
 
-import sys
 from importlib import import_module
+import sys
 
 
 def compensator() -> int:

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TYPE_CHECKING
 
 from rcl_interfaces.msg import SetParametersResult
 
 from wrist_ft_comp import SettingsError, WristFtCompError
-from wrist_ft_comp.files.model_file import StoredModel, load_model
+from wrist_ft_comp.files.model_file import load_model, StoredModel
 
 if TYPE_CHECKING:
     from wrist_ft_comp.ros.compensator_node import CompensatorNode

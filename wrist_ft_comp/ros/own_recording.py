@@ -4,7 +4,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from wrist_ft_comp import RecordingError
-from wrist_ft_comp.core.reduction import StreamReducer, row_channels
+from wrist_ft_comp.core.reduction import row_channels, StreamReducer
 from wrist_ft_comp.files.csv_writer import CsvRecordingWriter
 
 

@@ -7,9 +7,9 @@ double is meant, or a single value where an array is meant. rcl drops an empty a
 command line, so ``['']`` stands for the empty array, and empty strings in arrays do not count.
 """
 
-import math
 from dataclasses import dataclass
-from typing import Any, TypeAlias, cast
+import math
+from typing import Any, cast, TypeAlias
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.parameter import Parameter as RosParameter

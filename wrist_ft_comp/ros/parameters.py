@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from wrist_ft_comp import SettingsError
-from wrist_ft_comp.ros.parameter_table import Parameter, Value, converted, descriptor
+from wrist_ft_comp.ros.parameter_table import converted, descriptor, Parameter, Value
 
 __all__ = ['Parameter', 'declare', 'values']
 

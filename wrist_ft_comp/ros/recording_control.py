@@ -1,6 +1,6 @@
 """The service ~/record: starting and ending the node's own recording."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, TYPE_CHECKING
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos_overriding_options import QoSOverridingOptions

@@ -6,12 +6,12 @@ handlers do, can abort the process, and the EventsExecutor of some builds delive
 without a timeout. So signals only raise a flag, and the loop below looks at it.
 """
 
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, ExitStack
 import gc
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
 from types import FrameType
 from typing import Any
 

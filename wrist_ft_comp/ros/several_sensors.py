@@ -5,11 +5,11 @@ One process for several wrists: a node per sensor, each in a namespace of its ow
 the process and its executor, nothing else. Without it there is one node, named as ever.
 """
 
-import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any
+import re
+from typing import Any, TYPE_CHECKING
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter

@@ -7,14 +7,14 @@ Where the machine stalls or is too slow, the run falls behind the wall clock: me
 LONGEST_WAKE_S are made up for at once, and no message is left out.
 """
 
-import sys
-import time
 from collections.abc import Sequence
 from copy import copy
+import sys
+import time
 from typing import Any, cast
 
-import numpy as np
 from geometry_msgs.msg import WrenchStamped
+import numpy as np
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -22,16 +22,16 @@ from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Temperature
 
-from wrist_ft_comp.core.recording import NANOSECONDS, FloatArray, IntArray
+from wrist_ft_comp.core.recording import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.core.simulated_run import draw_run, drive, room_temperature, true_wrench
 from wrist_ft_comp.core.thermal_sensor import (
-    ThermalSensorSettings,
-    ThermalState,
     build_sensor,
     digitised_temperatures,
     digitised_wrench,
     measured_wrench,
     start,
+    ThermalSensorSettings,
+    ThermalState,
     trajectory,
 )
 from wrist_ft_comp.ros.parameters import declare, values

@@ -1,10 +1,10 @@
 """What the node says about itself once a second."""
 
 import time
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, TYPE_CHECKING
 
-from wrist_ft_comp.core.recording import AXES, NANOSECONDS, axis_unit
-from wrist_ft_comp.ros.diagnostics import ERROR, OK, STALE, WARN, Concern
+from wrist_ft_comp.core.recording import AXES, axis_unit, NANOSECONDS
+from wrist_ft_comp.ros.diagnostics import Concern, ERROR, OK, STALE, WARN
 
 if TYPE_CHECKING:
     from wrist_ft_comp.ros.compensator_node import CompensatorNode

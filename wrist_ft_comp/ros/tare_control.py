@@ -1,8 +1,8 @@
 """The services ~/tare and ~/reset_tare."""
 
-import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+import time
+from typing import Any, TYPE_CHECKING
 
 from wrist_ft_comp import WristFtCompError
 from wrist_ft_comp.core.recording import AXES, axis_unit

@@ -5,8 +5,8 @@ A typed message costs several times the processor time of its bytes, and the hea
 understanding: it goes out as it came in.
 """
 
-import struct
 from collections.abc import Sequence
+import struct
 from typing import NamedTuple
 
 from wrist_ft_comp.core.recording import NANOSECONDS

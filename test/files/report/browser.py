@@ -1,15 +1,15 @@
 """A real browser, headless, driven through its own debugging pipe: no driver, no port."""
 
 import base64
+from contextlib import suppress
 import fcntl
 import json
 import os
+from pathlib import Path
+from select import select
 import shutil
 import subprocess
 import sys
-from contextlib import suppress
-from pathlib import Path
-from select import select
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None

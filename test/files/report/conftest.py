@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wrist_ft_comp.core.calibration import CalibrationSettings, calibrate
+from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
 from wrist_ft_comp.core.chamber_fit import chamber_figures, table_recording
 from wrist_ft_comp.core.identification import IdentificationSettings
 from wrist_ft_comp.core.recording import Recording

@@ -1,10 +1,10 @@
 """The page is read as a browser would: its tags, its text, what it loads, its pictures."""
 
-import re
-import xml.etree.ElementTree as ET
 from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import pairwise
+import re
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest

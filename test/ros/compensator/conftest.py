@@ -1,11 +1,11 @@
 """A compensator under test, what talks to it, and models with a known drift."""
 
-import itertools
-import queue
-import threading
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+import itertools
 from pathlib import Path
+import queue
+import threading
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from wrist_ft_comp.core.calibration import Calibration
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.identification import AxisFit
-from wrist_ft_comp.files.model_file import StoredModel, save_model
+from wrist_ft_comp.files.model_file import save_model, StoredModel
 
 with suppress(ImportError):
     from diagnostic_msgs.msg import DiagnosticArray

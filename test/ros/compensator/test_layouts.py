@@ -1,8 +1,8 @@
 """What the live views show is there: every topic and field, on a running node."""
 
 import json
-import xml.etree.ElementTree as ET
 from pathlib import Path
+import xml.etree.ElementTree as ET
 
 import pytest
 

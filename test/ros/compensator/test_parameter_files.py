@@ -6,11 +6,11 @@ import pytest
 
 pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
-import yaml
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSReliabilityPolicy
+import yaml
 
 from wrist_ft_comp.ros.compensator_parameters import PARAMETERS
 from wrist_ft_comp.ros.wrench_message import wrench_message

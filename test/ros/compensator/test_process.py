@@ -1,10 +1,10 @@
 """The executable: how it starts, ends, and what is left when it is killed."""
 
+from contextlib import suppress
 import os
 import queue
 import signal
 import threading
-from contextlib import suppress
 
 import numpy as np
 import pytest

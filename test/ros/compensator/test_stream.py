@@ -9,7 +9,7 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.core.compensator import Compensator, StreamSettings
-from wrist_ft_comp.core.drift import Drift, correct
+from wrist_ft_comp.core.drift import correct, Drift
 from wrist_ft_comp.ros.wrench_message import wrench_message
 
 SECOND = 1_000_000_000

@@ -4,12 +4,12 @@ Write two bags as a robot would: ``warm_up`` and ``another_day``, with a Bota dr
 A program, so that the test asks nothing but rosbags and the core's simulated sensor.
 """
 
-import sys
 from pathlib import Path
+import sys
 
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import get_typestore, Stores
 
 from wrist_ft_comp.core import simulated_run, thermal_sensor
 

@@ -1,14 +1,14 @@
 """The commands of a document: every line of every ``sh`` block, run as it is written."""
 
+from collections.abc import Callable, Iterator
 import os
+from pathlib import Path
 import re
 import shlex
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest

@@ -10,10 +10,10 @@ import os
 import sys
 from typing import Any
 
-import rclpy
-import yaml
 from rcl_interfaces.srv import DescribeParameters
+import rclpy
 from rclpy.qos import qos_profile_sensor_data
+import yaml
 
 MODULES = {
     'compensator': 'wrist_ft_comp.ros.compensator_node',

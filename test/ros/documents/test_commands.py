@@ -1,9 +1,9 @@
 """The commands of the README and of the tutorial, run as they are written, in their order."""
 
 import json
+from pathlib import Path
 import re
 import sys
-from pathlib import Path
 
 ROOT = Path(__file__).parents[3]
 TITLES = ('max \\|K_s\\|, %FS/°C (eq. 23)', 'zero spread, %FS')

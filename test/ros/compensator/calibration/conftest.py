@@ -1,9 +1,9 @@
 """A sensor to calibrate, and a gate that holds calibrations back."""
 
-import os
-import sys
 from collections.abc import Iterable, Iterator
+import os
 from pathlib import Path
+import sys
 from typing import Any
 
 import numpy as np

@@ -1,8 +1,8 @@
 """Two wrists in one process: each with its own model, tare, services and files."""
 
+from functools import partial
 import itertools
 import signal
-from functools import partial
 
 import numpy as np
 import pytest
