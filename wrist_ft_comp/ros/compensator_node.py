@@ -76,6 +76,7 @@ class CompensatorNode(Node):
             thermal_period_s=given['thermal_period'],
             temperature_timeout_s=given['temperature_timeout'],
             max_drift_n=given['max_drift'],
+            max_drift_rate_n_s=given['max_drift_rate'],
         )
         directory = given['data_directory'] or default_directory(self.get_fully_qualified_name())
         self.store = ModelStore(Path(directory).expanduser())

@@ -30,6 +30,16 @@ PARAMETERS = (
         read_only=True,
     ),
     Parameter(
+        'save_period',
+        5.0,
+        'How often the thermal state and the tare are saved, for a restart that goes on from them. '
+        'Also saved when the node ends and whenever the tare changes.',
+        unit='s',
+        minimum=0.1,
+        maximum=3600.0,
+        read_only=True,
+    ),
+    Parameter(
         'thermal_period',
         _STREAM.thermal_period_s,
         'Length of a thermal cell while no model says otherwise, and in recordings.',
@@ -53,6 +63,16 @@ PARAMETERS = (
         'Largest zero drift that is subtracted from a force; from a torque, a tenth of it in N m.',
         unit='N',
         minimum=0.0,
+        maximum=1e6,
+        read_only=True,
+    ),
+    Parameter(
+        'max_drift_rate',
+        _STREAM.max_drift_rate_n_s,
+        'How fast the zero drift that is subtracted from a force may move; from a torque, a tenth '
+        'of it in N m/s. A tare and its reset step at once; a change of model never steps.',
+        unit='N/s',
+        minimum=0.001,
         maximum=1e6,
         read_only=True,
     ),

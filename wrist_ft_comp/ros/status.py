@@ -230,9 +230,12 @@ def _output(node: 'CompensatorNode', period: Period) -> Concern:
         numbers[f'{axis}_drift'] = f'{zero:.4g} {axis_unit(axis)}'
         numbers[f'{axis}_sensitivity'] = f'{100 * sensitivity:.3g} %'
         numbers[f'{axis}_tare'] = f'{tare:.4g} {axis_unit(axis)}'
-    if compensator.limited:
+    if compensator.limits.too_large:
         return Concern(
-            'output', ERROR, f'drift of {", ".join(compensator.limited)} is at its limit', numbers
+            'output',
+            ERROR,
+            f'drift of {", ".join(compensator.limits.too_large)} is at its limit',
+            numbers,
         )
     if not compensator.compensating:
         return Concern('output', WARN, 'not compensated: no model or no temperature yet', numbers)
