@@ -81,6 +81,8 @@ class Compensator:
         #: How the drift came to be where it is, a sentence; changes when it starts or goes on.
         self.origin = 'no temperatures yet'
         self._state: DriftState | None = None
+        #: Whether another stream's memory was of no use.
+        self.forgot = False
         #: End of the last completed cell, ns.
         self._end_ns = 0
         #: What to go on from when the first cell is complete, and its age by another clock, s.
@@ -103,6 +105,11 @@ class Compensator:
     def grid(self) -> ThermalGrid:
         """The thermal grid, for its counts."""
         return self._grid
+
+    @property
+    def newest(self) -> tuple[int, Sequence[float]] | None:
+        """The newest wrench's stamp, ns, and its raw values; None before the first."""
+        return self._last
 
     def _use_period(self, period_ns: int) -> None:
         """Start a grid of this period, without history."""
@@ -177,6 +184,7 @@ class Compensator:
         temperature_c, self.origin = bridge(
             model, memory, cells.first_cell, cells.temperature_c, at_least_s
         )
+        self.forgot = temperature_c is None
         self._state = None if temperature_c is None else memory.filters
         if temperature_c is not None and len(temperature_c):
             self._state, _ = drift.run(model, memory.filters, temperature_c)
@@ -348,7 +356,19 @@ class Compensator:
 
     def reset_tare(self) -> None:
         """Forget the tare."""
-        self.tare = np.zeros(len(AXES))
+        self.restore_tare(np.zeros(len(AXES)))
+
+    def restore_tare(self, tare: FloatArray) -> None:
+        """
+        Subtract a tare that was taken with the same model before.
+
+        Parameters
+        ----------
+        tare : ndarray, shape (6,)
+            As set_tare returned it, N and N m.
+
+        """
+        self.tare = tare
         self._refresh_offset()
 
 

@@ -4,6 +4,7 @@ Where a node keeps what it made: models, own recordings, and which model is acti
     <directory>/models/*.yaml        every calibration's result
     <directory>/recordings/*.csv     the node's own recordings
     <directory>/active.json          the active model, and the ones before it, newest last
+    <directory>/state.json           thermal state and tare, for a restart (state_file.py)
 """
 
 import json

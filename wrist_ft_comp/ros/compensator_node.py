@@ -24,6 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp import RecordingError, SettingsError
 from wrist_ft_comp.core.compensator import Compensator, StreamSettings
+from wrist_ft_comp.core.thermometer_watch import is_plausible
 from wrist_ft_comp.files.cdr import TEMPERATURE_DOUBLES, WRENCH_DOUBLES
 from wrist_ft_comp.files.model_store import ModelStore, default_directory
 from wrist_ft_comp.ros import qos, wire
@@ -31,10 +32,12 @@ from wrist_ft_comp.ros.calibration_control import CalibrationControl
 from wrist_ft_comp.ros.compensator_parameters import PARAMETERS
 from wrist_ft_comp.ros.deferred_service import DeferredService
 from wrist_ft_comp.ros.diagnostics import diagnostic_array
+from wrist_ft_comp.ros.input_watch import InputWatch
 from wrist_ft_comp.ros.live_model import LiveModel
 from wrist_ft_comp.ros.parameters import declare, values
 from wrist_ft_comp.ros.recording_control import RecordingControl
 from wrist_ft_comp.ros.running import run_node
+from wrist_ft_comp.ros.state_keeping import StateKeeping
 from wrist_ft_comp.ros.status import Counts, concerns
 from wrist_ft_comp.ros.tare_control import TareControl
 from wrist_ft_comp.ros.wrench_message import wrench_message
@@ -85,15 +88,18 @@ class CompensatorNode(Node):
         self.compensator = Compensator(
             len(topics), settings, None if first is None else first.model
         )
+        self.keeping = StateKeeping(self, given['save_period'])
         self.counts = Counts(len(topics))
-        self.frame_id = ''
+        self.watch = InputWatch(self, len(topics))
+        #: Why the last request of any service was refused; empty before the first.
+        self.last_refusal = ''
         self.recording = RecordingControl(self)
         self.tare = TareControl(self)
         self.calibration = CalibrationControl(self)
         self._silent = given['uncalibrated'] == 'silent'
         self._wrench_wire = wire.Wire(WRENCH_DOUBLES)
         self._temperature_wire = wire.Wire(TEMPERATURE_DOUBLES)
-        self._layout: wire.Layout | None = None
+        self._newest = b''
         self._create_topics(topics)
         self._create_services()
         self.add_on_set_parameters_callback(self.model.judge)
@@ -107,7 +113,11 @@ class CompensatorNode(Node):
         """Create publishers and subscriptions; QoS may be overridden by parameters."""
         override = QoSOverridingOptions.with_default_policies()
         self._output = self.create_publisher(
-            WrenchStamped, 'wrench', qos.own(qos.OUTPUT), qos_overriding_options=override
+            WrenchStamped,
+            'wrench',
+            qos.own(qos.OUTPUT),
+            qos_overriding_options=override,
+            event_callbacks=self.watch.publisher_events('wrench'),
         )
         self._drift = self.create_publisher(WrenchStamped, '~/drift', qos.OUTPUT)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', qos.OUTPUT)
@@ -118,6 +128,7 @@ class CompensatorNode(Node):
             qos.own(qos.FAST_SENSOR),
             raw=True,
             qos_overriding_options=override,
+            event_callbacks=self.watch.subscription_events('wrench_raw'),
         )
         self.temperature_subscriptions: list[Any] = [
             self.create_subscription(
@@ -127,6 +138,7 @@ class CompensatorNode(Node):
                 qos.own(qos.SLOW_SENSOR),
                 raw=True,
                 qos_overriding_options=override,
+                event_callbacks=self.watch.subscription_events(topic),
             )
             for thermometer, topic in enumerate(temperature_topics)
         ]
@@ -162,8 +174,18 @@ class CompensatorNode(Node):
             self.recording.current.reducer.add_raw(stamp_ns, raw)
         if self.tare.collector is not None:
             self.tare.add(stamp_ns, raw)
-        if layout is not self._layout:
-            self._layout, self.frame_id = layout, wire.frame_id(layout, data)
+        self._newest = data
+
+    @property
+    def frame_id(self) -> str:
+        """The sensor's frame; empty before the first wrench."""
+        newest = self._newest
+        return wire.frame_id(self._wrench_wire.layout(newest), newest) if newest else ''
+
+    @property
+    def stamped(self) -> bool:
+        """Whether the newest wrench came with a stamp."""
+        return any(self._newest[4:12])
 
     def on_reference(self, data: bytes) -> None:
         """Add one reference wrench, as serialized bytes, to the recording."""
@@ -184,14 +206,16 @@ class CompensatorNode(Node):
         except RecordingError:
             self.counts.bad_temperatures += 1
             return
-        if not math.isfinite(temperature_c):
+        if not is_plausible(temperature_c):
             self.counts.bad_temperatures += 1
+            self.watch.unusable(thermometer, temperature_c)
             return
         stamp_ns = stamp_ns or self._now_ns()
         self.counts.temperature(thermometer, stamp_ns)
         cells = self.compensator.add_temperature(thermometer, stamp_ns, temperature_c)
         if cells:
             self.recording.add_cells(cells)
+            self.watch.cells(cells)
             if self.compensator.compensating:
                 zero = self.compensator.drift.zero
                 self._drift.publish(wrench_message(stamp_ns, self.frame_id, zero))
@@ -212,6 +236,8 @@ class CompensatorNode(Node):
         """Look after what does not come by message."""
         self.calibration.poll()
         self.tare.poll()
+        self.keeping.poll()
+        self.watch.poll()
 
     def _diagnose(self) -> None:
         """Publish diagnostics."""
@@ -223,6 +249,7 @@ class CompensatorNode(Node):
         """End what runs beside the node; an open recording is closed, and who waits is told."""
         waiting = [self.calibration.end(), self.tare.end()]
         self.recording.end()
+        self.keeping.end()
         if any(waiting):
             time.sleep(_FAREWELL_S)
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it

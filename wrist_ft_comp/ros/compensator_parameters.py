@@ -32,8 +32,8 @@ PARAMETERS = (
     Parameter(
         'save_period',
         5.0,
-        'How often the thermal state and the tare are saved, for a restart that goes on from them. '
-        'Also saved when the node ends and whenever the tare changes.',
+        'How often the thermal state is saved, so that a restart goes on from it; also when the '
+        'node ends, and when the tare or the model changes.',
         unit='s',
         minimum=0.1,
         maximum=3600.0,

@@ -53,7 +53,10 @@ def test_input_is_stale_or_well_or_unusable(rig):
     node = rig()
     status = node.diagnosis('input')
     assert status.level == STALE
-    assert status.message == 'no raw wrenches arrive; is the driver running?'
+    topic = node.topic('wrench_raw')
+    assert status.message == (
+        f'no raw wrenches arrive, though {topic} has a publisher; is the sensor running?'
+    )
     sent = iter(START + 1000 * np.arange(10_000))
     status = node.diagnosis(
         'input', lambda each: node.ask_output(int(next(sent)), LOAD) and each.level == OK
