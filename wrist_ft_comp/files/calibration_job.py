@@ -4,14 +4,17 @@ The calibration job: read recordings, fit, save the model. One function, and a p
 The command line calls ``run_job``. The node starts this module as a program instead
 (``python -m wrist_ft_comp.files.calibration_job``), because a fit in its own process neither stops
 the stream nor fights it for the interpreter: the job comes as one JSON object on standard input,
-the outcome goes as one to standard output.
+the outcome goes as one to standard output. With ``--until-closed`` the job is a line, and standard
+input stays open for as long as somebody waits for the outcome: where it is closed, as it is when
+the node is killed, the process ends.
 """
 
 import hashlib
 import json
 import os
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -28,6 +31,8 @@ from wrist_ft_comp.core.summary import summarise
 from wrist_ft_comp.files.model_file import StoredModel, save_model
 from wrist_ft_comp.files.recordings import Topics, read_recording
 
+#: Argument of the program: end when standard input is closed.
+UNTIL_CLOSED = '--until-closed'
 _HASH_CHUNK = 1 << 20
 
 
@@ -209,24 +214,53 @@ def _with_tuples(value: Any) -> Any:
     return tuple(_with_tuples(each) for each in value) if isinstance(value, list) else value
 
 
-def main() -> int:
-    """Run one job from standard input, at low priority, and write its outcome."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """
+    Run one job from standard input, at low priority, and write its outcome.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Command line without the program; sys.argv's by default.
+
+    Returns
+    -------
+    int
+        Exit code 0; a refusal is an outcome.
+
+    """
     os.nice(10)
-    try:
-        calibration, stored, left_out = run_job(decode_job(sys.stdin.read()))
-    except WristFtCompError as error:
-        outcome: dict[str, Any] = {'success': False, 'message': str(error)}
+    if UNTIL_CLOSED in (sys.argv[1:] if arguments is None else arguments):
+        text = sys.stdin.readline()
+        threading.Thread(target=_end_when_closed, daemon=True).start()
     else:
-        notes = ''.join(f'\nwarning: {sentence}' for sentence in left_out)
-        outcome = {
-            'success': True,
-            'message': f'{summarise(calibration)}{notes}\nsaved as {stored.path}',
-            'path': str(stored.path),
-            'sha256': stored.sha256,
-            'document': stored.document,
-        }
-    json.dump(outcome, sys.stdout)
+        text = sys.stdin.read()
+    json.dump(_outcome(text), sys.stdout)
     return 0
+
+
+def _end_when_closed() -> None:
+    """End the process when nobody waits for it any more."""
+    # Not by sys.stdin: its lock would still be held when the interpreter ends.
+    while os.read(sys.stdin.fileno(), 1024):
+        pass
+    os._exit(1)
+
+
+def _outcome(text: str) -> dict[str, Any]:
+    """Run the job that a text describes."""
+    try:
+        calibration, stored, left_out = run_job(decode_job(text))
+    except WristFtCompError as error:
+        return {'success': False, 'message': str(error)}
+    notes = ''.join(f'\nwarning: {sentence}' for sentence in left_out)
+    return {
+        'success': True,
+        'message': f'{summarise(calibration)}{notes}\nsaved as {stored.path}',
+        'path': str(stored.path),
+        'sha256': stored.sha256,
+        'document': stored.document,
+    }
 
 
 if __name__ == '__main__':

@@ -30,6 +30,7 @@ from wrist_ft_comp.files.model_store import ModelStore, default_directory
 from wrist_ft_comp.ros import qos, wire
 from wrist_ft_comp.ros.calibration_control import CalibrationControl
 from wrist_ft_comp.ros.compensator_parameters import PARAMETERS
+from wrist_ft_comp.ros.concern_log import ConcernLog
 from wrist_ft_comp.ros.deferred_service import DeferredService
 from wrist_ft_comp.ros.diagnostics import diagnostic_array
 from wrist_ft_comp.ros.input_watch import InputWatch
@@ -93,6 +94,7 @@ class CompensatorNode(Node):
         self.watch = InputWatch(self, len(topics))
         #: Why the last request of any service was refused; empty before the first.
         self.last_refusal = ''
+        self._concern_log = ConcernLog(self.console)
         self.recording = RecordingControl(self)
         self.tare = TareControl(self)
         self.calibration = CalibrationControl(self)
@@ -243,7 +245,9 @@ class CompensatorNode(Node):
         """Publish diagnostics."""
         stamp = self.get_clock().now().to_msg()
         name = self.get_fully_qualified_name().lstrip('/')
-        self._diagnostics.publish(diagnostic_array(stamp, name, self.frame_id, concerns(self)))
+        found = concerns(self)
+        self._concern_log.tell(found)
+        self._diagnostics.publish(diagnostic_array(stamp, name, self.frame_id, found))
 
     def destroy_node(self) -> None:
         """End what runs beside the node; an open recording is closed, and who waits is told."""

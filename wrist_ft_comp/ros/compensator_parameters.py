@@ -20,7 +20,8 @@ PARAMETERS = (
         'model_file',
         '',
         'Model to run, relative to data_directory or to the working directory; empty takes the '
-        'one that was live last. Set at run time, it must lie inside data_directory.',
+        'one that was live last. Given at start as at the start before, a calibration or rollback '
+        'since then goes on. Set at run time, it must lie inside data_directory.',
     ),
     Parameter(
         'data_directory',

@@ -43,7 +43,6 @@ class InputWatch:
         self.incompatible: dict[str, str] = {}
         self._node = node
         self._frame = ''
-        self._warned: set[str] = set()
         #: Count of each kind of event, and when it last changed, s of the steady clock.
         self._events: dict[str, tuple[int, float]] = {}
 
@@ -91,22 +90,7 @@ class InputWatch:
             if self._frame:
                 self.frame_changes += 1
                 self.last_frames = (self._frame, frame)
-                self._node.console.warning(
-                    f'the frame of wrench_raw changed from {self._frame!r} to {frame!r}: does '
-                    'another sensor publish there? The model and the tare belong to the first.'
-                )
             self._frame = frame
-
-    def warn_of_many(self, topic: str, publishers: int) -> None:
-        """Log, once per topic, that several publishers share it."""
-        if publishers > 1 and topic not in self._warned:
-            self._warned.add(topic)
-            self._node.console.warning(
-                f'{publishers} publishers share {topic}; their readings are mixed. Let one of '
-                'them publish elsewhere.'
-            )
-        elif publishers <= 1:
-            self._warned.discard(topic)
 
     def subscription_events(self, topic: str) -> SubscriptionEventCallbacks:
         """Make what tells of publishers that cannot be heard on a topic, by its relative name."""

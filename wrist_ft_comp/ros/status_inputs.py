@@ -35,7 +35,6 @@ def input_concern(node: 'CompensatorNode', period: Period) -> Concern:
     counts, watch = node.counts, node.watch
     topic = node.raw_subscription.topic_name
     publishers = node.count_publishers(topic)
-    watch.warn_of_many(topic, publishers)
     numbers = {
         'rate_hz': f'{period.in_hz:.1f}',
         'received': str(counts.wrenches),
@@ -165,7 +164,6 @@ def _publishers(node: 'CompensatorNode') -> str:
     shared = []
     for j, subscription in enumerate(node.temperature_subscriptions, start=1):
         publishers = node.count_publishers(subscription.topic_name)
-        node.watch.warn_of_many(subscription.topic_name, publishers)
         if publishers > 1:
             shared.append(f'thermometer {j} has {publishers} publishers; their readings are mixed')
     return '; '.join(shared)
