@@ -206,7 +206,8 @@ def test_a_memory_belongs_to_models_of_its_form_only(
     two = replace(memory, temperature_c=np.array([20.0, 20.0]))
     longer = replace(memory, filters={**memory.filters, 'force_z': np.zeros((1, 2))})
     fewer = replace(memory, filters={'force_z': memory.filters['force_z']})
-    for other in (two, longer, fewer, replace(memory, period_ns=2 * SECOND)):
+    wide = replace(memory, history=((np.zeros(2), 60),))
+    for other in (two, longer, fewer, wide, replace(memory, period_ns=2 * SECOND)):
         assert not belongs_to(model, other)
     assert not belongs_to(make_model({'force_z': (1.0, 0.0, 1.0)}), memory)
 
@@ -224,4 +225,41 @@ def test_a_model_that_goes_live_ends_the_wait_for_the_gap(
     again = restarted(model, killed)
     again.go_live(make_model({'force_z': (1.0, 0.0, 30.0)}))
     assert not again.crossing
-    assert not again.compensating
+    assert again.compensating
+
+
+def test_a_model_that_goes_live_after_a_restart_knows_what_was_before_it(
+    model: DriftModel, make_model: MakeModel
+) -> None:
+    """A calibration or a rollback behind a restart: the coarse history does as well."""
+    other = make_model({'force_z': (-1.0, 0.0, 900.0)})
+    never, killed = (Compensator(1, SETTINGS, model) for _ in range(2))
+    feed(never, 0, 800)
+    feed(killed, 0, 700)
+    again = restarted(model, killed, 10.0)
+    feed(again, 710, 800)
+    for compensator in (never, again):
+        compensator.go_live(other)
+    expected = never.drift.zero[2]
+    assert again.drift.zero[2] == pytest.approx(expected, rel=0.03)
+    assert -1.0 * (warming(800) - 20.0) < 1.3 * expected, 'the steady state would be far off'
+
+
+def test_a_memory_that_is_refused_leaves_no_history(model: DriftModel) -> None:
+    killed = Compensator(1, SETTINGS, model)
+    feed(killed, 0, 700)
+    again = restarted(model, killed)
+    feed(again, -5000, -4990)
+    assert again.forgot
+    assert len(again._history) < 12
+
+
+def test_blocks_are_means_of_cells(model: DriftModel) -> None:
+    compensator = Compensator(1, SETTINGS, model)
+    feed(compensator, 0, 151, 1.0)
+    memory = compensator.memory()
+    assert memory is not None
+    assert [cells for _, cells in memory.history] == [1, 60, 60, 29]
+    cells = [warming(second) for second in range(150)]
+    expected = [cells[0], np.mean(cells[1:61]), np.mean(cells[61:121]), np.mean(cells[121:])]
+    np.testing.assert_allclose([block[0] for block, _ in memory.history], expected)

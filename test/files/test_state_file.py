@@ -35,6 +35,9 @@ memories = st.builds(
     st.lists(number, min_size=1, max_size=5).map(np.array),
     st.dictionaries(st.sampled_from(['force_x', 'force_z', 'torque_y']), filters),
     st.builds(Drift, six, six),
+    st.lists(
+        st.tuples(st.lists(number, max_size=3).map(np.array), st.integers(1, 1000)), max_size=9
+    ).map(tuple),
 )
 states = st.builds(
     SavedState, stamps, st.one_of(st.none(), st.just('f' * 64)), six, st.none() | memories
@@ -43,7 +46,12 @@ states = st.builds(
 
 def example(end_ns: int = 5, saved_ns: int = 7) -> SavedState:
     memory = ThermalMemory(
-        end_ns, 10, np.array([20.0]), {'force_z': np.ones((2, 1))}, Drift(np.ones(6), np.zeros(6))
+        end_ns,
+        10,
+        np.array([20.0]),
+        {'force_z': np.ones((2, 1))},
+        Drift(np.ones(6), np.zeros(6)),
+        ((np.array([20.0]), 1), (np.array([21.0]), 60)),
     )
     return SavedState(saved_ns, 'a' * 64, np.arange(6.0), memory)
 
@@ -118,11 +126,15 @@ def test_another_version_is_refused(tmp_path: Path, version: object) -> None:
     'text',
     ['NaN', 'Infinity', '-Infinity', '1e999', '"1"', 'null', '[]', 'true', '1' + '0' * 400],
 )
-@pytest.mark.parametrize('place', ['tare', 'temperature_c', 'zero', 'sensitivity', 'filters'])
+@pytest.mark.parametrize(
+    'place', ['tare', 'temperature_c', 'zero', 'sensitivity', 'filters', 'history']
+)
 def test_numbers_are_finite(tmp_path: Path, place: str, text: str) -> None:
     document = copy.deepcopy(plain(example()))
     inside = document if place == 'tare' else document['thermal']
-    row = inside['filters']['force_z'][1] if place == 'filters' else inside[place]
+    row = inside[place]
+    if place in {'filters', 'history'}:
+        row = row['force_z'][1] if place == 'filters' else row[1]['temperature_c']
     row[0] = 'HERE'
     path = tmp_path / 'state.json'
     path.write_text(json.dumps(document).replace('"HERE"', text))

@@ -14,12 +14,13 @@ import numpy as np
 
 from wrist_ft_comp import SettingsError
 from wrist_ft_comp.core import drift
+from wrist_ft_comp.core.blocks import Blocks
 from wrist_ft_comp.core.drift import Drift, DriftModel, DriftState
 from wrist_ft_comp.core.leap_guard import LeapGuard
 from wrist_ft_comp.core.limits import Limits
 from wrist_ft_comp.core.ramp import Ramp
 from wrist_ft_comp.core.recording import AXES, NANOSECONDS, FloatArray
-from wrist_ft_comp.core.resumption import ThermalMemory, bridge
+from wrist_ft_comp.core.resumption import BLOCK_S, ThermalMemory, bridge
 from wrist_ft_comp.core.thermal_grid import CompletedCells, ThermalGrid
 
 
@@ -114,8 +115,14 @@ class Compensator:
     def _use_period(self, period_ns: int) -> None:
         """Start a grid of this period, without history."""
         self._grid = ThermalGrid(period_ns, self.thermometers, self.settings.temperature_timeout_s)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Start an empty history."""
+        period_ns = self._grid.period_ns
         cells = round(self.settings.history_s * NANOSECONDS / period_ns)
         self._history: deque[FloatArray] = deque(maxlen=max(cells, 1))
+        self._blocks = Blocks(max(round(BLOCK_S * NANOSECONDS / period_ns), 1), max(cells, 1))
 
     def add_temperature(
         self, thermometer: int, stamp_ns: int, temperature_c: float
@@ -152,15 +159,16 @@ class Compensator:
 
     def _advance(self, cells: CompletedCells) -> None:
         """Move history, state and drift on by completed cells."""
+        resting = self._state is None
+        if self.model is not None and self._awaited is not None:
+            self._cross_gap(self.model, cells)
         self.temperature_c = cells.temperature_c
         count = min(cells.count, self._history.maxlen or cells.count)
         self._history.extend([cells.temperature_c] * count)
+        self._blocks.add(cells.temperature_c, count)
         self._end_ns = (cells.first_cell + cells.count) * self._grid.period_ns
         if self.model is None:
             return
-        resting = self._state is None
-        if self._awaited is not None:
-            self._cross_gap(self.model, cells)
         if self._state is None or count < cells.count:
             # Nothing known before, or a gap longer than any memory: the robot has soaked.
             if resting:
@@ -185,9 +193,14 @@ class Compensator:
             model, memory, cells.first_cell, cells.temperature_c, at_least_s
         )
         self.forgot = temperature_c is None
-        self._state = None if temperature_c is None else memory.filters
-        if temperature_c is not None and len(temperature_c):
+        if temperature_c is None:
+            self._state = None
+            self._forget()
+            return
+        self._state = memory.filters
+        if len(temperature_c):
             self._state, _ = drift.run(model, memory.filters, temperature_c)
+            self._history.extend(temperature_c)
 
     @property
     def crossing(self) -> bool:
@@ -209,7 +222,12 @@ class Compensator:
         if self._state is None or self.temperature_c is None:
             return None
         return ThermalMemory(
-            self._end_ns, self._grid.period_ns, self.temperature_c, self._state, self.drift
+            self._end_ns,
+            self._grid.period_ns,
+            self.temperature_c,
+            self._state,
+            self.drift,
+            tuple(self._blocks.all()),
         )
 
     def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
@@ -230,6 +248,9 @@ class Compensator:
         if self.model is None:
             return
         self._awaited = memory, at_least_s
+        for temperature_c, count in memory.history:
+            self._history.extend([temperature_c] * count)
+            self._blocks.add(temperature_c, count)
         self._state, self.drift = memory.filters, memory.drift
         cells = round(at_least_s * NANOSECONDS / memory.period_ns)
         if cells > 0:

@@ -22,6 +22,8 @@ TIME_CONSTANTS = 3.0
 LEAST_GAP_S = 60.0
 #: The stream keeps no more cells than these hours hold either.
 MOST_GAP_S = 6 * 3600.0
+#: Length of a block of history, s.
+BLOCK_S = 60.0
 #: A clock that lost more than this against another one was not running all the time, s.
 _SLIP_S = 60.0
 
@@ -43,6 +45,9 @@ class ThermalMemory:
         Filter state of each modelled axis after that cell.
     drift : Drift
         What was being subtracted, arrays of shape (6,).
+    history : tuple of tuples of ndarray, shape (J,), and int
+        Mean temperatures of consecutive blocks of cells, °C, and how many cells each has; oldest
+        first, up to the last cell. For another model that goes live after the restart.
 
     """
 
@@ -51,6 +56,7 @@ class ThermalMemory:
     temperature_c: FloatArray
     filters: DriftState
     drift: Drift
+    history: tuple[tuple[FloatArray, int], ...]
 
 
 class Bridge(NamedTuple):
@@ -132,6 +138,8 @@ def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
 
     """
     if memory.temperature_c.shape != (model.thermometers,):
+        return False
+    if any(block.shape != (model.thermometers,) for block, _ in memory.history):
         return False
     form = drift.start(model, memory.temperature_c)
     return (

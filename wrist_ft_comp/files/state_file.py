@@ -137,6 +137,9 @@ def _document(state: SavedState) -> Document:
         'filters': {axis: filters.tolist() for axis, filters in memory.filters.items()},
         'zero': memory.drift.zero.tolist(),
         'sensitivity': memory.drift.sensitivity.tolist(),
+        'history': [
+            {'cells': count, 'temperature_c': block.tolist()} for block, count in memory.history
+        ],
     }
     return {
         'format': FORMAT,
@@ -165,6 +168,7 @@ def _state(document: Document) -> SavedState:
                 for axis, rows in thermal['filters'].items()
             },
             Drift(_array(thermal['zero']), _array(thermal['sensitivity'])),
+            tuple((_array(each['temperature_c']), each['cells']) for each in thermal['history']),
         ),
     )
 
