@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: setup demo test lint bench lock clean
+.PHONY: setup demo test lint bench reliability lock clean
 
 setup: $(READY)
 
@@ -27,6 +27,13 @@ bench: $(READY)
 	$(BIN)/python bench/accuracy.py
 	$(BIN)/python bench/identification.py
 	$(BIN)/python bench/stream.py
+
+# What docs/reliability.md is made from; half an hour.
+reliability: $(READY)
+	$(BIN)/python bench/pauses.py
+	$(BIN)/python bench/fuzz.py
+	$(BIN)/python bench/kills.py
+	$(BIN)/python bench/endurance.py
 
 # Solves for the newest versions that Python 3.10 can run; 3.11 to 3.13 run them, too.
 lock:

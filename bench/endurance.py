@@ -153,7 +153,7 @@ class Endurance:
                     self._send(message(time.time_ns(), self.sensor.raw()))
                 else:
                     self.counts['not sent: sensor dead'] += 1
-            if int(now) > last_fault and now < seconds - BACK_S:
+            if int(now) > last_fault and now < seconds - min(BACK_S, seconds / 4):
                 last_fault = int(now)
                 self._inject(str(self.rng.choice(FAULTS)), now)
             self._watch_for_return()
