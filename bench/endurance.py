@@ -67,7 +67,7 @@ class Endurance:
         self._sent: dict[bytes, int] = {}
         self._lock = threading.Lock()
         self._last_output = time.monotonic()
-        self._pending: tuple[str, float] | None = None
+        self._pending = ''
         self._until: dict[str, float] = {}
         self._extra: Any = None
         profile: Any = QoSProfile
@@ -111,8 +111,7 @@ class Endurance:
             scaled = np.abs(values) / LIMIT_N * [1, 1, 1, 10, 10, 10]
             if scaled.max() > 1:
                 self.counts['wrong: value'] += 1
-                fault = self._pending[0] if self._pending else 'none'
-                self.counts[f'  wrong value after {fault}'] += 1
+                self.counts[f'  wrong value after {self._pending}'] += 1
 
     def _send(self, data: bytes) -> None:
         """Send one wrench that has to come back."""
@@ -155,7 +154,7 @@ class Endurance:
                     self.counts['not sent: sensor dead'] += 1
             if int(now) > last_fault and now < seconds - min(BACK_S, seconds / 4):
                 last_fault = int(now)
-                self._inject(str(self.rng.choice(FAULTS)), now)
+                self._inject(self._choose(), now)
             self._watch_for_return()
             time.sleep(0.001)
         time.sleep(0.5)
@@ -181,17 +180,21 @@ class Endurance:
         """Measure how long the stream was away after a fault."""
         with self._lock:
             away = time.monotonic() - self._last_output
-            fault = self._pending[0] if self._pending else ''
-            if away > self.slowest_back.get(fault, 0.0):
-                self.slowest_back[fault] = away
+            self.slowest_back[self._pending] = max(self.slowest_back.get(self._pending, 0.0), away)
+
+    def _choose(self) -> str:
+        """Choose a fault; a node that is starting is not killed again."""
+        with self._lock:
+            away = time.monotonic() - self._last_output > AWAY_S
+            fault = str(self.rng.choice(FAULTS[1:] if away else FAULTS))
+            if not away:
+                self._pending = fault
+        return fault
 
     def _inject(self, fault: str, now: float) -> None:
         """Do one wrong thing."""
         from std_srvs.srv import SetBool, Trigger  # noqa: PLC0415 -- after the environment is set
 
-        with self._lock:
-            if time.monotonic() - self._last_output < AWAY_S:
-                self._pending = fault, now
         self.faults[fault] += 1
         services = {'calibration': 'calibrate', 'tare': 'tare', 'rollback': 'rollback'}
         if fault.startswith(('temperature', 'thermometer')):

@@ -68,3 +68,15 @@ def test_strays_that_differ_are_all_dropped() -> None:
         2 * SECOND,
     ]
     assert guard.strays == 3
+
+
+@pytest.mark.parametrize('leap', [5 * HOUR, -5 * HOUR])
+def test_a_first_sample_far_from_where_stamps_ended_is_kept_back(leap: int) -> None:
+    guard = LeapGuard(1)
+    guard.expect(9 * HOUR)
+    assert feed(guard, [9 * HOUR + leap, 9 * HOUR + SECOND]) == [9 * HOUR + SECOND]
+    assert guard.strays == 1
+    follows = LeapGuard(1)
+    follows.expect(9 * HOUR)
+    there = [9 * HOUR + leap, 9 * HOUR + leap + SECOND]
+    assert feed(follows, there) == there

@@ -58,7 +58,7 @@ def restarted(model: DriftModel, before: Compensator, at_least_s: float = 0.0) -
     return after
 
 
-@settings(deadline=None, max_examples=60, derandomize=True)
+@settings(deadline=None, max_examples=30, derandomize=True)
 @given(
     killed_s=st.floats(60, 900),
     gap_s=st.floats(0, 15),
@@ -263,3 +263,16 @@ def test_blocks_are_means_of_cells(model: DriftModel) -> None:
     cells = [warming(second) for second in range(150)]
     expected = [cells[0], np.mean(cells[1:61]), np.mean(cells[61:121]), np.mean(cells[121:])]
     np.testing.assert_allclose([block[0] for block, _ in memory.history], expected)
+
+
+@pytest.mark.parametrize('leap_s', [-18_000, 18_000])
+def test_a_stray_stamp_right_after_the_restart_does_not_cost_the_memory(
+    model: DriftModel, leap_s: int
+) -> None:
+    killed = Compensator(1, SETTINGS, model)
+    feed(killed, 0, 700)
+    again = restarted(model, killed)
+    again.add_temperature(0, START + (705 + leap_s) * SECOND, 25.0)
+    feed(again, 706, 710)
+    assert not again.forgot
+    assert again.drift.zero[2] == pytest.approx(killed.drift.zero[2], rel=0.02)

@@ -15,11 +15,11 @@ from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.files.state_file import load_state
 
-NAMES = st.sampled_from(
-    'format version tare thermal filters axes force_z model features dynamics latents a b end_ns '
-    'history cells period_ns thermometers range_c input_mean rotations saved_ns model_sha256 '
-    'provenance warnings given'.split()
-)
+NAMES = st.sampled_from([
+    'format', 'version', 'tare', 'thermal', 'filters', 'axes', 'force_z', 'model', 'features', 'a',
+    'dynamics', 'latents', 'b', 'end_ns', 'history', 'cells', 'period_ns', 'thermometers', 'given',
+    'range_c', 'input_mean', 'rotations', 'saved_ns', 'model_sha256', 'provenance', 'warnings',
+])  # fmt: skip
 PLAIN = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
 LEAVES = PLAIN | st.binary(max_size=3)
 

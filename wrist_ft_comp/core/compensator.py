@@ -248,6 +248,7 @@ class Compensator:
         if self.model is None:
             return
         self._awaited = memory, at_least_s
+        self.guard.expect(memory.end_ns)
         for temperature_c, count in memory.history:
             self._history.extend([temperature_c] * count)
             self._blocks.add(temperature_c, count)

@@ -38,6 +38,18 @@ class LeapGuard:
         self._step = [0] * thermometers
         self._kept: list[Sample | None] = [None] * thermometers
 
+    def expect(self, stamp_ns: int) -> None:
+        """
+        Say where the stamps are to go on, before the first sample.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Where another stream ended, ns; a first sample far from it is kept back, too.
+
+        """
+        self._last = [stamp_ns] * len(self._last)
+
     def admit(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[Sample]:
         """
         Take one sample.

@@ -152,7 +152,8 @@ def _silence(node: 'CompensatorNode', ages: list[float | None]) -> str:
     limit = node.compensator.settings.temperature_timeout_s
     never = [str(j) for j, age in enumerate(ages, start=1) if age is None]
     if never:
-        return f'thermometer {", ".join(never)} has not reported; drift waits for it'
+        held = 'is held' if node.compensator.compensating else 'waits for it'
+        return f'thermometer {", ".join(never)} has not reported; drift {held}'
     silent = [str(j) for j, age in enumerate(ages, start=1) if age is not None and age > limit]
     if silent:
         return f'thermometer {", ".join(silent)} silent for more than {limit:g} s; drift is held'
