@@ -12,8 +12,8 @@ class Period(NamedTuple):
 
     Attributes
     ----------
-    in_hz, out_hz : float
-        Usable wrenches that came, and wrenches that went, per second.
+    in_hz, out_hz, warm_hz : float
+        Usable wrenches that came, wrenches that went, and finite temperatures, per second.
     unusable : int
         Wrenches that were dropped.
     temperatures : int
@@ -27,6 +27,7 @@ class Period(NamedTuple):
 
     in_hz: float
     out_hz: float
+    warm_hz: float
     unusable: int
     temperatures: int
     rejected: int
@@ -81,7 +82,8 @@ class Counts:
             time.monotonic(), self.wrenches, self.published, unusable, self.temperatures, rejected,
             self.bad_temperatures,
         )  # fmt: skip
-        elapsed, came, went, *rest = (a - b for a, b in zip(now, self._before, strict=True))
-        self._before = now
+        before, self._before = self._before, now
+        elapsed, came, went, *rest = (a - b for a, b in zip(now, before, strict=True))
         elapsed = max(elapsed, 1e-9)
-        return Period(came / elapsed, went / elapsed, *map(int, rest))
+        warm = now[4] - before[4]
+        return Period(came / elapsed, went / elapsed, warm / elapsed, *map(int, rest))

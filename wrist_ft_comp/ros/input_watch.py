@@ -41,8 +41,11 @@ class InputWatch:
         self.last_frames = ('', '')
         #: Per topic, the policy on which some other side and this node do not agree.
         self.incompatible: dict[str, str] = {}
+        #: When a new wrench was seen last, s of the steady clock.
+        self.last_seen: float | None = None
         self._node = node
         self._frame = ''
+        self._received = 0
         #: Count of each kind of event, and when it last changed, s of the steady clock.
         self._events: dict[str, tuple[int, float]] = {}
 
@@ -83,8 +86,11 @@ class InputWatch:
 
     def _look(self, at_ns: int, raw: Sequence[float]) -> None:
         """Look at a wrench, and at its frame."""
+        received = self._node.counts.wrenches
+        if received != self._received:
+            self._received, self.last_seen = received, time.monotonic()
         stamp_ns = at_ns if self._node.stamped else 0
-        self.sensor.look(self._node.counts.wrenches, stamp_ns, raw)
+        self.sensor.look(received, stamp_ns, raw)
         frame = self._node.frame_id
         if frame != self._frame:
             if self._frame:

@@ -37,6 +37,8 @@ def input_concern(node: 'CompensatorNode', period: Period) -> Concern:
     publishers = node.count_publishers(topic)
     numbers = {
         'rate_hz': f'{period.in_hz:.1f}',
+        'age_s': _age(watch.last_seen),
+        'frame': node.frame_id,
         'received': str(counts.wrenches),
         'dropped_malformed': str(counts.malformed),
         'dropped_not_finite': str(counts.not_finite),
@@ -110,6 +112,7 @@ def temperature_concern(node: 'CompensatorNode', period: Period) -> Concern:
     ages = [None if last is None else now - last for last in counts.last_temperature]
     numbers = {
         'state': node.keeping.outcome,
+        'rate_hz': f'{period.warm_hz:.1f}',
         'rejected': str(compensator.grid.rejected),
         'stray_stamps': str(compensator.guard.strays),
         'stamps_leapt': str(compensator.guard.leaps),
@@ -117,8 +120,8 @@ def temperature_concern(node: 'CompensatorNode', period: Period) -> Concern:
         'unusable': str(counts.bad_temperatures),
         'jumps': str(sum(node.watch.thermometers.jumps)),
     }
-    for j, age in enumerate(ages, start=1):
-        numbers[f'thermometer_{j}_age_s'] = 'never' if age is None else f'{age:.1f}'
+    for j, last in enumerate(counts.last_temperature, start=1):
+        numbers[f'thermometer_{j}_age_s'] = _age(last)
     if compensator.temperature_c is not None:
         for j, value in enumerate(compensator.temperature_c, start=1):
             numbers[f'thermometer_{j}_c'] = f'{value:.2f}'
@@ -133,6 +136,11 @@ def temperature_concern(node: 'CompensatorNode', period: Period) -> Concern:
     if trouble:
         return Concern('temperature', WARN, trouble, numbers)
     return Concern('temperature', OK, 'all thermometers report', numbers)
+
+
+def _age(last: float | None) -> str:
+    """Write how long ago something was, s."""
+    return 'never' if last is None else f'{time.monotonic() - last:.1f}'
 
 
 def _unusable(node: 'CompensatorNode', period: Period) -> str:
