@@ -229,6 +229,18 @@ class TestLimits:
         assert compensator.limits.too_large == ('force_y',)
         assert np.isfinite(compensator.correct(10 * SECOND, LOAD.tolist())).all()
 
+    @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+    def test_a_state_that_blew_up_is_limited_and_told(
+        self, model: DriftModel, value: float
+    ) -> None:
+        compensator = Compensator(1, StreamSettings(), model)
+        stream(compensator, (0, 10))
+        compensator._state = {axis: np.full((1, 1), value) for axis in model.axes}
+        with np.errstate(invalid='ignore'):
+            _, outputs = stream(compensator, (10, 20))
+        assert np.isfinite(outputs).all()
+        assert set(compensator.limits.too_large) == set(model.axes)
+
     def test_limits_of_torques_are_those_of_forces_times_a_lever(self) -> None:
         np.testing.assert_allclose(axis_limits(50.0), [50.0] * 3 + [50.0 * TORQUE_LEVER_M] * 3)
 

@@ -207,7 +207,10 @@ def test_a_memory_belongs_to_models_of_its_form_only(
     longer = replace(memory, filters={**memory.filters, 'force_z': np.zeros((1, 2))})
     fewer = replace(memory, filters={'force_z': memory.filters['force_z']})
     wide = replace(memory, history=((np.zeros(2), 60),))
-    for other in (two, longer, fewer, wide, replace(memory, period_ns=2 * SECOND)):
+    huge = {axis: np.full(each.shape, 1.7e308) for axis, each in memory.filters.items()}
+    absurd = replace(memory, filters=huge)
+    others = (two, longer, fewer, wide, absurd, replace(memory, period_ns=2 * SECOND))
+    for other in others:
         assert not belongs_to(model, other)
     assert not belongs_to(make_model({'force_z': (1.0, 0.0, 1.0)}), memory)
 

@@ -71,11 +71,15 @@ class Limits:
         Returns
         -------
         Drift
-            The nearest that is allowed.
+            The nearest that is allowed; 0 for what is not a number, as a model of absurd numbers
+            can make it.
 
         """
         result = Drift(
-            *(np.clip(part, -size, size) for part, size in zip(target, self._sizes, strict=True))
+            *(
+                np.clip(np.where(np.isnan(part), 0.0, part), -size, size)
+                for part, size in zip(target, self._sizes, strict=True)
+            )
         )
         self.too_large = _differing(target, result)
         return result

@@ -134,7 +134,7 @@ def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
     Returns
     -------
     bool
-        Whether period, thermometers, axes and orders are the same.
+        Whether period, thermometers, axes and orders are the same, and the model can go on.
 
     """
     if memory.temperature_c.shape != (model.thermometers,):
@@ -142,11 +142,15 @@ def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
     if any(block.shape != (model.thermometers,) for block, _ in memory.history):
         return False
     form = drift.start(model, memory.temperature_c)
-    return (
-        memory.period_ns == model.period_ns
-        and memory.filters.keys() == form.keys()
-        and all(memory.filters[axis].shape == form[axis].shape for axis in form)
-    )
+    if (
+        memory.period_ns != model.period_ns
+        or memory.filters.keys() != form.keys()
+        or any(memory.filters[axis].shape != form[axis].shape for axis in form)
+    ):
+        return False
+    with np.errstate(all='ignore'):
+        _, target = drift.step(model, memory.filters, memory.temperature_c)
+    return bool(np.isfinite(target).all())
 
 
 def bridge(
