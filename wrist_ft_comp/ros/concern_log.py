@@ -6,6 +6,8 @@ from typing import Any
 
 from wrist_ft_comp.ros.diagnostics import ERROR, OK, STALE, Concern
 
+#: Reports for which a driver may take its time to start.
+_PATIENCE = 5
 #: What these say is not logged elsewhere.
 _LOGGED = ('input', 'temperature', 'output')
 
@@ -24,6 +26,7 @@ class ConcernLog:
     def __init__(self, console: Any) -> None:
         self._console = console
         self._before: dict[str, tuple[bytes, str]] = {}
+        self._reports = 0
 
     def tell(self, concerns: Sequence[Concern]) -> None:
         """
@@ -35,6 +38,7 @@ class ConcernLog:
             The present report.
 
         """
+        self._reports += 1
         for concern in concerns:
             if concern.name in _LOGGED:
                 self._tell_one(concern)
@@ -43,10 +47,11 @@ class ConcernLog:
         """Log one concern, unless it says what it said before, numbers aside."""
         now = concern.level, re.sub(r'[\d.]+', '#', concern.sentence)
         before = self._before.get(concern.name)
+        if before is None and concern.level == STALE and self._reports <= _PATIENCE:
+            return
         self._before[concern.name] = now
-        first_silence = before is None and concern.level == STALE
         well = concern.level == OK and (before is None or before[0] == OK)
-        if now == before or first_silence or well:
+        if now == before or well:
             return
         line = f'{concern.name}: {concern.sentence}'
         # One call site each: rclpy insists that a call site keeps its severity.
