@@ -5,7 +5,7 @@ READY := .venv/.ready
 
 PYTHON312 ?= python3.12
 
-.PHONY: setup demo test test-noble colcon lint docs bench lock clean
+.PHONY: setup demo test test-noble colcon lint docs bench reliability lock clean
 
 setup: $(READY)
 
@@ -52,8 +52,15 @@ bench: $(READY)
 	$(BIN)/python bench/practice.py
 	$(BIN)/python bench/identification.py
 	$(BIN)/python bench/stream.py
-	$(BIN)/python bench/endurance.py
+	$(BIN)/python bench/memory.py
 	$(BIN)/python bench/rewriting.py
+
+# What docs/reliability.md is made from; half an hour.
+reliability: $(READY)
+	$(BIN)/python bench/pauses.py
+	$(BIN)/python bench/fuzz.py
+	$(BIN)/python bench/kills.py
+	$(BIN)/python bench/endurance.py
 
 # Solves for the newest versions that Python 3.10 can run; 3.11 to 3.13 run them, too.
 lock:

@@ -35,6 +35,10 @@ class ModelFileError(WristFtCompError):
     """A model file cannot be read, is of another version, or breaks the schema."""
 
 
+class StateFileError(WristFtCompError):
+    """A saved state cannot be read or written, is of another version, or breaks the schema."""
+
+
 class SettingsError(WristFtCompError):
     """A setting is outside its range or contradicts another."""
 

@@ -1,6 +1,7 @@
 from dataclasses import fields, is_dataclass
 import hashlib
 import json
+import os
 from pathlib import Path
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from wrist_ft_comp.files.calibration_job import (
     encode_job,
     hash_recording,
     run_job,
+    UNTIL_CLOSED,
 )
 from wrist_ft_comp.files.model_file import load_model
 
@@ -209,3 +211,35 @@ def test_the_process_gives_a_refusal_as_json(tmp_path):
     outcome = json.loads(done.stdout)
     assert not outcome['success']
     assert 'gone.csv does not exist' in outcome['message']
+
+
+def test_the_process_ends_when_nobody_waits_for_it_any_more(tmp_path):
+    """A node that is killed can't say so; its end of the pipe is closed by the system."""
+    endless = tmp_path / 'endless.csv'
+    os.mkfifo(endless)
+    job = CalibrationJob(recordings=(endless,), output=tmp_path / 'model.yaml')
+    command = [sys.executable, '-m', 'wrist_ft_comp.files.calibration_job', UNTIL_CLOSED]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        process.stdin.write(encode_job(job).encode() + b'\n')
+        process.stdin.flush()
+        # Opening the other end waits until the process reads, in the middle of its work.
+        with endless.open('wb'):
+            process.stdin.close()
+            assert process.wait(60) == 1
+    assert list(tmp_path.iterdir()) == [endless]
+
+
+def test_the_process_gives_its_result_while_somebody_waits(tmp_path):
+    job = CalibrationJob(recordings=(tmp_path / 'none.csv',), output=tmp_path / 'model.yaml')
+    command = [sys.executable, '-m', 'wrist_ft_comp.files.calibration_job', UNTIL_CLOSED]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        process.stdin.write(encode_job(job).encode() + b'\n')
+        process.stdin.flush()
+        outcome = json.loads(process.stdout.read())
+        errors = process.stderr.read()
+        assert process.wait(60) == 0
+    assert not outcome['success']
+    assert 'none.csv' in outcome['message']
+    assert errors == b''

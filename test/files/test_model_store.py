@@ -1,5 +1,8 @@
 import json
+import os
 from pathlib import Path
+import subprocess
+import sys
 
 import pytest
 
@@ -130,4 +133,49 @@ def test_a_node_without_a_folder_gets_one_below_ros_home(monkeypatch, home, base
 def test_the_list_is_readable_by_people(store):
     store.activate([None, store.directory / 'models/a.yaml'])
     text = (store.directory / 'active.json').read_text()
-    assert json.loads(text) == [None, 'models/a.yaml']
+    assert json.loads(text) == {'history': [None, 'models/a.yaml'], 'given': ''}
+    assert len(text.splitlines()) > 3
+
+
+def test_what_the_operator_gave_is_kept_until_another_is_given(store):
+    assert store.given() == ''
+    store.activate([None], given='abc')
+    store.activate([store.directory / 'models/a.yaml'])
+    assert store.given() == 'abc'
+    assert store.history() == [store.directory / 'models/a.yaml']
+
+
+def test_a_bare_list_is_read(store):
+    store.directory.mkdir()
+    (store.directory / 'active.json').write_text('[null, "models/a.yaml"]')
+    assert store.history() == [None, store.directory / 'models/a.yaml']
+    assert store.given() == ''
+
+
+def test_a_huge_list_is_refused(store):
+    store.directory.mkdir()
+    (store.directory / 'active.json').write_text('[' + '"a",' * 10**6 + '"a"]')
+    with pytest.raises(ModelFileError, match='cannot be read'):
+        store.history()
+
+
+def test_leftovers_of_killed_processes_are_swept(store):
+    """A process that is killed while it writes can't remove its temporary file."""
+    store.activate([None])
+    source = (
+        'import os, signal, sys; from pathlib import Path\n'
+        'from wrist_ft_comp.files.atomic import replaced_on_success\n'
+        'with replaced_on_success(Path(sys.argv[1])) as neighbour:\n'
+        '    neighbour.write_text("half")\n'
+        '    os.kill(os.getpid(), signal.SIGKILL)\n'
+    )
+    path = store.directory / 'active.json'
+    before = path.read_text()
+    assert subprocess.run([sys.executable, '-c', source, str(path)], check=False).returncode == -9
+    assert path.read_text() == before
+    (leftover,) = [each for each in store.directory.iterdir() if each != path]
+    assert store.sweep() == 0, 'it may be somebody else in the middle of writing'
+    os.utime(leftover, (0, 0))
+    (store.directory / '.kept.tmp').write_text('not ours')
+    assert store.sweep() == 1
+    assert sorted(each.name for each in store.directory.iterdir()) == ['.kept.tmp', 'active.json']

@@ -14,15 +14,14 @@ import numpy as np
 
 from wrist_ft_comp import SettingsError
 from wrist_ft_comp.core import drift
+from wrist_ft_comp.core.blocks import Blocks
 from wrist_ft_comp.core.drift import Drift, DriftModel, DriftState
+from wrist_ft_comp.core.leap_guard import LeapGuard
+from wrist_ft_comp.core.limits import Limits
 from wrist_ft_comp.core.ramp import Ramp
 from wrist_ft_comp.core.recording import AXES, FloatArray, NANOSECONDS
+from wrist_ft_comp.core.resumption import BLOCK_S, bridge, ThermalMemory
 from wrist_ft_comp.core.thermal_grid import CompletedCells, ThermalGrid
-
-#: Limits for torques are limits for forces times this lever arm, m.
-TORQUE_LEVER_M = 0.1
-#: Sensitivity drift beyond this is no sensor's; it is clamped.
-MAX_SENSITIVITY = 0.5
 
 
 @dataclass(frozen=True)
@@ -39,6 +38,9 @@ class StreamSettings:
     max_drift_n : float
         Largest zero drift that is ever subtracted from a force, N; from a torque, a tenth of the
         number in N m.
+    max_drift_rate_n_s : float
+        How fast the zero drift that is subtracted from a force may move, N/s; from a torque, a
+        tenth of the number in N m/s.
     history_s : float
         Temperatures kept for a model that goes live later, s.
 
@@ -47,27 +49,8 @@ class StreamSettings:
     thermal_period_s: float = 1.0
     temperature_timeout_s: float = 5.0
     max_drift_n: float = 200.0
+    max_drift_rate_n_s: float = 1.0
     history_s: float = 6 * 3600.0
-
-
-def axis_limits(force_limit: float) -> FloatArray:
-    """
-    Spread a limit for forces over the six axes.
-
-    Parameters
-    ----------
-    force_limit : float
-        N.
-
-    Returns
-    -------
-    ndarray, shape (6,)
-        N, and N m after multiplication by TORQUE_LEVER_M.
-
-    """
-    return np.array(
-        [force_limit * (1.0 if axis.startswith('force') else TORQUE_LEVER_M) for axis in AXES]
-    )
 
 
 class Compensator:
@@ -94,9 +77,17 @@ class Compensator:
         self.tare: FloatArray = np.zeros(len(AXES))
         self.temperature_c: FloatArray | None = None
         self.drift = Drift(np.zeros(len(AXES)), np.zeros(len(AXES)))
-        self.limited: tuple[str, ...] = ()
-        self._limits = axis_limits(settings.max_drift_n)
+        self.limits = Limits(settings.max_drift_n, settings.max_drift_rate_n_s)
+        self.guard = LeapGuard(thermometers)
+        #: How the drift came to be where it is, a sentence; changes when it starts or goes on.
+        self.origin = 'no temperatures yet'
         self._state: DriftState | None = None
+        #: Whether another stream's memory was of no use.
+        self.forgot = False
+        #: End of the last completed cell, ns.
+        self._end_ns = 0
+        #: What to go on from when the first cell is complete, and its age by another clock, s.
+        self._awaited: tuple[ThermalMemory, float] | None = None
         self._ramp = Ramp()
         self._last: tuple[int, Sequence[float]] | None = None
         #: Whether the first cell may move the output: not after a tare or a change of model.
@@ -117,11 +108,22 @@ class Compensator:
         """The thermal grid, for its counts."""
         return self._grid
 
+    @property
+    def newest(self) -> tuple[int, Sequence[float]] | None:
+        """The newest wrench's stamp, ns, and its raw values; None before the first."""
+        return self._last
+
     def _use_period(self, period_ns: int) -> None:
         """Start a grid of this period, without history."""
         self._grid = ThermalGrid(period_ns, self.thermometers, self.settings.temperature_timeout_s)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Start an empty history."""
+        period_ns = self._grid.period_ns
         cells = round(self.settings.history_s * NANOSECONDS / period_ns)
         self._history: deque[FloatArray] = deque(maxlen=max(cells, 1))
+        self._blocks = Blocks(max(round(BLOCK_S * NANOSECONDS / period_ns), 1), max(cells, 1))
 
     def add_temperature(
         self, thermometer: int, stamp_ns: int, temperature_c: float
@@ -144,44 +146,121 @@ class Compensator:
             Cells that this sample completed; the drift has moved when there are any.
 
         """
-        cells = self._grid.add(thermometer, stamp_ns, temperature_c)
+        samples = self.guard.admit(thermometer, stamp_ns, temperature_c)
+        cells = [completed for sample in samples for completed in self._grid.add(*sample)]
         for completed in cells:
             self._advance(completed)
         if cells and self._state is not None:
-            self._ramp.restart(stamp_ns, self._share(stamp_ns), self.drift)
+            share = self._share(stamp_ns)
+            period_s = self._grid.period_ns / NANOSECONDS
+            self.drift = self.limits.slowed(self.drift, self._ramp.drift_at(share), period_s)
+            self._ramp.restart(stamp_ns, share, self.drift)
             self._refresh_correction()
         return cells
 
     def _advance(self, cells: CompletedCells) -> None:
         """Move history, state and drift on by completed cells."""
+        resting = self._state is None
+        if self.model is not None and self._awaited is not None:
+            self._cross_gap(self.model, cells)
         self.temperature_c = cells.temperature_c
         count = min(cells.count, self._history.maxlen or cells.count)
         self._history.extend([cells.temperature_c] * count)
+        self._blocks.add(cells.temperature_c, count)
+        self._end_ns = (cells.first_cell + cells.count) * self._grid.period_ns
         if self.model is None:
             return
         if self._state is None or count < cells.count:
             # Nothing known before, or a gap longer than any memory: the robot has soaked.
-            first = self._state is None
+            if resting:
+                self.origin = 'the drift started at the steady state of the first temperatures'
             self._state = drift.start(self.model, cells.temperature_c)
+            count = 1
+        if count == 1:
             self._state, target = drift.step(self.model, self._state, cells.temperature_c)
-            self._set_drift(target)
-            if first:
-                self._settle(self._reading() if self._keep_output else None)
-        elif count == 1:
-            self._state, target = drift.step(self.model, self._state, cells.temperature_c)
-            self._set_drift(target)
         else:
             held = np.repeat(cells.temperature_c[np.newaxis], count, axis=0)
-            self._state, track = drift.run(self.model, self._state, held)
-            self._set_drift(Drift(track.zero[-1], track.sensitivity[-1]))
+            self._state, target = _run(self.model, self._state, held)
+        self.drift = self.limits.bounded(target)
+        if resting:
+            self._settle(self._reading() if self._keep_output else None)
 
-    def _set_drift(self, target: Drift) -> None:
-        """Keep the drift within its limits, and remember which axes were limited."""
-        zero = np.clip(target.zero, -self._limits, self._limits)
-        sensitivity = np.clip(target.sensitivity, -MAX_SENSITIVITY, MAX_SENSITIVITY)
-        beyond = (zero != target.zero) | (sensitivity != target.sensitivity)
-        self.limited = tuple(axis for axis, hit in zip(AXES, beyond, strict=True) if hit)
-        self.drift = Drift(zero, sensitivity)
+    def _cross_gap(self, model: DriftModel, cells: CompletedCells) -> None:
+        """Take the state over the gap behind a restart, or give it up."""
+        assert self._awaited is not None  # noqa: S101 -- the caller looked
+        memory, at_least_s = self._awaited
+        self._awaited = None
+        temperature_c, self.origin = bridge(
+            model, memory, cells.first_cell, cells.temperature_c, at_least_s
+        )
+        self.forgot = temperature_c is None
+        if temperature_c is None:
+            self._state = None
+            self._forget()
+            return
+        self._state = memory.filters
+        if len(temperature_c):
+            self._state, _ = drift.run(model, memory.filters, temperature_c)
+            self._history.extend(temperature_c)
+
+    @property
+    def crossing(self) -> bool:
+        """Whether a restarted stream still waits for the temperatures behind its gap."""
+        return self._awaited is not None
+
+    def memory(self) -> ThermalMemory | None:
+        """
+        Tell what a restarted stream needs to go on from here.
+
+        Returns
+        -------
+        ThermalMemory or None
+            None while there is nothing to go on from.
+
+        """
+        if self._awaited is not None:
+            return self._awaited[0]
+        if self._state is None or self.temperature_c is None:
+            return None
+        return ThermalMemory(
+            self._end_ns,
+            self._grid.period_ns,
+            self.temperature_c,
+            self._state,
+            self.drift,
+            tuple(self._blocks.all()),
+        )
+
+    def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
+        """
+        Go on from what another stream left; to be called before the first temperature.
+
+        Its drift is subtracted at once, as if the temperature had been held until now. The first
+        completed cell tells how long the gap was, and what the temperature did.
+
+        Parameters
+        ----------
+        memory : ThermalMemory
+            Of the same model (``belongs_to``).
+        at_least_s : float
+            How long the gap is by another clock, s; 0 when there is none.
+
+        """
+        if self.model is None:
+            return
+        self._awaited = memory, at_least_s
+        self.guard.expect(memory.end_ns)
+        for temperature_c, count in memory.history:
+            self._history.extend([temperature_c] * count)
+            self._blocks.add(temperature_c, count)
+        self._state, self.drift = memory.filters, memory.drift
+        cells = round(at_least_s * NANOSECONDS / memory.period_ns)
+        if cells > 0:
+            held = np.repeat(memory.temperature_c[np.newaxis], cells, axis=0)
+            self._state, self.drift = _run(self.model, memory.filters, held)
+        self.drift = self.limits.bounded(self.drift)
+        self.origin = 'the drift saved before the restart is held until a temperature comes'
+        self._settle(None)
 
     def _share(self, stamp_ns: int) -> float:
         """Share of the ramp that is done at a stamp, 0 to 1."""
@@ -248,13 +327,14 @@ class Compensator:
         reading = self._reading()
         if model is not None and model.period_ns != self._grid.period_ns:
             self._use_period(model.period_ns)
-        self.model, self._state = model, None
-        self._set_drift(Drift(np.zeros(len(AXES)), np.zeros(len(AXES))))
+        self.model, self._state, self._awaited = model, None, None
+        self.drift = self.limits.bounded(Drift(np.zeros(len(AXES)), np.zeros(len(AXES))))
         if model is not None and self._history:
             temperature_c = np.array(self._history)
             resting = drift.start(model, temperature_c[0])
-            self._state, track = drift.run(model, resting, temperature_c)
-            self._set_drift(Drift(track.zero[-1], track.sensitivity[-1]))
+            self._state, target = _run(model, resting, temperature_c)
+            self.drift = self.limits.bounded(target)
+            self.origin = f'the drift was found from {len(temperature_c)} thermal cells before'
         self._keep_output = reading is not None
         self._settle(reading)
 
@@ -300,5 +380,25 @@ class Compensator:
 
     def reset_tare(self) -> None:
         """Forget the tare."""
-        self.tare = np.zeros(len(AXES))
+        self.restore_tare(np.zeros(len(AXES)))
+
+    def restore_tare(self, tare: FloatArray) -> None:
+        """
+        Subtract a tare that was taken with the same model before.
+
+        Parameters
+        ----------
+        tare : ndarray, shape (6,)
+            As set_tare returned it, N and N m.
+
+        """
+        self.tare = tare
         self._refresh_correction()
+
+
+def _run(
+    model: DriftModel, state: DriftState, temperature_c: FloatArray
+) -> tuple[DriftState, Drift]:
+    """Run over cells, shape (N, J); return the state and the drift after the last one."""
+    after, track = drift.run(model, state, temperature_c)
+    return after, Drift(track.zero[-1], track.sensitivity[-1])

@@ -48,6 +48,24 @@ class Ramp:
             np.array(self.gain) + share * np.array(self.gain_step),
         )
 
+    def drift_at(self, share: float) -> Drift:
+        """
+        Compute where it stands, as a drift.
+
+        Parameters
+        ----------
+        share : float
+            Share of the ramp that is done, 0 to 1.
+
+        Returns
+        -------
+        Drift
+            Arrays of shape (6,).
+
+        """
+        zero, gain = self.at(share)
+        return Drift(zero, gain - 1.0)
+
     def restart(self, start_ns: int, share: float, target: Drift) -> None:
         """
         Go to a new target from where the ramp stands.

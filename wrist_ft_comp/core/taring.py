@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wrist_ft_comp import TareRefusedError
-from wrist_ft_comp.core.compensator import axis_limits
+from wrist_ft_comp.core.limits import axis_limits
 from wrist_ft_comp.core.recording import AXES, axis_unit, FloatArray, NANOSECONDS
 
 #: The mean is compared over this many parts of the time: noise averages out, motion does not.

@@ -5,6 +5,12 @@ from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
 import tempfile
+import time
+
+#: What a temporary neighbour's name ends with.
+_SUFFIX = '.wrist_ft_comp.tmp'
+#: One that is older than this is nobody's any more, s.
+_ABANDONED_S = 60.0
 
 
 @contextmanager
@@ -23,7 +29,7 @@ def replaced_on_success(target: Path) -> Iterator[Path]:
         The neighbour: write it, and close it. It is removed when the block raises.
 
     """
-    handle, name = tempfile.mkstemp(prefix=f'.{target.name}.', dir=target.parent)
+    handle, name = tempfile.mkstemp(_SUFFIX, f'.{target.name}.', target.parent)
     os.fchmod(handle, _mode(target))
     os.close(handle)
     neighbour = Path(name)
@@ -36,6 +42,30 @@ def replaced_on_success(target: Path) -> Iterator[Path]:
         with suppress(FileNotFoundError):
             neighbour.unlink()
         raise
+
+
+def remove_leftovers(folder: Path) -> int:
+    """
+    Remove temporary neighbours that a killed process left behind.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to look; it need not exist.
+
+    Returns
+    -------
+    int
+        How many were removed.
+
+    """
+    removed = 0
+    for path in folder.glob(f'.*{_SUFFIX}'):
+        with suppress(OSError):
+            if time.time() - path.stat().st_mtime > _ABANDONED_S:
+                path.unlink()
+                removed += 1
+    return removed
 
 
 def _mode(target: Path) -> int:

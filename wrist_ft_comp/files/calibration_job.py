@@ -4,10 +4,12 @@ The calibration job: read recordings, fit, save the model. One function, and a p
 The command line calls ``run_job``. The node starts this module as a program instead
 (``python -m wrist_ft_comp.files.calibration_job``), because a fit in its own process neither stops
 the stream nor fights it for the interpreter: the job comes as one JSON object on standard input,
-the outcome goes as one to standard output.
+the outcome goes as one to standard output. With ``--until-closed`` the job is a line, and standard
+input stays open for as long as somebody waits for the outcome: where it is closed, as it is when
+the node is killed, the process ends.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
 import hashlib
@@ -15,6 +17,7 @@ import json
 import os
 from pathlib import Path
 import sys
+import threading
 from typing import Any
 
 import numpy as np
@@ -30,6 +33,8 @@ from wrist_ft_comp.files.recordings import read_recording
 
 __all__ = ['CalibrationJob', 'JobOutcome', 'decode_job', 'encode_job', 'hash_recording', 'run_job']
 
+#: Argument of the program: end when standard input is closed.
+UNTIL_CLOSED = '--until-closed'
 _HASH_CHUNK = 1 << 20
 
 
@@ -146,26 +151,54 @@ def hash_recording(path: Path) -> str:
     return digest.hexdigest()
 
 
-def main() -> int:
-    """Run one job from standard input, at low priority, and write its outcome."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """
+    Run one job from standard input, at low priority, and write its outcome.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Command line without the program; sys.argv's by default.
+
+    Returns
+    -------
+    int
+        Exit code 0; a refusal is an outcome.
+
+    """
     os.nice(10)
-    job = decode_job(sys.stdin.read())
+    if UNTIL_CLOSED in (sys.argv[1:] if arguments is None else arguments):
+        text = sys.stdin.readline()
+        threading.Thread(target=_end_when_closed, daemon=True).start()
+    else:
+        text = sys.stdin.read()
+    json.dump(_answer(decode_job(text)), sys.stdout)
+    return 0
+
+
+def _end_when_closed() -> None:
+    """End the process when nobody waits for it any more."""
+    # Not by sys.stdin: its lock would still be held when the interpreter ends.
+    while os.read(sys.stdin.fileno(), 1024):
+        pass
+    os._exit(1)
+
+
+def _answer(job: CalibrationJob) -> dict[str, Any]:
+    """Run a job and put its outcome into plain values."""
     try:
         found = run_job(job)
     except WristFtCompError as error:
-        answer: dict[str, Any] = {'success': False, 'message': str(error)}
-    else:
-        notes = ''.join(f'\nwarning: {sentence}' for sentence in found.left_out)
-        answer = {
-            'success': True,
-            'message': f'{summarise(found.calibration)}{notes}\nsaved as {found.stored.path}'
-            f'{_report(job, found)}',
-            'path': str(found.stored.path),
-            'sha256': found.stored.sha256,
-            'document': found.stored.document,
-        }
-    json.dump(answer, sys.stdout)
-    return 0
+        return {'success': False, 'message': str(error)}
+    notes = ''.join(f'\nwarning: {sentence}' for sentence in found.left_out)
+    return {
+        'success': True,
+        'message': f'{summarise(found.calibration)}{notes}\nsaved as {found.stored.path}'
+        f'{_report(job, found)}',
+        'path': str(found.stored.path),
+        'sha256': found.stored.sha256,
+        'document': found.stored.document,
+    }
 
 
 def _report(job: CalibrationJob, found: JobOutcome) -> str:

@@ -8,14 +8,11 @@ time constants) and where it came from. Numbers are written so that they read ba
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from functools import cache
 import hashlib
-from importlib import resources
 from pathlib import Path
 import platform
-from typing import Any, cast
+from typing import Any
 
-import jsonschema
 import numpy as np
 import scipy
 import yaml
@@ -25,12 +22,23 @@ from wrist_ft_comp import ModelFileError, SettingsError
 from wrist_ft_comp.core.calibration import Calibration
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.files.atomic import replaced_on_success
+from wrist_ft_comp.files.documents import check, Kind, read_bounded
 from wrist_ft_comp.files.model_document import axis_document, build_model, Document
 
 FORMAT = 'wrist_ft_comp drift model'
 VERSION = 1
 #: A model of six axes with hats and banks takes some tens of kilobytes.
 MAX_BYTES = 4_000_000
+_KIND = Kind(
+    name='model file',
+    format=FORMAT,
+    version=VERSION,
+    schema='model.schema.json',
+    max_bytes=MAX_BYTES,
+    error=ModelFileError,
+    made_by='Make one with wrist_ft_comp calibrate.',
+    renewed_by='Calibrate again',
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +171,7 @@ def load_model(path: Path) -> StoredModel:
         When it is missing, not YAML, of another version, or breaks the schema.
 
     """
-    content = _read_bounded(path)
+    content = read_bounded(_KIND, path)
     try:
         document = yaml.load(content, Loader=_Loader)  # noqa: S506 -- _Loader is a SafeLoader
     except (yaml.YAMLError, ValueError, LookupError, AttributeError, RecursionError) as error:
@@ -173,7 +181,7 @@ def load_model(path: Path) -> StoredModel:
             f'{path} is not a model file: expected YAML, but {reason}. '
             'Make one with wrist_ft_comp calibrate.'
         ) from error
-    _check_document(path, document)
+    check(_KIND, path, document)
     return restore_model(path, hashlib.sha256(content).hexdigest(), document)
 
 
@@ -205,51 +213,3 @@ def restore_model(path: Path, sha256: str, document: Document) -> StoredModel:
         return StoredModel(path, sha256, build_model(document), document)
     except (ModelFileError, SettingsError) as error:
         raise ModelFileError(f'{path}: {error}') from error
-
-
-def _read_bounded(path: Path) -> bytes:
-    """Read a file that must not be larger than any model is."""
-    try:
-        with path.open('rb') as file:
-            content = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise ModelFileError(
-            f'{path} cannot be read: {error.strerror}. '
-            'Give the path of a file that wrist_ft_comp calibrate made.'
-        ) from error
-    if len(content) > MAX_BYTES:
-        raise ModelFileError(
-            f'{path} is larger than {MAX_BYTES} bytes, which no model file is. Give the path of a '
-            'file that wrist_ft_comp calibrate made.'
-        )
-    return content
-
-
-@cache
-def _schema() -> Document:
-    """Load the schema of this version, which lies beside this module."""
-    text = resources.files(__package__).joinpath('model.schema.json').read_text('utf-8')
-    return cast('Document', yaml.safe_load(text))
-
-
-def _check_document(path: Path, document: Any) -> None:
-    """Refuse other formats, other versions, and whatever breaks the schema."""
-    if not isinstance(document, dict) or document.get('format') != FORMAT:
-        raise ModelFileError(
-            f'{path} is not a model file: expected "format: {FORMAT}" in it. '
-            'Make one with wrist_ft_comp calibrate.'
-        )
-    if document.get('version') != VERSION:
-        raise ModelFileError(
-            f'{path} is of version {document.get("version")!r}; this package reads version '
-            f'{VERSION}. Calibrate again, or install the package that wrote it.'
-        )
-    errors = list(jsonschema.Draft202012Validator(_schema()).iter_errors(document))
-    if errors:
-        first = jsonschema.exceptions.best_match(errors)
-        where = '/'.join(str(part) for part in first.absolute_path) or 'the top level'
-        message = first.message if len(first.message) < 200 else f'{first.message[:200]} …'
-        raise ModelFileError(
-            f'{path} breaks the schema at {where}: {message}. Restore the file, or calibrate '
-            'again.'
-        )

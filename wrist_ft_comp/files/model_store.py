@@ -3,21 +3,26 @@ Where a node keeps what it made: models, own recordings, and which model is acti
 
     <directory>/models/*.yaml        every calibration's result
     <directory>/recordings/*.csv     the node's own recordings
-    <directory>/active.json          the active model, and the ones before it, newest last
+    <directory>/active.json          the active model, the ones before it, newest last, and
+                                     which model the operator gave at the last start
+    <directory>/state.json           thermal state and tare, for a restart (state_file.py)
 """
 
 from datetime import datetime, timezone
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 from wrist_ft_comp import ModelFileError
-from wrist_ft_comp.files.atomic import replaced_on_success
+from wrist_ft_comp.files.atomic import remove_leftovers, replaced_on_success
 
 #: How many steps back ``previous`` can go.
 MAX_HISTORY = 20
 #: How many of the node's own recordings a calibration uses.
 MAX_RECORDINGS = 10
+#: A list of MAX_HISTORY paths is shorter.
+_MAX_LIST_CHARACTERS = 200_000
 
 
 class ModelStore:
@@ -94,24 +99,47 @@ class ModelStore:
             When the list cannot be read.
 
         """
+        entries = self._read()['history']
+        return [None if entry is None else self.directory / entry for entry in entries]
+
+    def given(self) -> str:
+        """
+        Tell which model the operator gave when the node last started.
+
+        Returns
+        -------
+        str
+            Its SHA-256; empty when none was given, or this cannot be read.
+
+        """
+        try:
+            return str(self._read()['given'])
+        except ModelFileError:
+            return ''
+
+    def _read(self) -> dict[str, Any]:
+        """Read the list; a bare one was written before there was a ``given``."""
         path = self.directory / 'active.json'
         try:
-            entries = json.loads(path.read_text(encoding='utf-8'))
+            with path.open(encoding='utf-8') as file:
+                content = json.loads(file.read(_MAX_LIST_CHARACTERS))
         except FileNotFoundError:
-            return []
+            return {'history': [], 'given': ''}
         except (OSError, ValueError, RecursionError) as error:
             raise ModelFileError(
                 f'{path} cannot be read ({error}). Remove it and set model_file.'
             ) from error
+        document = {'history': content} if isinstance(content, list) else content
+        entries = document.get('history') if isinstance(document, dict) else None
         if not isinstance(entries, list) or not all(
             entry is None or isinstance(entry, str) for entry in entries
         ):
             raise ModelFileError(
                 f'{path} must hold a list of model files. Remove it and set model_file.'
             )
-        return [None if entry is None else self.directory / entry for entry in entries]
+        return {'given': '', **document}
 
-    def activate(self, history: list[Path | None]) -> None:
+    def activate(self, history: list[Path | None], given: str | None = None) -> None:
         """
         Remember the active model and the ones before it.
 
@@ -119,6 +147,8 @@ class ModelStore:
         ----------
         history : list of Path or None
             Newest last; paths inside the folder are kept relative to it.
+        given : str, optional
+            SHA-256 of the model the operator gave; as it was when left out.
 
         Raises
         ------
@@ -128,15 +158,32 @@ class ModelStore:
         """
         path = self.directory / 'active.json'
         entries = [None if entry is None else self._written(entry) for entry in history]
+        document = {
+            'history': entries[-MAX_HISTORY:],
+            'given': self.given() if given is None else given,
+        }
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with replaced_on_success(path) as neighbour:
-                neighbour.write_text(json.dumps(entries[-MAX_HISTORY:], indent=1), 'utf-8')
+                neighbour.write_text(json.dumps(document, indent=1), 'utf-8')
         except OSError as error:
             raise ModelFileError(
                 f'{path} cannot be written: {error.strerror}. Make room, or choose another '
                 'data_directory; the model is active until the node ends.'
             ) from error
+
+    def sweep(self) -> int:
+        """
+        Remove what killed processes left half-written.
+
+        Returns
+        -------
+        int
+            How many files.
+
+        """
+        folders = (self.directory, self.directory / 'models')
+        return sum(remove_leftovers(folder) for folder in folders)
 
     def _written(self, path: Path) -> str:
         """Spell a path so that the folder can be moved."""

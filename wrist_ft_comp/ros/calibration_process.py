@@ -9,10 +9,11 @@ import sys
 from typing import Any
 
 from wrist_ft_comp import ONE_THREAD
-from wrist_ft_comp.files.calibration_job import CalibrationJob, encode_job
+from wrist_ft_comp.files.calibration_job import CalibrationJob, encode_job, UNTIL_CLOSED
 
-#: What runs a job that comes on standard input.
-COMMAND = (sys.executable, '-m', 'wrist_ft_comp.files.calibration_job')
+#: What runs a job that comes on standard input, and ends when that is closed: also when this
+#: process is killed and cannot say so.
+COMMAND = (sys.executable, '-m', 'wrist_ft_comp.files.calibration_job', UNTIL_CLOSED)
 _END_TIMEOUT_S = 5.0
 
 
@@ -52,12 +53,11 @@ class CalibrationProcess:
         return self._process.stdin, self._process.stdout, self._process.stderr
 
     def _give(self, job: bytes) -> None:
-        """Write the job; a process that has died already says so in poll."""
+        """Write the job as a line; a process that has died already says so in poll."""
         entrance = self._pipes()[0]
         with suppress(BrokenPipeError):
-            entrance.write(job)
-        with suppress(BrokenPipeError):
-            entrance.close()
+            entrance.write(job + b'\n')
+            entrance.flush()
 
     @property
     def pid(self) -> int:
@@ -107,7 +107,8 @@ class CalibrationProcess:
     def _close(self) -> None:
         """Close the pipes."""
         for pipe in self._pipes():
-            pipe.close()
+            with suppress(BrokenPipeError):  # what was buffered for a process that died
+                pipe.close()
 
 
 def _drain(pipe: int, parts: list[bytes]) -> None:

@@ -24,19 +24,24 @@ from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp import RecordingError, SettingsError
 from wrist_ft_comp.core.compensator import Compensator, StreamSettings
+from wrist_ft_comp.core.thermometer_watch import is_plausible
 from wrist_ft_comp.files.cdr import TEMPERATURE_DOUBLES, WRENCH_DOUBLES
 from wrist_ft_comp.files.model_store import default_directory, ModelStore
 from wrist_ft_comp.ros import qos, wire
 from wrist_ft_comp.ros.calibration_control import CalibrationControl
 from wrist_ft_comp.ros.compensator_parameters import NODE_NAME, PARAMETERS
+from wrist_ft_comp.ros.concern_log import ConcernLog
+from wrist_ft_comp.ros.counts import Counts
 from wrist_ft_comp.ros.deferred_service import DeferredService
 from wrist_ft_comp.ros.diagnostics import diagnostic_array
+from wrist_ft_comp.ros.input_watch import InputWatch
 from wrist_ft_comp.ros.live_model import LiveModel
 from wrist_ft_comp.ros.parameters import declare, values
 from wrist_ft_comp.ros.recording_control import RecordingControl
 from wrist_ft_comp.ros.running import run_nodes
 from wrist_ft_comp.ros.several_sensors import node_per_sensor
-from wrist_ft_comp.ros.status import concerns, Counts
+from wrist_ft_comp.ros.state_keeping import StateKeeping
+from wrist_ft_comp.ros.status import concerns
 from wrist_ft_comp.ros.tare_control import TareControl
 from wrist_ft_comp.ros.wrench_message import wrench_message
 
@@ -80,6 +85,7 @@ class CompensatorNode(Node):
             thermal_period_s=given['thermal_period'],
             temperature_timeout_s=given['temperature_timeout'],
             max_drift_n=given['max_drift'],
+            max_drift_rate_n_s=given['max_drift_rate'],
         )
         shared = given['data_directory']
         own = default_directory(self.get_fully_qualified_name())
@@ -89,7 +95,12 @@ class CompensatorNode(Node):
         self.compensator = Compensator(
             len(topics), settings, None if first is None else first.model
         )
+        self.keeping = StateKeeping(self, given['save_period'])
         self.counts = Counts(len(topics))
+        self.watch = InputWatch(self, len(topics))
+        #: Why the last request of any service was refused; empty before the first.
+        self.last_refusal = ''
+        self._concern_log = ConcernLog(self.console)
         self.recording = RecordingControl(self)
         self.tare = TareControl(self)
         self.calibration = CalibrationControl(self)
@@ -110,7 +121,11 @@ class CompensatorNode(Node):
         """Create publishers and subscriptions; QoS may be overridden by parameters."""
         override = QoSOverridingOptions.with_default_policies()
         self._output = self.create_publisher(
-            WrenchStamped, 'wrench', qos.own(qos.OUTPUT), qos_overriding_options=override
+            WrenchStamped,
+            'wrench',
+            qos.own(qos.OUTPUT),
+            qos_overriding_options=override,
+            event_callbacks=self.watch.publisher_events('wrench'),
         )
         self._drift = self.create_publisher(WrenchStamped, '~/drift', qos.OUTPUT)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', qos.OUTPUT)
@@ -121,6 +136,7 @@ class CompensatorNode(Node):
             qos.own(qos.FAST_SENSOR),
             raw=True,
             qos_overriding_options=override,
+            event_callbacks=self.watch.subscription_events('wrench_raw'),
         )
         self.temperature_subscriptions: list[Any] = [
             self.create_subscription(
@@ -130,6 +146,7 @@ class CompensatorNode(Node):
                 qos.own(qos.SLOW_SENSOR),
                 raw=True,
                 qos_overriding_options=override,
+                event_callbacks=self.watch.subscription_events(topic),
             )
             for thermometer, topic in enumerate(temperature_topics)
         ]
@@ -177,6 +194,11 @@ class CompensatorNode(Node):
         newest = self._newest
         return wire.frame_id(self._wrench_wire.layout(newest), newest) if newest else ''
 
+    @property
+    def stamped(self) -> bool:
+        """Whether the newest wrench came with a stamp."""
+        return any(self._newest[4:12])
+
     def on_reference(self, data: bytes) -> None:
         """Add one reference wrench, as serialized bytes, to the recording."""
         try:
@@ -196,14 +218,16 @@ class CompensatorNode(Node):
         except RecordingError:
             self.counts.bad_temperatures += 1
             return
-        if not math.isfinite(temperature_c):
+        if not is_plausible(temperature_c):
             self.counts.bad_temperatures += 1
+            self.watch.unusable(thermometer, temperature_c)
             return
         stamp_ns = stamp_ns or self._now_ns()
         self.counts.temperature(thermometer, stamp_ns)
         cells = self.compensator.add_temperature(thermometer, stamp_ns, temperature_c)
         if cells:
             self.recording.add_cells(cells)
+            self.watch.cells(cells)
             if self.compensator.compensating:
                 zero = self.compensator.drift.zero
                 self._drift.publish(wrench_message(stamp_ns, self.frame_id, zero))
@@ -224,17 +248,22 @@ class CompensatorNode(Node):
         """Look after what does not come by message."""
         self.calibration.poll()
         self.tare.poll()
+        self.keeping.poll()
+        self.watch.poll()
 
     def _diagnose(self) -> None:
         """Publish diagnostics."""
         stamp = self.get_clock().now().to_msg()
         name = self.get_fully_qualified_name().lstrip('/')
-        self._diagnostics.publish(diagnostic_array(stamp, name, self.frame_id, concerns(self)))
+        found = concerns(self)
+        self._concern_log.tell(found)
+        self._diagnostics.publish(diagnostic_array(stamp, name, self.frame_id, found))
 
     def destroy_node(self) -> None:
         """End what runs beside the node; an open recording is closed, and who waits is told."""
         waiting = [self.calibration.end(), self.tare.end()]
         self.recording.end()
+        self.keeping.end()
         if any(waiting):
             time.sleep(_FAREWELL_S)
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it

@@ -35,13 +35,24 @@ PARAMETERS = (
         'model_file',
         '',
         'Model to run, relative to data_directory or to the working directory; empty takes the '
-        'one that was live last. Set at run time, it must lie inside data_directory.',
+        'one that was live last. Given at start as at the start before, a calibration or rollback '
+        'since then goes on. Set at run time, it must lie inside data_directory.',
     ),
     Parameter(
         'data_directory',
         '',
         'Where models and own recordings are kept, by several sensors in a folder each; empty '
         'takes wrist_ft_comp/NODE below ROS_HOME (or ~/.ros).',
+        read_only=True,
+    ),
+    Parameter(
+        'save_period',
+        5.0,
+        'How often the thermal state is saved, so that a restart goes on from it; also when the '
+        'node ends, and when the tare or the model changes.',
+        unit='s',
+        minimum=0.1,
+        maximum=3600.0,
         read_only=True,
     ),
     Parameter(
@@ -68,6 +79,16 @@ PARAMETERS = (
         'Largest zero drift that is subtracted from a force; from a torque, a tenth of it in N m.',
         unit='N',
         minimum=0.0,
+        maximum=1e6,
+        read_only=True,
+    ),
+    Parameter(
+        'max_drift_rate',
+        _STREAM.max_drift_rate_n_s,
+        'How fast the zero drift that is subtracted from a force may move; from a torque, a tenth '
+        'of it in N m/s. A tare and its reset step at once; a change of model never steps.',
+        unit='N/s',
+        minimum=0.001,
         maximum=1e6,
         read_only=True,
     ),

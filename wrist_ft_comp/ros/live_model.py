@@ -33,18 +33,23 @@ class LiveModel:
         self.problem = ''
         self._node = node
         self._thermometers = thermometers
+        self._judged: StoredModel | None = None
         #: Newest last, the live one included; None stands for no compensation.
         self._history: list[Path | None] = []
 
     def first(self, model_file: str) -> StoredModel | None:
         """
-        Choose the model to start with: the one a parameter names, or the one that was live last.
+        Choose the model to start with: the newest decision counts.
+
+        A model_file that differs from the one of the last start, in name or in content, is a new
+        decision of the operator's. One that does not is as old as that start, so what a
+        calibration or a rollback made live since goes on.
 
         Parameters
         ----------
         model_file : str
-            The operator's choice; empty for the last one. An unusable choice ends the node; an
-            unusable last one is reported, and the node starts without a model.
+            The operator's choice; empty for the one that was live last. An unusable choice ends
+            the node; an unusable last one is reported.
 
         Returns
         -------
@@ -57,11 +62,11 @@ class LiveModel:
             When model_file cannot be used.
 
         """
-        if model_file:
-            self.stored = self._load(self._node.store.locate(model_file))
-            self._history = [self.stored.path]
-        else:
-            self._recall()
+        self._node.store.sweep()
+        chosen = self._load(self._node.store.locate(model_file)) if model_file else None
+        self._recall()
+        if chosen is not None:
+            self._choose(chosen)
         if self.stored is None:
             self._node.console.warning(
                 'no model: wrenches are not compensated. Record a warm-up (~/record), then call '
@@ -70,6 +75,23 @@ class LiveModel:
         else:
             self._announce(self.stored)
         return self.stored
+
+    def _choose(self, chosen: StoredModel) -> None:
+        """Decide between the operator's model and the one that was live last."""
+        last = self.stored
+        if chosen.sha256 == self._node.store.given() and self._history and not self.problem:
+            if last is None or last.sha256 != chosen.sha256:
+                now = 'no model' if last is None else last.path
+                self._node.console.warning(
+                    f'model_file is {chosen.path} as at the last start, and {now} was made live '
+                    'after that: the latter goes on. Call ~/rollback, or set model_file while '
+                    'running, to go back.'
+                )
+            return
+        self.stored = chosen
+        if not self._history or self._history[-1] != chosen.path:
+            self._history = [*self._history, chosen.path]
+        self._remember(self._history, chosen.sha256)
 
     def _recall(self) -> None:
         """Load the model that was live last; one that cannot be used leaves none live."""
@@ -107,11 +129,11 @@ class LiveModel:
         if stored is not None:
             self._announce(stored)
 
-    def _remember(self, history: list[Path | None]) -> str:
+    def _remember(self, history: list[Path | None], given: str | None = None) -> str:
         """Keep the history over a restart; return what went wrong, if anything did."""
         self._history, self.problem = history, ''
         try:
-            self._node.store.activate(history)
+            self._node.store.activate(history, given)
         except WristFtCompError as error:
             self.problem = str(error)
             self._node.console.error(self.problem)
@@ -142,7 +164,7 @@ class LiveModel:
 
     def judge(self, parameters: Sequence[Any]) -> SetParametersResult:
         """
-        Judge, without side effects, files that parameters name at run time.
+        Judge, without changing what runs, files that parameters name at run time.
 
         Parameters
         ----------
@@ -159,6 +181,7 @@ class LiveModel:
             for parameter in parameters:
                 self._judge(parameter.name, parameter.value)
         except WristFtCompError as error:
+            self._node.last_refusal = f'set_parameters: {error}'
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
@@ -174,12 +197,15 @@ class LiveModel:
                     f'got {given}. Copy the file there, or give it at start-up.'
                 )
         if name == 'model_file' and value:
-            self._load(store.locate(value))
+            # Kept, because it goes live next, and reading it takes tens of milliseconds.
+            self._judged = self._load(store.locate(value))
 
     def use_file(self, given: str) -> None:
         """Make the model of a file live and remember it; it was judged before."""
         try:
-            stored = self._load(self._node.store.locate(given))
+            path, judged = self._node.store.locate(given), self._judged
+            stored = judged if judged and judged.path == path else self._load(path)
+            self._judged = None
             self._swap(stored)
         except WristFtCompError as error:
             self._node.console.error(str(error))
@@ -194,6 +220,7 @@ class LiveModel:
             response.message, response.success = self._roll_back(), True
         except WristFtCompError as error:
             response.message, response.success = str(error), False
+            self._node.last_refusal = f'~/rollback: {error}'
         return response
 
     def _roll_back(self) -> str:

@@ -41,6 +41,7 @@ class RecordingControl:
             response.success = True
         except WristFtCompError as error:
             response.success, response.message = False, str(error)
+            self._node.last_refusal = f'~/record: {error}'
         return response
 
     def _start(self) -> str:

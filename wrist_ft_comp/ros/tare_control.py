@@ -51,6 +51,7 @@ class TareControl:
     def on_reset(self, _request: Any, response: Any) -> Any:
         """Forget the tare."""
         self._node.compensator.reset_tare()
+        self._node.keeping.save()
         response.success, response.message = True, 'the tare is zero again'
         return response
 
@@ -73,6 +74,7 @@ class TareControl:
             self._answer(success=False, message=str(error))
             return
         tare = self._node.compensator.set_tare(mean, stamp_ns)
+        self._node.keeping.save()
         offsets = ', '.join(
             f'{axis} {value:.4g} {axis_unit(axis)}' for axis, value in zip(AXES, tare, strict=True)
         )
@@ -81,6 +83,9 @@ class TareControl:
 
     def _answer(self, *, success: bool, message: str) -> None:
         """Answer the asker."""
+        if not success:
+            self._node.last_refusal = f'~/tare: {message}'
+            self._node.console.warning(f'not tared: {message}')
         if self._reply is not None:
             self._reply(success=success, message=message)
 

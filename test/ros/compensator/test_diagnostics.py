@@ -53,7 +53,10 @@ def test_input_is_stale_or_well_or_unusable(rig):
     node = rig()
     status = node.diagnosis('input')
     assert status.level == STALE
-    assert status.message == 'no raw wrenches arrive; is the driver running?'
+    topic = node.topic('wrench_raw')
+    assert status.message == (
+        f'no raw wrenches arrive, though {topic} has a publisher; is the sensor running?'
+    )
     sent = iter(START + 1000 * np.arange(10_000))
     status = node.diagnosis(
         'input', lambda each: node.ask_output(int(next(sent)), LOAD) and each.level == OK
@@ -151,3 +154,31 @@ def test_recordings_and_refusals_are_told(rig):
     assert not answer.success
     status = node.diagnosis('calibration', lambda each: each.level == WARN)
     assert numbers(status)['last'] == answer.message
+
+
+def test_what_people_look_for_is_there(rig, make_model):
+    """Rates, ages, counts, drift and its error, model and hash, tare, the last refusal."""
+    model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)})
+    node = rig(parameters={'model_file': str(model.path), 'temperature_timeout': 3600})
+    for second in range(3):
+        node.warm(START + second * SECOND, 30.0)
+    node.ask_output(START + 3 * SECOND, LOAD)
+    assert not node.call('rollback').success
+    assert not node.set('model_file', '/etc/passwd').successful
+    node.node.compensator.restore_tare(np.array([0, 0, 3.0, 0, 0, 0]))
+    shown = numbers(node.diagnosis('input', lambda each: numbers(each)['age_s'] != 'never'))
+    assert float(shown['age_s']) < 60.0
+    assert shown['received'] == '1'
+    assert shown['frame'] == 'tool0'
+    shown = numbers(node.diagnosis('temperature'))
+    assert float(shown['thermometer_1_age_s']) < 60.0
+    assert float(shown['rate_hz']) >= 0.0
+    shown = numbers(node.diagnosis('model'))
+    assert (shown['sha256'], shown['file']) == (model.sha256, str(model.path))
+    assert shown['thermometer_1_calibrated_c'] == '-50.0 to 150.0'
+    shown = numbers(node.diagnosis('output'))
+    assert (shown['tare'], shown['force_z_tare']) == ('active', '3 N')
+    assert shown['force_z_drift'] == '20 N'
+    assert shown['force_z_drift_rms_held_out'] == '0.1 N'
+    shown = numbers(node.diagnosis('calibration'))
+    assert shown['last_refusal'].startswith('set_parameters: model_file set at run time must lie')

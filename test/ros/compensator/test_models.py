@@ -143,6 +143,55 @@ class TestRestart:
         assert rig().node.compensator.grid.period_ns == 10 * SECOND
 
 
+class TestNewestDecision:
+    """What is live after a restart when a model_file is given at start."""
+
+    def test_a_calibration_after_the_last_start_goes_on(self, rig, make_model, capfd):
+        given, later = make_model('given.yaml'), make_model('later.yaml', {'force_x': (1, 0, 0)})
+        parameters = {'model_file': str(given.path)}
+        first = rig(parameters=parameters)
+        assert live(first) == 'given.yaml'
+        first.node.model.take(later)
+        again = rig(parameters=parameters)
+        assert live(again) == 'later.yaml'
+        assert 'was made live after that: the latter goes on' in capfd.readouterr().err
+        assert again.call('rollback').success
+        assert live(again) == 'given.yaml'
+        assert live(rig(parameters=parameters)) == 'given.yaml'
+
+    def test_another_model_file_is_a_new_decision(self, rig, make_model):
+        for number, name in enumerate('abc', start=1):
+            make_model(f'{name}.yaml', {'force_x': (float(number), 0, 0)})
+        for name in 'abca':
+            node = rig(parameters={'model_file': f'models/{name}.yaml'})
+            assert live(node) == f'{name}.yaml'
+        assert node.call('rollback').success
+        assert live(node) == 'c.yaml'
+
+    def test_other_content_under_the_same_name_is_a_new_decision(self, rig, make_model):
+        given = make_model('given.yaml', {'force_x': (1.0, 0, 0)})
+        later = make_model('later.yaml', {'force_y': (1.0, 0, 0)})
+        parameters = {'model_file': str(given.path)}
+        rig(parameters=parameters).node.model.take(later)
+        changed = make_model('given.yaml', {'force_x': (2.0, 0, 0)})
+        node = rig(parameters=parameters)
+        assert live(node) == 'given.yaml'
+        assert node.node.model.stored.sha256 == changed.sha256
+
+    def test_the_model_file_stands_in_for_a_later_one_that_cannot_be_used(self, rig, make_model):
+        given, later = make_model('given.yaml'), make_model('later.yaml', {'force_x': (1, 0, 0)})
+        parameters = {'model_file': str(given.path)}
+        rig(parameters=parameters).node.model.take(later)
+        later.path.unlink()
+        assert live(rig(parameters=parameters)) == 'given.yaml'
+
+    def test_a_list_from_before_there_was_a_decision_is_read(self, rig, make_model):
+        given = make_model('given.yaml')
+        make_model('last.yaml', {'force_x': (1.0, 0, 0)})
+        remember(rig(), 'last.yaml')
+        assert live(rig(parameters={'model_file': str(given.path)})) == 'given.yaml'
+
+
 class TestModelFile:
     def test_at_start_is_live_and_need_not_lie_in_the_folder(self, rig, make_model, tmp_path):
         model = make_model(tmp_path / 'elsewhere.yaml')

@@ -14,6 +14,8 @@ OTHER = {
     'thermal_period': 7,
     'temperature_timeout': 0.5,
     'max_drift': 1.0,
+    'max_drift_rate': 2.0,
+    'save_period': 1.0,
     'temperature_topics': ['a'],
     'data_directory': '/tmp',  # noqa: S108 -- is to be refused
     'executor': 'events',

@@ -186,3 +186,25 @@ def test_the_executor_is_the_one_that_was_chosen(bench, executable, tmp_path, ch
     )
     bench.wait_for_node(name)
     assert f'runs on {kind}\n' in ends_well(process, signal.SIGINT)
+
+
+def test_a_killed_node_leaves_no_calibration_behind(bench, start, tmp_path):
+    """A pipe without a writer takes the place of a long fit."""
+    recording = tmp_path / 'data/endless.csv'
+    recording.parent.mkdir()
+    os.mkfifo(recording)
+    process = start('killed', '-p', f'calibration.recordings:=[{recording}]')
+    client = bench.helper.create_client(Trigger, '/killed/killed/calibrate')
+    assert client.wait_for_service(timeout_sec=TIMEOUT_S)
+    client.call_async(Trigger.Request())
+    with recording.open('wb'):
+        code, _ = process.end(signal.SIGKILL)
+        assert code == -signal.SIGKILL
+
+    def nobody_reads():
+        with suppress(OSError):
+            os.close(os.open(recording, os.O_WRONLY | os.O_NONBLOCK))
+            return False
+        return True
+
+    bench.wait_until(nobody_reads, 'the end of the calibration')

@@ -116,7 +116,7 @@ def test_a_restarted_robot_reads_what_it_read_before(rig, make_model):
 
 def test_the_drift_topic_tells_what_is_subtracted(rig, make_model):
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0), 'torque_x': (-0.1, 0.0, 0.0)})
-    node = rig(parameters={'model_file': str(model.path)})
+    node = rig(parameters={'model_file': str(model.path), 'max_drift_rate': 10})
     drifts = node.bench.listen(WrenchStamped, f'{node.namespace}/wrist_ft_comp/drift')
     node.bench.wait_until(lambda: node.node._drift.get_subscription_count() > 0, 'a listener')
     node.ask_output(START, LOAD)

@@ -92,7 +92,7 @@ class Gate:
             f'import runpy; open({str(path)!r}, "rb", 0).read(1); '
             'runpy.run_module("wrist_ft_comp.files.calibration_job", run_name="__main__")'
         )
-        self.command = (sys.executable, '-c', source)
+        self.command = (sys.executable, '-c', source, '--until-closed')
 
     def open(self) -> None:
         """Let one process go on."""

@@ -1,0 +1,232 @@
+"""
+Hostile input: tens of thousands of damaged messages and files, and what readers make of them.
+
+``python bench/fuzz.py [INPUTS] [--seed N] [--target NAME]``. Each input is a good one that was
+cut, flipped, spliced, or had words of its format put in or repeated. A reader may take it, or
+refuse it with one of the package's own errors within MAX_S; anything else is a fault. A table on
+standard output, figures in ``out/fuzz.json``, faulty inputs in ``out/``; exit code 1 when there
+was one.
+"""
+
+import argparse
+from collections import Counter
+from collections.abc import Callable
+from functools import partial
+import json
+import math
+from pathlib import Path
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from types import FrameType
+from typing import Any
+
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
+from stand import make_model, message, Sensor, write_warm_up
+
+from wrist_ft_comp import WristFtCompError
+from wrist_ft_comp.core.compensator import Compensator, StreamSettings
+from wrist_ft_comp.core.recording import AXES
+from wrist_ft_comp.core.resumption import belongs_to
+from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.files.model_store import ModelStore
+from wrist_ft_comp.files.recordings import read_recording
+from wrist_ft_comp.files.state_file import load_state, save_state, SavedState
+from wrist_ft_comp.ros import wire
+
+#: A reader that takes longer hangs, s.
+MAX_S = 5.0
+#: What is put into files, because parsers have opinions about it.
+WORDS = [
+    b'NaN', b'.inf', b'-1e999', b'1' + b'0' * 400, b'null', b'true', b'{}', b'[]', b'[[[[[[[[',
+    b'&a [*a]', b'*a', b'!!python/object/apply:os.system [x]', b'!!binary "."', b'<<: *a', b'\0',
+    b'\xff\xfe', b'\r\n', b'"', b"'", b'---\n', b'- ', b': ', b'\t', b'2024-01-01',
+    b'0x7fffffffffffffff', b'-9223372036854775809', b',' * 50, b'\n' * 50,
+]  # fmt: skip
+
+
+def damaged(good: bytes, rng: np.random.Generator) -> bytes:
+    """Damage good bytes in one to five ways."""
+    data = bytearray(good)
+    for _ in range(rng.integers(1, 6)):
+        at, end = sorted(rng.integers(0, len(data) + 1, 2).tolist())
+        end = min(end, at + int(rng.integers(1, 64)))
+        how = rng.integers(7)
+        if how == 0 and data:
+            data[at % len(data)] = int(rng.integers(256))
+        elif how == 1 and data:
+            data[at % len(data)] ^= 1 << int(rng.integers(8))
+        elif how == 2:
+            del data[at:end]
+        elif how == 3:
+            data[at:at] = data[at:end] * int(rng.integers(1, 9))
+        elif how == 4:
+            data[at:end] = WORDS[rng.integers(len(WORDS))]
+        elif how == 5:
+            data[at:end] = rng.bytes(end - at)
+        elif rng.integers(4) == 0:
+            del data[at:]
+    return bytes(data)
+
+
+class Targets:
+    """
+    Readers, each with a good input.
+
+    Parameters
+    ----------
+    folder : Path
+        Where files are made.
+
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        recording = write_warm_up(folder / 'good.csv', 1200, 10)
+        model = make_model(recording, folder / 'good.yaml')
+        self._model = load_model(model).model
+        self._wire = wire.Wire(6)
+        self._compensator = Compensator(1, StreamSettings(), self._model)
+        for second in range(100):
+            self._compensator.add_temperature(0, second * 10**9, 25.0)
+        state = SavedState(1, 'a' * 64, np.zeros(6), self._compensator.memory())
+        save_state(folder / 'good.json', state)
+        ModelStore(folder).activate([None, model], 'b' * 64)
+        lines = recording.read_bytes().splitlines(keepends=True)
+        self.readers: dict[str, tuple[bytes, Callable[[bytes], None]]] = {
+            'wire': (message(10**18, (1, 2, 3, 4, 5, 6.0)), self.wire),
+            'model file': (model.read_bytes(), partial(self.file, 'm.yaml', load_model)),
+            'state file': ((folder / 'good.json').read_bytes(), self.state),
+            'list of models': ((folder / 'active.json').read_bytes(), self.store),
+            'CSV': (b''.join(lines[:40]), partial(self.file, 'r.csv', read_recording)),
+            'mcap': (
+                self._bag(StoragePlugin.MCAP),
+                partial(self.file, 'b.mcap', read_recording),
+            ),
+            'sqlite': (
+                self._bag(StoragePlugin.SQLITE3),
+                partial(self.file, 'b.db3', read_recording),
+            ),
+        }
+
+    def _bag(self, storage: StoragePlugin) -> bytes:
+        """Write a small bag and read its storage file."""
+        store: Any = get_typestore(Stores.ROS2_JAZZY)
+        path, sensor = self._folder / storage.name, Sensor(1)
+        with Writer(path, version=9, storage_plugin=storage) as writer:
+            for topic, kind, doubles in (
+                ('/wrench_raw', 'geometry_msgs/msg/WrenchStamped', 6),
+                ('/temperature', 'sensor_msgs/msg/Temperature', 2),
+            ):
+                connection = writer.add_connection(topic, kind, typestore=store)
+                for second in range(30):
+                    values = sensor.raw() if doubles == len(AXES) else (20.0 + second / 10, 0.0)
+                    writer.write(connection, second * 10**9, message(second * 10**9, values))
+        return next(p for p in path.iterdir() if p.suffix in {'.mcap', '.db3'}).read_bytes()
+
+    def wire(self, data: bytes) -> None:
+        """Do what the node does with a message."""
+        layout, stamp_ns, raw = self._wire.read(data)
+        if math.isfinite(sum(raw)):
+            sent = wire.replace(layout, data, self._compensator.correct(stamp_ns, raw))
+            if sent[: layout.offset] != data[: layout.offset] or len(sent) != len(data):
+                raise AssertionError('the header changed')
+        wire.frame_id(layout, data)
+
+    def file(self, name: str, load: Callable[[Path], object], data: bytes) -> None:
+        """Load a file; what loads must run."""
+        path = self._folder / name
+        path.write_bytes(data)
+        loaded: Any = load(path)
+        if name == 'm.yaml':
+            Compensator(loaded.model.thermometers, StreamSettings(), loaded.model)
+
+    def state(self, data: bytes) -> None:
+        """Load a state; one that fits the model must run."""
+        path = self._folder / 's.json'
+        path.write_bytes(data)
+        state = load_state(path)
+        if state and state.thermal and belongs_to(self._model, state.thermal):
+            compensator = Compensator(1, StreamSettings(), self._model)
+            compensator.resume(state.thermal, 0.0)
+            for second in range(3):
+                compensator.add_temperature(0, second * 10**9, 25.0)
+            if not np.isfinite(compensator.correct(0, [0.0] * 6)).all():
+                raise AssertionError('the output is not finite')
+
+    def store(self, data: bytes) -> None:
+        """Read the list of models."""
+        (self._folder / 'active.json').write_bytes(data)
+        store = ModelStore(self._folder)
+        store.given()
+        store.history()
+
+
+class TooSlow(BaseException):
+    """A reader hangs; no reader's own ``except Exception`` may hide it."""
+
+
+def too_slow(_number: int, _frame: FrameType | None) -> None:
+    """Interrupt a reader that hangs."""
+    raise TooSlow(f'longer than {MAX_S} s')
+
+
+def fuzz(name: str, targets: Targets, inputs: int, seed: int, out: Path) -> dict[str, Any]:
+    """Feed one reader."""
+    good, read = targets.readers[name]
+    read(good)
+    rng = np.random.default_rng(seed)
+    counts: Counter[str] = Counter()
+    slowest = 0.0
+    for number in range(inputs):
+        data = damaged(good, rng)
+        before = time.perf_counter()
+        signal.setitimer(signal.ITIMER_REAL, MAX_S)
+        try:
+            read(data)
+        except WristFtCompError:
+            counts['refused'] += 1
+        except (Exception, TooSlow):
+            counts['FAULTS'] += 1
+            (out / f'fuzz_{name.replace(" ", "_")}_{number}').write_bytes(data)
+            print(f'{name}, input {number}:\n{traceback.format_exc()}')
+        else:
+            counts['taken'] += 1
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        slowest = max(slowest, time.perf_counter() - before)
+    return {'inputs': inputs, **counts, 'slowest_ms': round(1e3 * slowest, 1)}
+
+
+def main() -> int:
+    """Feed every reader, print a table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1] if __doc__ else '')
+    parser.add_argument('inputs', nargs='?', type=int, default=10_000)
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--target')
+    arguments = parser.parse_args()
+    signal.signal(signal.SIGALRM, too_slow)
+    out = Path(__file__).resolve().parent.parent / 'out'
+    out.mkdir(exist_ok=True)
+    results = {}
+    print('reader            inputs   taken  refused  FAULTS  slowest, ms')
+    with tempfile.TemporaryDirectory() as name:
+        targets = Targets(Path(name))
+        for target in [arguments.target] if arguments.target else targets.readers:
+            found = fuzz(target, targets, arguments.inputs, arguments.seed, out)
+            results[target] = found
+            print(
+                f'{target:16}{found["inputs"]:8}{found.get("taken", 0):8}'
+                f'{found.get("refused", 0):9}{found.get("FAULTS", 0):8}{found["slowest_ms"]:13}',
+                flush=True,
+            )
+    (out / 'fuzz.json').write_text(json.dumps(results, indent=1), 'utf-8')
+    return 1 if any('FAULTS' in found for found in results.values()) else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,91 @@
+"""
+Memory of the node over a day: 24 h of stamps through its callbacks, as fast as they go.
+
+``python bench/memory.py [HOURS] [RATE]``, 24 h at 100 Hz by default, a thermometer at 10 Hz
+and diagnostics every second of stamps. The node is the real one, with a model and a publisher
+that nobody hears; only the transport is left out. Figures in ``out/memory.json``.
+"""
+
+import argparse
+import json
+import os
+from pathlib import Path
+import struct
+import tempfile
+import time
+from typing import Any
+
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+from stream_roles import wrench_bytes
+from warm_up import make_model
+
+from wrist_ft_comp.core.recording import NANOSECONDS
+from wrist_ft_comp.ros.compensator_node import CompensatorNode
+
+TEMPERATURE_HZ = 10
+START_S = 1_723_248_197
+PAGE_MIB = os.sysconf('SC_PAGE_SIZE') / 2**20
+
+
+def resident_mib() -> float:
+    """Resident memory of this process, MiB."""
+    return int(Path('/proc/self/statm').read_text().split()[1]) * PAGE_MIB
+
+
+def live_a_second(node: Any, second: int, rate_hz: int) -> None:
+    """Give the node what comes in a second."""
+    step_ns = NANOSECONDS // rate_hz
+    thermal = rate_hz // TEMPERATURE_HZ
+    for k in range(rate_hz):
+        stamp_ns = (START_S + second) * NANOSECONDS + k * step_ns
+        if k % thermal == 0:
+            degrees = 25.0 + 10.0 * (second % 7200) / 7200
+            node._on_temperature(0, wrench_bytes(stamp_ns, struct.pack('<2d', degrees, 0.0)))  # noqa: SLF001
+        node._on_wrench(wrench_bytes(stamp_ns))  # noqa: SLF001 - as the executor does
+    node._diagnose()  # noqa: SLF001
+
+
+def endure(node: Any, hours: float, rate_hz: int) -> dict[str, Any]:
+    """Run the hours; memory from the first minute on."""
+    seconds = round(hours * 3600)
+    start = time.perf_counter()
+    print('hours   resident, MiB   since the first minute, MiB')
+    first, found = 0.0, {}
+    for second in range(seconds + 1):
+        if second == 60:
+            first = resident_mib()
+        if second >= 60 and (second % 7200 == 0 or second in {60, seconds}):
+            found[second] = resident_mib()
+            print(f'{second / 3600:5.2f}  {found[second]:14.1f}  {found[second] - first:+28.2f}')
+        live_a_second(node, second, rate_hz)
+    speed = seconds / (time.perf_counter() - start)
+    print(f'{speed:.0f} times as fast as time; {node.counts.published:,} wrenches')
+    return {'resident_mib': found, 'growth_mib': max(found.values()) - first, 'speed': speed}
+
+
+def main() -> None:
+    """Read the arguments, run, write JSON."""
+    parser = argparse.ArgumentParser(description='Memory of the node over a day.')
+    parser.add_argument('hours', nargs='?', type=float, default=24.0)
+    parser.add_argument('rate', nargs='?', type=int, default=100)
+    arguments = parser.parse_args()
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
+    with tempfile.TemporaryDirectory() as name:
+        given = {'model_file': str(make_model(Path(name))), 'data_directory': name}
+        untyped: Any = Parameter
+        context: Any = Context()
+        context.init([])
+        node = CompensatorNode(
+            context=context, parameter_overrides=[untyped(k, value=v) for k, v in given.items()]
+        )
+        figures = endure(node, arguments.hours, arguments.rate)
+        node.destroy_node()
+        context.try_shutdown()
+    print(f'growth after the first minute: {figures["growth_mib"]:.2f} MiB')
+    Path('out').mkdir(exist_ok=True)
+    Path('out/memory.json').write_text(json.dumps(figures, indent=1), encoding='utf-8')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,169 @@
+"""
+Sensor and node on two hosts, which are two network namespaces of this machine, and a cut between.
+
+``python bench/two_hosts.py [CUT_S]``, as root, with iproute2. The sensor publishes a kilohertz and
+temperatures in one namespace; the compensator and a listener run in the other, over a virtual
+cable and UDP only (shared memory would go past the cable). The cable is pulled for CUT_S seconds.
+Loss is added where the kernel has netem, and said to be missing where it has not. Figures on
+standard output and in ``out/two_hosts.json``; exit code 1 when the stream does not come back.
+"""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+from stand import make_model, message, own_domain, Sensor, Stand, TIMEOUT_S, write_warm_up
+
+RATE_HZ = 1000
+NAMES = ('wfc_sensor', 'wfc_node')
+CABLE = ('wfc_cable_s', 'wfc_cable_n')
+
+
+def ip(*words: str) -> None:
+    """Run iproute2."""
+    subprocess.run(['ip', *words], check=True)  # noqa: S607 -- the system's
+
+
+def netns(name: str, *words: str) -> list[str]:
+    """Write a command that runs in a namespace."""
+    return ['ip', 'netns', 'exec', name, *words]
+
+
+@contextmanager
+def cable() -> Iterator[bool]:
+    """Make two namespaces with a cable; tell whether it loses packets."""
+    for name in NAMES:
+        ip('netns', 'add', name)
+    try:
+        one, other = CABLE
+        ip('link', 'add', one, 'netns', NAMES[0], 'type', 'veth', 'peer', other, 'netns', NAMES[1])
+        for number, (name, end) in enumerate(zip(NAMES, CABLE, strict=True), start=1):
+            ip('-n', name, 'addr', 'add', f'10.77.0.{number}/24', 'dev', end)
+            for link in (end, 'lo'):
+                ip('-n', name, 'link', 'set', link, 'up')
+            ip('-n', name, 'route', 'add', '224.0.0.0/4', 'dev', end)
+        loss = netns(NAMES[0], 'tc', 'qdisc', 'add', 'dev', one, 'root', 'netem', 'loss', '5%')
+        yield subprocess.run(loss, check=False, stderr=subprocess.DEVNULL).returncode == 0
+    finally:
+        for name in NAMES:
+            ip('netns', 'del', name)
+
+
+def sense(seconds: float) -> None:
+    """Be the sensor: publish, and print what was sent."""
+    from geometry_msgs.msg import WrenchStamped  # noqa: PLC0415 -- after the environment is set
+    from rclpy.context import Context  # noqa: PLC0415
+    from rclpy.node import Node  # noqa: PLC0415
+    from rclpy.qos import qos_profile_sensor_data  # noqa: PLC0415
+    from sensor_msgs.msg import Temperature  # noqa: PLC0415
+
+    context: Any = Context()
+    context.init([])
+    node: Any = Node('two_hosts_sensor', context=context)
+    raw = node.create_publisher(WrenchStamped, 'wrench_raw', qos_profile_sensor_data)
+    heat = node.create_publisher(Temperature, 'temperature', qos_profile_sensor_data)
+    sensor, begun, sent = Sensor(0), time.monotonic(), 0
+    while (now := time.monotonic() - begun) < seconds:
+        sensor.advance(now)
+        while sent < now * RATE_HZ:
+            raw.publish(message(time.time_ns(), sensor.raw()))
+            if sent % 100 == 0:
+                heat.publish(message(time.time_ns(), (sensor.celsius, 0.0)))
+            sent += 1
+        time.sleep(0.001)
+    node.destroy_node()
+    context.try_shutdown()
+    print(sent)
+
+
+def receive(seconds: float, folder: Path) -> None:
+    """Be the node's host: run it, listen, and print when outputs came."""
+    from geometry_msgs.msg import WrenchStamped  # noqa: PLC0415 -- after the environment is set
+
+    came: list[float] = []
+    model = make_model(write_warm_up(folder / 'warm_up.csv'), folder / 'm.yaml')
+    stand = Stand(folder / 'data', f'model_file:={model}')
+    try:
+        stand.start_node()
+        stand.node.create_subscription(
+            WrenchStamped, 'wrench', lambda _: came.append(time.monotonic()), 1000, raw=True
+        )
+        stand.wait(lambda: stand.ready('tare'), 'the node')
+        print('ready', flush=True)
+        time.sleep(seconds)
+    finally:
+        stand.close()
+    print(json.dumps([round(at - came[0], 4) for at in came] if came else []))
+    print(stand.log.read_text('utf-8'), file=sys.stderr)
+
+
+def run(cut_s: float) -> dict[str, Any]:
+    """Run both hosts and pull the cable between them."""
+    seconds = cut_s + 20.0
+    program = [sys.executable, str(Path(__file__).resolve())]
+    with tempfile.TemporaryDirectory() as folder, cable() as lossy:
+        listening = subprocess.Popen(
+            netns(NAMES[1], *program, '--receive', str(seconds + 2), folder),
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        if listening.stdout is None or listening.stdout.readline() != 'ready\n':
+            sys.exit('the node did not start')
+        sensing = subprocess.Popen(
+            netns(NAMES[0], *program, '--sense', str(seconds)), stdout=subprocess.PIPE, text=True
+        )
+        time.sleep(8.0)
+        ip('-n', NAMES[1], 'link', 'set', CABLE[1], 'down')
+        time.sleep(cut_s)
+        ip('-n', NAMES[1], 'link', 'set', CABLE[1], 'up')
+        ip('-n', NAMES[1], 'route', 'add', '224.0.0.0/4', 'dev', CABLE[1])
+        sent = int(sensing.communicate(timeout=seconds + TIMEOUT_S)[0])
+        came = json.loads(listening.communicate(timeout=seconds + TIMEOUT_S)[0].splitlines()[-1])
+    pauses = sorted((b - a for a, b in pairwise(came)), reverse=True)
+    return {
+        'cut_s': cut_s,
+        'loss_of_5_percent': 'added' if lossy else 'not added: the kernel has no netem',
+        'sent': sent,
+        'arrived': len(came),
+        'longest_pauses_s': [round(pause, 2) for pause in pauses[:3]],
+        'came_after_the_cut': sum(at > came[0] + 8.0 + cut_s for at in came) if came else 0,
+    }
+
+
+def main() -> int:
+    """Run, print, judge."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1] if __doc__ else '')
+    parser.add_argument('cut', nargs='?', type=float, default=5.0)
+    parser.add_argument('--sense', type=float)
+    parser.add_argument('--receive', nargs=2)
+    arguments = parser.parse_args()
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
+    os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
+    own_domain(97)
+    if arguments.sense:
+        sense(arguments.sense)
+        return 0
+    if arguments.receive:
+        receive(float(arguments.receive[0]), Path(arguments.receive[1]))
+        return 0
+    if os.geteuid() != 0:
+        sys.exit('Network namespaces need root.')
+    result = run(arguments.cut)
+    print(json.dumps(result, indent=1))
+    out = Path(__file__).resolve().parent.parent / 'out'
+    out.mkdir(exist_ok=True)
+    (out / 'two_hosts.json').write_text(json.dumps(result, indent=1), 'utf-8')
+    return 0 if result['came_after_the_cut'] > 0 else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,253 @@
+"""State files: what comes back, and what is refused."""
+
+import copy
+import json
+import os
+from pathlib import Path
+import threading
+from typing import Any
+
+from hypothesis import given, HealthCheck, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from wrist_ft_comp import StateFileError
+from wrist_ft_comp.core.drift import Drift
+from wrist_ft_comp.core.resumption import ThermalMemory
+from wrist_ft_comp.files import state_file
+from wrist_ft_comp.files.state_file import load_state, MAX_BYTES, save_state, SavedState
+from wrist_ft_comp.files.state_writer import StateWriter
+
+TIMEOUT_S = 20.0
+number = st.floats(-1e99, 1e99)
+six = st.lists(number, min_size=6, max_size=6).map(np.array)
+filters = st.lists(number, max_size=12).map(np.array)
+stamps = st.integers(-(2**63), 2**63 - 1)
+memories = st.builds(
+    ThermalMemory,
+    stamps,
+    st.integers(1, 600 * 10**9),
+    st.lists(number, min_size=1, max_size=5).map(np.array),
+    st.dictionaries(st.sampled_from(['force_x', 'force_z', 'torque_y']), filters),
+    st.builds(Drift, six, six),
+    st.lists(
+        st.tuples(st.lists(number, max_size=3).map(np.array), st.integers(1, 1000)), max_size=9
+    ).map(tuple),
+)
+states = st.builds(
+    SavedState, stamps, st.one_of(st.none(), st.just('f' * 64)), six, st.none() | memories
+)
+
+
+def example(end_ns: int = 5, saved_ns: int = 7) -> SavedState:
+    memory = ThermalMemory(
+        end_ns,
+        10,
+        np.array([20.0]),
+        {'force_z': np.ones(2)},
+        Drift(np.ones(6), np.zeros(6)),
+        ((np.array([20.0]), 1), (np.array([21.0]), 60)),
+    )
+    return SavedState(saved_ns, 'a' * 64, np.arange(6.0), memory)
+
+
+def plain(state: SavedState) -> Any:
+    return state_file._document(state)
+
+
+@settings(
+    deadline=None,
+    max_examples=100,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(state=states)
+def test_a_state_comes_back_to_the_last_bit(tmp_path: Path, state: SavedState) -> None:
+    path = tmp_path / 'new/state.json'
+    save_state(path, state)
+    back = load_state(path)
+    assert back is not None
+    assert plain(back) == plain(state)
+    if state.thermal is not None and back.thermal is not None:
+        for axis, each in state.thermal.filters.items():
+            assert back.thermal.filters[axis].shape == each.shape
+    assert [each.name for each in path.parent.iterdir()] == ['state.json']
+
+
+def test_no_file_is_no_state(tmp_path: Path) -> None:
+    assert load_state(tmp_path / 'state.json') is None
+
+
+@pytest.mark.parametrize(
+    'content',
+    [
+        b'',
+        b'{',
+        b'[]',
+        b'{}',
+        b'nul',
+        b'\xff\xfe',
+        b'[' * 100_000,
+        b'{"format":' * 50_000,
+        b'9' * 100_000,
+        b'{"format": "other"}',
+    ],
+    ids=lambda content: repr(content[:12]),
+)
+def test_what_is_no_state_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / 'state.json'
+    path.write_bytes(content)
+    with pytest.raises(StateFileError, match=r'state\.json is not a state file'):
+        load_state(path)
+
+
+def test_a_huge_file_is_refused_unread(tmp_path: Path) -> None:
+    path = tmp_path / 'state.json'
+    with path.open('wb') as file:
+        file.truncate(100 * MAX_BYTES)
+    with pytest.raises(StateFileError, match='larger than'):
+        load_state(path)
+
+
+@pytest.mark.parametrize('version', [0, 2, '1', None])
+def test_another_version_is_refused(tmp_path: Path, version: object) -> None:
+    path = tmp_path / 'state.json'
+    path.write_text(json.dumps({**plain(example()), 'version': version}))
+    with pytest.raises(StateFileError, match=r'of version .* reads version 1'):
+        load_state(path)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'NaN',
+        'Infinity',
+        '-Infinity',
+        '1e999',
+        '1e101',
+        '"1"',
+        'null',
+        '[]',
+        'true',
+        '1' + '0' * 400,
+    ],
+)
+@pytest.mark.parametrize(
+    'place', ['tare', 'temperature_c', 'zero', 'sensitivity', 'filters', 'history']
+)
+def test_numbers_are_finite(tmp_path: Path, place: str, text: str) -> None:
+    document = copy.deepcopy(plain(example()))
+    inside = document if place == 'tare' else document['thermal']
+    row = inside[place]
+    if place in {'filters', 'history'}:
+        row = row['force_z'] if place == 'filters' else row[1]['temperature_c']
+    row[0] = 'HERE'
+    path = tmp_path / 'state.json'
+    path.write_text(json.dumps(document).replace('"HERE"', text))
+    with pytest.raises(StateFileError):
+        load_state(path)
+
+
+@pytest.mark.parametrize('key', list(plain(example())))
+def test_nothing_may_be_missing_or_more(tmp_path: Path, key: str) -> None:
+    path = tmp_path / 'state.json'
+    document = plain(example())
+    del document[key]
+    path.write_text(json.dumps(document))
+    with pytest.raises(StateFileError):
+        load_state(path)
+    path.write_text(json.dumps({**plain(example()), 'more': 1}))
+    with pytest.raises(StateFileError, match='breaks the schema at the top level'):
+        load_state(path)
+
+
+def test_a_file_cut_or_flipped_anywhere_is_refused_or_whole(tmp_path: Path) -> None:
+    path = tmp_path / 'state.json'
+    save_state(path, example())
+    whole = path.read_bytes()
+    for end in range(len(whole)):
+        path.write_bytes(whole[:end])
+        with pytest.raises(StateFileError):
+            load_state(path)
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        changed = bytearray(whole)
+        changed[rng.integers(len(whole))] = rng.integers(256)
+        path.write_bytes(bytes(changed))
+        try:
+            load_state(path)
+        except StateFileError:
+            continue
+
+
+def test_a_failing_save_leaves_the_old_state(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / 'state.json'
+    save_state(path, example(1))
+
+    def full(*_: object) -> None:
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(os, 'fsync', full)
+    with pytest.raises(StateFileError, match='No space left on device'):
+        save_state(path, example(2))
+    back = load_state(path)
+    assert back is not None
+    assert back.thermal is not None
+    assert back.thermal.end_ns == 1
+    assert [each.name for each in tmp_path.iterdir()] == ['state.json']
+
+
+class TestWriter:
+    def test_the_newest_state_is_on_disk_at_the_end(self, tmp_path: Path) -> None:
+        path = tmp_path / 'state.json'
+        writer = StateWriter(path)
+        for end_ns in range(50):
+            writer.put(example(end_ns))
+        assert writer.end(TIMEOUT_S)
+        back = load_state(path)
+        assert back is not None
+        assert plain(back) == plain(example(49))
+        assert 1 <= writer.written <= 50
+        assert writer.took_s > 0
+
+    def test_a_slow_disk_delays_nobody_and_what_was_overtaken_is_left_out(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The disk answers when the test lets it; put returns before."""
+        answers, asked = threading.Event(), threading.Event()
+        fsync = os.fsync
+
+        def slow(handle: int) -> None:
+            asked.set()
+            assert answers.wait(TIMEOUT_S)
+            fsync(handle)
+
+        monkeypatch.setattr(os, 'fsync', slow)
+        writer = StateWriter(tmp_path / 'state.json')
+        writer.put(example(0))
+        assert asked.wait(TIMEOUT_S)
+        for end_ns in range(1, 10):
+            writer.put(example(end_ns))
+        assert not writer.end(0.0)
+        answers.set()
+        assert writer.end(TIMEOUT_S)
+        assert writer.written == 2
+
+    def test_a_failure_is_told_until_a_save_succeeds(self, tmp_path: Path) -> None:
+        folder = tmp_path / 'data'
+        folder.write_text('a file where a folder belongs')
+        writer = StateWriter(folder / 'state.json')
+        writer.put(example())
+        assert writer.end(TIMEOUT_S)
+        assert 'cannot be written' in writer.problem
+        assert writer.written == 0
+
+    def test_without_anything_to_save_there_is_no_thread(self, tmp_path: Path) -> None:
+        before = threading.active_count()
+        writer = StateWriter(tmp_path / 'state.json')
+        assert threading.active_count() == before
+        assert writer.end(0.0)
+        assert not list(tmp_path.iterdir())

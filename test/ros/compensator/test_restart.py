@@ -1,0 +1,261 @@
+"""Warm restarts: what is saved, what a restarted node does with it, and what it says."""
+
+from contextlib import suppress
+from dataclasses import replace
+import queue
+import signal
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import Temperature
+
+from wrist_ft_comp.core.compensator import Compensator, StreamSettings
+from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.files.state_file import load_state, save_state, SavedState
+
+MODULE = 'wrist_ft_comp.ros.compensator_node'
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+TIMEOUT_S = 20.0
+AXES = {'force_z': (2.0, 0.0, 600.0)}
+LOAD = [0.0, 0.0, 50.0, 0.0, 0.0, 0.0]
+TARE = np.array([0.0, 0.0, 7.0, 0.0, 0.0, 0.0])
+WARN = b'\1'
+
+
+def warming(second):
+    return 20.0 + 20.0 * (1 - np.exp(-second / 300))
+
+
+@pytest.fixture
+def stored(make_model):
+    return make_model('m.yaml', AXES)
+
+
+@pytest.fixture
+def warm(stored):
+    """A state in the middle of a warm-up, as a node would have saved it just now."""
+    compensator = Compensator(1, StreamSettings(), stored.model)
+    for second in range(400):
+        compensator.add_temperature(0, START + second * SECOND, warming(second))
+    return SavedState(time.time_ns(), stored.sha256, TARE, compensator.memory())
+
+
+@pytest.fixture
+def restart(rig, stored, tmp_path):
+    """Start a node that finds a state."""
+
+    def start(state, **parameters):
+        save_state(tmp_path / 'data/state.json', state)
+        return rig(parameters={'model_file': str(stored.path), **parameters})
+
+    return start
+
+
+def origin(node):
+    status = node.diagnosis('temperature')
+    return {each.key: each.value for each in status.values}['state']
+
+
+def test_drift_and_tare_are_subtracted_from_the_first_wrench_on(restart, warm, capfd):
+    node = restart(warm)
+    held = warm.thermal.drift.zero[2]
+    assert held > 5.0
+    assert node.ask_output(START, LOAD)[2] == pytest.approx(50.0 - held - 7.0, abs=0.1)
+    assert 'the tare from before the restart is active' in capfd.readouterr().err
+    assert origin(node) == 'the drift saved before the restart is held until a temperature comes'
+
+
+def test_the_first_cell_tells_how_long_the_gap_was(restart, warm, capfd):
+    node = restart(warm)
+    for second in range(410, 413):
+        node.warm(START + second * SECOND, warming(second))
+    sentence = 'the drift goes on from the thermal state saved 11 s before'
+    status = node.diagnosis('temperature', lambda each: sentence in str(each.values))
+    assert status.level == b'\0'
+    assert sentence in capfd.readouterr().err
+    assert node.node.compensator.drift.zero[2] == pytest.approx(
+        warm.thermal.drift.zero[2], rel=0.05
+    )
+
+
+@pytest.mark.parametrize('shift_s', [-100, -1e9, 1e9, 2000])
+def test_stamps_that_make_no_sense_start_at_the_steady_state(restart, warm, capfd, shift_s):
+    """Time that ran back, a simulation begun anew, hours ahead: said in log and diagnostics."""
+    node = restart(warm, max_drift_rate=1000)
+    first = warm.thermal.end_ns + round(shift_s) * SECOND
+    for second in range(3):
+        node.warm(first + second * SECOND, 30.0)
+    status = node.diagnosis('temperature', lambda each: 'steady state' in str(each.values))
+    assert 'so the drift starts at the steady state' in str(status.values)
+    assert 'so the drift starts at the steady state' in capfd.readouterr().err
+    assert node.node.compensator.drift.zero[2] == pytest.approx(20.0)
+    np.testing.assert_array_equal(node.node.compensator.tare, TARE, 'the tare survives')
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        ({'model_sha256': 'f' * 64}, 'belongs to another model, and so does its tare'),
+        ({'model_sha256': None}, 'belongs to another model, and so does its tare'),
+        ({'saved_ns': 4 * 10**18}, 's in the future'),
+        ({'saved_ns': 10**18}, 's old and this model remembers 1800 s'),
+    ],
+)
+def test_a_state_that_is_of_no_use_is_said(restart, warm, capfd, change, words):
+    node = restart(replace(warm, **change))
+    assert not node.node.compensator.compensating
+    assert words in origin(node)
+    assert 'steady state of the first temperatures' in origin(node)
+    assert words in capfd.readouterr().err
+    same = 'model_sha256' not in change
+    np.testing.assert_array_equal(node.node.compensator.tare, TARE if same else np.zeros(6))
+
+
+def test_a_state_of_another_form_is_of_no_use(restart, warm, capfd):
+    memory = replace(warm.thermal, filters={'force_z': np.zeros(9)})
+    node = restart(replace(warm, thermal=memory))
+    assert not node.node.compensator.compensating
+    assert 'does not fit the model it names' in capfd.readouterr().err
+
+
+@pytest.mark.parametrize('content', [b'', b'{', b'{"format": "other"}', b'[' * 100_000])
+def test_a_broken_state_is_said_and_replaced(rig, stored, tmp_path, capfd, content):
+    path = tmp_path / 'data/state.json'
+    path.write_bytes(content)
+    node = rig(parameters={'model_file': str(stored.path), 'save_period': 0.1})
+    assert 'state.json is not a state file' in origin(node)
+    assert 'state.json is not a state file' in capfd.readouterr().err
+    for second in range(3):
+        node.warm(START + second * SECOND, 30.0)
+    node.bench.wait_until(lambda: node.node.keeping.saves[0] > 0, 'a save')
+    assert load_state(path) is not None
+
+
+def test_simulated_time_is_not_judged_by_the_system_s_clock(restart, warm):
+    node = restart(replace(warm, saved_ns=10**18), use_sim_time=True)
+    assert node.node.compensator.crossing
+
+
+def test_what_is_saved_is_what_the_stream_remembers(rig, stored):
+    node = rig(parameters={'model_file': str(stored.path), 'save_period': 0.1})
+    for second in range(20):
+        node.warm(START + second * SECOND, warming(second))
+    node.node.compensator.restore_tare(TARE)
+    path = node.directory / 'state.json'
+    expected = node.node.compensator.memory()
+
+    def saved():
+        state = load_state(path)
+        return state is not None and state.tare.any() and state.thermal.end_ns == expected.end_ns
+
+    node.bench.wait_until(saved, 'the save')
+    state = load_state(path)
+    assert state.model_sha256 == stored.sha256
+    assert state.thermal.filters['force_z'] == pytest.approx(expected.filters['force_z'])
+    np.testing.assert_array_equal(state.tare, TARE)
+    assert abs(time.time_ns() - state.saved_ns) < 60 * SECOND
+    status = node.diagnosis('model')
+    assert int({each.key: each.value for each in status.values}['state_saves']) >= 1
+
+
+def test_a_disk_that_refuses_is_said_and_the_stream_goes_on(rig, stored, capfd):
+    node = rig(parameters={'model_file': str(stored.path), 'save_period': 0.1})
+    (node.directory / 'state.json').mkdir()
+    for second in range(4):
+        node.warm(START + second * SECOND, 30.0)
+    status = node.diagnosis('model', lambda each: each.level == WARN)
+    assert 'state.json cannot be written' in status.message
+    assert 'until then a restart loses the thermal state and the tare' in status.message
+    assert node.ask_output(START, LOAD)[2] == pytest.approx(30.0)
+    log = []
+    node.bench.wait_until(
+        lambda: log.append(capfd.readouterr().err) or 'cannot be written' in ''.join(log),
+        'the log',
+    )
+    (node.directory / 'state.json').rmdir()
+    for second in range(4, 8):
+        node.warm(START + second * SECOND, 30.0)
+    assert node.diagnosis('model', lambda each: each.level != WARN)
+
+
+def test_without_temperature_or_tare_nothing_is_written(rig, bench, tmp_path):
+    node = rig(parameters={'save_period': 0.1})
+    for number in range(20):
+        node.ask_output(number, LOAD)
+    assert node.diagnosis('output')
+    bench.close()
+    assert not (tmp_path / 'data').exists()
+
+
+class Heat:
+    """Sends a process one temperature per second of stamps, and hears the drift it answers."""
+
+    def __init__(self, bench, name):
+        self._publisher = bench.publisher(Temperature, f'/{name}/temperature')
+        self._drifts = bench.listen(WrenchStamped, f'/{name}/drift', QoSProfile(depth=1000))
+
+    def send(self, second):
+        message = Temperature(temperature=float(warming(second)))
+        message.header.stamp.sec = START // SECOND + second
+        self._publisher.publish(message)
+
+    def drift(self, second):
+        """Send until the drift of that second comes; None when its message was lost."""
+        for _ in range(10):
+            self.send(second)
+            with suppress(queue.Empty):
+                while True:
+                    message = self._drifts.get(timeout=0.2)
+                    if message.header.stamp.sec == START // SECOND + second:
+                        return message.wrench.force.z
+        return None
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM])
+def test_a_killed_node_goes_on_within_2_percent_of_one_that_never_was(
+    bench, executable, stored, tmp_path, number
+):
+    """Stamps run faster than the clock: 250 s of warm-up, 10 s of absence, 50 s more."""
+    data = tmp_path / 'data'
+    twin = Compensator(1, StreamSettings(), load_model(stored.path).model)
+    expected = {}
+    for second in range(310):
+        twin.add_temperature(0, START + second * SECOND, warming(second))
+        expected[second] = twin.drift.zero[2]
+    found = {}
+    for life, seconds in enumerate([range(250), range(260, 310)]):
+        name = f'life_{life}_{int(number)}'
+        process = executable(
+            MODULE,
+            *('-r', f'__ns:=/{name}', '-r', f'__node:={name}', '-r', f'~/drift:=/{name}/drift'),
+            *('-p', f'data_directory:={data}', '-p', f'model_file:={stored.path}'),
+            *('-p', 'save_period:=0.1'),
+        )
+        bench.wait_for_node(name)
+        heat = Heat(bench, name)
+        heat.send(seconds[0])
+        for second in seconds[1:]:
+            found[second] = heat.drift(second)
+
+        # The state may be as old as the parameter's default of 5 s lets it be.
+        def late_enough(end=START + (seconds[-1] - 5) * SECOND):
+            state = load_state(data / 'state.json')
+            return state is not None and state.thermal.end_ns >= end
+
+        bench.wait_until(late_enough, 'a save')
+        code, errors = process.end(number if life == 0 else signal.SIGINT)
+        assert code == (-signal.SIGKILL if life == 0 and number == signal.SIGKILL else 0), errors
+    assert 'the drift goes on from the thermal state saved' in errors
+    later = [second for second, value in found.items() if second > 260 and value is not None]
+    assert len(later) >= 45
+    for second in later:
+        assert found[second] == pytest.approx(expected[second], rel=0.02), second
+    cold = 2.0 * (warming(261) - 20.0)
+    assert cold > 1.5 * expected[261], 'without the state it would be far off'

@@ -1,0 +1,172 @@
+"""
+State files: what a node that is restarted goes on from. JSON, versioned, checked on load.
+
+A state is worth something for minutes to hours only, so one that cannot be read is no disaster:
+whoever reads it says so and starts without.
+"""
+
+from dataclasses import dataclass
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wrist_ft_comp import StateFileError
+from wrist_ft_comp.core.drift import Drift
+from wrist_ft_comp.core.recording import FloatArray
+from wrist_ft_comp.core.resumption import ThermalMemory
+from wrist_ft_comp.files.atomic import replaced_on_success
+from wrist_ft_comp.files.documents import check, Document, Kind, read_bounded
+
+FORMAT = 'wrist_ft_comp state'
+VERSION = 1
+#: The state of six axes with banks of filters takes a few kilobytes.
+MAX_BYTES = 1_000_000
+_KIND = Kind(
+    name='state file',
+    format=FORMAT,
+    version=VERSION,
+    schema='state.schema.json',
+    max_bytes=MAX_BYTES,
+    error=StateFileError,
+    made_by='A running node makes one.',
+    renewed_by='Remove it',
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SavedState:
+    """
+    What a node remembers.
+
+    Attributes
+    ----------
+    saved_ns : int
+        System time of the save, UTC, ns.
+    model_sha256 : str or None
+        Of the model that was live; None when there was none.
+    tare : ndarray, shape (6,)
+        N and N m, axis order AXES.
+    thermal : ThermalMemory or None
+        None when no temperature had come.
+
+    """
+
+    saved_ns: int
+    model_sha256: str | None
+    tare: FloatArray
+    thermal: ThermalMemory | None
+
+
+def save_state(path: Path, state: SavedState) -> None:
+    """
+    Write a state file; an existing one is replaced in one step.
+
+    Parameters
+    ----------
+    path : Path
+        Target; its folder is made when missing.
+    state : SavedState
+        What to keep.
+
+    Raises
+    ------
+    StateFileError
+        When it cannot be written; the old file stays.
+
+    """
+    text = json.dumps(_document(state), allow_nan=False)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replaced_on_success(path) as neighbour:
+            neighbour.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise StateFileError(
+            f'{path} cannot be written: {error.strerror}. Make room, or choose another '
+            'data_directory; until then a restart loses the thermal state and the tare.'
+        ) from error
+
+
+def load_state(path: Path) -> SavedState | None:
+    """
+    Read a state file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    SavedState or None
+        None when there is no such file.
+
+    Raises
+    ------
+    StateFileError
+        When it cannot be read, is of another version, or breaks the schema.
+
+    """
+    if not path.exists():
+        return None
+    content = read_bounded(_KIND, path)
+    try:
+        document = json.loads(content, parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        raise StateFileError(f'{path} is not a state file: expected JSON, but {error}.') from error
+    check(_KIND, path, document)
+    return _state(document)
+
+
+def _refuse(name: str) -> None:
+    """Refuse NaN and infinities, which Python's JSON would take."""
+    raise ValueError(f'{name} stands in it')
+
+
+def _document(state: SavedState) -> Document:
+    """Turn a state into plain values."""
+    memory = state.thermal
+    thermal = memory and {
+        'end_ns': memory.end_ns,
+        'period_ns': memory.period_ns,
+        'temperature_c': memory.temperature_c.tolist(),
+        'filters': {axis: filters.tolist() for axis, filters in memory.filters.items()},
+        'zero': memory.drift.zero.tolist(),
+        'sensitivity': memory.drift.sensitivity.tolist(),
+        'history': [
+            {'cells': count, 'temperature_c': block.tolist()} for block, count in memory.history
+        ],
+    }
+    return {
+        'format': FORMAT,
+        'version': VERSION,
+        'saved_ns': state.saved_ns,
+        'model_sha256': state.model_sha256,
+        'tare': state.tare.tolist(),
+        'thermal': thermal,
+    }
+
+
+def _state(document: Document) -> SavedState:
+    """Build a state from a document that was checked."""
+    thermal = document['thermal']
+    return SavedState(
+        document['saved_ns'],
+        document['model_sha256'],
+        _array(document['tare']),
+        thermal
+        and ThermalMemory(
+            thermal['end_ns'],
+            thermal['period_ns'],
+            _array(thermal['temperature_c']),
+            {axis: _array(values) for axis, values in thermal['filters'].items()},
+            Drift(_array(thermal['zero']), _array(thermal['sensitivity'])),
+            tuple((_array(each['temperature_c']), each['cells']) for each in thermal['history']),
+        ),
+    )
+
+
+def _array(values: Any) -> FloatArray:
+    """Turn checked lists into an array."""
+    return np.array(values, dtype=float)

@@ -1,0 +1,131 @@
+"""Faults that no single message shows, looked for beside the stream."""
+
+from collections.abc import Sequence
+import time
+from typing import Any, TYPE_CHECKING
+
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.qos import qos_policy_name_from_kind
+
+from wrist_ft_comp.core.sensor_watch import SensorWatch
+from wrist_ft_comp.core.thermal_grid import CompletedCells
+from wrist_ft_comp.core.thermometer_watch import ThermometerWatch
+
+if TYPE_CHECKING:
+    from wrist_ft_comp.ros.compensator_node import CompensatorNode
+
+#: An event is worth a warning for this long, s.
+_RECENT_S = 10.0
+
+
+class InputWatch:
+    """
+    Watches what comes in, and who sends it.
+
+    Parameters
+    ----------
+    node : CompensatorNode
+        The owner.
+    thermometers : int
+        Number of thermometers J.
+
+    """
+
+    def __init__(self, node: 'CompensatorNode', thermometers: int) -> None:
+        self.sensor = SensorWatch()
+        self.thermometers = ThermometerWatch(thermometers)
+        #: Thermometer (counted from 1) and value of the newest unusable reading.
+        self.last_unusable: tuple[int, float] | None = None
+        #: How often the frame changed, and from what to what the last time.
+        self.frame_changes = 0
+        self.last_frames = ('', '')
+        #: Per topic, the policy on which some other side and this node do not agree.
+        self.incompatible: dict[str, str] = {}
+        #: When a new wrench was seen last, s of the steady clock.
+        self.last_seen: float | None = None
+        self._node = node
+        self._frame = ''
+        self._received = 0
+        #: Count of each kind of event, and when it last changed, s of the steady clock.
+        self._events: dict[str, tuple[int, float]] = {}
+
+    @property
+    def recent(self) -> set[str]:
+        """Which events happened lately: ``frame``, ``ran_back``, ``leapt``, ``jump``."""
+        now = time.monotonic()
+        return {kind for kind, (_, at) in self._events.items() if at > now - _RECENT_S}
+
+    def _note_events(self) -> None:
+        """Remember when the counts of events changed."""
+        counts = {
+            'frame': self.frame_changes,
+            'ran_back': self.sensor.ran_back,
+            'leapt': self.sensor.leapt,
+            'jump': sum(self.thermometers.jumps),
+        }
+        for kind, count in counts.items():
+            if count != self._events.get(kind, (0, 0.0))[0]:
+                self._events[kind] = (count, time.monotonic())
+
+    def unusable(self, thermometer: int, value: float) -> None:
+        """Remember a reading, °C, of a thermometer counted from 0, that was dropped."""
+        self.last_unusable = thermometer + 1, value
+
+    def cells(self, completed: list[CompletedCells]) -> None:
+        """Look at completed thermal cells."""
+        period_ns = self._node.compensator.grid.period_ns
+        for each in completed:
+            self.thermometers.look(each.temperature_c, each.count, period_ns)
+
+    def poll(self) -> None:
+        """Look at the newest wrench, and at its frame."""
+        newest = self._node.compensator.newest
+        if newest is not None:
+            self._look(*newest)
+        self._note_events()
+
+    def _look(self, at_ns: int, raw: Sequence[float]) -> None:
+        """Look at a wrench, and at its frame."""
+        received = self._node.counts.wrenches
+        if received != self._received:
+            self._received, self.last_seen = received, time.monotonic()
+        stamp_ns = at_ns if self._node.stamped else 0
+        self.sensor.look(received, stamp_ns, raw)
+        frame = self._node.frame_id
+        if frame != self._frame:
+            if self._frame:
+                self.frame_changes += 1
+                self.last_frames = (self._frame, frame)
+            self._frame = frame
+
+    def subscription_events(self, topic: str) -> SubscriptionEventCallbacks:
+        """Make what tells of publishers that cannot be heard on a topic, by its relative name."""
+
+        def tell(event: Any) -> None:
+            policy = self._note(topic, event)
+            self._node.console.error(
+                f'a publisher of {topic} offers less {policy} than is asked for: nothing of it '
+                f'will be received. Set qos_overrides.…/{topic}.subscription.{policy} of this '
+                'node, or the quality of service of the publisher.'
+            )
+
+        return SubscriptionEventCallbacks(incompatible_qos=tell)
+
+    def publisher_events(self, topic: str) -> PublisherEventCallbacks:
+        """Make what tells of subscribers that cannot hear a topic, by its relative name."""
+
+        def tell(event: Any) -> None:
+            policy = self._note(topic, event)
+            self._node.console.error(
+                f'a subscriber of {topic} asks for more {policy} than is offered: it will receive '
+                f'nothing. Set qos_overrides.…/{topic}.publisher.{policy} of this node, or the '
+                'quality of service of the subscriber.'
+            )
+
+        return PublisherEventCallbacks(incompatible_qos=tell)
+
+    def _note(self, topic: str, event: Any) -> str:
+        """Remember a mismatch; return the policy's name."""
+        policy = str(qos_policy_name_from_kind(event.last_policy_kind)).lower()
+        self.incompatible[topic] = policy
+        return policy
