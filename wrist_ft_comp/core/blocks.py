@@ -1,6 +1,7 @@
 """A coarse history: means over blocks of thermal cells, small enough to be saved often."""
 
 from collections import deque
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -48,14 +49,16 @@ class Blocks:
                 self._done.append((self._sum / self._count, self._count))
                 self._count = 0
 
-    def all(self) -> list[tuple[FloatArray, int]]:
+    def __iter__(self) -> Iterator[tuple[FloatArray, int]]:
         """
         Give the blocks, the one that is being filled included.
 
-        Returns
-        -------
-        list of tuples of ndarray, shape (J,), and int
+        Yields
+        ------
+        tuple of ndarray, shape (J,), and int
             Mean temperatures, °C, and how many cells they are of; oldest first.
 
         """
-        return [*self._done, *([(self._sum / self._count, self._count)] if self._count else [])]
+        yield from self._done
+        if self._count:
+            yield self._sum / self._count, self._count

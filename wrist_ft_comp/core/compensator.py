@@ -228,7 +228,7 @@ class Compensator:
             self.temperature_c,
             self._state,
             self.drift,
-            tuple(self._blocks.all()),
+            tuple(self._blocks),
         )
 
     def resume(self, memory: ThermalMemory, at_least_s: float) -> None:

@@ -16,6 +16,7 @@ import hashlib
 import json
 import os
 from pathlib import Path
+import signal
 import sys
 import threading
 from typing import Any
@@ -181,7 +182,7 @@ def _end_when_closed() -> None:
     # Not by sys.stdin: its lock would still be held when the interpreter ends.
     while os.read(sys.stdin.fileno(), 1024):
         pass
-    os._exit(1)
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def _answer(job: CalibrationJob) -> dict[str, Any]:

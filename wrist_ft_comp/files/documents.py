@@ -25,7 +25,7 @@ class Kind:
     ----------
     name : str
         Such as ``model file``.
-    format : str
+    says : str
         What stands at ``format`` in it.
     version : int
         The only one that is read.
@@ -43,7 +43,7 @@ class Kind:
     """
 
     name: str
-    format: str
+    says: str
     version: int
     schema: str
     max_bytes: int
@@ -106,9 +106,9 @@ def check(kind: Kind, path: Path, document: Any) -> None:
         The kind's.
 
     """
-    if not isinstance(document, dict) or document.get('format') != kind.format:
+    if not isinstance(document, dict) or document.get('format') != kind.says:
         raise kind.error(
-            f'{path} is not a {kind.name}: expected "format: {kind.format}" in it. {kind.made_by}'
+            f'{path} is not a {kind.name}: expected "format: {kind.says}" in it. {kind.made_by}'
         )
     if document.get('version') != kind.version:
         raise kind.error(

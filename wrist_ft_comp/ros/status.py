@@ -2,7 +2,9 @@
 
 from typing import TYPE_CHECKING
 
-from wrist_ft_comp.core.recording import AXES, axis_unit
+import numpy as np
+
+from wrist_ft_comp.core.recording import AXES, axis_unit, FloatArray
 from wrist_ft_comp.ros.counts import Counts, Period
 from wrist_ft_comp.ros.diagnostics import Concern, ERROR, OK, WARN
 from wrist_ft_comp.ros.status_inputs import input_concern, temperature_concern
@@ -110,17 +112,18 @@ def _output(node: 'CompensatorNode', period: Period) -> Concern:
 
 def _axis_numbers(node: 'CompensatorNode') -> dict[str, str]:
     """Give drift, its uncertainty and the tare of every axis."""
-    compensator, stored = node.compensator, node.model.stored
-    evidence = {} if stored is None else stored.document['axes']
+    compensator = node.compensator
+    deviations: FloatArray = np.full(len(AXES), np.nan)
+    if compensator.model is not None and compensator.temperature_c is not None:
+        deviations = compensator.model.uncertainty(compensator.temperature_c)
     numbers: dict[str, str] = {}
-    for axis, zero, sensitivity, tare in zip(
-        AXES, *compensator.drift, compensator.tare, strict=True
+    for axis, zero, sensitivity, tare, deviation in zip(
+        AXES, *compensator.drift, compensator.tare, deviations, strict=True
     ):
         unit = axis_unit(axis)
         numbers[f'{axis}_drift'] = f'{zero:.4g} {unit}'
-        if axis in evidence:
-            # What held-out blocks were off by; a deviation of the drift itself belongs here, too.
-            numbers[f'{axis}_drift_rms_held_out'] = f'{evidence[axis]["rms_after"]:.4g} {unit}'
+        if np.isfinite(deviation):
+            numbers[f'{axis}_drift_deviation'] = f'{deviation:.4g} {unit}'
         numbers[f'{axis}_sensitivity'] = f'{100 * sensitivity:.3g} %'
         numbers[f'{axis}_tare'] = f'{tare:.4g} {unit}'
     return numbers

@@ -160,8 +160,10 @@ def _silence(node: 'CompensatorNode', ages: list[float | None]) -> str:
     limit = node.compensator.settings.temperature_timeout_s
     never = [str(j) for j, age in enumerate(ages, start=1) if age is None]
     if never:
-        held = 'is held' if node.compensator.compensating else 'waits for it'
-        return f'thermometer {", ".join(never)} has not reported; drift {held}'
+        them = ', '.join(never)
+        if node.compensator.compensating:
+            return f'thermometer {them} has not reported; drift is held'
+        return f'thermometer {them} has not reported; drift waits for it'
     silent = [str(j) for j, age in enumerate(ages, start=1) if age is not None and age > limit]
     if silent:
         return f'thermometer {", ".join(silent)} silent for more than {limit:g} s; drift is held'
@@ -216,4 +218,7 @@ def _outside(node: 'CompensatorNode') -> str:
         *stored.document['thermometers'][outside[0]]['range_c'],
     )
     hint = f'. In {guess} it would be inside: check the unit' if guess else ''
-    return f'thermometer {names} outside the calibrated range; drift is clamped there{hint}'
+    return (
+        f'thermometer {names} outside the calibrated range; drift is less certain there, and held '
+        f'further out{hint}'
+    )

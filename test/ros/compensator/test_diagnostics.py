@@ -96,10 +96,16 @@ def test_temperatures_outside_the_calibrated_range_are_named(rig, make_model):
     status = node.diagnosis('temperature', lambda each: 'thermometer_1_c' in numbers(each))
     assert (status.level, status.message) == (OK, 'all thermometers report')
     assert numbers(status)['thermometer_1_c'] == '25.00'
+    assert numbers(node.diagnosis('output'))['force_z_drift_deviation'] == '0.1 N'
     for second in range(3, 6):
         node.warm(START + second * SECOND, 35.0)
     status = node.diagnosis('temperature', lambda each: each.level == WARN)
-    assert status.message == ('thermometer 1 outside the calibrated range; drift is clamped there')
+    assert status.message == (
+        'thermometer 1 outside the calibrated range; drift is less certain there, and held '
+        'further out'
+    )
+    # 5 K beyond the range, at 2 N/K.
+    assert numbers(node.diagnosis('output'))['force_z_drift_deviation'] == '10 N'
 
 
 def test_stamps_of_two_clocks_are_told(rig):
@@ -179,6 +185,6 @@ def test_what_people_look_for_is_there(rig, make_model):
     shown = numbers(node.diagnosis('output'))
     assert (shown['tare'], shown['force_z_tare']) == ('active', '3 N')
     assert shown['force_z_drift'] == '20 N'
-    assert shown['force_z_drift_rms_held_out'] == '0.1 N'
+    assert shown['force_z_drift_deviation'] == '0.1 N'
     shown = numbers(node.diagnosis('calibration'))
     assert shown['last_refusal'].startswith('set_parameters: model_file set at run time must lie')

@@ -265,8 +265,8 @@ class TestTemperature:
             node.warm(START + second * SECOND, 86.0)
         status = node.diagnosis('temperature', lambda each: 'outside' in each.message)
         assert status.message == (
-            'thermometer 1 outside the calibrated range; drift is clamped there. In degrees '
-            'Fahrenheit it would be inside: check the unit'
+            'thermometer 1 outside the calibrated range; drift is less certain there, and held '
+            'further out. In degrees Fahrenheit it would be inside: check the unit'
         )
         log(node, 'In degrees Fahrenheit it would be inside')
         for second in range(26, 3000):
