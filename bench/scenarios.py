@@ -15,8 +15,8 @@ from wrist_ft_comp.core.recording import AXES, FloatArray, NANOSECONDS, Recordin
 from wrist_ft_comp.core.sampling import grid_samples
 
 Z = AXES.index('force_z')
-#: From a seed to recordings to learn from, and one to be judged on.
-Scenario = Callable[[int], tuple[list[Recording], Recording]]
+#: From a seed to recordings to learn from, one to be judged on, and the drift behind its noise.
+Scenario = Callable[[int], tuple[list[Recording], Recording, FloatArray]]
 
 #: The load cell of the TANEN project (by hmd83, CC BY 4.0): 22 kg for 40.8 h, beside the project.
 LOAD_CELL = Path(__file__).parents[2] / 'shared' / 'data' / 'load_cell' / 'constant_load_run1.csv'
@@ -36,7 +36,7 @@ def lag(values: FloatArray, tau_s: float) -> FloatArray:
     return free_run(relaxation(tau_s, 1.0), values)
 
 
-def two_lags(seed: int, hours: float) -> Recording:
+def two_lags(seed: int, hours: float, noise: float = 1.0) -> Recording:
     """Two hidden lags of 300 s and 1500 s, quadratic zero drift, 0.04 %/K gain drift, loads."""
     rng = np.random.default_rng(seed)
     cells = int(hours * 3600)
@@ -45,14 +45,19 @@ def two_lags(seed: int, hours: float) -> Recording:
     fast, slow = lag(temperature - 22, 300.0), lag(temperature - 22, 1500.0)
     zero = 2.0 * fast - 1.2 * slow + 0.01 * slow**2
     true = np.repeat(rng.normal(0, 20, cells // 5 + 1), 5)[:cells]
-    raw = (1 - 0.0004 * slow) * true + zero + rng.normal(0, 0.1, cells)
+    raw = (1 - 0.0004 * slow) * true + zero + noise * rng.normal(0, 0.1, cells)
     return recording((temperature + rng.normal(0, 0.02, cells))[:, np.newaxis], raw, true)
 
 
-def wrist(seed: int, run: int, thermometers: int, *, loaded: bool) -> Recording:
+def wrist(
+    seed: int, run: int, thermometers: int, *, loaded: bool, noise: float = 1.0
+) -> Recording:
     """Warm the heat-conducting wrist up for 2.5 h, with duty cycles that change every 20 min."""
     rng = np.random.default_rng([seed, run])
-    sensor = thermal_sensor.build_sensor(thermal_sensor.ThermalSensorSettings(), seed)
+    usual = thermal_sensor.ThermalSensorSettings()
+    sensor = thermal_sensor.build_sensor(
+        replace(usual, force_noise_n=noise * usual.force_noise_n), seed
+    )
     starts = np.arange(0.0, 9000.0, 1200.0)
     levels = rng.uniform(0, 1, len(starts)) * (rng.random(len(starts)) > 0.35)
     settings = simulated_run.RunSettings(
@@ -78,10 +83,25 @@ def still(seed: int, run: int, noise_n: float) -> Recording:
     return recording(temperature[:, np.newaxis], raw, np.zeros_like(raw))
 
 
-def wrists(thermometers: int, loaded: bool, seed: int) -> tuple[list[Recording], Recording]:
+def two_lag_runs(seed: int) -> tuple[list[Recording], Recording, FloatArray]:
+    """Two recordings to learn from, a third to judge."""
+    last = 100 * seed + 3
+    learnt = [two_lags(100 * seed + 1, 2.0), two_lags(100 * seed + 2, 2.0)]
+    return learnt, two_lags(last, 3.0), drift(two_lags(last, 3.0, noise=0.0))
+
+
+def wrists(
+    thermometers: int, loaded: bool, seed: int
+) -> tuple[list[Recording], Recording, FloatArray]:
     """Four recordings to learn from, a fifth to judge."""
     runs = [wrist(seed, run, thermometers, loaded=loaded) for run in range(5)]
-    return runs[:4], runs[4]
+    return runs[:4], runs[4], drift(wrist(seed, 4, thermometers, loaded=loaded, noise=0.0))
+
+
+def stills(noise_n: float, seed: int) -> tuple[list[Recording], Recording, FloatArray]:
+    """Three recordings without drift to learn from, a fourth to judge."""
+    runs = [still(seed, run, noise_n) for run in range(4)]
+    return runs[:3], runs[3], np.zeros(len(runs[3]))
 
 
 def drift(each: Recording) -> FloatArray:
@@ -125,14 +145,11 @@ def part(each: Recording, first: int, last: int) -> Recording:
 
 
 SCENARIOS: dict[str, Scenario] = {
-    'two lags': lambda seed: (
-        [two_lags(100 * seed + 1, 2.0), two_lags(100 * seed + 2, 2.0)],
-        two_lags(100 * seed + 3, 3.0),
-    ),
+    'two lags': two_lag_runs,
     'wrist, 1 thermometer': partial(wrists, 1, False),
     'wrist, 1, loaded': partial(wrists, 1, True),
     'wrist, 2 thermometers': partial(wrists, 2, False),
     'wrist, 2, loaded': partial(wrists, 2, True),
-    'noise only': lambda seed: ([still(seed, run, 0.1) for run in range(3)], still(seed, 3, 0.1)),
-    'no drift': lambda seed: ([still(seed, run, 1e-3) for run in range(3)], still(seed, 3, 1e-3)),
+    'noise only': partial(stills, 0.1),
+    'no drift': partial(stills, 1e-3),
 }
