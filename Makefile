@@ -4,6 +4,8 @@ BIN := .venv/bin
 READY := .venv/.ready
 
 PYTHON312 ?= python3.12
+# Some tests wait for others' processes, so two workers pay even on two cores; a file stays with one.
+PYTEST := python -m pytest -n auto --maxprocesses=4 --dist loadfile
 
 .PHONY: setup demo test test-noble colcon lint docs bench reliability lock clean
 
@@ -17,11 +19,11 @@ demo: $(READY)
 	$(BIN)/wrist_ft_comp demo
 
 test: $(READY)
-	$(BIN)/python -m pytest
+	$(BIN)/$(PYTEST)
 
 # The suite with the versions that Ubuntu 24.04 has. The stamp is no part of build/noble itself.
 test-noble: build/.noble
-	build/noble/bin/python -m pytest
+	build/noble/bin/$(PYTEST)
 
 build/.noble: setup.py requirements/lock.txt requirements/noble.txt requirements/noble.sh
 	sh requirements/noble.sh '$(PYTHON312)'
