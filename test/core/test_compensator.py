@@ -71,7 +71,7 @@ def test_without_a_model_the_wrench_passes() -> None:
     _, outputs = stream(compensator, (0, 20))
     np.testing.assert_array_equal(outputs, np.tile(LOAD, (len(outputs), 1)))
     assert not compensator.compensating
-    assert compensator.temperature_c == pytest.approx([warming(18 * SECOND)], abs=0.2)
+    assert compensator.tracker.temperature_c == pytest.approx([warming(18 * SECOND)], abs=0.2)
 
 
 def test_before_the_first_cell_is_complete_the_wrench_passes(model: DriftModel) -> None:
@@ -235,7 +235,7 @@ class TestLimits:
     ) -> None:
         compensator = Compensator(1, StreamSettings(), model)
         stream(compensator, (0, 10))
-        compensator._state = {axis: np.full((1, 1), value) for axis in model.axes}
+        compensator.tracker._state = {axis: np.full((1, 1), value) for axis in model.axes}
         with np.errstate(invalid='ignore'):
             _, outputs = stream(compensator, (10, 20))
         assert np.isfinite(outputs).all()
@@ -286,7 +286,7 @@ class TestModelSwap:
         compensator.go_live(make_model(OTHER, period_s=period_s))
         _, after = stream(compensator, (40, 60))
         assert compensator.compensating
-        assert compensator.grid.period_ns == round(period_s * SECOND)
+        assert compensator.tracker.grid.period_ns == round(period_s * SECOND)
         assert steps(np.concatenate((before[-1:], after)))[2] < 0.05
 
     @pytest.mark.parametrize('live_s', [10.5, 63.2, 200.0])
@@ -313,7 +313,7 @@ class TestModelSwap:
     def test_history_is_as_long_as_it_is_said_to_be(self) -> None:
         compensator = Compensator(1, StreamSettings(history_s=20.0))
         stream(compensator, (0, 100))
-        assert len(compensator._history) == 20
+        assert len(compensator.tracker._history) == 20
 
     def test_a_model_with_other_thermometers_is_refused_and_the_running_one_stays(
         self, make_model: MakeModel, model: DriftModel
@@ -400,7 +400,7 @@ class TestTrouble:
         *_, held, _ = compensator.add_temperature(0, far + SECOND, 50.0)
         assert held.count > 10**8
         assert np.isfinite(compensator.drift.zero).all()
-        assert len(compensator._history) <= 60
+        assert len(compensator.tracker._history) <= 60
         assert 0.4 * 0.0 < compensator.drift.zero[2] < 0.4 * 30.0
 
     def test_a_gap_within_the_history_is_run_with_the_held_temperature(
@@ -420,7 +420,7 @@ class TestTrouble:
         _, before = stream(compensator, (1000, 1060))
         held = compensator.drift
         _, after = stream(compensator, (0, 3), temperature=lambda _: warming(1060 * SECOND))
-        assert compensator.grid.restarts == 1
+        assert compensator.tracker.grid.restarts == 1
         np.testing.assert_allclose(compensator.drift.zero, held.zero, atol=2.0)
         assert np.abs(after[-1] - before[-1])[2] < 2.0
 
@@ -449,8 +449,8 @@ def test_the_drift_of_the_stream_is_the_run_over_its_cells(model: DriftModel) ->
 
     def take(completed: Iterable[object]) -> None:
         if completed:
-            assert compensator.temperature_c is not None
-            seen.append(compensator.temperature_c)
+            assert compensator.tracker.temperature_c is not None
+            seen.append(compensator.tracker.temperature_c)
             moved.append(compensator.drift)
 
     for second in range(100):

@@ -75,7 +75,7 @@ def test_a_restarted_stream_stays_within_2_percent_of_one_that_never_stopped(
     again = restarted(model, killed, gap_s)
     expected = feed(never, killed_s + gap_s + offset, killed_s + 300, rate_hz)
     found = feed(again, killed_s + gap_s + offset, killed_s + 300, rate_hz)
-    assert not again.crossing
+    assert not again.tracker.crossing
     size = np.abs([each.zero for each in expected]).max(axis=0)
     apart = np.abs([a.zero - b.zero for a, b in zip(expected, found, strict=True)])
     assert size[2] > 2.0
@@ -100,8 +100,8 @@ def test_the_drift_is_subtracted_before_the_first_temperature(model: DriftModel)
     feed(killed, 0, 400)
     again = restarted(model, killed)
     assert again.compensating
-    assert again.crossing
-    assert again.origin.startswith('the drift saved before the restart is held')
+    assert again.tracker.crossing
+    assert again.tracker.origin.startswith('the drift saved before the restart is held')
     raw = [10.0, 20.0, 50.0, 1.0, 2.0, 3.0]
     far = START + 10**6 * SECOND
     assert again.correct(0, raw) == pytest.approx(killed.correct(far, raw))
@@ -152,12 +152,12 @@ class TestGap:
         first = memory.end_ns + round(gap_s) * SECOND
         for second in range(3):
             again.add_temperature(0, first + second * SECOND, 30.0)
-        assert words in again.origin
-        assert again.origin.endswith(
+        assert words in again.tracker.origin
+        assert again.tracker.origin.endswith(
             'so the drift starts at the steady state of the present temperatures'
         )
         assert again.drift.zero[2] == pytest.approx(2.0 * 10.0)
-        assert not again.crossing
+        assert not again.tracker.crossing
 
     def test_that_is_refused_moves_the_output_no_faster_than_the_rate(
         self, model: DriftModel
@@ -227,7 +227,7 @@ def test_a_model_that_goes_live_ends_the_wait_for_the_gap(
     feed(killed, 0, 100)
     again = restarted(model, killed)
     again.go_live(make_model({'force_z': (1.0, 0.0, 30.0)}))
-    assert not again.crossing
+    assert not again.tracker.crossing
     assert again.compensating
 
 
@@ -253,8 +253,8 @@ def test_a_memory_that_is_refused_leaves_no_history(model: DriftModel) -> None:
     feed(killed, 0, 700)
     again = restarted(model, killed)
     feed(again, -5000, -4990)
-    assert again.forgot
-    assert len(again._history) < 12
+    assert again.tracker.forgot
+    assert len(again.tracker._history) < 12
 
 
 def test_blocks_are_means_of_cells(model: DriftModel) -> None:
@@ -277,5 +277,5 @@ def test_a_stray_stamp_right_after_the_restart_does_not_cost_the_memory(
     again = restarted(model, killed)
     again.add_temperature(0, START + (705 + leap_s) * SECOND, 25.0)
     feed(again, 706, 710)
-    assert not again.forgot
+    assert not again.tracker.forgot
     assert again.drift.zero[2] == pytest.approx(killed.drift.zero[2], rel=0.02)

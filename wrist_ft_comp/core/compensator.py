@@ -1,27 +1,25 @@
 """
-The stream: thermal grid, drift state and tare around a wrench.
+The stream: drift and tare around a wrench.
 
-Temperatures move the drift once per thermal cell; every wrench is corrected with the drift of its
-time, ramped over one cell from where the output stood, so that it has no steps. The force path
+Temperatures move the drift once per thermal cell (drift_tracker.py); it is kept within limits, and
+every wrench is corrected with the drift of its time, ramped over one cell from where the output
+stood, so that it has no steps. The force path
 itself has no memory: what comes out depends on the wrench that came in and on the drift, only.
 """
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from wrist_ft_comp import SettingsError
-from wrist_ft_comp.core import drift
-from wrist_ft_comp.core.blocks import Blocks
-from wrist_ft_comp.core.drift import Drift, DriftModel, DriftState
-from wrist_ft_comp.core.leap_guard import LeapGuard
+from wrist_ft_comp.core.drift import Drift, DriftModel
+from wrist_ft_comp.core.drift_tracker import DriftTracker
 from wrist_ft_comp.core.limits import Limits
 from wrist_ft_comp.core.ramp import Ramp
 from wrist_ft_comp.core.recording import AXES, FloatArray, NANOSECONDS
-from wrist_ft_comp.core.resumption import BLOCK_S, bridge, ThermalMemory
-from wrist_ft_comp.core.thermal_grid import CompletedCells, ThermalGrid
+from wrist_ft_comp.core.resumption import ThermalMemory
+from wrist_ft_comp.core.thermal_grid import CompletedCells
 
 
 @dataclass(frozen=True)
@@ -73,63 +71,45 @@ class Compensator:
     ) -> None:
         self.settings = settings
         self.thermometers = thermometers
-        self.model: DriftModel | None = None
-        self.tare: FloatArray = np.zeros(len(AXES))
-        self.temperature_c: FloatArray | None = None
-        self.drift = Drift(np.zeros(len(AXES)), np.zeros(len(AXES)))
+        self.tracker = DriftTracker(
+            thermometers,
+            round(settings.thermal_period_s * NANOSECONDS),
+            settings.temperature_timeout_s,
+            settings.history_s,
+        )
         self.limits = Limits(settings.max_drift_n, settings.max_drift_rate_n_s)
-        self.guard = LeapGuard(thermometers)
-        #: How the drift came to be where it is, a sentence; changes when it starts or goes on.
-        self.origin = 'no temperatures yet'
-        self._state: DriftState | None = None
-        #: Whether another stream's memory was of no use.
-        self.forgot = False
-        #: End of the last completed cell, ns.
-        self._end_ns = 0
-        #: What to go on from when the first cell is complete, and its age by another clock, s.
-        self._awaited: tuple[ThermalMemory, float] | None = None
+        self.tare: FloatArray = np.zeros(len(AXES))
+        #: What is subtracted when the present ramp ends: the model's drift, within the limits.
+        self.drift = self.tracker.drift
         self._ramp = Ramp()
         self._last: tuple[int, Sequence[float]] | None = None
         #: Whether the first cell may move the output: not after a tare or a change of model.
         self._keep_output = False
         self._correction: list[tuple[float, float, float, float]] = []
-        self._use_period(round(settings.thermal_period_s * NANOSECONDS))
         self._refresh_correction()
         if model is not None:
             self.go_live(model)
 
     @property
-    def compensating(self) -> bool:
-        """Whether there is a model and its thermal state has started."""
-        return self._state is not None
+    def model(self) -> DriftModel | None:
+        """The live model."""
+        return self.tracker.model
 
     @property
-    def grid(self) -> ThermalGrid:
-        """The thermal grid, for its counts."""
-        return self._grid
+    def compensating(self) -> bool:
+        """Whether there is a model and its thermal state has started."""
+        return self.tracker.following
 
     @property
     def newest(self) -> tuple[int, Sequence[float]] | None:
         """The newest wrench's stamp, ns, and its raw values; None before the first."""
         return self._last
 
-    def _use_period(self, period_ns: int) -> None:
-        """Start a grid of this period, without history."""
-        self._grid = ThermalGrid(period_ns, self.thermometers, self.settings.temperature_timeout_s)
-        self._forget()
-
-    def _forget(self) -> None:
-        """Start an empty history."""
-        period_ns = self._grid.period_ns
-        cells = round(self.settings.history_s * NANOSECONDS / period_ns)
-        self._history: deque[FloatArray] = deque(maxlen=max(cells, 1))
-        self._blocks = Blocks(max(round(BLOCK_S * NANOSECONDS / period_ns), 1), max(cells, 1))
-
     def add_temperature(
         self, thermometer: int, stamp_ns: int, temperature_c: float
     ) -> list[CompletedCells]:
         """
-        Take one temperature.
+        Take one temperature, as DriftTracker.add does.
 
         Parameters
         ----------
@@ -146,67 +126,18 @@ class Compensator:
             Cells that this sample completed; the drift has moved when there are any.
 
         """
-        samples = self.guard.admit(thermometer, stamp_ns, temperature_c)
-        cells = [completed for sample in samples for completed in self._grid.add(*sample)]
-        for completed in cells:
-            self._advance(completed)
-        if cells and self._state is not None:
+        resting = not self.compensating
+        cells = self.tracker.add(thermometer, stamp_ns, temperature_c)
+        if cells and self.compensating:
+            target = self.limits.bounded(self.tracker.drift)
+            if resting:
+                self._settle(target, self._reading() if self._keep_output else None)
             share = self._share(stamp_ns)
-            period_s = self._grid.period_ns / NANOSECONDS
-            self.drift = self.limits.slowed(self.drift, self._ramp.drift_at(share), period_s)
+            period_s = self.tracker.grid.period_ns / NANOSECONDS
+            self.drift = self.limits.slowed(target, self._ramp.drift_at(share), period_s)
             self._ramp.restart(stamp_ns, share, self.drift)
             self._refresh_correction()
         return cells
-
-    def _advance(self, cells: CompletedCells) -> None:
-        """Move history, state and drift on by completed cells."""
-        resting = self._state is None
-        if self.model is not None and self._awaited is not None:
-            self._cross_gap(self.model, cells)
-        self.temperature_c = cells.temperature_c
-        count = min(cells.count, self._history.maxlen or cells.count)
-        self._history.extend([cells.temperature_c] * count)
-        self._blocks.add(cells.temperature_c, count)
-        self._end_ns = (cells.first_cell + cells.count) * self._grid.period_ns
-        if self.model is None:
-            return
-        if self._state is None or count < cells.count:
-            # Nothing known before, or a gap longer than any memory: the robot has soaked.
-            if resting:
-                self.origin = 'the drift started at the steady state of the first temperatures'
-            self._state = drift.start(self.model, cells.temperature_c)
-            count = 1
-        if count == 1:
-            self._state, target = drift.step(self.model, self._state, cells.temperature_c)
-        else:
-            held = np.repeat(cells.temperature_c[np.newaxis], count, axis=0)
-            self._state, target = _run(self.model, self._state, held)
-        self.drift = self.limits.bounded(target)
-        if resting:
-            self._settle(self._reading() if self._keep_output else None)
-
-    def _cross_gap(self, model: DriftModel, cells: CompletedCells) -> None:
-        """Take the state over the gap behind a restart, or give it up."""
-        assert self._awaited is not None  # noqa: S101 -- the caller looked
-        memory, at_least_s = self._awaited
-        self._awaited = None
-        temperature_c, self.origin = bridge(
-            model, memory, cells.first_cell, cells.temperature_c, at_least_s
-        )
-        self.forgot = temperature_c is None
-        if temperature_c is None:
-            self._state = None
-            self._forget()
-            return
-        self._state = memory.filters
-        if len(temperature_c):
-            self._state, _ = drift.run(model, memory.filters, temperature_c)
-            self._history.extend(temperature_c)
-
-    @property
-    def crossing(self) -> bool:
-        """Whether a restarted stream still waits for the temperatures behind its gap."""
-        return self._awaited is not None
 
     def memory(self) -> ThermalMemory | None:
         """
@@ -218,25 +149,13 @@ class Compensator:
             None while there is nothing to go on from.
 
         """
-        if self._awaited is not None:
-            return self._awaited[0]
-        if self._state is None or self.temperature_c is None:
-            return None
-        return ThermalMemory(
-            self._end_ns,
-            self._grid.period_ns,
-            self.temperature_c,
-            self._state,
-            self.drift,
-            tuple(self._blocks),
-        )
+        return self.tracker.memory(self.drift)
 
     def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
         """
         Go on from what another stream left; to be called before the first temperature.
 
-        Its drift is subtracted at once, as if the temperature had been held until now. The first
-        completed cell tells how long the gap was, and what the temperature did.
+        Its drift is subtracted at once.
 
         Parameters
         ----------
@@ -246,25 +165,12 @@ class Compensator:
             How long the gap is by another clock, s; 0 when there is none.
 
         """
-        if self.model is None:
-            return
-        self._awaited = memory, at_least_s
-        self.guard.expect(memory.end_ns)
-        for temperature_c, count in memory.history:
-            self._history.extend([temperature_c] * count)
-            self._blocks.add(temperature_c, count)
-        self._state, self.drift = memory.filters, memory.drift
-        cells = round(at_least_s * NANOSECONDS / memory.period_ns)
-        if cells > 0:
-            held = np.repeat(memory.temperature_c[np.newaxis], cells, axis=0)
-            self._state, self.drift = _run(self.model, memory.filters, held)
-        self.drift = self.limits.bounded(self.drift)
-        self.origin = 'the drift saved before the restart is held until a temperature comes'
-        self._settle(None)
+        self.tracker.resume(memory, at_least_s)
+        self._settle(self.limits.bounded(self.tracker.drift), None)
 
     def _share(self, stamp_ns: int) -> float:
         """Share of the ramp that is done at a stamp, 0 to 1."""
-        share = (stamp_ns - self._ramp.start_ns) / self._grid.period_ns
+        share = (stamp_ns - self._ramp.start_ns) / self.tracker.grid.period_ns
         return 0.0 if share < 0.0 else min(share, 1.0)
 
     def _refresh_correction(self) -> None:
@@ -325,18 +231,9 @@ class Compensator:
                 "model's topics."
             )
         reading = self._reading()
-        if model is not None and model.period_ns != self._grid.period_ns:
-            self._use_period(model.period_ns)
-        self.model, self._state, self._awaited = model, None, None
-        self.drift = self.limits.bounded(Drift(np.zeros(len(AXES)), np.zeros(len(AXES))))
-        if model is not None and self._history:
-            temperature_c = np.array(self._history)
-            resting = drift.start(model, temperature_c[0])
-            self._state, target = _run(model, resting, temperature_c)
-            self.drift = self.limits.bounded(target)
-            self.origin = f'the drift was found from {len(temperature_c)} thermal cells before'
+        self.tracker.use(model)
         self._keep_output = reading is not None
-        self._settle(reading)
+        self._settle(self.limits.bounded(self.tracker.drift), reading)
 
     def _reading(self) -> tuple[FloatArray, FloatArray] | None:
         """Newest raw wrench and what it is corrected to; what is not finite counts as unloaded."""
@@ -347,12 +244,13 @@ class Compensator:
         finite = np.where(np.isfinite(raw), raw, zero + self.tare)
         return finite, np.array(self.correct(stamp_ns, finite.tolist()))
 
-    def _settle(self, reading: tuple[FloatArray, FloatArray] | None) -> None:
-        """Stand at the drift at once; the tare takes up what this would move the reading by."""
-        self._ramp.settle(self.drift)
+    def _settle(self, target: Drift, reading: tuple[FloatArray, FloatArray] | None) -> None:
+        """Stand at a drift at once; the tare takes up what this would move the reading by."""
+        self.drift = target
+        self._ramp.settle(target)
         if reading is not None:
             raw, corrected = reading
-            self.tare = raw - self.drift.zero - (1.0 + self.drift.sensitivity) * corrected
+            self.tare = raw - target.zero - (1.0 + target.sensitivity) * corrected
         self._refresh_correction()
 
     def set_tare(self, raw: FloatArray, stamp_ns: int) -> FloatArray:
@@ -394,11 +292,3 @@ class Compensator:
         """
         self.tare = tare
         self._refresh_correction()
-
-
-def _run(
-    model: DriftModel, state: DriftState, temperature_c: FloatArray
-) -> tuple[DriftState, Drift]:
-    """Run over cells, shape (N, J); return the state and the drift after the last one."""
-    after, track = drift.run(model, state, temperature_c)
-    return after, Drift(track.zero[-1], track.sensitivity[-1])

@@ -86,7 +86,7 @@ class CalibrationControl:
                 min_temperature_span_k=given['calibration.min_temperature_span'],
                 identification=IdentificationSettings(method=given['calibration.method']),
             ),
-            period_s=node.compensator.grid.period_ns / NANOSECONDS,
+            period_s=node.compensator.tracker.grid.period_ns / NANOSECONDS,
             topics=Topics(
                 wrench=node.raw_subscription.topic_name,
                 temperatures=tuple(s.topic_name for s in node.temperature_subscriptions),

@@ -73,7 +73,7 @@ class InputWatch:
 
     def cells(self, completed: list[CompletedCells]) -> None:
         """Look at completed thermal cells."""
-        period_ns = self._node.compensator.grid.period_ns
+        period_ns = self._node.compensator.tracker.grid.period_ns
         for each in completed:
             self.thermometers.look(each.temperature_c, each.count, period_ns)
 

@@ -56,7 +56,7 @@ class RecordingControl:
         try:
             path = node.store.new_recording_path()
             self.current = OwnRecording(
-                path, node.compensator.grid.period_ns, node.compensator.thermometers
+                path, node.compensator.tracker.grid.period_ns, node.compensator.thermometers
             )
         except OSError as error:
             raise RecordingError(
@@ -117,7 +117,7 @@ class RecordingControl:
 
     def follow_period(self) -> None:
         """End the recording when a new model has brought another thermal period."""
-        recording, period_ns = self.current, self._node.compensator.grid.period_ns
+        recording, period_ns = self.current, self._node.compensator.tracker.grid.period_ns
         if recording is not None and recording.period_ns != period_ns:
             self.end()
             self.failure = (

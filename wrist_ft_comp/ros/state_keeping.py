@@ -40,7 +40,7 @@ class StateKeeping:
         self._path = node.store.directory / 'state.json'
         self._writer = StateWriter(self._path)
         self._due = time.monotonic() + period_s
-        self._told = node.compensator.origin
+        self._told = node.compensator.tracker.origin
         self._complained = ''
         self._loaded: SavedState | None = None
         self._restore()
@@ -91,7 +91,7 @@ class StateKeeping:
             self._begin_anew(too_old(model, gap_s))
         else:
             node.compensator.resume(memory, max(gap_s, 0.0))
-            self.outcome = node.compensator.origin
+            self.outcome = node.compensator.tracker.origin
 
     def _begin_anew(self, why: str) -> None:
         """Say that the saved state is of no use."""
@@ -121,21 +121,21 @@ class StateKeeping:
     def _tell_origin(self) -> None:
         """Log how the drift started, when that is known."""
         compensator = self._node.compensator
-        if compensator.origin == self._told:
+        if compensator.tracker.origin == self._told:
             return
-        self._told = compensator.origin
+        self._told = compensator.tracker.origin
         if self._loaded is not None:
             self.outcome = self._told
         # One call site each: rclpy insists that a call site keeps its severity.
-        if compensator.forgot:
+        if compensator.tracker.forgot:
             self._node.console.warning(self._told)
         else:
             self._node.console.info(self._told)
 
     def _end_ns(self) -> int | None:
         """Tell up to when the thermal state reaches; None without one."""
-        memory = self._node.compensator.memory()
-        return None if memory is None else memory.end_ns
+        tracker = self._node.compensator.tracker
+        return tracker.end_ns if tracker.following else None
 
     def save(self) -> None:
         """Have the present state saved; returns at once."""
@@ -143,7 +143,7 @@ class StateKeeping:
         self._due = time.monotonic() + self._period_s
         self._saved, self._saved_end_ns = self._key(), self._end_ns()
         # What was loaded and is not yet in use is as old as it was.
-        waiting = compensator.crossing and self._loaded is not None
+        waiting = compensator.tracker.crossing and self._loaded is not None
         saved_ns = self._loaded.saved_ns if waiting and self._loaded else time.time_ns()
         self._writer.put(
             SavedState(saved_ns, self._model_sha256(), compensator.tare, compensator.memory())

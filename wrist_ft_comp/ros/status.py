@@ -31,7 +31,9 @@ def concerns(node: 'CompensatorNode') -> list[Concern]:
 
     """
     compensator = node.compensator
-    period = node.counts.period(compensator.grid.rejected + compensator.guard.strays)
+    period = node.counts.period(
+        compensator.tracker.grid.rejected + compensator.tracker.guard.strays
+    )
     return [
         input_concern(node, period),
         temperature_concern(node, period),
@@ -91,7 +93,7 @@ def _output(node: 'CompensatorNode', period: Period) -> Concern:
         'rate_hz': f'{period.out_hz:.1f}',
         'published': str(node.counts.published),
         'tare': 'active' if tared else 'none',
-        'origin': compensator.origin,
+        'origin': compensator.tracker.origin,
         **_axis_numbers(node),
     }
     peers = node.watch.incompatible.get('wrench')
@@ -114,8 +116,8 @@ def _axis_numbers(node: 'CompensatorNode') -> dict[str, str]:
     """Give drift, its uncertainty and the tare of every axis."""
     compensator = node.compensator
     deviations: FloatArray = np.full(len(AXES), np.nan)
-    if compensator.model is not None and compensator.temperature_c is not None:
-        deviations = compensator.model.uncertainty(compensator.temperature_c)
+    if compensator.model is not None and compensator.tracker.temperature_c is not None:
+        deviations = compensator.model.uncertainty(compensator.tracker.temperature_c)
     numbers: dict[str, str] = {}
     for axis, zero, sensitivity, tare, deviation in zip(
         AXES, *compensator.drift, compensator.tare, deviations, strict=True

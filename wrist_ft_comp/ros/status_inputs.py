@@ -113,17 +113,17 @@ def temperature_concern(node: 'CompensatorNode', period: Period) -> Concern:
     numbers = {
         'state': node.keeping.outcome,
         'rate_hz': f'{period.warm_hz:.1f}',
-        'rejected': str(compensator.grid.rejected),
-        'stray_stamps': str(compensator.guard.strays),
-        'stamps_leapt': str(compensator.guard.leaps),
-        'stamps_restarted': str(compensator.grid.restarts),
+        'rejected': str(compensator.tracker.grid.rejected),
+        'stray_stamps': str(compensator.tracker.guard.strays),
+        'stamps_leapt': str(compensator.tracker.guard.leaps),
+        'stamps_restarted': str(compensator.tracker.grid.restarts),
         'unusable': str(counts.bad_temperatures),
         'jumps': str(sum(node.watch.thermometers.jumps)),
     }
     for j, last in enumerate(counts.last_temperature, start=1):
         numbers[f'thermometer_{j}_age_s'] = _age(last)
-    if compensator.temperature_c is not None:
-        for j, value in enumerate(compensator.temperature_c, start=1):
+    if compensator.tracker.temperature_c is not None:
+        for j, value in enumerate(compensator.tracker.temperature_c, start=1):
             numbers[f'thermometer_{j}_c'] = f'{value:.2f}'
     trouble = (
         _unusable(node, period)
@@ -207,14 +207,14 @@ def _jumps(node: 'CompensatorNode') -> str:
 def _outside(node: 'CompensatorNode') -> str:
     """Say which thermometers are outside the calibrated range, and guess why."""
     compensator, stored = node.compensator, node.model.stored
-    if compensator.model is None or compensator.temperature_c is None or stored is None:
+    if compensator.model is None or compensator.tracker.temperature_c is None or stored is None:
         return ''
-    outside = compensator.model.outside(compensator.temperature_c)
+    outside = compensator.model.outside(compensator.tracker.temperature_c)
     if not outside:
         return ''
     names = ', '.join(str(j + 1) for j in outside)
     guess = other_unit(
-        float(compensator.temperature_c[outside[0]]),
+        float(compensator.tracker.temperature_c[outside[0]]),
         *stored.document['thermometers'][outside[0]]['range_c'],
     )
     hint = f'. In {guess} it would be inside: check the unit' if guess else ''

@@ -25,7 +25,7 @@ SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 TIMEOUT_S = 20.0
 #: No file may grow beyond this: a header and some rows of a recording fit, a state does not.
-LIMIT = 500
+LIMIT = 400
 #: Python ignores the signal that would end it, so that writing fails as on a full disk.
 LIMITED = f"""
 import resource, sys

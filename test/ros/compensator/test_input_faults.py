@@ -222,7 +222,7 @@ class TestTemperature:
         assert status.message.startswith(f'thermometer 1 reads {value:.4g} °C, which is dropped')
         assert int(numbers(status)['unusable']) > 0
         log(node, 'temperature: thermometer 1 reads .* which is dropped')
-        assert node.node.compensator.temperature_c == pytest.approx([30.0])
+        assert node.node.compensator.tracker.temperature_c == pytest.approx([30.0])
         unharmed(node)
 
     def test_that_stops_leaves_the_drift_where_it_is_and_is_told(self, warm, log):
@@ -243,7 +243,7 @@ class TestTemperature:
         status = node.diagnosis('temperature', told)
         assert status.message == 'thermometer 2 silent for more than 0.5 s; drift is held'
         log(node, 'temperature: thermometer 2 silent')
-        assert node.node.compensator.grid._next > START // SECOND + 20
+        assert node.node.compensator.tracker.grid._next > START // SECOND + 20
         unharmed(node)
 
     def test_that_jumps_moves_the_drift_no_faster_than_its_limit(self, warm, log):
@@ -282,7 +282,7 @@ class TestTemperature:
         node.warm(START + 20 * SECOND + leap, 44.0)
         for second in range(20, 23):
             node.warm(START + second * SECOND, 30.0)
-        assert node.node.compensator.guard.strays == 1
+        assert node.node.compensator.tracker.guard.strays == 1
         status = node.diagnosis('temperature')
         assert (status.level, numbers(status)['stray_stamps']) == (OK, '1')
         np.testing.assert_allclose(node.node.compensator.memory().filters['force_z'], memory)
@@ -308,14 +308,14 @@ class TestTemperature:
                 lambda now=message.clock.sec: node.node._now_ns() == now * SECOND, 'the clock'
             )
             node.warm(0, 30.0)
-        assert node.node.compensator.grid._next == START // SECOND + 23
+        assert node.node.compensator.tracker.grid._next == START // SECOND + 23
         unharmed(node)
 
     def test_of_a_simulation_that_begins_anew_goes_on_from_there(self, warm):
         node = warm()
         for second in range(5):
             node.warm(second * SECOND, 30.0)
-        assert node.node.compensator.grid.restarts == 1
+        assert node.node.compensator.tracker.grid.restarts == 1
         status = node.diagnosis('temperature')
         assert numbers(status)['stamps_restarted'] == '1'
         unharmed(node, 10 * SECOND)

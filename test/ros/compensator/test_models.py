@@ -140,7 +140,7 @@ class TestRestart:
     def test_brings_the_period_of_the_model_back(self, rig, make_model):
         make_model('slow.yaml', period_s=10.0)
         remember(rig(), 'slow.yaml')
-        assert rig().node.compensator.grid.period_ns == 10 * SECOND
+        assert rig().node.compensator.tracker.grid.period_ns == 10 * SECOND
 
 
 class TestNewestDecision:

@@ -76,7 +76,7 @@ def test_values_that_are_not_allowed_are_refused(rig, name, value, words):
 def test_an_integer_is_taken_for_a_double(rig):
     node = rig(parameters={'max_drift': 3, 'thermal_period': 2})
     assert node.node.compensator.settings.max_drift_n == 3.0
-    assert node.node.compensator.grid.period_ns == 2 * SECOND
+    assert node.node.compensator.tracker.grid.period_ns == 2 * SECOND
     assert node.set('tare.duration', 2).successful
     assert node.node.get_parameter('tare.duration').value == 2.0
 

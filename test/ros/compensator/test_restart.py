@@ -140,7 +140,7 @@ def test_a_broken_state_is_said_and_replaced(rig, stored, tmp_path, capfd, conte
 
 def test_simulated_time_is_not_judged_by_the_system_s_clock(restart, warm):
     node = restart(replace(warm, saved_ns=10**18), use_sim_time=True)
-    assert node.node.compensator.crossing
+    assert node.node.compensator.tracker.crossing
 
 
 def test_what_is_saved_is_what_the_stream_remembers(rig, stored):

@@ -120,7 +120,7 @@ def test_two_thermometers_on_one_topic_are_two_thermometers(bench, tmp_path):
         message = Temperature(temperature=25.0)
         message.header.stamp.sec = next(stamps)
         publisher.publish(message)
-        return node.compensator.temperature_c is not None
+        return node.compensator.tracker.temperature_c is not None
 
     bench.wait_until(started, 'a thermal cell')
-    assert node.compensator.temperature_c.tolist() == [25.0, 25.0]
+    assert node.compensator.tracker.temperature_c.tolist() == [25.0, 25.0]
