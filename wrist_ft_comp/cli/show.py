@@ -6,7 +6,7 @@ from pathlib import Path
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.tables import table_text
-from wrist_ft_comp.core.recording import axis_unit, NANOSECONDS
+from wrist_ft_comp.core.recording import NANOSECONDS
 from wrist_ft_comp.files.model_file import load_model, StoredModel
 from wrist_ft_comp.files.recordings import (
     ChannelSummary,
@@ -119,7 +119,7 @@ def _axes_text(stored: StoredModel) -> str:
         [
             [
                 axis,
-                axis_unit(axis),
+                entry['unit'],
                 f'{entry["rms_before"]:.4g}',
                 f'{entry["rms_after"]:.4g}',
                 _drifts(stored, axis),

@@ -11,6 +11,7 @@ from wrist_ft_comp.core.chamber import (
     accuracy,
     ChamberTable,
     max_deviation,
+    OUTPUT_UNIT,
     sensitivity_drift,
     zero_spread,
 )
@@ -89,7 +90,8 @@ def table_recording(table: ChamberTable, period_s: float) -> Recording:
         force_z, its reference, and one thermometer.
 
     """
-    return grid_samples(table.samples(), name=table.name, period_s=period_s)
+    recording = grid_samples(table.samples(), name=table.name, period_s=period_s)
+    return replace(recording, unit=OUTPUT_UNIT)
 
 
 def compensate_table(table: ChamberTable, model: DriftModel) -> ChamberTable:

@@ -89,19 +89,16 @@ def headline(view: ReportView) -> str:
     Returns
     -------
     str
-        Such as ``5 of 6 axes good, 1 of 6 axes weak.`` and what was seen.
+        Such as ``6 axes: 5 good, 1 weak.`` and what was seen.
 
     """
     counts = Counter(axis.verdict.level for axis in view.axes)
     total = len(view.axes)
-    parts = [
-        f'{counts[level]} of {total} {"axis" if total == 1 else "axes"} {name}'
-        for level, name in LEVEL_NAMES.items()
-        if counts[level]
-    ]
+    parts = [f'{counts[level]} {name}' for level, name in LEVEL_NAMES.items() if counts[level]]
     low, high = view.coverage.range_c[view.coverage.leading]
     hours = sum(source.hours for source in view.sources)
-    return f'{", ".join(parts)}. Over {hours:.1f} h, {low:.0f} to {high:.0f} °C.'
+    axes = f'{total} {"axis" if total == 1 else "axes"}'
+    return f'{axes}: {", ".join(parts)}. Seen: {hours:.1f} h at {low:.0f} to {high:.0f} °C.'
 
 
 def _sections(view: ReportView) -> Iterator[str]:
@@ -194,11 +191,12 @@ def _coverage(view: ReportView) -> str:
         ],
     )
     loads = view.coverage.loads.items()
+    units = {axis.axis: axis.unit for axis in view.axes}
     known = table(
-        'Loads by the reference, N and N m',
+        'Loads by the reference',
         ['axis', 'from', 'to', 'standard deviation'],
         [
-            [axis_name(a), number(load.low), number(load.high), number(load.deviation)]
+            [f'{axis_name(a)}, {units[a]}', *map(number, (load.low, load.high, load.deviation))]
             for a, load in loads
         ],
     )
