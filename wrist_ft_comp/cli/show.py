@@ -176,13 +176,19 @@ def _use(summary: RecordingSummary, path: Path) -> Iterator[str]:
         reference = ' --reference recorded' if REFERENCE in held else ''
         yield f'Learn from it: wrist_ft_comp calibrate {path} -o model.yaml{reference}'
         return
-    yield f'It holds no {" and no ".join(lacks)}, so nothing can be learnt from it.'
-    kinds = {RAW_WRENCH: 'WrenchStamped', TEMPERATURE: 'Temperature'}
+    kinds = {RAW_WRENCH: '/WrenchStamped', TEMPERATURE: '/Temperature'}
     options_of = {RAW_WRENCH: '--wrench-topic', TEMPERATURE: '--temperature-topic'}
-    for role in lacks:
-        for channel in summary.channels:
-            if channel.kind.endswith(kinds[role]) and not channel.role:
-                yield f'If {channel.name} is the {role}: {options_of[role]} {channel.name}'
+    found = {
+        role: [c.name for c in summary.channels if c.kind.endswith(kinds[role]) and not c.role]
+        for role in lacks
+    }
+    names = [f'{options_of[role]} {name}' for role in lacks for name in found[role]]
+    if not all(found.values()):
+        yield f'It holds no {" and no ".join(lacks)}, so nothing can be learnt from it.'
+        yield from names
+        return
+    yield 'Name its topics, without those of other places (the thermometer in the sensor first):'
+    yield f'wrist_ft_comp calibrate {path} -o model.yaml {" ".join(names)}'
 
 
 def _summary_json(summary: RecordingSummary) -> dict[str, object]:
