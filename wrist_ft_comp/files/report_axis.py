@@ -109,7 +109,8 @@ def _candidates(axis: AxisView) -> str:
     rows = ''.join(_candidate(each, axis.chosen, largest) for each in axis.candidates)
     titles = ('candidate', f'held out, {axis.unit} RMS', '')
     head = element('tr', ''.join(text('th', title, scope='col') for title in titles))
-    caption = text('caption', 'All candidates, simplest first; the chosen one in bold.')
+    whose = ' of the calibration' if axis.parts else ''
+    caption = text('caption', f'All candidates{whose}, simplest first; the chosen one in bold.')
     return element(
         'table', caption + element('thead', head) + element('tbody', rows), class_='bars'
     )
