@@ -32,12 +32,6 @@ def watch(*argv):
     return child.returncode, out, seen.decode()
 
 
-def test_nothing_is_drawn_where_nobody_watches(run, drift_csv, tmp_path):
-    outcome = run('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', '--method', 'pls')
-    assert (outcome.code, outcome.err) == (0, '')
-    assert '%|' not in outcome.out
-
-
 @pytest.mark.parametrize('command', ['calibrate', 'evaluate', 'compensate'])
 def test_long_work_shows_how_far_it_is(command, drift_csv, model, tmp_path):
     argv = {

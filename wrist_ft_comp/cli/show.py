@@ -13,6 +13,7 @@ from wrist_ft_comp.files.recordings import (
     describe_recording,
     RecordingSummary,
 )
+from wrist_ft_comp.files.report_parts import drifts_removed
 from wrist_ft_comp.files.sniffing import looks_like_model, looks_like_report
 from wrist_ft_comp.files.summary import RAW_WRENCH, REFERENCE, TEMPERATURE
 
@@ -122,20 +123,12 @@ def _axes_text(stored: StoredModel) -> str:
                 entry['unit'],
                 f'{entry["rms_before"]:.4g}',
                 f'{entry["rms_after"]:.4g}',
-                _drifts(stored, axis),
+                drifts_removed(stored.model.axes.get(axis)),
                 ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-',
             ]
             for axis, entry in stored.document['axes'].items()
         ],
     )
-
-
-def _drifts(stored: StoredModel, axis: str) -> str:
-    """Say which drifts of an axis are compensated."""
-    model = stored.model.axes.get(axis)
-    if model is None:
-        return 'none'
-    return 'zero, gain' if len(model.dynamics.output_mean) == 2 else 'zero'
 
 
 def _duration_s(summary: RecordingSummary) -> float | None:

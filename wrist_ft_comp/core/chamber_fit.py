@@ -20,6 +20,13 @@ from wrist_ft_comp.core.evaluation import simulate_drift
 from wrist_ft_comp.core.recording import AXES, FloatArray, NANOSECONDS, Recording
 from wrist_ft_comp.core.sampling import grid_samples
 
+#: The figures of a sensor for people, by their names below.
+FIGURE_TITLES = {
+    'max_sensitivity_drift': 'max |K_s|, %FS/°C (eq. 23)',
+    'zero_spread': 'zero spread, %FS',
+    'max_deviation': 'max deviation, %FS',
+    'accuracy': 'A, %FS (eq. 24)',
+}
 #: The axis a chamber table is read as.
 _COLUMN = AXES.index('force_z')
 

@@ -7,6 +7,7 @@ from importlib import resources
 from pathlib import Path
 
 from wrist_ft_comp import RecordingError
+from wrist_ft_comp.core.chamber_fit import FIGURE_TITLES
 from wrist_ft_comp.core.verdict import LEVEL_NAMES
 from wrist_ft_comp.files import report_pictures as pictures
 from wrist_ft_comp.files.atomic import replaced_on_success
@@ -151,20 +152,17 @@ def _errors(view: ReportView) -> str:
 
 def _chamber_tables(view: ReportView) -> Iterator[str]:
     """Write the figures of chamber tables."""
-    titles = {
-        'max_sensitivity_drift': 'max |K_s|, %FS/°C (eq. 23)',
-        'zero_spread': 'zero spread, %FS',
-        'max_deviation': 'max deviation, %FS',
-        'accuracy': 'A, %FS (eq. 24)',
-    }
-    for name, columns in view.tables.items():
+    for test, columns in view.tables.items():
         values = [asdict(figures) for figures in columns.values()]
         yield table(
-            f'Chamber test {name}. Left out: every temperature predicted from the others.'
+            f'Chamber test {test}. Left out: every temperature predicted from the others.'
             if 'left out' in columns
-            else f'Chamber test {name}.',
+            else f'Chamber test {test}.',
             ['', *columns],
-            [[title, *(number(each[key]) for each in values)] for key, title in titles.items()],
+            [
+                [title, *(number(each[name]) for each in values)]
+                for name, title in FIGURE_TITLES.items()
+            ],
         )
 
 
