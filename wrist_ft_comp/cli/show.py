@@ -180,7 +180,7 @@ def _use(summary: RecordingSummary, path: Path) -> Iterator[str]:
         yield f'It holds no {" and no ".join(lacks)}, so nothing can be learnt from it.'
         yield from names
         return
-    yield 'Name its topics, without those of other places (the thermometer in the sensor first):'
+    yield "If these are the sensor's topics, learn from them (its own thermometer first):"
     yield f'wrist_ft_comp calibrate {path} -o model.yaml {" ".join(names)}'
 
 
