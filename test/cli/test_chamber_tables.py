@@ -72,6 +72,24 @@ def test_the_copied_column_is_left_out_and_said_so(fitted, run, make):
     assert outcome.err.count('50 °C') == 1
 
 
+def test_a_table_is_in_units_of_its_own(done, make, tmp_path):
+    table, model = make.keller / 'table2_sensor_b_raw.csv', tmp_path / 'm.yaml'
+    said = [done('calibrate', table, '-o', model), done('show', model), done('show', table)]
+    said.append(done('evaluate', model, table))
+    for text in said:
+        assert 'output units' in text
+        assert ' N ' not in text
+
+
+def test_a_table_and_a_recording_are_not_mixed(run, make, drift_csv, model, tmp_path):
+    table = make.keller / 'table2_sensor_b_raw.csv'
+    recording = make.csv(tmp_path / 'loaded.csv', make.loaded())
+    options = ('--reference', 'recorded')
+    refused = run('calibrate', table, recording, '-o', tmp_path / 'm.yaml', *options)
+    assert 'different units' in refused.sentence
+    assert 'different units' in run('evaluate', model, table, drift_csv).sentence
+
+
 def test_the_copied_column_is_used_when_asked_for(fitted, run, done, make):
     name = 'table1_sensor_a_raw.csv'
     model, text, found = fitted(name, '--keep-copied-columns')
@@ -80,7 +98,7 @@ def test_the_copied_column_is_used_when_asked_for(fitted, run, done, make):
     argv = ('evaluate', model, make.keller / name, '--json')
     without = json.loads(done(*argv))['chamber_tables'][str(make.keller / name)]
     kept = run(*argv, '--keep-copied-columns')
-    assert not kept.err
+    assert '50 °C' not in kept.err
     figures = json.loads(kept.out)['chamber_tables'][str(make.keller / name)]
     assert set(figures) == {'raw', 'compensated'}
     # 50 °C as cold as -40 °C: the same raw extremes, another fit.

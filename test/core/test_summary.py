@@ -34,11 +34,13 @@ def make(make_model):
 
 
 def fit(chosen='static, degree 1', before=12.3456, after=0.0123456):
-    return AxisFit(None, chosen, (), before, after)
+    return AxisFit(None, chosen, (), before, after, unit='N')
 
 
 def test_an_axis_says_before_after_unit_and_choice(make):
-    lines = summarise(make({'force_z': fit(), 'torque_x': fit()})).splitlines()
+    lines = summarise(
+        make({'force_z': fit(), 'torque_x': replace(fit(), unit='N m')})
+    ).splitlines()
     assert lines[:2] == [
         'force_z: 12.3 -> 0.0123 N RMS held out (zero and sensitivity; static, degree 1)',
         'torque_x: 12.3 -> 0.0123 N m RMS held out (zero and sensitivity; static, degree 1)',

@@ -1,15 +1,17 @@
 """wrist_ft_comp demo: a simulated sensor, the real node, and a table of what it removed."""
 
 import argparse
+from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
+import sys
 import tempfile
 
 from matplotlib.figure import Figure
 import numpy as np
 
 from wrist_ft_comp import RecordingError
-from wrist_ft_comp.cli import values
+from wrist_ft_comp.cli import options, values
 from wrist_ft_comp.cli.demo_processes import play, TOPICS
 from wrist_ft_comp.cli.evaluate import evaluation_text
 from wrist_ft_comp.core.evaluation import AxisEvaluation
@@ -23,6 +25,7 @@ EXAMPLES = """\
 examples:
   wrist_ft_comp demo
   wrist_ft_comp demo --seed 2 --output /tmp/demo
+  wrist_ft_comp demo --json
 """
 
 
@@ -60,6 +63,7 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
         metavar='TIMES',
         help='how many times faster than real time (default: %(default)g)',
     )
+    options.add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -77,18 +81,30 @@ def run(arguments: argparse.Namespace) -> int:
         ) from error
     with tempfile.TemporaryDirectory(prefix='wrist_ft_comp_demo_') as folder:
         log_file = Path(folder, 'log.npz')
-        play(Path(folder), log_file, arguments.seed, arguments.speed)
+        messages = sys.stderr if arguments.json else sys.stdout
+        play(Path(folder), log_file, (arguments.seed, arguments.speed), messages)
         log = load_demo_log(log_file)
     results = judge(log)
-    print(f'\nafter the calibration, over {len(log.stamps_ns)} wrenches received from the topics:')
-    print(evaluation_text(results))
     picture = arguments.output / 'demo.png'
     save_png(picture, _draw(log))
-    force_z = results['force_z']
-    ratio = force_z.rms_before / force_z.rms_after
-    print(f'picture: {picture}')
-    print(f'drift of force z fell {ratio:.1f} times; at least {_WANTED_RATIO:.0f} are wanted')
+    ratio = results['force_z'].rms_before / results['force_z'].rms_after
+    if arguments.json:
+        axes = {axis: asdict(found) for axis, found in results.items()}
+        options.print_json({'axes': axes, 'wrenches': len(log.stamps_ns), 'picture': picture})
+    else:
+        print(_text(results, len(log.stamps_ns)))
+        print(f'picture: {picture}')
+        print(f'drift of force z fell {ratio:.1f} times; at least {_WANTED_RATIO:.0f} are wanted')
     return 0 if ratio >= _WANTED_RATIO else 1
+
+
+def _text(results: dict[str, AxisEvaluation], wrenches: int) -> str:
+    """Put the result into a table."""
+    units = {axis: axis_unit(axis) for axis in results}
+    return (
+        f'\nafter the calibration, over {wrenches} wrenches received from the topics:\n'
+        f'{evaluation_text(results, units)}'
+    )
 
 
 def errors(log: DemoLog) -> tuple[FloatArray, FloatArray]:

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
-from typing import NoReturn
+from typing import NoReturn, TextIO
 
 from tqdm import tqdm
 
@@ -31,7 +31,7 @@ _Process = subprocess.Popen[str]
 _Event = dict[str, object]
 
 
-def play(folder: Path, log_file: Path, seed: int, speed: float) -> None:
+def play(folder: Path, log_file: Path, sensor: tuple[int, float], messages: TextIO) -> None:
     """
     Run the three processes until the operator is done.
 
@@ -41,10 +41,10 @@ def play(folder: Path, log_file: Path, seed: int, speed: float) -> None:
         For the compensator's recordings and models.
     log_file : Path
         Where the operator puts what it received.
-    seed : int
-        Specimen of the simulated sensor.
-    speed : float
-        Times real time.
+    sensor : (int, float)
+        Specimen of the simulated sensor, and how many times faster than real time it runs.
+    messages : TextIO
+        Where what the operator says is printed.
 
     Raises
     ------
@@ -58,15 +58,14 @@ def play(folder: Path, log_file: Path, seed: int, speed: float) -> None:
         bar = stack.enter_context(tqdm(total=1.0, disable=None, leave=False))
         for event in _events(operator, running):
             if event['event'] == 'recording':
-                sensor = stack.enter_context(_process(*_sensor(seed, speed)))
-                running['simulated sensor'] = sensor
+                running['simulated sensor'] = stack.enter_context(_process(*_sensor(*sensor)))
             else:
-                _show(event, bar)
+                _show(event, bar, messages)
     if not log_file.exists():
         raise RecordingError('The demonstration ended without a result; see the messages above.')
 
 
-def _show(event: _Event, bar: 'tqdm[NoReturn]') -> None:
+def _show(event: _Event, bar: 'tqdm[NoReturn]', messages: TextIO) -> None:
     """Show what the operator tells."""
     if event['event'] == 'progress':
         bar.set_description(str(event['what']))
@@ -75,7 +74,7 @@ def _show(event: _Event, bar: 'tqdm[NoReturn]') -> None:
         raise RecordingError(f'The demonstration failed: {event["text"]}')
     elif event['event'] == 'message':
         bar.clear()
-        print(event['text'], flush=True)
+        print(event['text'], file=messages, flush=True)
 
 
 def _events(operator: _Process, running: Mapping[str, _Process]) -> Iterator[_Event]:

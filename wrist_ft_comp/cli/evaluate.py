@@ -1,7 +1,7 @@
 """wrist_ft_comp evaluate: what a model leaves of the drift in other recordings."""
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +19,7 @@ from wrist_ft_comp.core.chamber_fit import chamber_figures, ChamberFigures, comp
 from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate
 from wrist_ft_comp.core.pooling import pool
 from wrist_ft_comp.core.problem import Reference
-from wrist_ft_comp.core.recording import axis_unit, NANOSECONDS, Recording
+from wrist_ft_comp.core.recording import NANOSECONDS, Recording
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.model_file import load_model, StoredModel
 from wrist_ft_comp.files.recordings import read_recording
@@ -105,15 +105,20 @@ def run(arguments: argparse.Namespace) -> int:
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
     if arguments.json:
         found = _as_json(stored, arguments.tare, pooled, judged)
-        options.print_json({**found, 'verdicts': verdicts_json(verdicts)})
+        options.print_json(
+            {**found, 'verdicts': verdicts_json(verdicts), 'warnings': view.warnings}
+        )
     else:
-        print(f'{evaluation_text(pooled)}\n\n{verdict_text(verdicts)}')
+        units = {axis.axis: axis.unit for axis in view.axes}
+        print(f'{evaluation_text(pooled, units)}\n\n{verdict_text(verdicts)}')
         for each in judged:
             if each.figures:
                 print(f'\n{each.path}\n{chamber_table_text(each.figures)}')
-    print_warnings(warning for each in judged for warning in each.recording.warnings)
+    print_warnings(view.warnings)
     if arguments.report:
         write_report(arguments.report, view)
+        if not arguments.json:
+            print(f'report: {arguments.report}')
     return 0
 
 
@@ -149,14 +154,14 @@ def _judge(
     return _Judged(path, replace(recording, warnings=warnings), reference, axes, figures)
 
 
-def evaluation_text(axes: dict[str, AxisEvaluation]) -> str:
+def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]) -> str:
     """Put an evaluation into a table."""
     return table_text(
         ['axis', 'unit', 'RMS before', 'after', 'peak before', 'after', 'RMS ratio'],
         [
             [
                 axis,
-                axis_unit(axis),
+                units[axis],
                 f'{e.rms_before:.4g}',
                 f'{e.rms_after:.4g}',
                 f'{e.max_before:.4g}',

@@ -6,13 +6,14 @@ from pathlib import Path
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.tables import table_text
-from wrist_ft_comp.core.recording import axis_unit, NANOSECONDS
+from wrist_ft_comp.core.recording import NANOSECONDS
 from wrist_ft_comp.files.model_file import load_model, StoredModel
 from wrist_ft_comp.files.recordings import (
     ChannelSummary,
     describe_recording,
     RecordingSummary,
 )
+from wrist_ft_comp.files.report_parts import drifts_removed
 from wrist_ft_comp.files.sniffing import looks_like_model, looks_like_report
 from wrist_ft_comp.files.summary import RAW_WRENCH, REFERENCE, TEMPERATURE
 
@@ -119,23 +120,15 @@ def _axes_text(stored: StoredModel) -> str:
         [
             [
                 axis,
-                axis_unit(axis),
+                entry['unit'],
                 f'{entry["rms_before"]:.4g}',
                 f'{entry["rms_after"]:.4g}',
-                _drifts(stored, axis),
+                drifts_removed(stored.model.axes.get(axis)),
                 ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-',
             ]
             for axis, entry in stored.document['axes'].items()
         ],
     )
-
-
-def _drifts(stored: StoredModel, axis: str) -> str:
-    """Say which drifts of an axis are compensated."""
-    model = stored.model.axes.get(axis)
-    if model is None:
-        return 'none'
-    return 'zero, gain' if len(model.dynamics.output_mean) == 2 else 'zero'
 
 
 def _duration_s(summary: RecordingSummary) -> float | None:
@@ -176,13 +169,19 @@ def _use(summary: RecordingSummary, path: Path) -> Iterator[str]:
         reference = ' --reference recorded' if REFERENCE in held else ''
         yield f'Learn from it: wrist_ft_comp calibrate {path} -o model.yaml{reference}'
         return
-    yield f'It holds no {" and no ".join(lacks)}, so nothing can be learnt from it.'
-    kinds = {RAW_WRENCH: 'WrenchStamped', TEMPERATURE: 'Temperature'}
+    kinds = {RAW_WRENCH: '/WrenchStamped', TEMPERATURE: '/Temperature'}
     options_of = {RAW_WRENCH: '--wrench-topic', TEMPERATURE: '--temperature-topic'}
-    for role in lacks:
-        for channel in summary.channels:
-            if channel.kind.endswith(kinds[role]) and not channel.role:
-                yield f'If {channel.name} is the {role}: {options_of[role]} {channel.name}'
+    found = {
+        role: [c.name for c in summary.channels if c.kind.endswith(kinds[role]) and not c.role]
+        for role in lacks
+    }
+    names = [f'{options_of[role]} {name}' for role in lacks for name in found[role]]
+    if not all(found.values()):
+        yield f'It holds no {" and no ".join(lacks)}, so nothing can be learnt from it.'
+        yield from names
+        return
+    yield "If these are the sensor's topics, learn from them (its own thermometer first):"
+    yield f'wrist_ft_comp calibrate {path} -o model.yaml {" ".join(names)}'
 
 
 def _summary_json(summary: RecordingSummary) -> dict[str, object]:

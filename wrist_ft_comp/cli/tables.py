@@ -5,12 +5,14 @@ from dataclasses import asdict
 from itertools import zip_longest
 import textwrap
 
-from wrist_ft_comp.core.chamber_fit import ChamberFigures
+from wrist_ft_comp.core.chamber_fit import ChamberFigures, FIGURE_TITLES
 from wrist_ft_comp.core.verdict import LEVEL_NAMES, Verdict
 
 #: Columns of a terminal that nobody has made wider.
 WIDTH = 80
 _GAP = '  '
+#: Of figures that are small numbers.
+_FORMS = {'max_sensitivity_drift': '.4f'}
 
 
 def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -101,17 +103,14 @@ def chamber_table_text(columns: Mapping[str, ChamberFigures]) -> str:
         Lines.
 
     """
-    rows = [
-        ('max |K_s|, %FS/°C (eq. 23)', 'max_sensitivity_drift', '.4f'),
-        ('zero spread, %FS', 'zero_spread', '.3f'),
-        ('max deviation, %FS', 'max_deviation', '.3f'),
-        ('A, %FS (eq. 24)', 'accuracy', '.3f'),
-    ]
     return table_text(
         ['', *columns],
         [
-            [title, *(format(getattr(figures, name), form) for figures in columns.values())]
-            for title, name, form in rows
+            [
+                title,
+                *(f'{getattr(each, name):{_FORMS.get(name, ".3f")}}' for each in columns.values()),
+            ]
+            for name, title in FIGURE_TITLES.items()
         ],
     )
 

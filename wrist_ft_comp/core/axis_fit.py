@@ -97,7 +97,7 @@ class AxisFit:
     candidates : tuple of Candidate
         All that were tried, simplest first.
     rms_before, rms_after : float
-        Held-out root mean square error without and with compensation, N or N m.
+        Held-out root mean square error without and with compensation, in the unit.
     time_constants_s : tuple of float
         Of the model's relaxations, increasing, s.
     notes : tuple of str
@@ -114,6 +114,8 @@ class AxisFit:
         Why this axis could not be learnt although it drifts; empty when it was.
     held_out : HeldOut or None
         The errors behind rms_before and rms_after, for pictures.
+    unit : str
+        N, N m, or what the recordings are in.
 
     """
 
@@ -130,3 +132,4 @@ class AxisFit:
     doubts: tuple[str, ...] = ()
     refusal: str = ''
     held_out: HeldOut | None = None
+    unit: str = ''

@@ -19,6 +19,8 @@ RESIDENCE_S = 1800
 STEP_S = 30
 #: T of eq. 23: the column nearest to this is the reference, °C.
 REFERENCE_TEMPERATURE_C = 20.0
+#: What a table's outputs are in, since tables do not name their unit.
+OUTPUT_UNIT = 'output units'
 
 
 @dataclass(frozen=True, eq=False)

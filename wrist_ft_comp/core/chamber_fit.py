@@ -11,6 +11,7 @@ from wrist_ft_comp.core.chamber import (
     accuracy,
     ChamberTable,
     max_deviation,
+    OUTPUT_UNIT,
     sensitivity_drift,
     zero_spread,
 )
@@ -19,6 +20,13 @@ from wrist_ft_comp.core.evaluation import simulate_drift
 from wrist_ft_comp.core.recording import AXES, FloatArray, NANOSECONDS, Recording
 from wrist_ft_comp.core.sampling import grid_samples
 
+#: The figures of a sensor for people, by their names below.
+FIGURE_TITLES = {
+    'max_sensitivity_drift': 'max |K_s|, %FS/°C (eq. 23)',
+    'zero_spread': 'zero spread, %FS',
+    'max_deviation': 'max deviation, %FS',
+    'accuracy': 'A, %FS (eq. 24)',
+}
 #: The axis a chamber table is read as.
 _COLUMN = AXES.index('force_z')
 
@@ -89,7 +97,8 @@ def table_recording(table: ChamberTable, period_s: float) -> Recording:
         force_z, its reference, and one thermometer.
 
     """
-    return grid_samples(table.samples(), name=table.name, period_s=period_s)
+    recording = grid_samples(table.samples(), name=table.name, period_s=period_s)
+    return replace(recording, unit=OUTPUT_UNIT)
 
 
 def compensate_table(table: ChamberTable, model: DriftModel) -> ChamberTable:

@@ -13,7 +13,7 @@ import numpy as np
 
 from wrist_ft_comp import CalibrationRefusedError
 from wrist_ft_comp.core.problem import has_plateaus
-from wrist_ft_comp.core.recording import AXES, axis_unit, BoolArray, FloatArray, Recording
+from wrist_ft_comp.core.recording import AXES, BoolArray, FloatArray, Recording
 
 #: A channel is lively when so many of its neighbouring cells differ …
 _LIVELY = 0.9
@@ -72,8 +72,9 @@ def drop_stuck_cells(
         if axis in dead:
             value = _present(recordings[0].wrench[:, column])[:1]
             said.append(
-                f'{axis} reads {float(value[0]) if len(value) else 0.0:.6g} {axis_unit(axis)} '
-                'throughout: the channel is dead, or not connected. It is left uncompensated.'
+                f'{axis} reads {float(value[0]) if len(value) else 0.0:.6g} '
+                f'{recordings[0].unit_of(axis)} throughout: the channel is dead, or not '
+                'connected. It is left uncompensated.'
             )
             continue
         lively = any(_liveliness(each.wrench[:, column]) >= _LIVELY for each in recordings)
@@ -130,7 +131,7 @@ def _describe_stuck(recording: Recording, axis: str, stuck: _Stuck) -> str:
     first_s = int(np.argmax(stuck.cells)) * recording.period_s
     what = (
         f'{axis} of {recording.name} {"saturates" if stuck.extreme else "freezes"} at '
-        f'{stuck.value:.6g} {axis_unit(axis)}: {count * recording.period_s:.0f} s '
+        f'{stuck.value:.6g} {recording.unit_of(axis)}: {count * recording.period_s:.0f} s '
         f'({100 * share:.1f} %) without any change, first after {first_s:.0f} s'
     )
     if share > _STUCK_SHARE:

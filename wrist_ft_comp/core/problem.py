@@ -37,8 +37,8 @@ class AxisProblem:
 
     Attributes
     ----------
-    axis : str
-        Its name.
+    axis, unit : str
+        Its name, and N, N m, or what its recordings are in.
     period_s : float
         Cell length h, s.
     temperature_c : tuple of ndarrays, shape (N_i, J)
@@ -58,6 +58,7 @@ class AxisProblem:
     """
 
     axis: str
+    unit: str
     period_s: float
     temperature_c: tuple[FloatArray, ...]
     residual: tuple[FloatArray, ...]
@@ -132,6 +133,7 @@ def pose_problem(
         why = _why_no_sensitivity(residual, load)
     return AxisProblem(
         axis=axis,
+        unit=recordings[0].unit_of(axis),
         period_s=recordings[0].period_s,
         temperature_c=tuple(recording.temperature_c for recording in recordings),
         residual=tuple(residual),

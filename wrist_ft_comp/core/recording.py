@@ -101,6 +101,8 @@ class Recording:
         Mean reference wrench; NaN where there was no sample.
     warnings : tuple of str
         What was dropped while reading, in sentences.
+    unit : str
+        Of every axis where it is not N and N m; else empty.
 
     """
 
@@ -112,6 +114,7 @@ class Recording:
     wrench: FloatArray
     reference: FloatArray
     warnings: tuple[str, ...] = field(default=())
+    unit: str = ''
 
     def __post_init__(self) -> None:
         """Check shapes and finiteness once, where the record is built."""
@@ -135,6 +138,10 @@ class Recording:
                 )
         if not np.isfinite(self.temperature_c).all():
             raise RecordingError(f'Temperatures of {self.name} must be finite on the grid.')
+
+    def unit_of(self, axis: str) -> str:
+        """Return the unit of an axis."""
+        return self.unit or axis_unit(axis)
 
     def __len__(self) -> int:
         """Count the cells."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from wrist_ft_comp import CalibrationRefusedError
 from wrist_ft_comp.core.problem import noise_level, Reference, stretches
-from wrist_ft_comp.core.recording import AXES, axis_unit, FloatArray, Recording
+from wrist_ft_comp.core.recording import AXES, FloatArray, Recording
 
 #: Fewer cells with a wrench than this cannot be divided into blocks worth holding out.
 MIN_SAMPLES = 30
@@ -32,7 +32,7 @@ def check_alike(recordings: Sequence[Recording]) -> None:
     Raises
     ------
     CalibrationRefusedError
-        When there is none, or thermometers or periods differ.
+        When there is none, or thermometers, periods or units differ.
 
     """
     if not recordings:
@@ -48,6 +48,11 @@ def check_alike(recordings: Sequence[Recording]) -> None:
             raise CalibrationRefusedError(
                 f'{first.name} is on thermal cells of {first.period_s} s and {other.name} on '
                 f'{other.period_s} s; they must be the same. Read them with one period.'
+            )
+        if other.unit != first.unit:
+            raise CalibrationRefusedError(
+                f'{first.name} and {other.name} are in different units; they must be the same. '
+                'Calibrate chamber tables and other recordings apart.'
             )
 
 
@@ -130,7 +135,8 @@ def check_loads(
             if len(steps) > MIN_SAMPLES and steps.max() > limit > 0:
                 cell = int(at[int(np.argmax(steps)) + 1])
                 raise CalibrationRefusedError(
-                    f'{axis} of {recording.name} jumps by {steps.max():.3g} {axis_unit(axis)} '
+                    f'{axis} of {recording.name} jumps by {steps.max():.3g} '
+                    f'{recording.unit_of(axis)} '
                     f'after {cell * recording.period_s:.0f} s, although the load was declared '
                     f'{reference}. Record again without contact or payload change, or '
                     'record the load as reference.'

@@ -8,7 +8,7 @@ import numpy as np
 from wrist_ft_comp.core.axis_fit import AxisFit, Candidate, Fitted
 from wrist_ft_comp.core.axis_model import AxisModel
 from wrist_ft_comp.core.problem import AxisProblem
-from wrist_ft_comp.core.recording import axis_unit, FloatArray
+from wrist_ft_comp.core.recording import FloatArray
 from wrist_ft_comp.core.scoring import unexplained
 
 #: A candidate has to lower the mean square error by this share to be worth its complexity.
@@ -94,6 +94,7 @@ def finish(
         terms=winner.terms,
         notes=notes,
         doubts=winner.doubts,
+        unit=problem.unit,
     )
     if model is None or winner.time_constants_s:
         return fit
@@ -117,7 +118,7 @@ def _reason(
     competing: Sequence[str],
 ) -> str:
     """Say in one sentence why a candidate was chosen."""
-    unit = axis_unit(problem.axis)
+    unit = problem.unit
     means = {name: float(errors[name].mean()) for name in competing}
     own, nothing = (float(np.sqrt(errors[name].mean())) for name in (chosen, 'none'))
     says = f'{chosen} leaves {own:.3g} {unit} RMS on held-out data'

@@ -2,7 +2,6 @@
 
 from wrist_ft_comp.core.calibration import Calibration
 from wrist_ft_comp.core.identification import AxisFit
-from wrist_ft_comp.core.recording import axis_unit
 
 
 def summarise(calibration: Calibration) -> str:
@@ -30,14 +29,13 @@ def summarise(calibration: Calibration) -> str:
 
 def _axis_line(axis: str, fit: AxisFit) -> str:
     """Describe one axis."""
-    unit = axis_unit(axis)
     if fit.model is None:
-        return f'{axis}: no compensation; drift held out {fit.rms_before:.3g} {unit} RMS'
+        return f'{axis}: no compensation; drift held out {fit.rms_before:.3g} {fit.unit} RMS'
     outputs = len(fit.model.dynamics.output_mean)
     what = 'zero and sensitivity' if outputs == 2 else 'zero'
     # A method that a person named is kept although it may do harm; it must not do so silently.
     harm = ': WORSE THAN NONE' if fit.rms_after > fit.rms_before else ''
     return (
-        f'{axis}: {fit.rms_before:.3g} -> {fit.rms_after:.3g} {unit} RMS held out '
+        f'{axis}: {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit} RMS held out '
         f'({what}; {fit.chosen}){harm}'
     )

@@ -33,6 +33,7 @@ def axis_document(fit: AxisFit) -> Document:
     """
     return {
         'chosen': fit.chosen,
+        'unit': fit.unit,
         'rms_before': fit.rms_before,
         'rms_after': fit.rms_after,
         'reason': fit.reason,

@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 from rosbags.rosbag2 import WriterError
 
 from wrist_ft_comp import RecordingError
+from wrist_ft_comp.core.chamber import OUTPUT_UNIT
 from wrist_ft_comp.core.recording import Recording
 from wrist_ft_comp.core.sampling import GridBuilder
 from wrist_ft_comp.files import bag_recording, csv_recording
@@ -22,7 +23,7 @@ from wrist_ft_comp.files.bag_file import Bag, open_bag, SUFFIXES
 from wrist_ft_comp.files.bag_recording import Topics
 from wrist_ft_comp.files.chamber_table import read_chamber_table
 from wrist_ft_comp.files.csv_text import CsvText
-from wrist_ft_comp.files.kinds import BAG, CSV, kind_of
+from wrist_ft_comp.files.kinds import BAG, CSV, kind_of, TABLE
 from wrist_ft_comp.files.rewriting import Correction, rewrite_bag, rewrite_csv, rewrite_table
 from wrist_ft_comp.files.summary import ChannelSummary, describe_recording, RecordingSummary
 
@@ -96,7 +97,8 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
         for block in blocks:
             builder.add(block)
     recording = builder.build()
-    return replace(recording, warnings=(*recording.warnings, *warnings))
+    unit = OUTPUT_UNIT if kind == TABLE else ''
+    return replace(recording, warnings=(*recording.warnings, *warnings), unit=unit)
 
 
 def rewrite_recording(  # noqa: PLR0913 - as read_recording

@@ -7,6 +7,7 @@ from importlib import resources
 from pathlib import Path
 
 from wrist_ft_comp import RecordingError
+from wrist_ft_comp.core.chamber_fit import FIGURE_TITLES
 from wrist_ft_comp.core.verdict import LEVEL_NAMES
 from wrist_ft_comp.files import report_pictures as pictures
 from wrist_ft_comp.files.atomic import replaced_on_success
@@ -89,19 +90,16 @@ def headline(view: ReportView) -> str:
     Returns
     -------
     str
-        Such as ``5 of 6 axes good, 1 of 6 axes weak.`` and what was seen.
+        Such as ``6 axes: 5 good, 1 weak.`` and what was seen.
 
     """
     counts = Counter(axis.verdict.level for axis in view.axes)
     total = len(view.axes)
-    parts = [
-        f'{counts[level]} of {total} {"axis" if total == 1 else "axes"} {name}'
-        for level, name in LEVEL_NAMES.items()
-        if counts[level]
-    ]
+    parts = [f'{counts[level]} {name}' for level, name in LEVEL_NAMES.items() if counts[level]]
     low, high = view.coverage.range_c[view.coverage.leading]
     hours = sum(source.hours for source in view.sources)
-    return f'{", ".join(parts)}. Over {hours:.1f} h, {low:.0f} to {high:.0f} °C.'
+    axes = f'{total} {"axis" if total == 1 else "axes"}'
+    return f'{axes}: {", ".join(parts)}. Seen: {hours:.1f} h at {low:.0f} to {high:.0f} °C.'
 
 
 def _sections(view: ReportView) -> Iterator[str]:
@@ -154,20 +152,17 @@ def _errors(view: ReportView) -> str:
 
 def _chamber_tables(view: ReportView) -> Iterator[str]:
     """Write the figures of chamber tables."""
-    titles = {
-        'max_sensitivity_drift': 'max |K_s|, %FS/°C (eq. 23)',
-        'zero_spread': 'zero spread, %FS',
-        'max_deviation': 'max deviation, %FS',
-        'accuracy': 'A, %FS (eq. 24)',
-    }
-    for name, columns in view.tables.items():
+    for test, columns in view.tables.items():
         values = [asdict(figures) for figures in columns.values()]
         yield table(
-            f'Chamber test {name}. Left out: every temperature predicted from the others.'
+            f'Chamber test {test}. Left out: every temperature predicted from the others.'
             if 'left out' in columns
-            else f'Chamber test {name}.',
+            else f'Chamber test {test}.',
             ['', *columns],
-            [[title, *(number(each[key]) for each in values)] for key, title in titles.items()],
+            [
+                [title, *(number(each[name]) for each in values)]
+                for name, title in FIGURE_TITLES.items()
+            ],
         )
 
 
@@ -194,11 +189,12 @@ def _coverage(view: ReportView) -> str:
         ],
     )
     loads = view.coverage.loads.items()
+    units = {axis.axis: axis.unit for axis in view.axes}
     known = table(
-        'Loads by the reference, N and N m',
+        'Loads by the reference',
         ['axis', 'from', 'to', 'standard deviation'],
         [
-            [axis_name(a), number(load.low), number(load.high), number(load.deviation)]
+            [f'{axis_name(a)}, {units[a]}', *map(number, (load.low, load.high, load.deviation))]
             for a, load in loads
         ],
     )

@@ -5,7 +5,15 @@ import math
 
 from wrist_ft_comp.core.axis_fit import Candidate
 from wrist_ft_comp.files import report_pictures as pictures
-from wrist_ft_comp.files.report_html import bullets, duration, element, facts, number, text
+from wrist_ft_comp.files.report_html import (
+    bullets,
+    duration,
+    element,
+    facts,
+    number,
+    table,
+    text,
+)
 from wrist_ft_comp.files.report_view import AxisView
 
 
@@ -37,7 +45,7 @@ def axis_section(axis: AxisView, level: str) -> str:
         class_=axis.verdict.level,
     )
     notes = bullets(axis.notes) if axis.notes else ''
-    learnt = element('div', facts(dict(_facts(axis))) + notes)
+    learnt = element('div', _parts(axis) + facts(dict(_facts(axis))) + notes)
     tried = element('div', _candidates(axis)) if axis.candidates else ''
     inside = (
         head
@@ -52,7 +60,8 @@ def _figures(axis: AxisView) -> Iterator[str]:
     """Draw the errors over time and over temperature."""
     name = axis_name(axis.axis)
     several = axis.series.part[0] != axis.series.part[-1]
-    dotted = '; dotted: where another part begins' if several else ''
+    what_parts = 'recordings' if axis.parts else 'held-out blocks'
+    dotted = f'; dotted lines part {what_parts}' if several else ''
     what = f'from {number(axis.rms_before)} to {number(axis.rms_after)} {axis.unit} RMS'
     for key, figure, over in (
         ('t', pictures.errors_over_time(axis.series, axis.unit), 'time'),
@@ -62,6 +71,18 @@ def _figures(axis: AxisView) -> Iterator[str]:
         picture = pictures.svg_text(figure, f'{key}{axis.axis.replace("_", "")}', words)
         yield element('figure', picture + text('figcaption', f'{name} over {over}{dotted}'))
         dotted = ''
+
+
+def _parts(axis: AxisView) -> str:
+    """Tell several recordings apart: one may be good and another bad."""
+    if len(axis.parts) < 2:
+        return ''
+    return table(
+        f'Recording by recording, {axis.unit} RMS',
+        ['', 'before', 'after'],
+        [[name, number(before), number(after)] for name, before, after in axis.parts],
+        class_='names',
+    )
 
 
 def _facts(axis: AxisView) -> Iterator[tuple[str, str]]:
@@ -79,7 +100,7 @@ def _time_constants(axis: AxisView) -> Iterator[str]:
     unknown = (math.nan,) * len(axis.time_constants_s)
     errors = axis.time_constant_errors_s or unknown
     for tau, error in zip(axis.time_constants_s, errors, strict=True):
-        yield duration(tau) if math.isnan(error) else f'{duration(tau)} ± {duration(error)}'
+        yield duration(tau) if math.isnan(error) else duration(tau, error)
 
 
 def _candidates(axis: AxisView) -> str:
@@ -88,7 +109,8 @@ def _candidates(axis: AxisView) -> str:
     rows = ''.join(_candidate(each, axis.chosen, largest) for each in axis.candidates)
     titles = ('candidate', f'held out, {axis.unit} RMS', '')
     head = element('tr', ''.join(text('th', title, scope='col') for title in titles))
-    caption = text('caption', 'All candidates, simplest first; the chosen one in bold.')
+    whose = ' of the calibration' if axis.parts else ''
+    caption = text('caption', f'All candidates{whose}, simplest first; the chosen one in bold.')
     return element(
         'table', caption + element('thead', head) + element('tbody', rows), class_='bars'
     )

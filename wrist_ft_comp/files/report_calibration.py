@@ -11,7 +11,7 @@ from wrist_ft_comp.core.coverage import cover
 from wrist_ft_comp.core.held_out import HeldOut, rms_by_block
 from wrist_ft_comp.core.identification import AxisFit
 from wrist_ft_comp.core.problem import noise_level, Reference
-from wrist_ft_comp.core.recording import axis_unit, Recording
+from wrist_ft_comp.core.recording import Recording
 from wrist_ft_comp.core.verdict import Evidence, judge, Level, Verdict
 from wrist_ft_comp.files.model_file import StoredModel
 from wrist_ft_comp.files.report_parts import (
@@ -44,7 +44,7 @@ def calibration_verdicts(
 
     """
     longest_s = max(recording.duration_s for recording in recordings)
-    return {axis: _judge(axis, fit, longest_s) for axis, fit in calibration.fits.items()}
+    return {axis: _judge(fit, longest_s) for axis, fit in calibration.fits.items()}
 
 
 def calibration_view(
@@ -129,14 +129,14 @@ def _slowest_s(fit: AxisFit) -> float:
     return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
 
 
-def _judge(axis: str, fit: AxisFit, longest_s: float) -> Verdict:
+def _judge(fit: AxisFit, longest_s: float) -> Verdict:
     """Judge one axis."""
     held_out = _held_out(fit)
     parts = held_out.recording * (held_out.block.max() + 1) + held_out.block
     tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
     return judge(
         Evidence(
-            unit=axis_unit(axis),
+            unit=fit.unit,
             before=fit.rms_before,
             after=fit.rms_after,
             noise=noise_level([held_out.after[parts == part] for part in np.unique(parts)]),
@@ -157,7 +157,7 @@ def _axis_view(
     held_out = _held_out(fit)
     return AxisView(
         axis=axis,
-        unit=axis_unit(axis),
+        unit=fit.unit,
         verdict=verdict,
         rms_before=fit.rms_before,
         rms_after=fit.rms_after,

@@ -1,11 +1,13 @@
 """The view of an evaluation: what a model leaves of the drift in recordings."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+import math
 from pathlib import Path
 
 import numpy as np
 
+from wrist_ft_comp import RecordingError
 from wrist_ft_comp.core.advice import what_was_not_learnt
 from wrist_ft_comp.core.axis_fit import Candidate
 from wrist_ft_comp.core.chamber_fit import ChamberFigures
@@ -14,7 +16,7 @@ from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate, tared_errors
 from wrist_ft_comp.core.held_out import BlockErrors
 from wrist_ft_comp.core.pooling import pool
 from wrist_ft_comp.core.problem import noise_level, Reference
-from wrist_ft_comp.core.recording import AXES, axis_unit, Recording
+from wrist_ft_comp.core.recording import AXES, Recording
 from wrist_ft_comp.core.verdict import Evidence, judge
 from wrist_ft_comp.files.model_file import StoredModel
 from wrist_ft_comp.files.report_parts import (
@@ -71,11 +73,18 @@ def evaluation_view(
     Raises
     ------
     RecordingError
-        When a recording does not fit the model, or holds nothing to compare with.
+        When a recording does not fit the model, holds nothing to compare with, or is in another
+        unit than the others.
 
     """
     recordings = [each.recording for each in evaluated]
+    if len({recording.unit for recording in recordings}) > 1:
+        raise RecordingError(
+            'These recordings are in different units. Evaluate chamber tables and other '
+            'recordings apart.'
+        )
     judged = [evaluate(stored.model, e.recording, e.reference, tare_s) for e in evaluated]
+    each = tuple(zip(recordings, judged, strict=True))
     pooled = pool(judged, [len(recording) for recording in recordings])
     coverage = cover(recordings)
     series = _series(stored, evaluated, tare_s, coverage.leading)
@@ -83,38 +92,39 @@ def evaluation_view(
     return ReportView(
         kind='evaluation',
         model=stored.path.name,
-        explanation=_explanation(stored, evaluated, tare_s),
-        axes=tuple(
-            _axis_view(stored, axis, pooled[axis], series[axis], judged) for axis in pooled
-        ),
+        explanation=_explanation(evaluated, tare_s),
+        axes=tuple(_axis_view(stored, axis, pooled[axis], series[axis], each) for axis in pooled),
         thermometers=thermometer_series(recordings),
         sources=tuple(Source(each.name, each.duration_s / 3600) for each in recordings),
         coverage=coverage,
         advice=tuple(what_was_not_learnt(coverage, ranges_c)),
-        warnings=tuple(dict.fromkeys(w for each in recordings for w in each.warnings)),
+        warnings=(
+            *_no_proof(stored, recordings),
+            *dict.fromkeys(w for each in recordings for w in each.warnings),
+        ),
         learnt_from=model_sources(stored),
         provenance=model_provenance(stored),
         tables={each.recording.name: each.figures for each in evaluated if each.figures},
     )
 
 
-def _explanation(
-    stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float
-) -> str:
-    """Say how the errors came about, and whether they are a proof."""
+def _no_proof(stored: StoredModel, recordings: Sequence[Recording]) -> Iterator[str]:
+    """Say which recordings the model was learnt from: on those it has to be good."""
     learnt = {Path(source.name).name for source in model_sources(stored)}
-    known = [each.recording.name for each in evaluated if each.recording.name in learnt]
+    for recording in recordings:
+        if recording.name in learnt:
+            yield (
+                f'By its name, {recording.name} is among the recordings that the model was learnt '
+                'from, so it does not show what the model does on another day.'
+            )
+
+
+def _explanation(evaluated: Sequence[EvaluatedRecording], tare_s: float) -> str:
+    """Say how the errors came about."""
     references = ', '.join(dict.fromkeys(each.reference for each in evaluated))
-    proof = (
-        f'Beware: by its name, {", ".join(known)} is among the recordings that the model was '
-        'learnt from, so this is no proof of what it does on another day. '
-        if known
-        else 'It was not fitted to them. '
-    )
     return (
-        f'The model ran on the temperatures of these recordings alone. {proof}Raw and '
-        f'compensated wrenches were both tared on the first {tare_s:g} s. '
-        f'Reference: {references}.'
+        'The model ran on the temperatures of these recordings alone. Raw and compensated '
+        f'wrenches were both tared on the first {tare_s:g} s. Reference: {references}.'
     )
 
 
@@ -147,27 +157,29 @@ def _axis_view(
     axis: str,
     errors: AxisEvaluation,
     series: ErrorSeries,
-    judged: Sequence[dict[str, AxisEvaluation]],
+    each: Sequence[tuple[Recording, dict[str, AxisEvaluation]]],
 ) -> AxisView:
     """Fill the view of one axis; a model need not know it."""
     model = stored.model.axes.get(axis)
     entry = stored.document['axes'].get(axis, {})
-    each = [result[axis] for result in judged if axis in result]
+    unit = each[0][0].unit_of(axis)
+    parts = [(recording.name, found[axis]) for recording, found in each if axis in found]
     noise = noise_level([series.after[series.part == part] for part in np.unique(series.part)])
     evidence = Evidence(
-        unit=axis_unit(axis),
+        unit=unit,
         before=errors.rms_before,
         after=errors.rms_after,
         noise=noise,
         compensated=model is not None,
         blocks=BlockErrors(
-            np.array([e.rms_before for e in each]), np.array([e.rms_after for e in each])
+            np.array([part.rms_before for _, part in parts]),
+            np.array([part.rms_after for _, part in parts]),
         ),
         block_name='recording',
     )
     return AxisView(
         axis=axis,
-        unit=axis_unit(axis),
+        unit=unit,
         verdict=judge(evidence),
         rms_before=errors.rms_before,
         rms_after=errors.rms_after,
@@ -176,7 +188,13 @@ def _axis_view(
         series=series,
         drifts=drifts_removed(model),
         chosen=entry.get('chosen', 'none'),
+        reason=entry.get('reason', ''),
         time_constants_s=tuple(entry.get('time_constants_s', ())),
+        time_constant_errors_s=tuple(
+            math.nan if error is None else error
+            for error in entry.get('time_constant_errors_s', ())
+        ),
         candidates=tuple(Candidate(c['name'], c['rms']) for c in entry.get('candidates', ())),
         notes=tuple(entry.get('notes', ())),
+        parts=tuple((name, part.rms_before, part.rms_after) for name, part in parts),
     )

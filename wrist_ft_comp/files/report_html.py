@@ -49,7 +49,9 @@ def facts(pairs: Mapping[str, str]) -> str:
     return element('dl', ''.join(text('dt', k) + text('dd', v) for k, v in pairs.items()))
 
 
-def table(caption: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def table(
+    caption: str, header: Sequence[str], rows: Iterable[Sequence[str]], **attributes: str
+) -> str:
     """
     Write a table whose first column names the rows.
 
@@ -61,6 +63,8 @@ def table(caption: str, header: Sequence[str], rows: Iterable[Sequence[str]]) ->
         Column titles.
     rows : iterable of sequences of str
         Cells.
+    **attributes : str
+        As for text.
 
     Returns
     -------
@@ -75,7 +79,8 @@ def table(caption: str, header: Sequence[str], rows: Iterable[Sequence[str]]) ->
     )
     body = ''.join(element('tr', line) for line in lines)
     head = element('thead', element('tr', titles))
-    return element('table', text('caption', caption) + head + element('tbody', body))
+    inside = text('caption', caption) + head + element('tbody', body)
+    return element('table', inside, **attributes)
 
 
 def number(value: float) -> str:
@@ -85,8 +90,10 @@ def number(value: float) -> str:
     return f'{value:.0f}' if abs(value) >= 1000 else f'{value:.4g}'
 
 
-def duration(seconds: float) -> str:
-    """Write a time for people."""
-    if seconds < 120:
-        return f'{seconds:.0f} s'
-    return f'{seconds / 60:.0f} min' if seconds < 7200 else f'{seconds / 3600:.1f} h'
+def duration(seconds: float, error: float | None = None) -> str:
+    """Write a time for people, and its standard error in the same unit."""
+    unit, size, digits = 's', 1, 0
+    if seconds >= 120:
+        unit, size, digits = ('min', 60, 1) if seconds < 7200 else ('h', 3600, 1)
+    spread = '' if error is None else f' ± {error / size:.{digits}f}'
+    return f'{seconds / size:.{digits}f}{spread} {unit}'

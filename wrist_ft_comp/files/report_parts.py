@@ -110,8 +110,8 @@ def model_provenance(stored: StoredModel) -> dict[str, str]:
         'model file': str(stored.path),
         'SHA-256': stored.sha256,
         'made': str(provenance.get('created', 'at an unknown time')),
-        'from': f'{stored.document["duration_s"] / 3600:.2f} h',
-        'at': ', '.join(f'{low:.1f} to {high:.1f} °C' for low, high in ranges),
+        'recorded': f'{stored.document["duration_s"] / 3600:.2f} h',
+        'temperatures': ', '.join(f'{low:.1f} to {high:.1f} °C' for low, high in ranges),
         'thermal period': f'{stored.model.period_ns / NANOSECONDS:g} s',
         'versions': _listed(provenance.get('versions')),
         'settings': _listed(provenance.get('settings')),
@@ -122,7 +122,9 @@ def _listed(values: Any) -> str:
     """Write nested plain values on one line."""
     if isinstance(values, Mapping):
         return ', '.join(
-            _listed(value) if isinstance(value, Mapping) else f'{key} {_listed(value)}'
+            f'{key} ({_listed(value)})'
+            if isinstance(value, Mapping)
+            else f'{key} {_listed(value)}'
             for key, value in values.items()
         )
     if isinstance(values, list):

@@ -44,7 +44,7 @@ class AxisView:
     Attributes
     ----------
     axis, unit : str
-        Name, and N or N m.
+        Name, and N, N m, or what its recordings are in.
     verdict : Verdict
         Level and sentence.
     rms_before, rms_after, peak_before, peak_after : float
@@ -63,6 +63,9 @@ class AxisView:
         All that were tried.
     notes : tuple of str
         What could not be learnt, and the like.
+    parts : tuple of (str, float, float)
+        Name of each recording, and root mean square without and with compensation; empty where
+        errors are held out.
 
     """
 
@@ -81,6 +84,7 @@ class AxisView:
     time_constant_errors_s: tuple[float, ...] = ()
     candidates: tuple[Candidate, ...] = ()
     notes: tuple[str, ...] = ()
+    parts: tuple[tuple[str, float, float], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from wrist_ft_comp.core.chamber import OUTPUT_UNIT
 from wrist_ft_comp.core.recording import AXES, axis_unit, Samples
 from wrist_ft_comp.files.bag_file import open_bag
 from wrist_ft_comp.files.bag_recording import Topics
@@ -148,14 +149,17 @@ def _describe_samples(
             low, high = int(block.stamps_ns.min()), int(block.stamps_ns.max())
             first = low if first is None else min(first, low)
             last = high if last is None else max(last, high)
-    channels = tuple(_describe_channel(channel, count) for channel, count in counts.items())
+    channels = tuple(
+        _describe_channel(channel, count, OUTPUT_UNIT if kind == TABLE else '')
+        for channel, count in counts.items()
+    )
     return RecordingSummary(name, kind, channels, first, last, tuple(warnings))
 
 
-def _describe_channel(channel: str, samples: int) -> ChannelSummary:
-    """Name unit and role of a channel."""
+def _describe_channel(channel: str, samples: int, unit: str) -> ChannelSummary:
+    """Name unit and role of a channel; the unit is given where it is not N and N m."""
     axis = channel.removeprefix('reference_')
     if axis not in AXES:
         return ChannelSummary(channel, '°C', samples, TEMPERATURE)
     role = RAW_WRENCH if axis == channel else REFERENCE
-    return ChannelSummary(channel, axis_unit(axis), samples, role)
+    return ChannelSummary(channel, unit or axis_unit(axis), samples, role)

@@ -145,10 +145,10 @@ def test_a_sensor_gets_the_verdict_it_deserves(kind, levels, view):
 
 
 def test_the_headline_counts(view):
-    assert headline(view('good')).startswith('6 of 6 axes good.')
-    assert headline(view('none')).startswith('6 of 6 axes not calibrated.')
+    assert headline(view('good')).startswith('6 axes: 6 good. Seen: 2.')
+    assert headline(view('none')).startswith('6 axes: 6 not calibrated.')
     mixed = replace(view('good'), axes=(*view('good').axes[:2], *view('none').axes[2:3]))
-    assert headline(mixed).startswith('2 of 3 axes good, 1 of 3 axes not calibrated.')
+    assert headline(mixed).startswith('3 axes: 2 good, 1 not calibrated.')
 
 
 def test_a_refused_axis_is_said_once_at_the_top(make, tmp_path):
@@ -193,13 +193,32 @@ def test_the_numbers_of_an_evaluation_are_its_own(make, tmp_path):
         assert axis.peak_before == judged[axis.axis].max_before
 
 
+def test_an_evaluation_says_what_was_learnt_and_tells_recordings_apart(view):
+    for axis in view('evaluation').axes:
+        assert axis.reason.startswith('pls')
+        assert len(axis.time_constant_errors_s) == len(axis.time_constants_s)
+        assert [name for name, *_ in axis.parts] == [s.name for s in view('evaluation').sources]
+        squares = np.square([after for _, _, after in axis.parts])
+        assert np.sqrt(squares.mean()) == pytest.approx(axis.rms_after)
+    whole = Outline(page(view('evaluation'))).whole
+    assert whole.count('Recording by recording') == len(view('evaluation').axes)
+    assert 'Recording by recording' not in Outline(page(view('good'))).whole
+
+
+def test_a_chamber_table_is_in_units_of_its_own(text):
+    whole = Outline(text('chamber')).whole
+    assert 'output units RMS' in whole
+    assert ' N RMS' not in whole
+    assert 'force z, N' not in whole
+
+
 def test_an_evaluation_on_what_was_learnt_is_no_proof(make, tmp_path):
     _, stored = make.learn([make.recording('a.csv')], tmp_path, method='pls')
     same, other = make.recording('a.csv'), make.recording('b.csv', 1)
-    said = evaluation_view(stored, [EvaluatedRecording(same, 'unloaded')], 60.0).explanation
-    assert 'no proof' in said
-    said = evaluation_view(stored, [EvaluatedRecording(other, 'unloaded')], 60.0).explanation
-    assert 'no proof' not in said
+    said = evaluation_view(stored, [EvaluatedRecording(same, 'unloaded')], 60.0).warnings
+    assert said[0].startswith('By its name, a.csv is among')
+    said = evaluation_view(stored, [EvaluatedRecording(other, 'unloaded')], 60.0).warnings
+    assert said == other.warnings
 
 
 def test_what_cannot_be_compared_is_a_sentence(make, tmp_path):
@@ -232,7 +251,7 @@ def test_standard_errors_and_reasons_are_shown_where_they_are_known(view):
         reason='It was the simplest.',
     )
     whole = Outline(page(replace(view('good'), axes=(first,)))).whole
-    assert '60 s ± 3 s, 2.0 h' in whole
+    assert '60 ± 3 s, 2.0 h' in whole
     assert 'It was the simplest.' in whole
 
 

@@ -72,6 +72,15 @@ def test_a_signal_ends_the_node_with_exit_code_0(bench, start, choice, number):
     assert 'no model' in ends_well(process, number)
 
 
+def test_the_log_says_once_what_the_node_does(bench, start, make_model):
+    make_model('a.yaml')
+    process = start('says_once', '-p', 'model_file:=models/a.yaml')
+    bench.call(Trigger, '/says_once/says_once/reset_tare', Trigger.Request())
+    errors = ends_well(process, signal.SIGINT)
+    assert errors.count('compensating 1 axes with ') == 1
+    assert 'models/a.yaml' in errors
+
+
 @signals
 def test_a_signal_ends_a_calibration_too(bench, start, tmp_path, number):
     """A pipe without a writer takes the place of a long fit."""
