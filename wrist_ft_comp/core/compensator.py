@@ -202,6 +202,8 @@ class Compensator:
         if len(temperature_c):
             self._state, _ = drift.run(model, memory.filters, temperature_c)
             self._history.extend(temperature_c)
+            for cell in temperature_c:
+                self._blocks.add(cell, 1)
 
     @property
     def crossing(self) -> bool:
