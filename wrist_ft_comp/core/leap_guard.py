@@ -35,7 +35,8 @@ class LeapGuard:
         #: By how much it did the last time, ns; negative when it ran back.
         self.last_leap_ns = 0
         self._last: list[int | None] = [None] * thermometers
-        self._step = [0] * thermometers
+        #: Step between the last two samples, ns; None before the first was taken.
+        self._step: list[int | None] = [None] * thermometers
         self._kept: list[Sample | None] = [None] * thermometers
 
     def expect(self, stamp_ns: int) -> None:
@@ -45,7 +46,8 @@ class LeapGuard:
         Parameters
         ----------
         stamp_ns : int
-            Where another stream ended, ns; a first sample far from it is kept back, too.
+            Where another stream ended, ns; a first sample far from it is kept back, too, but going
+            on from there is no leap: it may have ended long ago.
 
         """
         self._last = [stamp_ns] * len(self._last)
@@ -79,13 +81,14 @@ class LeapGuard:
             self.strays += kept is not None
             self._kept[thermometer] = sample
             return []
-        self.leaps += 1
-        self.last_leap_ns = kept[1] - last
+        if self._step[thermometer] is not None:
+            self.leaps += 1
+            self.last_leap_ns = kept[1] - last
         return self._take(kept) + self._take(sample)
 
     def _leaps(self, thermometer: int, step_ns: int) -> bool:
         """Tell whether a step between stamps is a leap."""
-        return abs(step_ns) > max(_LEAP_NS, _STEPS * self._step[thermometer])
+        return abs(step_ns) > max(_LEAP_NS, _STEPS * (self._step[thermometer] or 0))
 
     def _take(self, sample: Sample) -> list[Sample]:
         """Let a sample count."""

@@ -125,7 +125,7 @@ class CalibrationControl:
     def _refuse(self, why: str, reply: Reply) -> None:
         """Answer that nothing changed, and why."""
         self.last_outcome, self.refused = why, True
-        self._node.last_refusal = f'~/calibrate: {why}'
+        self._node.note_refusal('~/calibrate', why)
         self._node.console.error(f'not calibrated: {why}')
         reply(success=False, message=why)
 

@@ -47,6 +47,8 @@ from wrist_ft_comp.ros.wrench_message import wrench_message
 
 _HOUSEKEEPING_PERIOD_S = 0.1
 _DIAGNOSTICS_PERIOD_S = 1.0
+#: What is asked for may be as long as the asker likes; diagnostics repeat it every second.
+_LONGEST_REFUSAL = 1000
 #: An answer that the asker has not taken yet is lost when its sender leaves the network.
 _FAREWELL_S = 0.5
 
@@ -98,7 +100,7 @@ class CompensatorNode(Node):
         self.keeping = StateKeeping(self, given['save_period'])
         self.counts = Counts(len(topics))
         self.watch = InputWatch(self, len(topics))
-        #: Why the last request of any service was refused; empty before the first.
+        #: What was refused last, and why; empty before the first refusal.
         self.last_refusal = ''
         self._concern_log = ConcernLog(self.console)
         self.recording = RecordingControl(self)
@@ -222,6 +224,7 @@ class CompensatorNode(Node):
             self.counts.bad_temperatures += 1
             self.watch.unusable(thermometer, temperature_c)
             return
+        self.watch.unstamped[thermometer] = not stamp_ns
         stamp_ns = stamp_ns or self._now_ns()
         self.counts.temperature(thermometer, stamp_ns)
         cells = self.compensator.add_temperature(thermometer, stamp_ns, temperature_c)
@@ -235,6 +238,10 @@ class CompensatorNode(Node):
     def _now_ns(self) -> int:
         """Time for drivers that do not stamp."""
         return int(self.get_clock().now().nanoseconds)
+
+    def note_refusal(self, what: str, why: str) -> None:
+        """Remember, for the diagnostics, what was refused and why."""
+        self.last_refusal = f'{what}: {why}'[:_LONGEST_REFUSAL]
 
     def _apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Make parameters that changed take effect; the others are read when they are needed."""

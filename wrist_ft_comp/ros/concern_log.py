@@ -1,5 +1,6 @@
-"""Troubles in the log: each sentence of the diagnostics once when it begins, and when it ends."""
+"""Troubles in the log: each sentence of the diagnostics once when it begins, and when all ends."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 import re
 from typing import Any
@@ -8,8 +9,12 @@ from wrist_ft_comp.ros.diagnostics import Concern, ERROR, OK, STALE
 
 #: Reports for which a driver may take its time to start.
 _PATIENCE = 5
+#: Reports without trouble after which it is over; what comes and goes is told once.
+_PEACE = 10
 #: What these say is not logged elsewhere.
 _LOGGED = ('input', 'temperature', 'output')
+#: Numbers that change from report to report, but not those of thermometers, which are names.
+_NUMBERS = re.compile(r'(?<!thermometer )(?<!, )\b[\d.]+')
 
 
 class ConcernLog:
@@ -25,8 +30,10 @@ class ConcernLog:
 
     def __init__(self, console: Any) -> None:
         self._console = console
-        self._before: dict[str, tuple[bytes, str]] = {}
         self._reports = 0
+        #: Per concern: what was told since all was well, and for how many reports it has been.
+        self._told: defaultdict[str, set[str]] = defaultdict(set)
+        self._well: defaultdict[str, int] = defaultdict(int)
 
     def tell(self, concerns: Sequence[Concern]) -> None:
         """
@@ -44,20 +51,22 @@ class ConcernLog:
                 self._tell_one(concern)
 
     def _tell_one(self, concern: Concern) -> None:
-        """Log one concern, unless it says what it said before, numbers aside."""
-        now = concern.level, re.sub(r'[\d.]+', '#', concern.sentence)
-        before = self._before.get(concern.name)
-        if before is None and concern.level == STALE and self._reports <= _PATIENCE:
+        """Log one concern, if that is news."""
+        told, line = self._told[concern.name], f'{concern.name}: {concern.sentence}'
+        if concern.level == OK:
+            self._well[concern.name] += 1
+            if told and self._well[concern.name] >= _PEACE:
+                told.clear()
+                self._console.info(line)
             return
-        self._before[concern.name] = now
-        well = concern.level == OK and (before is None or before[0] == OK)
-        if now == before or well:
+        self._well[concern.name] = 0
+        starting = concern.level == STALE and self._reports <= _PATIENCE
+        sentence = _NUMBERS.sub('#', line)
+        if starting or sentence in told:
             return
-        line = f'{concern.name}: {concern.sentence}'
+        told.add(sentence)
         # One call site each: rclpy insists that a call site keeps its severity.
         if concern.level == ERROR:
             self._console.error(line)
-        elif concern.level == OK:
-            self._console.info(line)
         else:
             self._console.warning(line)

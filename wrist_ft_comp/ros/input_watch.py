@@ -1,6 +1,7 @@
 """Faults that no single message shows, looked for beside the stream."""
 
 from collections.abc import Sequence
+import math
 import time
 from typing import Any, TYPE_CHECKING
 
@@ -36,6 +37,8 @@ class InputWatch:
         self.thermometers = ThermometerWatch(thermometers)
         #: Thermometer (counted from 1) and value of the newest unusable reading.
         self.last_unusable: tuple[int, float] | None = None
+        #: Whether the newest reading of each thermometer had no stamp.
+        self.unstamped = [False] * thermometers
         #: How often the frame changed, and from what to what the last time.
         self.frame_changes = 0
         self.last_frames = ('', '')
@@ -46,26 +49,29 @@ class InputWatch:
         self._node = node
         self._frame = ''
         self._received = 0
-        #: Count of each kind of event, and when it last changed, s of the steady clock.
+        #: Count of each kind of event, and when it last grew, s of the steady clock.
         self._events: dict[str, tuple[int, float]] = {}
 
     @property
     def recent(self) -> set[str]:
-        """Which events happened lately: ``frame``, ``ran_back``, ``leapt``, ``jump``."""
+        """Which events happened lately; their names stand in _note_events."""
         now = time.monotonic()
         return {kind for kind, (_, at) in self._events.items() if at > now - _RECENT_S}
 
     def _note_events(self) -> None:
-        """Remember when the counts of events changed."""
+        """Remember when the counts of events grew."""
+        compensator, now = self._node.compensator, time.monotonic()
         counts = {
             'frame': self.frame_changes,
             'ran_back': self.sensor.ran_back,
             'leapt': self.sensor.leapt,
             'jump': sum(self.thermometers.jumps),
+            'stray temperature': compensator.tracker.guard.strays,
+            'temperature leapt': compensator.tracker.guard.leaps + compensator.tracker.grid.restarts,
         }
         for kind, count in counts.items():
-            if count != self._events.get(kind, (0, 0.0))[0]:
-                self._events[kind] = (count, time.monotonic())
+            before, at = self._events.get(kind, (0, -math.inf))
+            self._events[kind] = (count, now if count > before else at)
 
     def unusable(self, thermometer: int, value: float) -> None:
         """Remember a reading, °C, of a thermometer counted from 0, that was dropped."""

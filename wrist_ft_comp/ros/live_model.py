@@ -181,7 +181,7 @@ class LiveModel:
             for parameter in parameters:
                 self._judge(parameter.name, parameter.value)
         except WristFtCompError as error:
-            self._node.last_refusal = f'set_parameters: {error}'
+            self._node.note_refusal('set_parameters', str(error))
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
@@ -197,8 +197,15 @@ class LiveModel:
                     f'got {given}. Copy the file there, or give it at start-up.'
                 )
         if name == 'model_file' and value:
+            path = store.locate(value)
+            if path.exists() and not path.is_file():
+                # A pipe would hold up the stream until somebody writes into it.
+                raise SettingsError(
+                    f'model_file must be a file; {path} is none. Make one with wrist_ft_comp '
+                    'calibrate.'
+                )
             # Kept, because it goes live next, and reading it takes tens of milliseconds.
-            self._judged = self._load(store.locate(value))
+            self._judged = self._load(path)
 
     def use_file(self, given: str) -> None:
         """Make the model of a file live and remember it; it was judged before."""
@@ -220,7 +227,7 @@ class LiveModel:
             response.message, response.success = self._roll_back(), True
         except WristFtCompError as error:
             response.message, response.success = str(error), False
-            self._node.last_refusal = f'~/rollback: {error}'
+            self._node.note_refusal('~/rollback', str(error))
         return response
 
     def _roll_back(self) -> str:

@@ -41,7 +41,7 @@ class RecordingControl:
             response.success = True
         except WristFtCompError as error:
             response.success, response.message = False, str(error)
-            self._node.last_refusal = f'~/record: {error}'
+            self._node.note_refusal('~/record', str(error))
         return response
 
     def _start(self) -> str:

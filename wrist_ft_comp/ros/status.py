@@ -5,14 +5,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wrist_ft_comp.core.recording import AXES, axis_unit, FloatArray
-from wrist_ft_comp.ros.counts import Counts, Period
+from wrist_ft_comp.ros.counts import Period
 from wrist_ft_comp.ros.diagnostics import Concern, ERROR, OK, WARN
 from wrist_ft_comp.ros.status_inputs import input_concern, temperature_concern
 
 if TYPE_CHECKING:
     from wrist_ft_comp.ros.compensator_node import CompensatorNode
-
-__all__ = ['Counts', 'concerns']
 
 
 def concerns(node: 'CompensatorNode') -> list[Concern]:

@@ -5,7 +5,7 @@ import time
 from typing import TYPE_CHECKING
 
 from wrist_ft_comp.core.thermometer_watch import other_unit, PLAUSIBLE_C
-from wrist_ft_comp.ros.counts import Counts, Period
+from wrist_ft_comp.ros.counts import Period
 from wrist_ft_comp.ros.diagnostics import Concern, OK, STALE, WARN
 
 if TYPE_CHECKING:
@@ -77,6 +77,8 @@ def _suspicions(node: 'CompensatorNode', publishers: int) -> Iterator[str]:
         yield 'the reading has not changed by a bit for seconds; is the sensor frozen?'
     if sensor.saturated:
         yield f'{", ".join(sensor.saturated)} stays at its extreme; is the sensor saturated?'
+    if sensor.unstamped:
+        yield 'wrenches come without stamps; the time of their arrival is taken'
     if sensor.stamps_stand_still:
         yield 'stamps stand still; the correction is that of one moment'
     recent = watch.recent
@@ -129,7 +131,7 @@ def temperature_concern(node: 'CompensatorNode', period: Period) -> Concern:
         _unusable(node, period)
         or _silence(node, ages)
         or _publishers(node)
-        or _wrong_stamps(counts, period)
+        or _wrong_stamps(node, period)
         or _outside(node)
         or _jumps(node)
     )
@@ -158,12 +160,18 @@ def _unusable(node: 'CompensatorNode', period: Period) -> str:
 def _silence(node: 'CompensatorNode', ages: list[float | None]) -> str:
     """Say which thermometers are silent."""
     limit = node.compensator.settings.temperature_timeout_s
-    never = [str(j) for j, age in enumerate(ages, start=1) if age is None]
+    never = [j for j, age in enumerate(ages) if age is None]
     if never:
-        them = ', '.join(never)
-        if node.compensator.compensating:
-            return f'thermometer {them} has not reported; drift is held'
-        return f'thermometer {them} has not reported; drift waits for it'
+        them = ', '.join(str(j + 1) for j in never)
+        held = 'is held' if node.compensator.compensating else 'waits for it'
+        topics = node.get_parameter('temperature_topics').value
+        policies = [node.watch.incompatible.get(topics[j], '') for j in never]
+        if any(policies):
+            return (
+                f'thermometer {them} is not heard: a publisher offers less {max(policies)} than '
+                f'is asked for; drift {held}'
+            )
+        return f'thermometer {them} has not reported; drift {held}'
     silent = [str(j) for j, age in enumerate(ages, start=1) if age is not None and age > limit]
     if silent:
         return f'thermometer {", ".join(silent)} silent for more than {limit:g} s; drift is held'
@@ -180,8 +188,9 @@ def _publishers(node: 'CompensatorNode') -> str:
     return '; '.join(shared)
 
 
-def _wrong_stamps(counts: Counts, period: Period) -> str:
+def _wrong_stamps(node: 'CompensatorNode', period: Period) -> str:
     """Say what is wrong with the stamps."""
+    counts, watch = node.counts, node.watch
     if counts.apart_s > _SAME_CLOCK_S:
         return (
             f'stamps of wrench and temperature are {counts.apart_s:.0f} s apart; both drivers '
@@ -189,6 +198,13 @@ def _wrong_stamps(counts: Counts, period: Period) -> str:
         )
     if period.rejected > 0 and 2 * period.rejected >= period.temperatures:
         return 'temperatures are dropped: their stamps do not increase'
+    if any(watch.unstamped):
+        them = ', '.join(str(j + 1) for j, without in enumerate(watch.unstamped) if without)
+        return f'thermometer {them} does not stamp its readings; the time of arrival is taken'
+    if 'temperature leapt' in watch.recent:
+        return 'stamps of temperatures leapt; was a clock set, or a simulation begun anew?'
+    if 'stray temperature' in watch.recent:
+        return 'a temperature was dropped, because its stamp was far from those around it'
     return ''
 
 

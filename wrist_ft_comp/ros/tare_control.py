@@ -84,7 +84,7 @@ class TareControl:
     def _answer(self, *, success: bool, message: str) -> None:
         """Answer the asker."""
         if not success:
-            self._node.last_refusal = f'~/tare: {message}'
+            self._node.note_refusal('~/tare', message)
             self._node.console.warning(f'not tared: {message}')
         if self._reply is not None:
             self._reply(success=success, message=message)

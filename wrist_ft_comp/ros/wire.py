@@ -14,6 +14,8 @@ from wrist_ft_comp.files.cdr import locate_doubles
 
 #: Byte at which frame_id begins.
 _FRAME = 16
+#: As much of a frame's name is shown, bytes; no sensor's is longer.
+_SHOWN = 255
 #: Layouts kept per topic; a sender that varies its frame names starts the collection anew.
 _MAX_LAYOUTS = 100
 
@@ -139,10 +141,11 @@ def frame_id(layout: Layout, data: bytes) -> str:
     Returns
     -------
     str
-        Without the bytes that only align what follows it.
+        Without the bytes that only align what follows it; its first 255 bytes only.
 
     """
-    return data[_FRAME : layout.frame_end].rstrip(b'\0').decode(errors='replace')
+    end = min(layout.frame_end, _FRAME + _SHOWN)
+    return data[_FRAME:end].rstrip(b'\0').decode(errors='replace')
 
 
 def replace(layout: Layout, data: bytes, doubles: Sequence[float]) -> bytes:

@@ -7,7 +7,10 @@ import pytest
 pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
 
+from rclpy.serialization import serialize_message
+
 from wrist_ft_comp.ros import compensator_node
+from wrist_ft_comp.ros.wrench_message import wrench_message
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -160,6 +163,33 @@ def test_recordings_and_refusals_are_told(rig):
     assert not answer.success
     status = node.diagnosis('calibration', lambda each: each.level == WARN)
     assert numbers(status)['last'] == answer.message
+
+
+def test_names_of_any_length_do_not_fill_the_diagnostics(rig):
+    node = rig()
+    assert not node.set('model_file', '/' + 'm' * 100_000).successful
+    status = node.diagnosis('calibration')
+    refusal = numbers(status)['last_refusal']
+    assert refusal.startswith('set_parameters: model_file set at run time must lie inside')
+    assert len(refusal) == 1000
+    node.put(START, LOAD, frame='f' * 60_000)
+    (message,) = node.take()
+    assert message.header.frame_id == 'f' * 60_000
+    status = node.diagnosis('input', lambda each: each.hardware_id)
+    assert status.hardware_id == numbers(status)['frame'] == 'f' * 255
+
+
+@pytest.mark.parametrize('name', [b'a\0b\0', b'\xff\xfe\0', b'\xed\xa0\x80\0', b'\0\0\0\0'])
+def test_a_frame_that_is_no_text_does_not_end_the_node(rig, make_model, name):
+    node = rig(parameters={'model_file': str(make_model('m.yaml').path)})
+    whole = serialize_message(wrench_message(START, 'abc', LOAD))
+    node.put_bytes(whole[:16] + name.ljust(4, b'\0') + whole[20:])
+    node.bench.wait_until(lambda: node.node.counts.published == 1, 'the output')
+    node.outputs.queue.clear()
+    for second in range(4):
+        node.warm(START + second * SECOND, 25.0)
+    assert node.diagnosis('input', lambda each: int(numbers(each)['received']) == 1)
+    assert node.ask_output(START + 5 * SECOND, LOAD)[2] == pytest.approx(LOAD[2] - 10.0)
 
 
 def test_what_people_look_for_is_there(rig, make_model):

@@ -10,12 +10,14 @@ pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.core.sensor_watch import SensorWatch
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
 from wrist_ft_comp.ros.status_inputs import input_concern
+from wrist_ft_comp.ros.wrench_message import wrench_message
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -28,17 +30,18 @@ executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 @pytest.fixture
 def log(capfd, rig):
-    """Wait for words in the log."""
+    """Wait for words in the log; ``says`` looks only once."""
     seen = []
 
-    def wait(node, words):
-        def heard():
-            seen.append(capfd.readouterr().err)
-            return re.search(words, ''.join(seen)) is not None
+    def says(words):
+        seen.append(capfd.readouterr().err)
+        return re.search(words, ''.join(seen)) is not None
 
-        node.bench.wait_until(heard, f'{words!r} in the log')
+    def wait(node, words):
+        node.bench.wait_until(lambda: says(words), f'{words!r} in the log')
 
     assert rig
+    wait.says = says
     return wait
 
 
@@ -91,6 +94,20 @@ class TestWrench:
         assert node.outputs.empty()
         unharmed(node)
 
+    def test_that_is_malformed_is_dropped_counted_and_told(self, warm, log):
+        node = warm()
+        whole = serialize_message(wrench_message(START, 'tool0', RAW))
+
+        def told(status):
+            node.put_bytes(whole[:-8])
+            return 'unusable' in status.message
+
+        status = node.diagnosis('input', told)
+        assert (status.level, int(numbers(status)['dropped_malformed']) > 0) == (WARN, True)
+        log(node, 'input: all wrenches are unusable and dropped; check the driver')
+        assert node.outputs.empty()
+        unharmed(node)
+
     @pytest.mark.usefixtures('quick')
     def test_that_never_changes_by_a_bit_is_taken_for_frozen(self, warm, log):
         node = warm()
@@ -107,10 +124,9 @@ class TestWrench:
         def well(status):
             noise = rng.normal(0, 0.01, (20, 6))
             node.stream([next(stamps) for _ in range(20)], RAW + noise)
-            return status.level == OK
+            return status.level == OK and log.says(r'INFO.*input: \d+ wrenches per second')
 
         node.diagnosis('input', well)
-        log(node, r'INFO.*input: \d+ wrenches per second')
         unharmed(node)
 
     @pytest.mark.usefixtures('quick')
@@ -139,7 +155,7 @@ class TestWrench:
     @pytest.mark.parametrize(
         ('stamps', 'words'),
         [
-            ([0] * 40, None),
+            ([0] * 40, 'wrenches come without stamps; the time of their arrival is taken'),
             ([START + 20 * SECOND] * 40, 'stamps stand still'),
             (range(START + 60 * SECOND, START + 20 * SECOND, -SECOND), 'stamps ran back'),
             (
@@ -157,9 +173,6 @@ class TestWrench:
             found = node.ask_output(stamp, RAW + rng.normal(0, 0.001, 6))
             assert found[2] == pytest.approx(25.0, abs=0.1)
             node.bench.wait_until(lambda look=look: node.node.watch.sensor._received > look, 'it')
-        if words is None:
-            assert node.node.watch.sensor.unstamped
-            return
 
         def told(status):
             node.ask_output(stamps[-1], RAW + rng.normal(0, 0.001, 6))
@@ -258,6 +271,7 @@ class TestTemperature:
         assert 'drift of force_z moves at its limit (max_drift_rate)' in status.message
         log(node, 'output: drift of force_z moves at its limit')
         assert node.node.compensator.drift.zero[2] == pytest.approx(5.05, abs=0.011)
+        unharmed(node)
 
     def test_in_fahrenheit_is_clamped_and_the_unit_is_guessed(self, warm, log):
         node = warm()
@@ -274,17 +288,20 @@ class TestTemperature:
         zero = node.node.compensator.drift.zero[2]
         # A fifth of 15 to 45 °C beyond the range, and no further.
         assert zero == pytest.approx(0.5 * (45.0 + 6.0 - 20.0), abs=0.01)
+        found = node.ask_output(START + 3000 * SECOND, RAW)
+        np.testing.assert_allclose(found, RAW - [0, 0, zero, 0, 0, 0], atol=0.1)
 
     @pytest.mark.parametrize('leap', [5 * HOUR, -5 * HOUR], ids=['ahead', 'back'])
-    def test_with_one_stray_stamp_does_not_move_the_drift(self, warm, leap):
+    def test_with_one_stray_stamp_does_not_move_the_drift(self, warm, log, leap):
         node = warm()
         memory = node.node.compensator.memory().filters['force_z'].copy()
         node.warm(START + 20 * SECOND + leap, 44.0)
         for second in range(20, 23):
             node.warm(START + second * SECOND, 30.0)
         assert node.node.compensator.tracker.guard.strays == 1
-        status = node.diagnosis('temperature')
-        assert (status.level, numbers(status)['stray_stamps']) == (OK, '1')
+        status = node.diagnosis('temperature', lambda each: 'was dropped' in each.message)
+        assert (status.level, numbers(status)['stray_stamps']) == (WARN, '1')
+        log(node, 'temperature: a temperature was dropped, because its stamp was far from those')
         np.testing.assert_allclose(node.node.compensator.memory().filters['force_z'], memory)
         unharmed(node)
 
@@ -297,7 +314,7 @@ class TestTemperature:
         log(node, 'temperature: temperatures are dropped: their stamps do not increase')
         unharmed(node)
 
-    def test_without_stamps_is_taken_at_the_node_s_time(self, warm):
+    def test_without_stamps_is_taken_at_the_node_s_time(self, warm, log):
         node = warm(parameters={'use_sim_time': True})
         clock = node.bench.publisher(Clock, '/clock')
         for second in range(20, 24):
@@ -309,15 +326,22 @@ class TestTemperature:
             )
             node.warm(0, 30.0)
         assert node.node.compensator.tracker.grid._next == START // SECOND + 23
+        status = node.diagnosis('temperature')
+        words = 'thermometer 1 does not stamp its readings; the time of arrival is taken'
+        assert (status.level, status.message) == (WARN, words)
+        log(node, f'temperature: {words}')
+        unharmed(node)
         unharmed(node)
 
-    def test_of_a_simulation_that_begins_anew_goes_on_from_there(self, warm):
+    def test_of_a_simulation_that_begins_anew_goes_on_from_there(self, warm, log):
         node = warm()
         for second in range(5):
             node.warm(second * SECOND, 30.0)
         assert node.node.compensator.tracker.grid.restarts == 1
-        status = node.diagnosis('temperature')
-        assert numbers(status)['stamps_restarted'] == '1'
+        words = 'stamps of temperatures leapt; was a clock set, or a simulation begun anew?'
+        status = node.diagnosis('temperature', lambda each: each.message == words)
+        assert (status.level, numbers(status)['stamps_restarted']) == (WARN, '1')
+        log(node, 'temperature: stamps of temperatures leapt')
         unharmed(node, 10 * SECOND)
 
     def test_of_two_publishers_is_told(self, warm, log):
@@ -328,6 +352,7 @@ class TestTemperature:
         assert status.message == 'thermometer 1 has 2 publishers; their readings are mixed'
         assert status.level == WARN
         log(node, 'temperature: thermometer 1 has 2 publishers')
+        unharmed(node)
 
 
 class TestQualityOfService:
@@ -358,6 +383,20 @@ class TestQualityOfService:
         assert input_concern(node, node.counts.period(0)).sentence == (
             'no raw wrenches arrive: their publisher offers less reliability than is asked for'
         )
+
+    def test_that_keeps_a_thermometer_from_being_heard_is_told(self, rig, log):
+        override = 'qos_overrides./unheard/temperature.subscription.reliability'
+        node = rig(namespace='/unheard', parameters={override: 'reliable'})
+        best_effort = QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+        node.bench.helper.create_publisher(Temperature, '/unheard/temperature', best_effort)
+        status = node.diagnosis('temperature', lambda each: 'not heard' in each.message)
+        assert status.level == WARN
+        assert status.message == (
+            'thermometer 1 is not heard: a publisher offers less reliability than is asked for; '
+            'drift waits for it'
+        )
+        log(node, 'a publisher of temperature offers less reliability than is asked for')
+        np.testing.assert_array_equal(node.ask_output(START, RAW), RAW)
 
     @executors
     def test_that_keeps_a_subscriber_from_hearing_is_told(self, warm, log, executor):

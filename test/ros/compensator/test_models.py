@@ -1,4 +1,5 @@
 import json
+import os
 
 import pytest
 
@@ -252,6 +253,15 @@ class TestModelFile:
             assert not node.set('model_file', name).successful
         assert node.set('model_file', '').successful
         assert live(node) is None
+
+    def test_that_is_a_pipe_does_not_hold_up_the_stream(self, rig):
+        node = rig()
+        node.directory.mkdir()
+        os.mkfifo(node.directory / 'pipe.yaml')
+        verdict = node.set('model_file', 'pipe.yaml')
+        assert not verdict.successful
+        assert 'model_file must be a file' in verdict.reason
+        assert node.ask_output(START, [1.0] * 6) == (1.0,) * 6
 
     def test_set_twice_is_one_step_back(self, rig, make_model):
         make_model('a.yaml')
