@@ -1,14 +1,16 @@
 """
 Kill the node again and again while it records, calibrates and saves, and load every file.
 
-``python bench/kills.py [KILLS] [--seed N]``. Each life of the node is ended by SIGKILL after a
-random time, in the middle of a recording, of calibrations that follow each other, of tares and
-rollbacks, and of a state that is saved ten times a second. After each, every file it left is
-loaded. Figures on standard output and in ``out/kills.json``; exit code 1 when one does not load.
+``python bench/kills.py [KILLS] [--seed N]``. Each life of the node is ended by SIGKILL, in the
+middle of a recording, of calibrations that follow each other, of tares and rollbacks, and of a
+state that is saved ten times a second: half of them after a random time, a quarter a moment after
+a model begins to be written, a quarter after the list of models was. After each, every file it
+left is loaded. Figures on standard output and in ``out/kills.json``; exit code 1 when one does not load.
 """
 
 import argparse
 from collections import Counter
+from contextlib import suppress
 import json
 from pathlib import Path
 import sys
@@ -26,9 +28,25 @@ from wrist_ft_comp.files.state_file import load_state
 
 #: Longest life of a node after its start, s; starting takes about a second of it.
 LONGEST_LIFE_S = 4.0
+#: What every fourth life and the one after the next are killed upon, as a pattern.
+AIMS = ('', 'models/*', '', '*active.json*')
+#: Longest life of one that waits for that, s, and how long it may write, s.
+LONGEST_WAIT_S = 12.0
+WRITING_S = 0.2
 
 
-def live_a_life(stand: Stand, life_s: float, start_ns: int, rng: np.random.Generator) -> int:
+def written(data: Path, pattern: str) -> set[tuple[str, int]]:
+    """Give the files of a pattern, and when each was written."""
+    found = set()
+    for path in data.glob(pattern or 'none'):
+        with suppress(FileNotFoundError):
+            found.add((path.name, path.stat().st_mtime_ns))
+    return found
+
+
+def live_a_life(
+    stand: Stand, life_s: float, start_ns: int, rng: np.random.Generator, aim: str
+) -> int:
     """Start the node, keep it busy, kill it; return the newest stamp."""
     from geometry_msgs.msg import WrenchStamped  # noqa: PLC0415 -- after the environment is set
     from sensor_msgs.msg import Temperature  # noqa: PLC0415
@@ -40,7 +58,10 @@ def live_a_life(stand: Stand, life_s: float, start_ns: int, rng: np.random.Gener
     stand.start_node()
     end, ticks = time.monotonic() + life_s, 0
     recording = False
+    before = written(stand.data, aim)
     while time.monotonic() < end:
+        if aim and written(stand.data, aim) != before:
+            aim, end = '', time.monotonic() + rng.uniform(0.0, WRITING_S)
         # A second of stamps every 10 ms, so that cells complete all the time.
         stamp = start_ns + ticks * 10**9
         heats.publish(message(stamp, (COLD_C + 5 * np.sin(ticks / 100), 0.0)))
@@ -52,8 +73,9 @@ def live_a_life(stand: Stand, life_s: float, start_ns: int, rng: np.random.Gener
             recording = not recording
             stand.call('record', SetBool, SetBool.Request(data=recording))
         if ticks % 7 == 0:
-            name = str(rng.choice(['tare', 'tare', 'reset_tare', 'rollback']))
-            stand.call(name, Trigger, Trigger.Request())
+            stand.call(str(rng.choice(['tare', 'reset_tare'])), Trigger, Trigger.Request())
+        if ticks % 300 == 299:
+            stand.call('rollback', Trigger, Trigger.Request())
         ticks += 1
         time.sleep(0.01)
     stand.end_node()
@@ -122,9 +144,10 @@ def main() -> int:
             'tare.duration:=0.5',
         )
         try:
-            for _ in range(arguments.kills):
-                life_s = float(rng.uniform(0.2, LONGEST_LIFE_S))
-                newest_ns = live_a_life(stand, life_s, newest_ns + 5 * 10**9, rng)
+            for number in range(arguments.kills):
+                aim = AIMS[number % len(AIMS)]
+                life_s = LONGEST_WAIT_S if aim else float(rng.uniform(0.2, LONGEST_LIFE_S))
+                newest_ns = live_a_life(stand, life_s, newest_ns + 5 * 10**9, rng, aim)
                 broken += check_files(data, seen, known)
                 for path in sorted((data / 'models').glob('*.yaml'))[:-5]:
                     path.unlink()

@@ -46,6 +46,12 @@ def test_every_file_loads_after_kills(run):
     assert json.loads(printed)['loaded']['states'] == 3
 
 
+def test_a_killed_node_goes_on_where_it_was(run):
+    code, printed = run('restart.py', '1')
+    assert code == 0, printed
+    assert 'restarted: off by 0.' in printed
+
+
 def test_nothing_wrong_comes_out_while_faults_come_in(run):
     """How long the stream was away depends on the machine, so only what came is judged."""
     _, printed = run('endurance.py', '0.15', '--rate', '200')

@@ -1,9 +1,6 @@
 """Warm restarts: what is saved, what a restarted node does with it, and what it says."""
 
-from contextlib import suppress
 from dataclasses import replace
-import queue
-import signal
 import time
 
 import numpy as np
@@ -11,18 +8,11 @@ import pytest
 
 pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
-from geometry_msgs.msg import WrenchStamped
-from rclpy.qos import QoSProfile
-from sensor_msgs.msg import Temperature
-
 from wrist_ft_comp.core.compensator import Compensator, StreamSettings
-from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.state_file import load_state, save_state, SavedState
 
-MODULE = 'wrist_ft_comp.ros.compensator_node'
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-TIMEOUT_S = 20.0
 AXES = {'force_z': (2.0, 0.0, 600.0)}
 LOAD = [0.0, 0.0, 50.0, 0.0, 0.0, 0.0]
 TARE = np.array([0.0, 0.0, 7.0, 0.0, 0.0, 0.0])
@@ -192,70 +182,3 @@ def test_without_temperature_or_tare_nothing_is_written(rig, bench, tmp_path):
     assert node.diagnosis('output')
     bench.close()
     assert not (tmp_path / 'data').exists()
-
-
-class Heat:
-    """Sends a process one temperature per second of stamps, and hears the drift it answers."""
-
-    def __init__(self, bench, name):
-        self._publisher = bench.publisher(Temperature, f'/{name}/temperature')
-        self._drifts = bench.listen(WrenchStamped, f'/{name}/drift', QoSProfile(depth=1000))
-
-    def send(self, second):
-        message = Temperature(temperature=float(warming(second)))
-        message.header.stamp.sec = START // SECOND + second
-        self._publisher.publish(message)
-
-    def drift(self, second):
-        """Send until the drift of that second comes; None when its message was lost."""
-        for _ in range(10):
-            self.send(second)
-            with suppress(queue.Empty):
-                while True:
-                    message = self._drifts.get(timeout=0.2)
-                    if message.header.stamp.sec == START // SECOND + second:
-                        return message.wrench.force.z
-        return None
-
-
-@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM])
-def test_a_killed_node_goes_on_within_2_percent_of_one_that_never_was(
-    bench, executable, stored, tmp_path, number
-):
-    """Stamps run faster than the clock: 250 s of warm-up, 10 s of absence, 50 s more."""
-    data = tmp_path / 'data'
-    twin = Compensator(1, StreamSettings(), load_model(stored.path).model)
-    expected = {}
-    for second in range(310):
-        twin.add_temperature(0, START + second * SECOND, warming(second))
-        expected[second] = twin.drift.zero[2]
-    found = {}
-    for life, seconds in enumerate([range(250), range(260, 310)]):
-        name = f'life_{life}_{int(number)}'
-        process = executable(
-            MODULE,
-            *('-r', f'__ns:=/{name}', '-r', f'__node:={name}', '-r', f'~/drift:=/{name}/drift'),
-            *('-p', f'data_directory:={data}', '-p', f'model_file:={stored.path}'),
-            *('-p', 'save_period:=0.1'),
-        )
-        bench.wait_for_node(name)
-        heat = Heat(bench, name)
-        heat.send(seconds[0])
-        for second in seconds[1:]:
-            found[second] = heat.drift(second)
-
-        # The state may be as old as the parameter's default of 5 s lets it be.
-        def late_enough(end=START + (seconds[-1] - 5) * SECOND):
-            state = load_state(data / 'state.json')
-            return state is not None and state.thermal.end_ns >= end
-
-        bench.wait_until(late_enough, 'a save')
-        code, errors = process.end(number if life == 0 else signal.SIGINT)
-        assert code == (-signal.SIGKILL if life == 0 and number == signal.SIGKILL else 0), errors
-    assert 'the drift goes on from the thermal state saved' in errors
-    later = [second for second, value in found.items() if second > 260 and value is not None]
-    assert len(later) >= 45
-    for second in later:
-        assert found[second] == pytest.approx(expected[second], rel=0.02), second
-    cold = 2.0 * (warming(261) - 20.0)
-    assert cold > 1.5 * expected[261], 'without the state it would be far off'

@@ -1,0 +1,144 @@
+"""
+How far the drift is off after a kill in the middle of a warm-up.
+
+``python bench/restart.py [KILLS] [--seed N]``. A node is killed by SIGKILL at a random moment of a
+warm-up, is away for up to ten seconds, and goes on from the state it saved, which is up to five
+seconds old. What it subtracts then is compared with a stream that was never killed, and with one
+that begins anew. Stamps run SPEED times faster than the clock. Figures on standard output and in
+``out/restart.json``; exit code 1 when a deviation is more than LIMIT.
+"""
+
+import argparse
+import json
+from pathlib import Path
+import sys
+import tempfile
+import time
+from typing import Any
+
+import numpy as np
+from stand import make_model, message, NODE, own_domain, Sensor, Stand, write_warm_up
+
+from wrist_ft_comp.core.compensator import Compensator, StreamSettings
+from wrist_ft_comp.files.model_file import load_model
+
+SPEED = 50.0
+#: The parameter's default, 5 s, in stamps.
+SAVE_PERIOD_S = 5.0 / SPEED
+#: When the node may be killed, how long it is away, and how long it is watched then, s of stamps.
+KILLED_S = (120, 900)
+LONGEST_GAP_S = 10
+WATCHED_S = 60
+#: Largest deviation that is allowed, as a share of the drift since the warm-up began.
+LIMIT = 0.02
+START_NS = 1_700_000_000 * 10**9
+
+
+def temperatures(seconds: int) -> list[float]:
+    """Give the warm-up's temperatures, one per second, °C."""
+    sensor, found = Sensor(1), []
+    for second in range(seconds):
+        sensor.advance(float(second))
+        found.append(sensor.celsius)
+    return found
+
+
+def undisturbed(model: Any, celsius: list[float], first: int) -> dict[int, float]:
+    """Give the drift of force z, N, by second, of a stream that begins with one."""
+    twin = Compensator(1, StreamSettings(max_drift_rate_n_s=1e3), model)
+    found = {}
+    for second in range(first, len(celsius)):
+        twin.add_temperature(0, START_NS + second * 10**9, celsius[second])
+        found[second] = float(twin.drift.zero[2])
+    return found
+
+
+def warm_up(stand: Stand, celsius: list[float], seconds: range, heard: dict[int, float]) -> None:
+    """Let the node live through some seconds of the warm-up, and note the drift it tells."""
+    from geometry_msgs.msg import WrenchStamped  # noqa: PLC0415 -- after the environment is set
+    from sensor_msgs.msg import Temperature  # noqa: PLC0415
+
+    def note(told: Any) -> None:
+        heard[told.header.stamp.sec - START_NS // 10**9] = told.wrench.force.z
+
+    heat = stand.talker.create_publisher(Temperature, 'temperature', 100)
+    drift = stand.node.create_subscription(WrenchStamped, f'/{NODE}/drift', note, 1000)
+
+    def send(second: int) -> None:
+        heat.publish(message(START_NS + second * 10**9, (celsius[second], 0.0)))
+
+    def is_there() -> bool:
+        # The first two make a cell; repeated stamps are dropped.
+        send(seconds[0])
+        send(seconds[1])
+        return bool(heard)
+
+    stand.start_node()
+    stand.wait(is_there, 'the drift of the node')
+    begun = time.monotonic()
+    for number, second in enumerate(seconds[2:]):
+        time.sleep(max(0.0, begun + number / SPEED - time.monotonic()))
+        send(second)
+    stand.end_node()
+    stand.talker.destroy_publisher(heat)
+    stand.node.destroy_subscription(drift)
+
+
+def one_kill(folder: Path, model_path: Path, rng: np.random.Generator) -> dict[str, float]:
+    """Kill a node once; give the drift so far, and the largest deviations as shares of it."""
+    killed = int(rng.integers(*KILLED_S))
+    back = killed + int(rng.integers(1, LONGEST_GAP_S + 1))
+    end = back + WATCHED_S
+    celsius, model = temperatures(end), load_model(model_path).model
+    heard: dict[int, float] = {}
+    stand = Stand(folder, f'model_file:={model_path}', f'save_period:={SAVE_PERIOD_S}')
+    try:
+        warm_up(stand, celsius, range(killed), {})
+        warm_up(stand, celsius, range(back, end), heard)
+    finally:
+        stand.close()
+    never, anew = undisturbed(model, celsius, 0), undisturbed(model, celsius, back)
+    # The first cell is complete one second after the node is back.
+    seconds = [second for second in heard if second > back]
+    if len(seconds) < WATCHED_S // 2:
+        sys.exit(f'heard of {len(seconds)} seconds only\n{stand.log.read_text("utf-8")}')
+
+    def deviation(other: dict[int, float]) -> float:
+        return max(abs(other[k] - never[k]) / abs(never[k] - never[1]) for k in seconds)
+
+    return {
+        'killed_s': killed,
+        'away_s': back - killed,
+        'drift_n': never[back] - never[1],
+        'deviation': deviation(heard),
+        'deviation_anew': deviation(anew),
+    }
+
+
+def main() -> int:
+    """Kill, compare, tell."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1] if __doc__ else '')
+    parser.add_argument('kills', nargs='?', type=int, default=20)
+    parser.add_argument('--seed', type=int, default=0)
+    arguments = parser.parse_args()
+    own_domain(93)
+    rng = np.random.default_rng(arguments.seed)
+    found = []
+    with tempfile.TemporaryDirectory() as name:
+        model = make_model(write_warm_up(Path(name, 'warm_up.csv')), Path(name, 'm.yaml'))
+        for number in range(arguments.kills):
+            found.append(one_kill(Path(name, str(number)), model, rng))
+            print(
+                json.dumps({key: round(value, 5) for key, value in found[-1].items()}), flush=True
+            )
+    for what, key in (('restarted', 'deviation'), ('begun anew', 'deviation_anew')):
+        shares = [100 * each[key] for each in found]
+        print(f'{what}: off by {np.median(shares):.3f} % (median), {max(shares):.3f} % at most')
+    out = Path(__file__).resolve().parent.parent / 'out'
+    out.mkdir(exist_ok=True)
+    (out / 'restart.json').write_text(json.dumps(found, indent=1), 'utf-8')
+    return 1 if max(each['deviation'] for each in found) > LIMIT else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
