@@ -5,7 +5,8 @@ Kill the node again and again while it records, calibrates and saves, and load e
 middle of a recording, of calibrations that follow each other, of tares and rollbacks, and of a
 state that is saved ten times a second: half of them after a random time, a quarter a moment after
 a model begins to be written, a quarter after the list of models was. After each, every file it
-left is loaded. Figures on standard output and in ``out/kills.json``; exit code 1 when one does not load.
+left is loaded. Figures on standard output and in ``out/kills.json``; exit code 1 when one does not
+load.
 """
 
 import argparse
