@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+import errno
 import os
 from pathlib import Path
 import tempfile
@@ -28,7 +29,14 @@ def replaced_on_success(target: Path) -> Iterator[Path]:
     Path
         The neighbour: write it, and close it. It is removed when the block raises.
 
+    Raises
+    ------
+    OSError
+        When the target is a device or a pipe, which must not be replaced, or the disk refuses.
+
     """
+    if target.exists() and not (target.is_file() or target.is_dir()):
+        raise FileExistsError(errno.EEXIST, 'It is no regular file', str(target))
     handle, name = tempfile.mkstemp(_SUFFIX, f'.{target.name}.', target.parent)
     os.fchmod(handle, _mode(target))
     os.close(handle)

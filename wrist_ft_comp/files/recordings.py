@@ -161,7 +161,8 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
             _check_target(source, target)
             made.rename(target)
     except (OSError, WriterError, sqlite3.Error) as error:
-        raise RecordingError(f'{target} cannot be written: {error}.') from error
+        reason = getattr(error, 'strerror', None) or error
+        raise RecordingError(f'{target} cannot be written: {reason}.') from error
     return warnings
 
 
