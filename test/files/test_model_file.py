@@ -412,8 +412,14 @@ class TestHostileFiles:
     def test_deep_nesting_is_refused(
         self, load: Callable[[object], DriftModel], opening: str
     ) -> None:
-        with pytest.raises(ModelFileError, match='is not a model file'):
+        with pytest.raises(ModelFileError, match='no more than 30 levels are allowed'):
             load(opening * 20_000)
+
+    def test_values_without_number_are_refused_before_they_are_built(
+        self, load: Callable[[object], DriftModel]
+    ) -> None:
+        with pytest.raises(ModelFileError, match='no more than 100000 values are allowed'):
+            load('- 1\n' * 500_000)
 
     def test_a_huge_file_is_refused_unread(self, tmp_path: Path) -> None:
         path = tmp_path / 'huge.yaml'

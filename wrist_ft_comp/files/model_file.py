@@ -29,6 +29,12 @@ FORMAT = 'wrist_ft_comp drift model'
 VERSION = 1
 #: A model of six axes with hats and banks takes some tens of kilobytes.
 MAX_BYTES = 4_000_000
+#: Models are nested by less than half of this.
+_MAX_DEPTH = 30
+#: A file of so many values is read in a second or two; models have some thousands.
+_MAX_EVENTS = 100_000
+#: libyaml's, where PyYAML was built with it, is six times as fast.
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _KIND = Kind(
     name='model file',
     says=FORMAT,
@@ -65,17 +71,25 @@ class StoredModel:
     document: Document
 
 
-class _Loader(yaml.SafeLoader):
-    """Safe YAML without aliases, which no model file needs and which can blow up when expanded."""
+def _parse(content: bytes) -> Any:
+    """
+    Read safe YAML: plain values only.
 
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        """Refuse aliases."""
-        if self.check_event(yaml.AliasEvent):
-            event = self.peek_event()  # type: ignore[no-untyped-call] # PyYAML's stubs lack it
-            raise yaml.constructor.ConstructorError(
-                None, None, 'aliases are not allowed', event.start_mark
-            )
-        return super().compose_node(parent, index)
+    Aliases, which no model file needs, can blow up when they are expanded, deep nesting exhausts
+    the stack, and many values take long; so all are looked for in the events, which build nothing.
+    """
+    depth = 0
+    for number, event in enumerate(yaml.parse(content, Loader=_LOADER)):
+        problem = 'aliases are not allowed' if isinstance(event, yaml.AliasEvent) else ''
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _MAX_DEPTH:
+            problem = f'no more than {_MAX_DEPTH} levels are allowed'
+        if number > _MAX_EVENTS:
+            problem = f'no more than {_MAX_EVENTS} values are allowed'
+        if problem:
+            raise yaml.YAMLError(f'{problem} {event.start_mark}')
+    return yaml.load(content, Loader=_LOADER)  # noqa: S506 -- a SafeLoader
 
 
 class _Dumper(yaml.SafeDumper):
@@ -173,7 +187,7 @@ def load_model(path: Path) -> StoredModel:
     """
     content = read_bounded(_KIND, path)
     try:
-        document = yaml.load(content, Loader=_Loader)  # noqa: S506 -- _Loader is a SafeLoader
+        document = _parse(content)
     except (yaml.YAMLError, ValueError, LookupError, AttributeError, RecursionError) as error:
         # PyYAML's constructors raise the plain ones for scalars such as "!!bool maybe".
         reason = ' '.join(str(error).split())
