@@ -248,6 +248,19 @@ def test_a_model_that_goes_live_after_a_restart_knows_what_was_before_it(
     assert -1.0 * (warming(800) - 20.0) < 1.3 * expected, 'the steady state would be far off'
 
 
+def test_a_gap_that_was_crossed_is_a_part_of_the_history(model: DriftModel) -> None:
+    """Or a second restart would leave it out, and what was before it would seem too recent."""
+    killed = Compensator(1, SETTINGS, model)
+    feed(killed, 0, 300)
+    again = restarted(model, killed)
+    feed(again, 900, 910)
+    memory = again.memory()
+    assert memory is not None
+    assert sum(count for _, count in memory.history) == len(again.tracker._history) == 909
+    between = np.repeat([value for value, _ in memory.history], [n for _, n in memory.history])
+    np.testing.assert_allclose(between[400:800], np.array(again.tracker._history)[400:800, 0], atol=0.5)
+
+
 def test_a_memory_that_is_refused_leaves_no_history(model: DriftModel) -> None:
     killed = Compensator(1, SETTINGS, model)
     feed(killed, 0, 700)

@@ -352,6 +352,7 @@ class TestSchema:
             (('format',), 'another', 'expected "format: wrist_ft_comp drift model"'),
             (('period_ns',), 0, 'period_ns'),
             (('period_ns',), 1.5, 'period_ns'),
+            (('period_ns',), 10_000_000, 'period_ns'),
             (('thermometers',), [], 'thermometers'),
             (('thermometers',), [{'range_c': [1.0, 2.0]}], 'shape'),
             (('axes', 'force_x', 'model', 'features', 'degree'), 1, 'features give 2 inputs'),
