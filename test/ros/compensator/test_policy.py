@@ -7,6 +7,8 @@ import pytest
 
 pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
+from rclpy.node import Node
+
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
 
 POLICY = Path(__file__).parents[3] / 'config/sros2_policy.xml'
@@ -70,7 +72,7 @@ def test_the_node_is_granted_what_it_has_and_nothing_more(bench, policy, tmp_pat
     profile = profile_of(policy, 'wrist_ft_comp')
 
     def has(names_and_types):
-        return {name for name, _ in names_and_types if not name.endswith('get_type_description')}
+        return {name for name, _ in names_and_types}
 
     found = {
         ('topics', 'publish'): has(node.get_publisher_names_and_types_by_node(*me)),
@@ -93,5 +95,16 @@ def test_only_the_operator_may_change_something(policy):
     assert granted(operator, 'services', 'request') == offered
     published = granted(node, 'topics', 'publish')
     for other in (reader, operator):
-        own = {'/clock'}
-        assert granted(other, 'topics', 'subscribe') <= published | own
+        assert granted(other, 'topics', 'subscribe') <= published | {'/clock'}
+
+
+@pytest.mark.parametrize('enclave', ['wrist_ft_comp_reader', 'wrist_ft_comp_operator'])
+def test_others_are_granted_what_any_node_has(bench, policy, enclave):
+    """Or they could not be made at all."""
+    bench.start(Node, enclave, use_global_arguments=False)
+    profile, me = profile_of(policy, enclave), (enclave, '/')
+    services = bench.helper.get_service_names_and_types_by_node
+    bench.wait_until(lambda: len(services(*me)) >= 7, 'its services')
+    assert granted(profile, 'services', 'reply') == {name for name, _ in services(*me)}
+    publishes = bench.helper.get_publisher_names_and_types_by_node(*me)
+    assert granted(profile, 'topics', 'publish') == {name for name, _ in publishes}
