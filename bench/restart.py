@@ -53,16 +53,22 @@ def undisturbed(model: Any, celsius: list[float], first: int) -> dict[int, float
     return found
 
 
-def warm_up(stand: Stand, celsius: list[float], seconds: range, heard: dict[int, float]) -> None:
-    """Let the node live through some seconds of the warm-up, and note the drift it tells."""
+def connect(stand: Stand, heard: dict[int, float]) -> Any:
+    """Note the drift that the node tells, by second; return what publishes temperatures."""
     from geometry_msgs.msg import WrenchStamped  # noqa: PLC0415 -- after the environment is set
     from sensor_msgs.msg import Temperature  # noqa: PLC0415
 
     def note(told: Any) -> None:
         heard[told.header.stamp.sec - START_NS // 10**9] = told.wrench.force.z
 
-    heat = stand.talker.create_publisher(Temperature, 'temperature', 100)
-    drift = stand.node.create_subscription(WrenchStamped, f'/{NODE}/drift', note, 1000)
+    stand.node.create_subscription(WrenchStamped, f'/{NODE}/drift', note, 1000)
+    return stand.talker.create_publisher(Temperature, 'temperature', 100)
+
+
+def live(
+    stand: Stand, heat: Any, celsius: list[float], seconds: range, heard: dict[int, float]
+) -> None:
+    """Start the node, let it live through some seconds of the warm-up, and kill it."""
 
     def send(second: int) -> None:
         heat.publish(message(START_NS + second * 10**9, (celsius[second], 0.0)))
@@ -73,6 +79,7 @@ def warm_up(stand: Stand, celsius: list[float], seconds: range, heard: dict[int,
         send(seconds[1])
         return bool(heard)
 
+    heard.clear()
     stand.start_node()
     stand.wait(is_there, 'the drift of the node')
     begun = time.monotonic()
@@ -80,8 +87,6 @@ def warm_up(stand: Stand, celsius: list[float], seconds: range, heard: dict[int,
         time.sleep(max(0.0, begun + number / SPEED - time.monotonic()))
         send(second)
     stand.end_node()
-    stand.talker.destroy_publisher(heat)
-    stand.node.destroy_subscription(drift)
 
 
 def one_kill(folder: Path, model_path: Path, rng: np.random.Generator) -> dict[str, float]:
@@ -93,8 +98,9 @@ def one_kill(folder: Path, model_path: Path, rng: np.random.Generator) -> dict[s
     heard: dict[int, float] = {}
     stand = Stand(folder, f'model_file:={model_path}', f'save_period:={SAVE_PERIOD_S}')
     try:
-        warm_up(stand, celsius, range(killed), {})
-        warm_up(stand, celsius, range(back, end), heard)
+        heat = connect(stand, heard)
+        live(stand, heat, celsius, range(killed), heard)
+        live(stand, heat, celsius, range(back, end), heard)
     finally:
         stand.close()
     never, anew = undisturbed(model, celsius, 0), undisturbed(model, celsius, back)

@@ -32,8 +32,6 @@ class LeapGuard:
         self.strays = 0
         #: Times that time did leap.
         self.leaps = 0
-        #: By how much it did the last time, ns; negative when it ran back.
-        self.last_leap_ns = 0
         self._last: list[int | None] = [None] * thermometers
         #: Step between the last two samples, ns; None before the first was taken.
         self._step: list[int | None] = [None] * thermometers
@@ -81,9 +79,7 @@ class LeapGuard:
             self.strays += kept is not None
             self._kept[thermometer] = sample
             return []
-        if self._step[thermometer] is not None:
-            self.leaps += 1
-            self.last_leap_ns = kept[1] - last
+        self.leaps += self._step[thermometer] is not None
         return self._take(kept) + self._take(sample)
 
     def _leaps(self, thermometer: int, step_ns: int) -> bool:
