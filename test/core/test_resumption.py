@@ -258,7 +258,9 @@ def test_a_gap_that_was_crossed_is_a_part_of_the_history(model: DriftModel) -> N
     assert memory is not None
     assert sum(count for _, count in memory.history) == len(again.tracker._history) == 909
     between = np.repeat([value for value, _ in memory.history], [n for _, n in memory.history])
-    np.testing.assert_allclose(between[400:800], np.array(again.tracker._history)[400:800, 0], atol=0.5)
+    np.testing.assert_allclose(
+        between[400:800], np.array(again.tracker._history)[400:800, 0], atol=0.5
+    )
 
 
 def test_a_memory_that_is_refused_leaves_no_history(model: DriftModel) -> None:

@@ -60,14 +60,14 @@ class InputWatch:
 
     def _note_events(self) -> None:
         """Remember when the counts of events grew."""
-        compensator, now = self._node.compensator, time.monotonic()
+        tracker, now = self._node.compensator.tracker, time.monotonic()
         counts = {
             'frame': self.frame_changes,
             'ran_back': self.sensor.ran_back,
             'leapt': self.sensor.leapt,
             'jump': sum(self.thermometers.jumps),
-            'stray temperature': compensator.tracker.guard.strays,
-            'temperature leapt': compensator.tracker.guard.leaps + compensator.tracker.grid.restarts,
+            'stray temperature': tracker.guard.strays,
+            'temperature leapt': tracker.guard.leaps + tracker.grid.restarts,
         }
         for kind, count in counts.items():
             before, at = self._events.get(kind, (0, -math.inf))
