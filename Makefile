@@ -57,7 +57,7 @@ bench: $(READY)
 	$(BIN)/python bench/memory.py
 	$(BIN)/python bench/rewriting.py
 
-# What docs/reliability.md is made from; half an hour.
+# What docs/reliability.md is made from; most of an hour.
 reliability: $(READY)
 	$(BIN)/python bench/pauses.py
 	$(BIN)/python bench/fuzz.py

@@ -84,7 +84,7 @@ def test_many_layouts_do_not_pile_up():
     shared = wire.Wire(6)
     for length in range(1000):
         data = serialized(7, 'f' * length, [0.0] * 6, little=True)
-        assert wire.frame_id(shared.layout(data), data) == 'f' * length
+        assert wire.frame_id(shared.layout(data), data) == 'f' * min(length, 255), 'no longer one'
     assert len(shared._known) <= 100
 
 
