@@ -312,10 +312,10 @@ def main() -> int:
         result = run.result(seconds)
         log = stand.log.read_text('utf-8', 'replace')
         result['tracebacks'] = log.count('Traceback')
-        (Path(name).parent / 'wrist_ft_comp_endurance.log').write_text(log, 'utf-8')
     print(json.dumps(result, indent=1))
     out = Path(__file__).resolve().parent.parent / 'out'
     out.mkdir(exist_ok=True)
+    (out / 'endurance.log').write_text(log, 'utf-8')
     (out / 'endurance.json').write_text(json.dumps(result, indent=1), 'utf-8')
     wrong = sum(count for what, count in run.counts.items() if what.startswith('wrong'))
     silent = max(run.slowest_back.values(), default=0.0) > BACK_S

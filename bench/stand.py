@@ -178,7 +178,8 @@ class Stand:
     def close(self) -> None:
         """End everything."""
         if self.process is not None and self.process.poll() is None:
-            self.end_node(signal.SIGINT)
+            # Not SIGINT: Python shows a traceback when it comes while modules are loaded.
+            self.end_node(signal.SIGTERM)
         self._stop.set()
         self._thread.join(TIMEOUT_S)
         self._executor.shutdown()

@@ -30,7 +30,7 @@ with suppress(ImportError):
     from wrist_ft_comp.ros.running import make_executor, spin
 
 #: Longest time to wait for anything, seconds: far above what is normal, so that only a fault hits.
-TIMEOUT_S = 20.0
+TIMEOUT_S = 60.0
 
 
 @pytest.fixture(scope='session')

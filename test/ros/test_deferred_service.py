@@ -9,7 +9,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.ros.deferred_service import DeferredService
 
-TIMEOUT_S = 20.0
+TIMEOUT_S = 60.0
 executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 

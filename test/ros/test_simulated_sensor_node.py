@@ -13,7 +13,7 @@ from wrist_ft_comp.ros.simulated_sensor_node import LONGEST_WAKE_S, SimulatedSen
 
 BEST_EFFORT, RELIABLE = QoSReliabilityPolicy.BEST_EFFORT, QoSReliabilityPolicy.RELIABLE
 MODULE = 'wrist_ft_comp.ros.simulated_sensor_node'
-TIMEOUT_S = 20.0
+TIMEOUT_S = 60.0
 START_S = 1000
 FAST = {
     'start_stamp_s': float(START_S),

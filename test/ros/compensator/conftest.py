@@ -32,7 +32,7 @@ with suppress(ImportError):
     from wrist_ft_comp.ros.compensator_node import CompensatorNode
     from wrist_ft_comp.ros.wrench_message import wrench_message
 
-TIMEOUT_S = 20.0
+TIMEOUT_S = 60.0
 SECOND = 1_000_000_000
 #: So few messages are under way at once that best effort loses none.
 WINDOW = 40

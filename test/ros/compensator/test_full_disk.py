@@ -23,7 +23,7 @@ from wrist_ft_comp.ros.wrench_message import wrench_message
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-TIMEOUT_S = 20.0
+TIMEOUT_S = 60.0
 #: No file may grow beyond this: a header and some rows of a recording fit, a state does not.
 LIMIT = 400
 #: Python ignores the signal that would end it, so that writing fails as on a full disk.

@@ -17,7 +17,7 @@ from wrist_ft_comp.ros.wrench_message import wrench_message
 
 ROOT = Path(__file__).parents[3]
 MODULE = 'wrist_ft_comp.ros.compensator_node'
-TIMEOUT_S = 20.0
+TIMEOUT_S = 60.0
 LOAD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
 
 

@@ -19,7 +19,7 @@ from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.ros.wrench_message import wrench_message
 
 MODULE = 'wrist_ft_comp.ros.compensator_node'
-TIMEOUT_S = 20.0
+TIMEOUT_S = 60.0
 START_S = 1_700_000_000
 #: The executable, which tells what runs it.
 TELL_EXECUTOR = """

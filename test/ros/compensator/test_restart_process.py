@@ -22,7 +22,7 @@ from wrist_ft_comp.ros.wrench_message import wrench_message
 MODULE = 'wrist_ft_comp.ros.compensator_node'
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-TIMEOUT_S = 20.0
+TIMEOUT_S = 60.0
 
 
 def warming(second):

@@ -15,7 +15,7 @@ from wrist_ft_comp.ros.wrench_message import wrench_message
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 LOAD = np.array([1.5, -2.0, 30.0, 0.25, -0.5, 1.0])
-TIMEOUT_S = 20.0
+TIMEOUT_S = 60.0
 executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 

@@ -19,7 +19,7 @@ from wrist_ft_comp.ros.wrench_message import wrench_message
 
 SECOND = 1_000_000_000
 LOAD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
-TIMEOUT_S = 20.0
+TIMEOUT_S = 60.0
 
 
 def test_topics_and_the_node_can_be_remapped(bench, tmp_path):
