@@ -115,11 +115,15 @@ class LiveModel:
             )
         return stored
 
+    @property
+    def summary(self) -> str:
+        """What is compensated, in a few words."""
+        count = 0 if self.stored is None else len(self.stored.model.axes)
+        return f'compensating {count} {"axis" if count == 1 else "axes"}'
+
     def _announce(self, stored: StoredModel) -> None:
         """Log what is live."""
-        self._node.console.info(
-            f'compensating {len(stored.model.axes)} axes with {stored.path} ({stored.sha256[:12]})'
-        )
+        self._node.console.info(f'{self.summary} with {stored.path} ({stored.sha256[:12]})')
 
     def _swap(self, stored: StoredModel | None) -> None:
         """Make a model live, without a step in the output; the old one stays when this raises."""

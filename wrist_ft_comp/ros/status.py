@@ -61,7 +61,7 @@ def _model(node: 'CompensatorNode') -> Concern:
     trouble = problem or keeping.problem
     if trouble:
         return Concern('model', WARN, trouble, numbers)
-    return Concern('model', OK, f'compensating {len(stored.model.axes)} axes', numbers)
+    return Concern('model', OK, node.model.summary, numbers)
 
 
 def _calibration(node: 'CompensatorNode') -> Concern:

@@ -142,7 +142,7 @@ def test_the_model_and_what_it_does_are_told(rig, make_model):
     for second in range(3):
         node.warm(START + second * SECOND, 30.0)
     status = node.diagnosis('model', lambda each: each.level == OK)
-    assert status.message == 'compensating 1 axes'
+    assert status.message == 'compensating 1 axis'
     assert numbers(status)['axes'] == 'force_z'
     assert numbers(status)['sha256'] == model.sha256
     status = node.diagnosis('output', lambda each: each.level == OK)

@@ -77,7 +77,7 @@ def test_the_log_says_once_what_the_node_does(bench, start, make_model):
     process = start('says_once', '-p', 'model_file:=models/a.yaml')
     bench.call(Trigger, '/says_once/says_once/reset_tare', Trigger.Request())
     errors = ends_well(process, signal.SIGINT)
-    assert errors.count('compensating 1 axes with ') == 1
+    assert errors.count('compensating 1 axis with ') == 1
     assert 'models/a.yaml' in errors
 
 
