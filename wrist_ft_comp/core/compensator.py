@@ -109,16 +109,12 @@ class Compensator:
         self, thermometer: int, stamp_ns: int, temperature_c: float
     ) -> list[CompletedCells]:
         """
-        Take one temperature, as DriftTracker.add does.
+        Take one temperature.
 
         Parameters
         ----------
-        thermometer : int
-            Which one, counted from 0.
-        stamp_ns : int
-            Its stamp, ns.
-        temperature_c : float
-            °C.
+        thermometer, stamp_ns, temperature_c
+            As DriftTracker.add takes them.
 
         Returns
         -------
