@@ -231,6 +231,24 @@ def test_a_model_that_goes_live_ends_the_wait_for_the_gap(
     assert again.compensating
 
 
+def test_a_model_that_goes_live_before_the_first_temperature_is_remembered(
+    model: DriftModel, make_model: MakeModel
+) -> None:
+    """A rollback, then a second kill: the tare belongs to a drift that must not be lost."""
+    killed = Compensator(1, SETTINGS, model)
+    feed(killed, 0, 700)
+    again = restarted(model, killed)
+    other = make_model({'force_z': (-1.0, 0.0, 900.0)})
+    again.go_live(other)
+    once_more = restarted(other, again)
+    assert once_more.drift.zero[2] == again.drift.zero[2] != 0.0
+    memories = killed.memory(), once_more.memory()
+    assert memories[0] is not None
+    assert memories[1] is not None
+    assert memories[1].end_ns == memories[0].end_ns
+    assert len(memories[1].history) == len(memories[0].history)
+
+
 def test_a_model_that_goes_live_after_a_restart_knows_what_was_before_it(
     model: DriftModel, make_model: MakeModel
 ) -> None:

@@ -229,6 +229,8 @@ class DriftTracker:
         self.guard.expect(memory.end_ns)
         for temperature_c, count in memory.history:
             self._remember(temperature_c, count)
+        # A model that is swapped in before the first temperature starts from these, too.
+        self.temperature_c, self.end_ns = memory.temperature_c, memory.end_ns
         self._state, self.drift = memory.filters, memory.drift
         cells = round(at_least_s * NANOSECONDS / memory.period_ns)
         if cells > 0:
