@@ -145,9 +145,13 @@ def test_every_sensor_of_a_killed_process_goes_on_with_its_own_drift_and_tare(
         for side, sensor in sensors.items():
             (warm_up if life == 0 else goes_on)(bench, sensor, expected[side], tares[side])
 
-        def saved():
+        # What a node logs about its start comes before it saves what it saw since then.
+        def saved(end=START + (150 if life else 90) * SECOND):
             states = [load_state(data / side / 'state.json') for side in gains]
-            return all(each and each.thermal and each.tare.any() for each in states)
+            return all(
+                each and each.thermal and each.thermal.end_ns >= end and each.tare.any()
+                for each in states
+            )
 
         bench.wait_until(saved, 'a state of each')
         code, errors = process.end(signal.SIGINT if life else signal.SIGKILL)
