@@ -5,15 +5,11 @@ Minutes of operation with a random fault every second: what was sent, arrived, a
 by the lagged law that the model has learnt, so what comes out beyond noise is wrong: by more than
 LIMIT_N, not a number, with another header than was sent, or twice. Figures on standard output and
 in ``out/endurance.json``; exit code 1 when anything was wrong, or the stream did not come back.
-
-Fast DDS talks over UDP only, unless FASTDDS_BUILTIN_TRANSPORTS says otherwise: after a SIGKILL its
-shared memory now and then leaves the next process deaf (see docs/reliability.md).
 """
 
 import argparse
 from collections import Counter
 import json
-import os
 from pathlib import Path
 import struct
 import sys
@@ -287,7 +283,6 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=0)
     arguments = parser.parse_args()
     own_domain(95)
-    os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     seconds = 60.0 * arguments.minutes
     with tempfile.TemporaryDirectory() as name:
         data = Path(name) / 'data'
