@@ -216,6 +216,24 @@ def test_nothing_at_all_is_refused() -> None:
         grid_samples([empty])
 
 
+@pytest.mark.parametrize(('late_s', 'said'), [(61, True), (60, False)])
+def test_a_thermometer_that_comes_late_is_named(late_s: int, *, said: bool) -> None:
+    blocks = [
+        samples('temperature_c', *((k, 20 + k / 100) for k in range(200))),
+        samples('temperature_2_c', *((k, 30) for k in range(late_s, 200))),
+        wrenches(*range(200)),
+    ]
+    found = grid_samples(blocks, name='a.csv').warnings
+    assert len(found) == said
+    if said:
+        assert found[0].startswith('Thermometer 2 of a.csv came after 61 s of wrenches')
+
+
+def test_a_broken_first_stamp_is_not_taken_for_a_late_thermometer() -> None:
+    blocks = [samples('temperature_c', (10**6, 20), (10**6 + 1, 21)), wrenches(0, 10**6)]
+    assert not grid_samples(blocks).warnings
+
+
 def test_one_stamp_of_another_century_is_refused_without_the_memory_for_it() -> None:
     blocks = [samples('temperature_c', (0, 20), (MAX_CELLS, 21)), wrenches(0)]
     with pytest.raises(RecordingError, match=r'span 5e\+06 s; at most 5000000 thermal cells'):

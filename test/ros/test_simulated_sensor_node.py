@@ -9,7 +9,7 @@ from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp import SettingsError
 from wrist_ft_comp.ros import simulated_sensor_node
-from wrist_ft_comp.ros.simulated_sensor_node import LONGEST_WAKE_S, SimulatedSensor
+from wrist_ft_comp.ros.simulated_sensor_node import LONGEST_WAKE_S, SETTLE_S, SimulatedSensor
 
 BEST_EFFORT, RELIABLE = QoSReliabilityPolicy.BEST_EFFORT, QoSReliabilityPolicy.RELIABLE
 MODULE = 'wrist_ft_comp.ros.simulated_sensor_node'
@@ -188,18 +188,28 @@ def unspun(ros_context, monkeypatch):
     node.destroy_node()
 
 
-def test_run_waits_for_its_first_subscriber(unspun, monkeypatch):
+def test_run_waits_until_its_subscribers_have_come(unspun, monkeypatch):
     node, wake, sent = unspun
+    there = dict.fromkeys(('_raw_publisher', '_reference_publisher'), 0)
+    for name in tuple(there):
+        publisher = getattr(node, name)
+        monkeypatch.setattr(publisher, 'get_subscription_count', lambda name=name: there[name])
     wake(0.0, 5.0, 10.0)
+    there['_raw_publisher'] = 1
+    wake(15.0, 15.0 + 0.9 * SETTLE_S)
+    there['_reference_publisher'] = 1
+    wake(16.0, 16.0 + 0.9 * SETTLE_S)
     assert sent == []
-    monkeypatch.setattr(node, '_has_subscriber', lambda: True)
-    wake(15.0)
+    wake(16.0 + SETTLE_S)
     assert sent == [0, 0]
+    there.update(_raw_publisher=0, _reference_publisher=0)
+    wake(16.0 + SETTLE_S + LONGEST_WAKE_S)
+    assert len(sent) > 2
 
 
 def test_pause_is_made_up_for_in_part_only(unspun, monkeypatch):
     node, wake, sent = unspun
-    monkeypatch.setattr(node, '_has_subscriber', lambda: True)
+    monkeypatch.setattr(node, '_may_begin', lambda _: True)
     wake(0.0, 0.0105, 10.0, 10.0105)
     ran_s = 0.0105 + LONGEST_WAKE_S + 0.0105
     assert len(sent) == 2 * (1 + int(ran_s * FAST['wrench_rate']))
@@ -227,7 +237,7 @@ def test_executable_publishes_and_ends_by_a_signal(bench, executable):
     assert raw.get(timeout=TIMEOUT_S).header.frame_id == 'tool0'
     code, errors = node.end()
     assert code == 0
-    assert 'Waiting for a subscriber' in errors
+    assert 'Waiting for subscribers' in errors
     assert 'Traceback' not in errors
 
 

@@ -7,7 +7,7 @@ value, because a stream cannot know the next one. Both classes give the same tem
 """
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,8 @@ from wrist_ft_comp.core.recording import (
 MAX_CELLS = 5_000_000
 #: Longer cells than this would average a warm-up away, s.
 MAX_PERIOD_S = 600
+#: Losing more than this of a recording's beginning, where a warm-up moves most, is said, s.
+_LATE_S = 60
 
 
 @dataclass
@@ -141,6 +143,7 @@ class GridBuilder:
                 f'{MAX_CELLS} thermal cells of {period_s:g} s fit in a recording. Remove the '
                 'sample with the broken stamp, or use a longer thermal period.'
             )
+        warnings += tuple(self._late_thermometer(wanted, first))
         dense = {channel: self._dense(channel, first, last) for channel in self._cells}
         temperature_c = np.stack([dense[channel] for channel in wanted], axis=1)
         absent = np.full(last - first + 1, np.nan)
@@ -174,6 +177,19 @@ class GridBuilder:
                 )
             warnings.append(f'{sentence}; they were dropped.')
         return tuple(warnings)
+
+    def _late_thermometer(self, channels: list[str], first: int) -> Iterator[str]:
+        """Name the thermometer that the recording had to wait for, where it waited for long."""
+        wrenches = [cells for axis in AXES for cells in self._cells.get(axis, [])]
+        lost = np.unique(np.concatenate([cells[cells < first] for cells in wrenches]))
+        lost_s = len(lost) * self._period_ns / NANOSECONDS
+        if lost_s > _LATE_S:
+            late = next(j for j, name in enumerate(channels) if self._cells[name][0][0] == first)
+            yield (
+                f'Thermometer {late + 1} of {self._name} came after {lost_s:.0f} s of wrenches, '
+                'which were left out; the sensor is taken as soaked from there on. If it was '
+                'warming up by then, record again, with all thermometers from the beginning.'
+            )
 
     def _count_thermometers(self) -> int:
         """Count thermometers that delivered, refusing a gap in their numbering."""

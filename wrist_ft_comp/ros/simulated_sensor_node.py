@@ -46,6 +46,9 @@ DRIVER_STREAM = cast('Any', QoSProfile)(
 SHORTEST_WAKE_S = 0.004
 #: The longest pause that is made up for.
 LONGEST_WAKE_S = 0.05
+#: The run begins when no subscriber has come for so long: a node's topics are not found at once,
+#: and at a high speed a second without a thermometer is the beginning of a warm-up.
+SETTLE_S = 1.0
 
 
 class SimulatedSensor(Node):
@@ -77,11 +80,13 @@ class SimulatedSensor(Node):
         self._ran_s = 0.0
         self._woken_s: float | None = None
         self._waits: bool = chosen['wait_for_subscriber']
+        self._subscribers: list[int] = []
+        self._subscribed_s = 0.0
         self._make_messages(chosen['frame_id'])
         self._make_publishers()
         if self._waits:
             logger = cast('Any', self).get_logger()
-            logger.info('Waiting for a subscriber; the run begins with it.')
+            logger.info('Waiting for subscribers; the run begins when the last of them has come.')
         wake_s = max(SHORTEST_WAKE_S, 1.0 / max(self._wrenches.rate, self._temperatures.rate))
         # A steady clock: neither a simulated nor a stepped clock changes the rate.
         self.create_timer(wake_s, self._wake, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -115,7 +120,7 @@ class SimulatedSensor(Node):
         """Publish what has become due since the last wake-up, in the order of the stamps."""
         now_s = time.monotonic()
         if self._woken_s is None:
-            if self._waits and not self._has_subscriber():
+            if self._waits and not self._may_begin(now_s):
                 return
             self._start_ns = self._start_ns or self.get_clock().now().nanoseconds
             self._woken_s = now_s
@@ -123,14 +128,17 @@ class SimulatedSensor(Node):
         self._woken_s = now_s
         self._publish_due()
 
-    def _has_subscriber(self) -> bool:
-        """Whether somebody listens to one of the topics."""
+    def _may_begin(self, now_s: float) -> bool:
+        """Whether somebody listens to one of the topics, and nobody has come or gone lately."""
         publishers = (
             self._raw_publisher,
             self._reference_publisher,
             *self._temperature_publishers,
         )
-        return any(publisher.get_subscription_count() > 0 for publisher in publishers)
+        subscribers = [publisher.get_subscription_count() for publisher in publishers]
+        if subscribers != self._subscribers:
+            self._subscribers, self._subscribed_s = subscribers, now_s
+        return any(subscribers) and now_s - self._subscribed_s >= SETTLE_S
 
     def _publish_due(self) -> None:
         """Take the heat to the present, read the sensor, and send the readings."""

@@ -31,7 +31,8 @@ PARAMETERS = (
     _row('start_stamp_s', 0.0, 'First stamp; 0 means the time of the start.', unit='s',
          minimum=0.0, maximum=2.0**31 - 1),
     _row('wait_for_subscriber', True,
-         'Whether the run begins with the first subscriber of one of its topics.'),
+         'Whether the run waits for a subscriber of one of its topics, and for a second in which '
+         'no other comes.'),
     _row('room_temperature_c', _RUN.room_c, 'Mean room temperature.', unit='°C',
          minimum=-40.0, maximum=85.0),
     _row('room_swing_k', _RUN.room_swing_k, 'Amplitude of the slow swing of the room temperature.',
