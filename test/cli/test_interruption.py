@@ -91,6 +91,7 @@ def test_ctrl_c_leaves_nothing_half_written(make, model, tmp_path):
         out, err = child.communicate(timeout=60)
     assert child.returncode == 130
     assert out == ''
-    assert err.splitlines()[-1] == 'wrist_ft_comp: interrupted; nothing was left half-written.'
+    # Not always the last line: older tqdm complain of a bar that was interrupted while it was made.
+    assert SENTENCE in err.splitlines()
     assert target.read_bytes() == model.read_bytes()
     assert sorted(each.name for each in tmp_path.iterdir()) == ['endless.csv', 'm.yaml']
