@@ -190,11 +190,11 @@ class Stand:
 
 def own_domain(domain: int) -> None:
     """
-    Keep to this machine, in a domain that nobody else has, over UDP, unless others were chosen.
+    Keep to the loopback interface, in a domain that nobody else has unless one was chosen.
 
-    After a SIGKILL, Fast DDS's shared memory now and then leaves the next process deaf (see
+    Without shared memory: what a SIGKILL leaves there can make the next process deaf (see
     docs/reliability.md).
     """
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(domain))
-    os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
+    os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(Path(__file__).with_name('loopback.xml'))

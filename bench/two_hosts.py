@@ -23,7 +23,7 @@ import time
 from typing import Any
 
 import numpy as np
-from stand import make_model, message, own_domain, Sensor, Stand, TIMEOUT_S, write_warm_up
+from stand import make_model, message, Sensor, Stand, TIMEOUT_S, write_warm_up
 
 RATE_HZ = 1000
 NAMES = ('wfc_sensor', 'wfc_node')
@@ -161,7 +161,7 @@ def main() -> int:
     arguments = parser.parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
-    own_domain(97)
+    os.environ.setdefault('ROS_DOMAIN_ID', '97')
     if arguments.sense:
         sense(arguments.sense)
         return 0

@@ -7,6 +7,7 @@ where ROS 2 is missing.
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
+import os
 from pathlib import Path
 import queue
 import signal
@@ -31,6 +32,12 @@ with suppress(ImportError):
 
 #: Longest time to wait for anything, seconds: far above what is normal, so that only a fault hits.
 TIMEOUT_S = 60.0
+ROOT = Path(wrist_ft_comp.__file__).parents[1]
+#: Environment of a process that talks over the loopback interface, and not by shared memory.
+LOOPBACK_UDP = {
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT',
+    'FASTRTPS_DEFAULT_PROFILES_FILE': str(ROOT / 'bench/loopback.xml'),
+}
 
 
 @pytest.fixture(scope='session')
@@ -202,9 +209,16 @@ def bench(ros_context: Any) -> Iterator[Bench]:
 
 
 class Executable:
-    """A node as a process of its own: ``python -m MODULE --ros-args ARGS``, or ``-c SOURCE``."""
+    """
+    A node as a process of its own: ``python -m MODULE --ros-args ARGS``, or ``-c SOURCE``.
 
-    def __init__(self, module: str, *ros_args: str, source: str = '') -> None:
+    One that may be killed does without shared memory, where a SIGKILL can leave what makes the
+    next process deaf (see docs/reliability.md).
+    """
+
+    def __init__(
+        self, module: str, *ros_args: str, source: str = '', may_be_killed: bool = False
+    ) -> None:
         command = [sys.executable, *(['-c', source] if source else ['-m', module])]
         command += ['--ros-args', *ros_args] if ros_args else []
         self.process = subprocess.Popen(
@@ -212,7 +226,8 @@ class Executable:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            cwd=Path(wrist_ft_comp.__file__).parents[1],
+            cwd=ROOT,
+            env={**os.environ, **(LOOPBACK_UDP if may_be_killed else {})},
         )
 
     def end(self, number: int = signal.SIGINT) -> tuple[int, str]:
@@ -231,8 +246,8 @@ def executable(ros_domain: int) -> Iterator[Callable[..., Executable]]:  # noqa:
     """Start executables; those still running when the test ends are killed by their pid."""
     running: list[Executable] = []
 
-    def start(module: str, *ros_args: str, source: str = '') -> Executable:
-        running.append(Executable(module, *ros_args, source=source))
+    def start(*words: str, **options: Any) -> Executable:
+        running.append(Executable(*words, **options))
         return running[-1]
 
     yield start

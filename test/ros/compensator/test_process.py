@@ -46,6 +46,7 @@ def start(bench, executable, tmp_path):
             *('-r', f'__ns:=/{name}', '-r', f'__node:={name}'),
             *('-p', f'data_directory:={tmp_path / "data"}'),
             *arguments,
+            may_be_killed=True,
         )
         bench.wait_for_node(name)
         return process

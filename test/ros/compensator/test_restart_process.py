@@ -92,6 +92,7 @@ def test_a_killed_node_goes_on_within_2_percent_of_one_that_never_was(
             MODULE,
             *('-r', f'__ns:=/{name}', '-r', f'__node:={name}', '-p', f'data_directory:={data}'),
             *('-p', f'model_file:={stored.path}', '-p', 'save_period:=0.1'),
+            may_be_killed=True,
         )
         bench.wait_for_node(name)
         sensor = Sensor(bench, f'/{name}', name)
@@ -139,6 +140,7 @@ def test_every_sensor_of_a_killed_process_goes_on_with_its_own_drift_and_tare(
             *('-r', f'__ns:=/{name}', '-r', f'__node:={name}', '--params-file', str(file)),
             *('-p', 'sensors:=[left, right]', '-p', f'data_directory:={data}'),
             *('-p', 'save_period:=0.1', '-p', 'tare.duration:=0.1'),
+            may_be_killed=True,
         )
         bench.wait_for_node(name)
         sensors = {side: Sensor(bench, f'/{name}/{side}', name) for side in gains}
