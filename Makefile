@@ -63,6 +63,7 @@ reliability: $(READY)
 	$(BIN)/python bench/fuzz.py
 	$(BIN)/python bench/kills.py
 	$(BIN)/python bench/restart.py
+	$(BIN)/python bench/comes_back.py
 	$(BIN)/python bench/endurance.py
 
 # Solves for the newest versions that Python 3.10 can run; 3.11 to 3.13 run them, too.

@@ -188,13 +188,17 @@ class Stand:
         self._context.try_shutdown()
 
 
-def own_domain(domain: int) -> None:
+def own_domain(domain: int, *, shared_memory: bool = False) -> None:
     """
-    Keep to the loopback interface, in a domain that nobody else has unless one was chosen.
+    Keep to this machine, in a domain that nobody else has unless one was chosen.
 
-    Without shared memory: what a SIGKILL leaves there can make the next process deaf (see
-    docs/reliability.md).
+    Without shared memory by default: what a SIGKILL leaves there can make the next process deaf
+    (see docs/reliability.md).
     """
     os.environ.setdefault('ROS_DOMAIN_ID', str(domain))
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
-    os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(Path(__file__).with_name('loopback.xml'))
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    if not shared_memory:
+        # LOCALHOST would put shared memory back.
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
+        profile = Path(__file__).with_name('loopback.xml')
+        os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profile)

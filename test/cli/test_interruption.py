@@ -91,7 +91,7 @@ def test_ctrl_c_leaves_nothing_half_written(make, model, tmp_path):
         out, err = child.communicate(timeout=60)
     assert child.returncode == 130
     assert out == ''
-    # Not always the last line: older tqdm complain of a bar that was interrupted while it was made.
+    # Not always the last line: older tqdm complain of a bar that was interrupted in its making.
     assert SENTENCE in err.splitlines()
     assert target.read_bytes() == model.read_bytes()
     assert sorted(each.name for each in tmp_path.iterdir()) == ['endless.csv', 'm.yaml']

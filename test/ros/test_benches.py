@@ -52,6 +52,14 @@ def test_a_killed_node_goes_on_where_it_was(run):
     assert 'restarted: off by 0.' in printed
 
 
+def test_a_killed_node_comes_back(run):
+    code, printed = run('comes_back.py', '2')
+    assert code == 0, printed
+    found = json.loads(printed)
+    assert (found['kills'], found['deaf']) == (2, 0)
+    assert 0.0 < found['median_s'] <= found['longest_s']
+
+
 def test_nothing_wrong_comes_out_while_faults_come_in(run):
     """How long the stream was away depends on the machine, so only what came is judged."""
     _, printed = run('endurance.py', '0.15', '--rate', '200')
