@@ -9,6 +9,7 @@ that begins anew. Stamps run SPEED times faster than the clock. Figures on stand
 """
 
 import argparse
+import itertools
 import json
 from pathlib import Path
 import sys
@@ -20,6 +21,7 @@ import numpy as np
 from stand import make_model, message, NODE, own_domain, Sensor, Stand, write_warm_up
 
 from wrist_ft_comp.core.compensator import Compensator, StreamSettings
+from wrist_ft_comp.core.recording import NANOSECONDS
 from wrist_ft_comp.files.model_file import load_model
 
 SPEED = 50.0
@@ -31,7 +33,11 @@ LONGEST_GAP_S = 10
 WATCHED_S = 60
 #: Largest deviation that is allowed, as a share of the drift since the warm-up began.
 LIMIT = 0.02
-START_NS = 1_700_000_000 * 10**9
+START_NS = 1_700_000_000 * NANOSECONDS
+#: The sensor is cold for so long before the warm-up, so that the node may be found meanwhile, s.
+SOAKS_S = 30
+#: From a look for the node to the next one, in stamps.
+LOOK_NS = 10_000_000
 
 
 def temperatures(seconds: int) -> list[float]:
@@ -48,7 +54,7 @@ def undisturbed(model: Any, celsius: list[float], first: int) -> dict[int, float
     twin = Compensator(1, StreamSettings(max_drift_rate_n_s=1e3), model)
     found = {}
     for second in range(first, len(celsius)):
-        twin.add_temperature(0, START_NS + second * 10**9, celsius[second])
+        twin.add_temperature(0, START_NS + second * NANOSECONDS, celsius[second])
         found[second] = float(twin.drift.zero[2])
     return found
 
@@ -59,7 +65,7 @@ def connect(stand: Stand, heard: dict[int, float]) -> Any:
     from sensor_msgs.msg import Temperature  # noqa: PLC0415
 
     def note(told: Any) -> None:
-        heard[told.header.stamp.sec - START_NS // 10**9] = told.wrench.force.z
+        heard[told.header.stamp.sec - START_NS // NANOSECONDS] = told.wrench.force.z
 
     stand.node.create_subscription(WrenchStamped, f'/{NODE}/drift', note, 1000)
     return stand.talker.create_publisher(Temperature, 'temperature', 100)
@@ -69,23 +75,28 @@ def live(
     stand: Stand, heat: Any, celsius: list[float], seconds: range, heard: dict[int, float]
 ) -> None:
     """Start the node, let it live through some seconds of the warm-up, and kill it."""
+    looks = itertools.count(seconds.start * NANOSECONDS, LOOK_NS)
+    reached = seconds.start
 
-    def send(second: int) -> None:
-        heat.publish(message(START_NS + second * 10**9, (celsius[second], 0.0)))
+    def send(at_ns: int) -> None:
+        second = at_ns // NANOSECONDS
+        heat.publish(message(START_NS + at_ns, (celsius[max(second, 0)], 0.0)))
 
     def is_there() -> bool:
-        # The first two make a cell; repeated stamps are dropped.
-        send(seconds[0])
-        send(seconds[1])
+        # New stamps with every look: nobody knows which of them is the first to be received.
+        nonlocal reached
+        at_ns = next(looks)
+        reached = at_ns // NANOSECONDS
+        send(at_ns)
         return bool(heard)
 
     heard.clear()
     stand.start_node()
     stand.wait(is_there, 'the drift of the node')
     begun = time.monotonic()
-    for number, second in enumerate(seconds[2:]):
+    for number, second in enumerate(range(reached + 1, seconds.stop)):
         time.sleep(max(0.0, begun + number / SPEED - time.monotonic()))
-        send(second)
+        send(second * NANOSECONDS)
     stand.end_node()
 
 
@@ -99,7 +110,7 @@ def one_kill(folder: Path, model_path: Path, rng: np.random.Generator) -> dict[s
     stand = Stand(folder, f'model_file:={model_path}', f'save_period:={SAVE_PERIOD_S}')
     try:
         heat = connect(stand, heard)
-        live(stand, heat, celsius, range(killed), heard)
+        live(stand, heat, celsius, range(-SOAKS_S, killed), heard)
         live(stand, heat, celsius, range(back, end), heard)
     finally:
         stand.close()
