@@ -67,13 +67,15 @@ class Sensor:
         return None
 
     def force_z(self, second, newton):
-        """Send a raw wrench until an output comes."""
+        """Send a raw wrench until its output comes."""
+        sent = wrench_message(START + round(second * SECOND), 'tool0', [newton] * 6)
         for _ in range(100):
-            self._raw.publish(
-                wrench_message(START + round(second * SECOND), 'tool0', [newton] * 6)
-            )
+            self._raw.publish(sent)
             with suppress(queue.Empty):
-                return self._outputs.get(timeout=0.2).wrench.force.z
+                while True:
+                    message = self._outputs.get(timeout=0.2)
+                    if message.header == sent.header:
+                        return message.wrench.force.z
         return pytest.fail('no output')
 
 
