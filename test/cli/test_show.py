@@ -2,6 +2,7 @@ import json
 import re
 
 import pytest
+from rosbags.rosbag2 import Writer
 import yaml
 
 
@@ -117,6 +118,17 @@ def test_a_bag_says_which_topic_may_be_meant(done, bags):
     out = done('show', bags['mcap'], '--wrench-topic', '/other')
     words = f'wrist_ft_comp calibrate {bags["mcap"]} -o model.yaml --wrench-topic /wrench_raw'
     assert out.rstrip().endswith(words)
+
+
+def test_a_bag_without_wrenches_names_no_topic_that_would_not_help(done, make, tmp_path):
+    kind = 'sensor_msgs/msg/Temperature'
+    of = make.store.types.__getitem__
+    header = of('std_msgs/msg/Header')(of('builtin_interfaces/msg/Time')(1, 0), 'sensor')
+    with Writer(tmp_path / 'bag', version=9) as bag:
+        topic = bag.add_connection('/motor/heat', kind, typestore=make.store)
+        bag.write(topic, 1, make.store.serialize_cdr(of(kind)(header, 20.0, 0.0), kind))
+    out = done('show', tmp_path / 'bag').rstrip()
+    assert out.endswith('It holds no raw wrench, so nothing can be learnt from it.')
 
 
 def test_a_report_is_known(done, drift_csv, model, tmp_path):

@@ -175,11 +175,11 @@ def _use(summary: RecordingSummary, path: Path) -> Iterator[str]:
         role: [c.name for c in summary.channels if c.kind.endswith(kinds[role]) and not c.role]
         for role in lacks
     }
-    names = [f'{options_of[role]} {name}' for role in lacks for name in found[role]]
-    if not all(found.values()):
-        yield f'It holds no {" and no ".join(lacks)}, so nothing can be learnt from it.'
-        yield from names
+    missing = [role for role in lacks if not found[role]]
+    if missing:
+        yield f'It holds no {" and no ".join(missing)}, so nothing can be learnt from it.'
         return
+    names = [f'{options_of[role]} {name}' for role in lacks for name in found[role]]
     yield "If these are the sensor's topics, learn from them (its own thermometer first):"
     yield f'wrist_ft_comp calibrate {path} -o model.yaml {" ".join(names)}'
 

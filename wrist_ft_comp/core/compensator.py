@@ -3,8 +3,8 @@ The stream: drift and tare around a wrench.
 
 Temperatures move the drift once per thermal cell (drift_tracker.py); it is kept within limits, and
 every wrench is corrected with the drift of its time, ramped over one cell from where the output
-stood, so that it has no steps. The force path
-itself has no memory: what comes out depends on the wrench that came in and on the drift, only.
+stood, so that it has no steps. The force path itself has no memory: what comes out depends on the
+wrench that came in and on the drift, only.
 """
 
 from collections.abc import Sequence
