@@ -13,7 +13,10 @@ setup(
     name=package_name,
     version='0.1.0',
     packages=find_packages(include=[package_name, f'{package_name}.*']),
-    package_data={f'{package_name}.files': ['*.schema.json', '*.css']},
+    package_data={
+        f'{package_name}.files': ['*.schema.json'],
+        f'{package_name}.report': ['*.css'],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml', 'README.md', 'CHANGELOG.rst', 'LICENSE']),

@@ -15,12 +15,12 @@ import numpy as np
 from peers import Method, PEERS, Predictor, tare_only
 from scenarios import drift, LEARNT_H, LOAD_CELL, load_cell, SCENARIOS, Z
 
-from wrist_ft_comp import WristFtCompError
-from wrist_ft_comp.core.calibration import calibrate, Calibration, CalibrationSettings
-from wrist_ft_comp.core.drift import DriftModel
-from wrist_ft_comp.core.evaluation import simulate_drift
-from wrist_ft_comp.core.identification import IdentificationSettings
-from wrist_ft_comp.core.recording import FloatArray, Recording
+from wrist_ft_comp.calibration.calibrate import calibrate, Calibration, CalibrationSettings
+from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.model.offline import simulate_drift
+from wrist_ft_comp.model.signals import FloatArray, Recording
 
 
 def calibrated(method: str, recordings: Sequence[Recording]) -> Calibration | None:

@@ -28,15 +28,15 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from stand import make_model, message, Sensor, write_warm_up
 
-from wrist_ft_comp import WristFtCompError
-from wrist_ft_comp.core.compensator import Compensator, StreamSettings
-from wrist_ft_comp.core.recording import AXES
-from wrist_ft_comp.core.resumption import belongs_to
+from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.files.state_file import load_state, save_state, SavedState
-from wrist_ft_comp.ros import wire
+from wrist_ft_comp.model.signals import AXES
+from wrist_ft_comp.ros import messages as wire
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.stream.warm_restart import belongs_to
 
 #: A reader that takes longer hangs, s.
 MAX_S = 5.0

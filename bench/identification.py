@@ -14,16 +14,17 @@ os.environ.update(ONE_THREAD)  # as the command and the node's calibration do, b
 
 import numpy as np
 
-from wrist_ft_comp.core import simulated_run, thermal_sensor
-from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
-from wrist_ft_comp.core.problem import Reference
-from wrist_ft_comp.core.recording import FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings
+from wrist_ft_comp.model.signals import FloatArray, NANOSECONDS, Recording, Reference
+from wrist_ft_comp.simulation import ft_sensor as thermal_sensor
+from wrist_ft_comp.simulation import run as simulated_run
+from wrist_ft_comp.simulation.heat_flow import ThermalSensorSettings
 
 
 def wrist(run: int, hours: float, *, loaded: bool) -> Recording:
     """Warm the simulated wrist up and down."""
     rng = np.random.default_rng(run)
-    sensor = thermal_sensor.build_sensor(thermal_sensor.ThermalSensorSettings(), 1)
+    sensor = thermal_sensor.build_sensor(ThermalSensorSettings(), 1)
     starts = np.arange(0.0, hours * 3600, 1200.0)
     settings = simulated_run.RunSettings(
         duty_start_s=tuple(starts),

@@ -21,7 +21,7 @@ import time
 import numpy as np
 from stand import COLD_C, message, own_domain, Sensor, Stand, write_warm_up
 
-from wrist_ft_comp import WristFtCompError
+from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.files.recordings import read_recording

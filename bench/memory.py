@@ -20,7 +20,7 @@ from rclpy.parameter import Parameter
 from stream_roles import wrench_bytes
 from warm_up import make_model
 
-from wrist_ft_comp.core.recording import NANOSECONDS
+from wrist_ft_comp.model.signals import NANOSECONDS
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
 
 TEMPERATURE_HZ = 10

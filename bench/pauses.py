@@ -40,7 +40,7 @@ def measure(folder: Path) -> dict[str, tuple[float, float]]:
     from rclpy.parameter import Parameter  # noqa: PLC0415
 
     from wrist_ft_comp.ros.compensator_node import CompensatorNode  # noqa: PLC0415
-    from wrist_ft_comp.ros.status import concerns  # noqa: PLC0415
+    from wrist_ft_comp.ros.diagnostics import concerns  # noqa: PLC0415
 
     model_path = make_model(write_warm_up(folder / 'warm_up.csv'), folder / 'models/m.yaml')
     context: Any = Context()

@@ -16,10 +16,12 @@ from peers import polynomial
 from scenarios import recording, wrist, Z
 from scipy.signal import butter, lfilter
 
-from wrist_ft_comp.core import simulated_run, thermal_sensor
-from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
-from wrist_ft_comp.core.evaluation import simulate_drift
-from wrist_ft_comp.core.recording import FloatArray, Recording
+from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings
+from wrist_ft_comp.model.offline import simulate_drift
+from wrist_ft_comp.model.signals import FloatArray, Recording
+from wrist_ft_comp.simulation import ft_sensor as thermal_sensor
+from wrist_ft_comp.simulation import run as simulated_run
+from wrist_ft_comp.simulation.heat_flow import ThermalSensorSettings
 
 CONTACT_N = 20.0
 DURATION_S = 9000
@@ -43,7 +45,7 @@ def contacts() -> FloatArray:
 def day(seed: int) -> Recording:
     """Work for a day with contacts; the reference is the true force."""
     rng = np.random.default_rng([seed, 99])
-    sensor = thermal_sensor.build_sensor(thermal_sensor.ThermalSensorSettings(), seed)
+    sensor = thermal_sensor.build_sensor(ThermalSensorSettings(), seed)
     starts = np.arange(0.0, DURATION_S, 1200.0)
     levels = rng.uniform(0, 1, len(starts)) * (rng.random(len(starts)) > 0.35)
     settings = simulated_run.RunSettings(

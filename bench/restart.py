@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from stand import make_model, message, NODE, own_domain, Sensor, Stand, write_warm_up
 
-from wrist_ft_comp.core.compensator import Compensator, StreamSettings
-from wrist_ft_comp.core.recording import NANOSECONDS
 from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SPEED = 50.0
 #: The parameter's default, 5 s, in stamps.

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from wrist_ft_comp.core import simulated_run, thermal_sensor
-from wrist_ft_comp.core.arx import free_run, relaxation
-from wrist_ft_comp.core.recording import AXES, FloatArray, NANOSECONDS, Recording, Samples
-from wrist_ft_comp.core.sampling import grid_samples
+from wrist_ft_comp.model.arx import free_run, relaxation
+from wrist_ft_comp.model.batch_grid import grid_samples
+from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS, Recording, Samples
+from wrist_ft_comp.simulation import ft_sensor as thermal_sensor
+from wrist_ft_comp.simulation import run as simulated_run
+from wrist_ft_comp.simulation.heat_flow import ThermalSensorSettings
 
 Z = AXES.index('force_z')
 #: From a seed to recordings to learn from, one to be judged on, and the drift behind its noise.
@@ -54,7 +56,7 @@ def wrist(
 ) -> Recording:
     """Warm the heat-conducting wrist up for 2.5 h, with duty cycles that change every 20 min."""
     rng = np.random.default_rng([seed, run])
-    usual = thermal_sensor.ThermalSensorSettings()
+    usual = ThermalSensorSettings()
     sensor = thermal_sensor.build_sensor(
         replace(usual, force_noise_n=noise * usual.force_noise_n), seed
     )

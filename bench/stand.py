@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from wrist_ft_comp.core.recording import AXES, NANOSECONDS
-from wrist_ft_comp.files.calibration_job import CalibrationJob, run_job
+from wrist_ft_comp.cli.calibration_job import run_job
+from wrist_ft_comp.files.job_request import CalibrationJob
+from wrist_ft_comp.model.signals import AXES, NANOSECONDS
 
 NODE = 'stand'
 #: Lag of the sensor, s, and its drift, N/K and N m/K.

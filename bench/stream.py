@@ -31,9 +31,9 @@ from stream_roles import wrench_bytes
 from stream_table import draw, print_header, print_row, Run, summary
 from warm_up import make_model, write_warm_up
 
-from wrist_ft_comp.core.compensator import Compensator, StreamSettings
 from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.ros import wire
+from wrist_ft_comp.ros import messages as wire
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0, 8000.0)
 RELAYS = ('typed', 'bytes')

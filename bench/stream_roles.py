@@ -24,8 +24,8 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
 
-from wrist_ft_comp.core.recording import NANOSECONDS
-from wrist_ft_comp.ros import qos
+from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.ros import messages as qos
 from wrist_ft_comp.ros.running import make_executor
 
 TEMPERATURE_HZ = 10

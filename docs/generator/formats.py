@@ -10,7 +10,7 @@ from markdown import table
 
 import wrist_ft_comp
 from wrist_ft_comp.cli.main import build_parser
-from wrist_ft_comp.core.recording import AXES, REFERENCE_CHANNELS, temperature_channel
+from wrist_ft_comp.model.signals import AXES, REFERENCE_CHANNELS, temperature_channel
 
 SCHEMA = Path(wrist_ft_comp.__file__).parent / 'files/model.schema.json'
 FORMATS = """\

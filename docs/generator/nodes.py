@@ -20,10 +20,9 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool
 
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
-from wrist_ft_comp.ros.compensator_parameters import PARAMETERS
-from wrist_ft_comp.ros.parameter_table import descriptor, Parameter
+from wrist_ft_comp.ros.parameters import descriptor, Parameter, PARAMETERS
+from wrist_ft_comp.ros.simulated_sensor_node import PARAMETERS as SIMULATED
 from wrist_ft_comp.ros.simulated_sensor_node import SimulatedSensor
-from wrist_ft_comp.ros.simulated_sensor_parameters import PARAMETERS as SIMULATED
 
 TIMEOUT_S = 20.0
 #: Every node has these; rclpy's own documentation describes them.

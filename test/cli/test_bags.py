@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from wrist_ft_comp.core.evaluation import correct_many, initial_tare, track_drift
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import read_recording
+from wrist_ft_comp.model.offline import correct_many, track_drift
+from wrist_ft_comp.report.evaluation import initial_tare
 
 both = pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from wrist_ft_comp.core.chamber_fit import compensate_table
+from wrist_ft_comp.calibration.chamber import compensate_table
 from wrist_ft_comp.files.chamber_table import read_chamber_table
 from wrist_ft_comp.files.model_file import load_model
 

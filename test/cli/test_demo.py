@@ -8,10 +8,11 @@ import sys
 import numpy as np
 import pytest
 
-from wrist_ft_comp import RecordingError
-from wrist_ft_comp.cli import demo, demo_processes
-from wrist_ft_comp.core.recording import AXES
+from wrist_ft_comp.cli import demo
+from wrist_ft_comp.cli import demo as demo_processes
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import DemoLog
+from wrist_ft_comp.model.signals import AXES
 
 SECOND = 10**9
 

@@ -5,8 +5,7 @@ import pytest
 import yaml
 
 from wrist_ft_comp.cli.main import main
-from wrist_ft_comp.core.evaluation import AxisEvaluation
-from wrist_ft_comp.core.pooling import pool
+from wrist_ft_comp.report.evaluation import AxisEvaluation, pool
 
 KEYS = {'rms_before', 'rms_after', 'max_before', 'max_after'}
 

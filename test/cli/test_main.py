@@ -9,7 +9,8 @@ import sys
 import pytest
 
 import wrist_ft_comp
-from wrist_ft_comp.cli import options, values
+from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli import options as values
 
 COMMANDS = ('calibrate', 'evaluate', 'compensate', 'show', 'demo', 'completion')
 PROGRAM = [sys.executable, '-m', 'wrist_ft_comp.cli.main']
@@ -55,7 +56,7 @@ def test_a_long_sentence_is_one_line(run, monkeypatch, drift_csv):
     def fail(*_):
         raise wrist_ft_comp.RecordingError('First\nsecond\n  third.')
 
-    monkeypatch.setattr('wrist_ft_comp.cli.show.describe_recording', fail)
+    monkeypatch.setattr('wrist_ft_comp.files.recordings.describe_recording', fail)
     assert run('show', drift_csv).sentence == 'wrist_ft_comp: First second third.'
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from wrist_ft_comp.cli.suggestions import did_you_mean
+from wrist_ft_comp.cli.options import did_you_mean
 
 
 @pytest.mark.parametrize(

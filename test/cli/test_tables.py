@@ -3,7 +3,7 @@ from hypothesis import strategies as st
 import pytest
 
 from wrist_ft_comp.cli.tables import table_text, verdict_text, verdicts_json
-from wrist_ft_comp.core.verdict import Verdict
+from wrist_ft_comp.report.verdict import Verdict
 
 word = st.text(st.characters(categories=['Ll', 'Nd'], max_codepoint=127), min_size=1, max_size=60)
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wrist_ft_comp import StateFileError
-from wrist_ft_comp.files.atomic import remove_leftovers, replaced_on_success
+from wrist_ft_comp.errors import StateFileError
+from wrist_ft_comp.files.documents import remove_leftovers, replaced_on_success
 from wrist_ft_comp.files.state_file import save_state, SavedState
 
 

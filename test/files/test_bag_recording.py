@@ -9,11 +9,10 @@ import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 
-from wrist_ft_comp import RecordingError
-from wrist_ft_comp.core.recording import AXES, REFERENCE_CHANNELS
-from wrist_ft_comp.files import bag_file
-from wrist_ft_comp.files.bag_file import open_bag
-from wrist_ft_comp.files.bag_recording import read_blocks, Topics
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.files import bag as bag_file
+from wrist_ft_comp.files.bag import open_bag, read_blocks, Topics
+from wrist_ft_comp.model.signals import AXES, REFERENCE_CHANNELS
 
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 TEMPERATURE = 'sensor_msgs/msg/Temperature'

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import get_typestore, Stores
 
-from wrist_ft_comp import RecordingError
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files import cdr
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

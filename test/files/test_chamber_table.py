@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wrist_ft_comp import RecordingError
-from wrist_ft_comp.core import chamber
-from wrist_ft_comp.core.chamber import ChamberTable
+from wrist_ft_comp.calibration import chamber
+from wrist_ft_comp.calibration.chamber import ChamberTable
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.chamber_table import (
     is_chamber_table,
     read_chamber_table,

@@ -8,10 +8,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from wrist_ft_comp import RecordingError
-from wrist_ft_comp.files import csv_text
-from wrist_ft_comp.files.csv_recording import CsvRecordingWriter, read_blocks, sound_chunks
-from wrist_ft_comp.files.csv_text import CsvText
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.files import csv_file as csv_text
+from wrist_ft_comp.files.csv_file import CsvRecordingWriter, CsvText, read_blocks, sound_chunks
 
 EPOCH = 1_723_248_197_123_456_789
 

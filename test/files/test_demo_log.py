@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp import RecordingError
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import DemoLog, load_demo_log, save_demo_log
 
 

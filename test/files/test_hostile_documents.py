@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import pytest
 import yaml
 
-from wrist_ft_comp import ModelFileError, StateFileError
+from wrist_ft_comp.errors import ModelFileError, StateFileError
 from wrist_ft_comp.files import model_file, state_file
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore

@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 import yaml
 
-from wrist_ft_comp import ModelFileError
-from wrist_ft_comp.core import drift
-from wrist_ft_comp.core.arx import Arx, relaxation
-from wrist_ft_comp.core.arx_pls import ArxPls
-from wrist_ft_comp.core.axis_model import AxisModel
-from wrist_ft_comp.core.calibration import Calibration
-from wrist_ft_comp.core.drift import DriftModel
-from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.identification import AxisFit, Candidate, Term
-from wrist_ft_comp.core.recording import AXES
+from wrist_ft_comp.calibration.calibrate import Calibration
+from wrist_ft_comp.calibration.result import AxisFit, Candidate, Term
+from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.files.model_file import FORMAT, load_model, MAX_BYTES, save_model, VERSION
+from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model.arx import Arx, relaxation
+from wrist_ft_comp.model.arx_pls import ArxPls
+from wrist_ft_comp.model.axis_model import AxisModel
+from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.model.features import Features
+from wrist_ft_comp.model.signals import AXES
 
 Array = np.ndarray
 Document = dict[str, Any]

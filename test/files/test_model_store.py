@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from wrist_ft_comp import ModelFileError
+from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.files import model_store
 from wrist_ft_comp.files.model_store import MAX_HISTORY, MAX_RECORDINGS, ModelStore
 
@@ -60,7 +60,7 @@ def test_a_list_that_cannot_be_written_is_a_sentence_and_changes_nothing(store, 
     def refuse(_path):
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr('wrist_ft_comp.files.atomic.sync', refuse)
+    monkeypatch.setattr('wrist_ft_comp.files.documents.sync', refuse)
     with pytest.raises(ModelFileError, match='No space left on device'):
         store.activate([None])
     assert store.history() == [store.directory / 'models/a.yaml']
@@ -164,7 +164,7 @@ def test_leftovers_of_killed_processes_are_swept(store):
     store.activate([None])
     source = (
         'import os, signal, sys; from pathlib import Path\n'
-        'from wrist_ft_comp.files.atomic import replaced_on_success\n'
+        'from wrist_ft_comp.files.documents import replaced_on_success\n'
         'with replaced_on_success(Path(sys.argv[1])) as neighbour:\n'
         '    neighbour.write_text("half")\n'
         '    os.kill(os.getpid(), signal.SIGKILL)\n'

@@ -4,14 +4,9 @@ from matplotlib.image import imread
 import numpy as np
 import pytest
 
-from wrist_ft_comp import RecordingError
-from wrist_ft_comp.files import pictures
-from wrist_ft_comp.files.pictures import (
-    draw_drift,
-    DriftSeries,
-    save_png,
-    TemperatureSeries,
-)
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.report import pictures
+from wrist_ft_comp.report.pictures import draw_drift, DriftSeries, save_png, TemperatureSeries
 
 DRAWN = (pictures.RAW_COLOUR, pictures.COMPENSATED_COLOUR)
 

@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 
-from wrist_ft_comp import RecordingError
-from wrist_ft_comp.core.recording import AXES, NANOSECONDS
-from wrist_ft_comp.files import bag_file, cdr, csv_text
-from wrist_ft_comp.files.recordings import (
-    describe_recording,
-    read_recording,
-    rewrite_recording,
-    Topics,
-)
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.files import bag as bag_file
+from wrist_ft_comp.files import cdr
+from wrist_ft_comp.files import csv_file as csv_text
+from wrist_ft_comp.files.bag import Topics
+from wrist_ft_comp.files.recordings import describe_recording, read_recording, rewrite_recording
+from wrist_ft_comp.model.signals import AXES, NANOSECONDS
 
 TABLE = Path(__file__).parents[2] / 'data' / 'keller_pa10' / 'table1_sensor_a_raw.csv'
 CSV = (

@@ -1,7 +1,7 @@
 import pytest
 
 from wrist_ft_comp.files.model_file import FORMAT
-from wrist_ft_comp.files.sniffing import is_worth_keeping, looks_like_model, looks_like_recording
+from wrist_ft_comp.files.recordings import is_worth_keeping, looks_like_model, looks_like_recording
 
 TABLE = 'step,load_kpa,output_at_20_c\n0,0,1\n'
 

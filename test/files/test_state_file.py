@@ -12,12 +12,17 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from wrist_ft_comp import StateFileError
-from wrist_ft_comp.core.drift import Drift
-from wrist_ft_comp.core.resumption import ThermalMemory
+from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.files import state_file
-from wrist_ft_comp.files.state_file import load_state, MAX_BYTES, save_state, SavedState
-from wrist_ft_comp.files.state_writer import StateWriter
+from wrist_ft_comp.files.state_file import (
+    load_state,
+    MAX_BYTES,
+    save_state,
+    SavedState,
+    StateWriter,
+)
+from wrist_ft_comp.model.drift_model import Drift
+from wrist_ft_comp.stream.warm_restart import ThermalMemory
 
 TIMEOUT_S = 20.0
 number = st.floats(-1e99, 1e99)

@@ -4,8 +4,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
-from wrist_ft_comp.ros.concern_log import ConcernLog
-from wrist_ft_comp.ros.diagnostics import Concern, ERROR, OK, STALE, WARN
+from wrist_ft_comp.ros.diagnostics import Concern, ConcernLog, ERROR, OK, STALE, WARN
 
 WELL = Concern('input', OK, '999 wrenches per second')
 NAN = Concern('input', WARN, 'some wrenches are unusable and dropped; check the driver')

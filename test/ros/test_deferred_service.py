@@ -7,7 +7,7 @@ pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from wrist_ft_comp.ros.deferred_service import DeferredService
+from wrist_ft_comp.ros.services.deferred import DeferredService
 
 TIMEOUT_S = 60.0
 executors = pytest.mark.parametrize('executor', ['default', 'events'])

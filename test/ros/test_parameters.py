@@ -7,7 +7,7 @@ from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from wrist_ft_comp import SettingsError
+from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ros.parameters import declare, Parameter, values
 
 TABLE = (

@@ -6,7 +6,7 @@ pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
 from rclpy.executors import SingleThreadedExecutor
 
-from wrist_ft_comp import SettingsError
+from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ros.running import make_executor
 
 #: Runs until a signal; every 10 ms its timer does the line in its place.

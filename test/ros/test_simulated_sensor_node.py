@@ -7,7 +7,7 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import QoSReliabilityPolicy
 from sensor_msgs.msg import Temperature
 
-from wrist_ft_comp import SettingsError
+from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ros import simulated_sensor_node
 from wrist_ft_comp.ros.simulated_sensor_node import LONGEST_WAKE_S, SETTLE_S, SimulatedSensor
 

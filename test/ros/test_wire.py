@@ -13,9 +13,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import Temperature
 
-from wrist_ft_comp import RecordingError
-from wrist_ft_comp.ros import wire
-from wrist_ft_comp.ros.wrench_message import wrench_message
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.ros import messages as wire
+from wrist_ft_comp.ros.messages import wrench_message
 
 pytestmark = pytest.mark.usefixtures('ros_domain')
 

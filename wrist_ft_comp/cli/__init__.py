@@ -1,1 +1,1 @@
-"""The command line: arguments, exit codes, progress, and every print."""
+"""The command line: the only prints. One file for each command."""

@@ -5,19 +5,24 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
 
-from wrist_ft_comp import SettingsError
-from wrist_ft_comp.cli import options, paths, values
-from wrist_ft_comp.cli.suggestions import one_of
+from wrist_ft_comp.calibration.calibrate import CalibrationSettings, summarise
+from wrist_ft_comp.calibration.settings import IdentificationSettings, METHODS
+from wrist_ft_comp.cli import options, paths
+from wrist_ft_comp.cli import options as values
+from wrist_ft_comp.cli.calibration_job import (
+    ChamberColumns,
+    judge_chamber_tables,
+    report_job,
+    run_job,
+)
+from wrist_ft_comp.cli.options import one_of
 from wrist_ft_comp.cli.tables import chamber_table_text, figures_json, verdict_text
-from wrist_ft_comp.core.calibration import CalibrationSettings
-from wrist_ft_comp.core.features import FeatureKind
-from wrist_ft_comp.core.identification import IdentificationSettings, METHODS
-from wrist_ft_comp.core.summary import summarise
-from wrist_ft_comp.core.verdict import Verdict
-from wrist_ft_comp.files.calibration_job import CalibrationJob, JobOutcome, run_job
+from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.files.chamber_table import is_chamber_table
-from wrist_ft_comp.files.job_report import ChamberColumns, judge_chamber_tables, report_job
-from wrist_ft_comp.files.report_calibration import calibration_verdicts
+from wrist_ft_comp.files.job_request import CalibrationJob, JobOutcome
+from wrist_ft_comp.model.features import FeatureKind
+from wrist_ft_comp.report.of_calibration import calibration_verdicts
+from wrist_ft_comp.report.verdict import Verdict
 
 EXAMPLES = """\
 examples:

@@ -6,15 +6,17 @@ from contextlib import contextmanager
 import gc
 from pathlib import Path
 
-from wrist_ft_comp.cli import options, paths, values
-from wrist_ft_comp.cli.warning_lines import print_warnings, range_warnings
-from wrist_ft_comp.core.chamber_fit import table_tare
-from wrist_ft_comp.core.drift import DriftModel
-from wrist_ft_comp.core.evaluation import correct_many, initial_tare, track_drift
-from wrist_ft_comp.core.recording import AXES, FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.calibration.chamber import table_tare
+from wrist_ft_comp.cli import options, paths
+from wrist_ft_comp.cli import options as values
+from wrist_ft_comp.cli.tables import print_warnings, range_warnings
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import read_recording, rewrite_recording
+from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.model.offline import correct_many, track_drift
+from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.report.evaluation import initial_tare
 
 EXAMPLES = """\
 examples:

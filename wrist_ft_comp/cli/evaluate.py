@@ -6,25 +6,26 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from wrist_ft_comp.cli import options, paths, values
+from wrist_ft_comp.calibration.chamber import chamber_figures, ChamberFigures, compensate_table
+from wrist_ft_comp.cli import options, paths
+from wrist_ft_comp.cli import options as values
 from wrist_ft_comp.cli.tables import (
     chamber_table_text,
     figures_json,
+    print_warnings,
+    range_warnings,
     table_text,
     verdict_text,
     verdicts_json,
 )
-from wrist_ft_comp.cli.warning_lines import print_warnings, range_warnings
-from wrist_ft_comp.core.chamber_fit import chamber_figures, ChamberFigures, compensate_table
-from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate
-from wrist_ft_comp.core.pooling import pool
-from wrist_ft_comp.core.problem import Reference
-from wrist_ft_comp.core.recording import NANOSECONDS, Recording
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
-from wrist_ft_comp.files.model_file import load_model, StoredModel
+from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.files.report import write_report
-from wrist_ft_comp.files.report_evaluation import EvaluatedRecording, evaluation_view
+from wrist_ft_comp.model.drift_model import StoredModel
+from wrist_ft_comp.model.signals import NANOSECONDS, Recording, Reference
+from wrist_ft_comp.report.evaluation import AxisEvaluation, evaluate, pool
+from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
+from wrist_ft_comp.report.page import write_report
 
 EXAMPLES = """\
 examples:

@@ -11,12 +11,16 @@ import os
 import sys
 
 import wrist_ft_comp
-from wrist_ft_comp import WristFtCompError
-from wrist_ft_comp.cli import calibrate, compensate, completion, demo, evaluate, show, values
-from wrist_ft_comp.cli.suggestions import check_words
+from wrist_ft_comp.cli import calibrate, compensate, demo, evaluate, show
+from wrist_ft_comp.cli import options as completion
+from wrist_ft_comp.cli import options as values
+from wrist_ft_comp.cli.options import check_words
+from wrist_ft_comp.errors import WristFtCompError
 
 #: What a shell reports for a command that Ctrl-C ended.
 _INTERRUPTED = 130
+
+
 EXAMPLES = """\
 examples:
   wrist_ft_comp calibrate warm_up.mcap -o model.yaml

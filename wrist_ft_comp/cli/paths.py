@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from wrist_ft_comp import ModelFileError, RecordingError
-from wrist_ft_comp.files.sniffing import is_worth_keeping, looks_like_model, looks_like_recording
+from wrist_ft_comp.errors import ModelFileError, RecordingError
+from wrist_ft_comp.files.recordings import is_worth_keeping, looks_like_model, looks_like_recording
 
 
 def check_model(path: Path) -> None:

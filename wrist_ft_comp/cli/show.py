@@ -6,22 +6,28 @@ from pathlib import Path
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.tables import table_text
-from wrist_ft_comp.core.recording import NANOSECONDS
-from wrist_ft_comp.files.model_file import load_model, StoredModel
+from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import (
     ChannelSummary,
     describe_recording,
+    looks_like_model,
+    looks_like_report,
+    RAW_WRENCH,
     RecordingSummary,
+    REFERENCE,
+    TEMPERATURE,
 )
-from wrist_ft_comp.files.report_parts import drifts_removed
-from wrist_ft_comp.files.sniffing import looks_like_model, looks_like_report
-from wrist_ft_comp.files.summary import RAW_WRENCH, REFERENCE, TEMPERATURE
+from wrist_ft_comp.model.drift_model import StoredModel
+from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.report.view import drifts_removed
 
 #: What a model is for, to whoever finds one.
 _PURPOSE = (
     'It predicts from temperatures how a wrist force/torque sensor drifts. The node',
     '"compensator" runs it (parameter model_file); wrist_ft_comp evaluate judges it.',
 )
+
+
 EXAMPLES = """\
 examples:
   wrist_ft_comp show model.yaml

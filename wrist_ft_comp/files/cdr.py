@@ -19,14 +19,20 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from wrist_ft_comp import RecordingError
-from wrist_ft_comp.core.recording import FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS
 
 #: Doubles in a message of these types: force and torque; temperature and its variance.
 WRENCH_DOUBLES = 6
+
+
 TEMPERATURE_DOUBLES = 2
+
+
 #: Bytes up to and including the length of frame_id.
 _HEAD = 16
+
+
 #: A frame name longer than this is not a frame name.
 MAX_FRAME_BYTES = 65536
 

@@ -11,10 +11,12 @@ import re
 
 import numpy as np
 
-from wrist_ft_comp import RecordingError
-from wrist_ft_comp.core.chamber import ChamberTable, leave_out_copies
+from wrist_ft_comp.calibration.chamber import ChamberTable, leave_out_copies
+from wrist_ft_comp.errors import RecordingError
 
 _OUTPUT = re.compile(r'output_at_([-+]?\d+(?:\.\d+)?)_c')
+
+
 _LOAD = re.compile(r'load_(\w+)')
 
 

@@ -6,8 +6,8 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from wrist_ft_comp import RecordingError
-from wrist_ft_comp.core.recording import FloatArray, IntArray
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model.signals import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,13 +14,17 @@ import os
 from pathlib import Path
 from typing import Any
 
-from wrist_ft_comp import ModelFileError
-from wrist_ft_comp.files.atomic import remove_leftovers, replaced_on_success
+from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.files.documents import remove_leftovers, replaced_on_success
 
 #: How many steps back ``previous`` can go.
 MAX_HISTORY = 20
+
+
 #: How many of the node's own recordings a calibration uses.
 MAX_RECORDINGS = 10
+
+
 #: A list of MAX_HISTORY paths is shorter.
 _MAX_LIST_CHARACTERS = 200_000
 

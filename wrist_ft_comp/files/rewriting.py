@@ -15,18 +15,20 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 
-from wrist_ft_comp import RecordingError
-from wrist_ft_comp.core.recording import AXES, FloatArray, IntArray
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files import cdr
-from wrist_ft_comp.files.bag_file import Bag
-from wrist_ft_comp.files.bag_recording import Topics, unpack, WRENCH_TYPE
+from wrist_ft_comp.files.bag import Bag, Topics, unpack, WRENCH_TYPE
 from wrist_ft_comp.files.chamber_table import read_chamber_table, write_chamber_table
-from wrist_ft_comp.files.csv_recording import numbers, sound_chunks, stamps_ns
-from wrist_ft_comp.files.csv_text import CsvChunk, CsvText
+from wrist_ft_comp.files.csv_file import CsvChunk, CsvText, numbers, sound_chunks, stamps_ns
+from wrist_ft_comp.model.signals import AXES, FloatArray, IntArray
 
 #: Takes stamps_ns (n,) and raw wrenches (n, 6), N and N m; returns corrected wrenches (n, 6).
 Correction = Callable[[IntArray, FloatArray], FloatArray]
+
+
 Progress = Callable[[float], None]
+
+
 _COMPRESSION = {
     '': CompressionMode.NONE,
     'file': CompressionMode.FILE,

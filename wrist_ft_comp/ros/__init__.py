@@ -1,1 +1,5 @@
-"""The nodes: the only modules that import rclpy."""
+"""
+The only modules that import rclpy: two nodes and what they are made of.
+
+Read ``compensator_node`` first; its services are in ``services``.
+"""

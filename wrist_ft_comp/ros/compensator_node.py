@@ -22,33 +22,35 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
-from wrist_ft_comp import RecordingError, SettingsError
-from wrist_ft_comp.core.compensator import Compensator, StreamSettings
-from wrist_ft_comp.core.thermometer_watch import is_plausible
+from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.files.cdr import TEMPERATURE_DOUBLES, WRENCH_DOUBLES
 from wrist_ft_comp.files.model_store import default_directory, ModelStore
-from wrist_ft_comp.ros import qos, wire
-from wrist_ft_comp.ros.calibration_control import CalibrationControl
-from wrist_ft_comp.ros.compensator_parameters import NODE_NAME, PARAMETERS
-from wrist_ft_comp.ros.concern_log import ConcernLog
-from wrist_ft_comp.ros.counts import Counts
-from wrist_ft_comp.ros.deferred_service import DeferredService
-from wrist_ft_comp.ros.diagnostics import diagnostic_array
-from wrist_ft_comp.ros.input_watch import InputWatch
+from wrist_ft_comp.ros import messages as qos
+from wrist_ft_comp.ros import messages as wire
+from wrist_ft_comp.ros.diagnostics import ConcernLog, concerns, diagnostic_array
+from wrist_ft_comp.ros.input_health import Counts, InputWatch
 from wrist_ft_comp.ros.live_model import LiveModel
-from wrist_ft_comp.ros.parameters import declare, values
-from wrist_ft_comp.ros.recording_control import RecordingControl
-from wrist_ft_comp.ros.running import run_nodes
-from wrist_ft_comp.ros.several_sensors import node_per_sensor
-from wrist_ft_comp.ros.state_keeping import StateKeeping
-from wrist_ft_comp.ros.status import concerns
-from wrist_ft_comp.ros.tare_control import TareControl
-from wrist_ft_comp.ros.wrench_message import wrench_message
+from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros.parameters import declare, NODE_NAME, PARAMETERS, values
+from wrist_ft_comp.ros.running import node_per_sensor, run_nodes
+from wrist_ft_comp.ros.services.calibrate import CalibrationControl
+from wrist_ft_comp.ros.services.deferred import DeferredService
+from wrist_ft_comp.ros.services.record import RecordingControl
+from wrist_ft_comp.ros.services.tare import TareControl
+from wrist_ft_comp.ros.state_keeper import StateKeeping
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.stream.input_checks import is_plausible
 
 _HOUSEKEEPING_PERIOD_S = 0.1
+
+
 _DIAGNOSTICS_PERIOD_S = 1.0
+
+
 #: What is asked for may be as long as the asker likes; diagnostics repeat it every second.
 _LONGEST_REFUSAL = 1000
+
+
 #: An answer that the asker has not taken yet is lost when its sender leaves the network.
 _FAREWELL_S = 0.5
 

@@ -20,15 +20,20 @@ from rclpy.node import Node
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
-from wrist_ft_comp import RecordingError, WristFtCompError
-from wrist_ft_comp.core.recording import NANOSECONDS
+from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.files.cdr import TEMPERATURE_DOUBLES, WRENCH_DOUBLES
 from wrist_ft_comp.files.demo_log import DemoLog, save_demo_log
-from wrist_ft_comp.ros import qos, wire
+from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.ros import messages as qos
+from wrist_ft_comp.ros import messages as wire
 from wrist_ft_comp.ros.running import make_executor
 
 _WRENCH_TOPICS = ('wrench_raw', 'wrench', 'wrench_reference')
+
+
 _SERVICE_TIMEOUT_S = 60.0
+
+
 _SILENCE_TIMEOUT_S = 15.0
 
 

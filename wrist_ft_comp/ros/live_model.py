@@ -6,8 +6,9 @@ from typing import Any, TYPE_CHECKING
 
 from rcl_interfaces.msg import SetParametersResult
 
-from wrist_ft_comp import SettingsError, WristFtCompError
-from wrist_ft_comp.files.model_file import load_model, StoredModel
+from wrist_ft_comp.errors import SettingsError, WristFtCompError
+from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.model.drift_model import StoredModel
 
 if TYPE_CHECKING:
     from wrist_ft_comp.ros.compensator_node import CompensatorNode

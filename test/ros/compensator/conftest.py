@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wrist_ft_comp.core.arx import relaxation
-from wrist_ft_comp.core.arx_pls import ArxPls
-from wrist_ft_comp.core.axis_model import AxisModel
-from wrist_ft_comp.core.calibration import Calibration
-from wrist_ft_comp.core.drift import DriftModel
-from wrist_ft_comp.core.features import Features
-from wrist_ft_comp.core.identification import AxisFit
-from wrist_ft_comp.files.model_file import save_model, StoredModel
+from wrist_ft_comp.calibration.calibrate import Calibration
+from wrist_ft_comp.calibration.result import AxisFit
+from wrist_ft_comp.files.model_file import save_model
+from wrist_ft_comp.model.arx import relaxation
+from wrist_ft_comp.model.arx_pls import ArxPls
+from wrist_ft_comp.model.axis_model import AxisModel
+from wrist_ft_comp.model.drift_model import DriftModel, StoredModel
+from wrist_ft_comp.model.features import Features
 
 with suppress(ImportError):
     from diagnostic_msgs.msg import DiagnosticArray
@@ -30,7 +30,7 @@ with suppress(ImportError):
     from std_srvs.srv import SetBool, Trigger
 
     from wrist_ft_comp.ros.compensator_node import CompensatorNode
-    from wrist_ft_comp.ros.wrench_message import wrench_message
+    from wrist_ft_comp.ros.messages import wrench_message
 
 TIMEOUT_S = 60.0
 SECOND = 1_000_000_000
@@ -192,7 +192,7 @@ def rig(bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable
     """Start compensators; each in its own namespace, all with the same data_directory."""
     period = 'wrist_ft_comp.ros.compensator_node._DIAGNOSTICS_PERIOD_S'
     monkeypatch.setattr(period, DIAGNOSTICS_PERIOD_S)
-    monkeypatch.setattr('wrist_ft_comp.ros.tare_control._GRACE_S', TARE_GRACE_S)
+    monkeypatch.setattr('wrist_ft_comp.ros.services.tare._GRACE_S', TARE_GRACE_S)
     started: list[Rig] = []
 
     def start(**options: Any) -> Rig:

@@ -10,7 +10,7 @@ pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.ros import compensator_node
-from wrist_ft_comp.ros.wrench_message import wrench_message
+from wrist_ft_comp.ros.messages import wrench_message
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

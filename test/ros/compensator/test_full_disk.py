@@ -14,12 +14,12 @@ from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
-from wrist_ft_comp.core.recording import AXES
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.files.state_file import load_state
-from wrist_ft_comp.ros.wrench_message import wrench_message
+from wrist_ft_comp.model.signals import AXES
+from wrist_ft_comp.ros.messages import wrench_message
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

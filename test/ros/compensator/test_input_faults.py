@@ -14,10 +14,10 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 
-from wrist_ft_comp.core.sensor_watch import SensorWatch
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
-from wrist_ft_comp.ros.status_inputs import input_concern
-from wrist_ft_comp.ros.wrench_message import wrench_message
+from wrist_ft_comp.ros.diagnostics import input_concern
+from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.stream.input_checks import SensorWatch
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -65,7 +65,9 @@ def warm(rig, make_model):
 @pytest.fixture
 def quick(monkeypatch):
     """Look less often before a reading counts as suspicious, and look often."""
-    monkeypatch.setattr('wrist_ft_comp.ros.input_watch.SensorWatch', lambda: SensorWatch(looks=4))
+    monkeypatch.setattr(
+        'wrist_ft_comp.stream.input_checks.SensorWatch', lambda: SensorWatch(looks=4)
+    )
     monkeypatch.setattr('wrist_ft_comp.ros.compensator_node._HOUSEKEEPING_PERIOD_S', 0.01)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
-from wrist_ft_comp import ModelFileError, SettingsError
+from wrist_ft_comp.errors import ModelFileError, SettingsError
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

@@ -12,8 +12,8 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSReliabilityPolicy
 import yaml
 
-from wrist_ft_comp.ros.compensator_parameters import PARAMETERS
-from wrist_ft_comp.ros.wrench_message import wrench_message
+from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros.parameters import PARAMETERS
 
 ROOT = Path(__file__).parents[3]
 MODULE = 'wrist_ft_comp.ros.compensator_node'

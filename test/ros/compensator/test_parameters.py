@@ -4,8 +4,8 @@ pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
 from rcl_interfaces.srv import DescribeParameters
 
-from wrist_ft_comp import SettingsError
-from wrist_ft_comp.ros.compensator_parameters import PARAMETERS
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.ros.parameters import PARAMETERS
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

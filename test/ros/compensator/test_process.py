@@ -16,7 +16,7 @@ from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.ros.wrench_message import wrench_message
+from wrist_ft_comp.ros.messages import wrench_message
 
 MODULE = 'wrist_ft_comp.ros.compensator_node'
 TIMEOUT_S = 60.0

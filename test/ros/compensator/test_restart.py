@@ -8,8 +8,8 @@ import pytest
 
 pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
-from wrist_ft_comp.core.compensator import Compensator, StreamSettings
 from wrist_ft_comp.files.state_file import load_state, save_state, SavedState
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

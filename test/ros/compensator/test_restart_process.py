@@ -15,9 +15,9 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
 
-from wrist_ft_comp.core.compensator import Compensator, StreamSettings
 from wrist_ft_comp.files.state_file import load_state
-from wrist_ft_comp.ros.wrench_message import wrench_message
+from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 MODULE = 'wrist_ft_comp.ros.compensator_node'
 SECOND = 1_000_000_000

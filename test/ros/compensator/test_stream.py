@@ -8,9 +8,9 @@ pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import serialize_message
 
-from wrist_ft_comp.core.compensator import Compensator, StreamSettings
-from wrist_ft_comp.core.drift import correct, Drift
-from wrist_ft_comp.ros.wrench_message import wrench_message
+from wrist_ft_comp.model.drift_model import correct, Drift
+from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

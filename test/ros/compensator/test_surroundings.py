@@ -13,9 +13,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
-from wrist_ft_comp.ros import qos
+from wrist_ft_comp.ros import messages as qos
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
-from wrist_ft_comp.ros.wrench_message import wrench_message
+from wrist_ft_comp.ros.messages import wrench_message
 
 SECOND = 1_000_000_000
 LOAD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]

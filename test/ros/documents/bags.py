@@ -11,7 +11,8 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
-from wrist_ft_comp.core import simulated_run, thermal_sensor
+from wrist_ft_comp.simulation import ft_sensor as thermal_sensor
+from wrist_ft_comp.simulation import run as simulated_run
 
 PREFIX = '/bus0/ft_sensor0/ft_sensor_readings'
 SECONDS = 7200

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wrist_ft_comp.core.recording import AXES, temperature_channel
+from wrist_ft_comp.model.signals import AXES, temperature_channel
 
 SECOND = 1_000_000_000
 
@@ -90,7 +90,7 @@ class Gate:
         self._end = os.open(path, os.O_RDWR)
         source = (
             f'import runpy; open({str(path)!r}, "rb", 0).read(1); '
-            'runpy.run_module("wrist_ft_comp.files.calibration_job", run_name="__main__")'
+            'runpy.run_module("wrist_ft_comp.cli.calibration_job", run_name="__main__")'
         )
         self.command = (sys.executable, '-c', source, '--until-closed')
 
@@ -107,6 +107,6 @@ class Gate:
 def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Gate]:
     """Hold calibration processes back."""
     found = Gate(tmp_path / 'gate')
-    monkeypatch.setattr('wrist_ft_comp.ros.calibration_process.COMMAND', found.command)
+    monkeypatch.setattr('wrist_ft_comp.ros.services.calibrate.COMMAND', found.command)
     yield found
     found.close()

@@ -3,8 +3,8 @@ import pytest
 
 pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
-from wrist_ft_comp.core.recording import AXES
 from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.model.signals import AXES
 
 WARM = range(300)
 AFTER = range(300, 520)

@@ -129,7 +129,7 @@ def test_a_process_without_a_result_is_a_sentence(rig, make_robot, monkeypatch, 
     node = rig(parameters={'thermal_period': 10.0})
     make_robot().write(node.directory / 'recordings/run.csv', cells=3)
     command = (os.sys.executable, '-c', source)
-    monkeypatch.setattr('wrist_ft_comp.ros.calibration_process.COMMAND', command)
+    monkeypatch.setattr('wrist_ft_comp.ros.services.calibrate.COMMAND', command)
     check_refused(node, node.call('calibrate'), words, 'call again')
 
 
@@ -137,7 +137,7 @@ def test_a_process_that_cannot_be_started_is_a_sentence(rig, make_robot, monkeyp
     node = rig(parameters={'thermal_period': 10.0})
     make_robot().write(node.directory / 'recordings/run.csv', cells=3)
     command = ('/nowhere/python',)
-    monkeypatch.setattr('wrist_ft_comp.ros.calibration_process.COMMAND', command)
+    monkeypatch.setattr('wrist_ft_comp.ros.services.calibrate.COMMAND', command)
     check_refused(
         node, node.call('calibrate'), 'cannot be started: ', 'No such file', 'call again'
     )

@@ -11,9 +11,9 @@ pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
 from std_srvs.srv import SetBool, Trigger
 
-from wrist_ft_comp import SettingsError, WristFtCompError
+from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
-from wrist_ft_comp.ros.several_sensors import node_per_sensor
+from wrist_ft_comp.ros.running import node_per_sensor
 
 MODULE = 'wrist_ft_comp.ros.compensator_node'
 SECOND = 1_000_000_000

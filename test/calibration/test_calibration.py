@@ -1,0 +1,256 @@
+"""Calibration as a whole: what it refuses, what it warns of, what it hands back."""
+
+from collections.abc import Callable
+from dataclasses import replace
+import re
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings, summarise
+from wrist_ft_comp.calibration.data_checks import MIN_SAMPLES
+from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.errors import CalibrationRefusedError, SettingsError
+from wrist_ft_comp.model.signals import Recording
+
+Array = np.ndarray
+MakeRecording = Callable[..., Recording]
+STATIC = CalibrationSettings(identification=IdentificationSettings(method='pls'))
+CELLS = 240
+
+
+@pytest.fixture(scope='module')
+def good(make_recording: MakeRecording, warm_up: Callable[..., Array]) -> list[Recording]:
+    """Two runs of two axes: force x drifts, torque z does not."""
+    runs = []
+    for i in range(2):
+        rng = np.random.default_rng(i)
+        temperature_c = warm_up(CELLS, i)
+        drifting = 0.5 * temperature_c + 0.05 * rng.standard_normal(CELLS)
+        axes = {'force_x': drifting, 'torque_z': 0.01 * rng.standard_normal(CELLS)}
+        runs.append(make_recording(temperature_c, axes, name=f'run{i}.csv'))
+    return runs
+
+
+def with_raw(recording: Recording, raw: Array) -> Recording:
+    wrench = recording.wrench.copy()
+    wrench[:, 0] = raw
+    return replace(recording, wrench=wrench)
+
+
+class TestResult:
+    def test_it_holds_the_model_and_its_evidence(self, good: list[Recording]) -> None:
+        shares: list[float] = []
+        calibration = calibrate(good, CalibrationSettings(), shares.append)
+        assert shares == [0.5, 1.0]
+        assert set(calibration.fits) == {'force_x', 'torque_z'}
+        assert set(calibration.model.axes) == {'force_x'}
+        assert calibration.fits['torque_z'].model is None
+        assert calibration.fits['torque_z'].chosen == 'none'
+        assert calibration.model.period_ns == good[0].period_ns
+        assert calibration.model.thermometers == 1
+        assert calibration.duration_s == 2 * CELLS * 10.0
+        everything = np.concatenate([run.temperature_c for run in good])
+        np.testing.assert_array_equal(
+            calibration.temperature_range_c, [[everything.min(), everything.max()]]
+        )
+        fit = calibration.fits['force_x']
+        assert fit.rms_after < 0.1 * fit.rms_before
+        # Three cells of 10 s make a bin of 30 s.
+        spread = np.mean([np.var(run.wrench[:, 0].reshape(-1, 3).mean(axis=1)) for run in good])
+        assert fit.rms_before == pytest.approx(np.sqrt(spread), rel=1e-6)
+
+    def test_an_axis_is_called_by_its_own_name_whatever_is_beside_it(
+        self, good: list[Recording]
+    ) -> None:
+        both = calibrate(good, STATIC).fits['force_x'].rms_after
+        alone = []
+        for run in good:
+            wrench = np.full_like(run.wrench, np.nan)
+            wrench[:, 4] = run.wrench[:, 0]
+            alone.append(replace(run, wrench=wrench))
+        found = calibrate(alone, STATIC)
+        assert set(found.fits) == {'torque_y'}
+        assert found.fits['torque_y'].rms_after == pytest.approx(both, rel=1e-12)
+
+    def test_recordings_are_not_modified(self, good: list[Recording]) -> None:
+        kept = [(run.temperature_c.copy(), run.wrench.copy()) for run in good]
+        calibrate(good, CalibrationSettings())
+        for run, (temperature_c, wrench) in zip(good, kept, strict=True):
+            np.testing.assert_array_equal(run.temperature_c, temperature_c)
+            np.testing.assert_array_equal(run.wrench, wrench)
+
+    def test_offsets_and_signs_of_recordings_do_not_matter(self, good: list[Recording]) -> None:
+        expected = calibrate(good, STATIC).fits['force_x'].rms_after
+        moved = [with_raw(run, 1e3 * i - run.wrench[:, 0]) for i, run in enumerate(good)]
+        assert calibrate(moved, STATIC).fits['force_x'].rms_after == pytest.approx(expected)
+
+    def test_a_summary_has_a_line_per_axis_and_names_what_was_learnt(
+        self, good: list[Recording]
+    ) -> None:
+        calibration = calibrate(good, CalibrationSettings())
+        lines = summarise(calibration).splitlines()
+        assert lines[0].startswith('force_x: ')
+        assert f'{calibration.fits["force_x"].rms_after:.3g} N RMS held out' in lines[0]
+        assert lines[1].startswith('torque_z: no compensation')
+        assert lines[1].endswith('N m RMS')
+        assert '1.33 h' in lines[2]
+        assert max(map(len, lines)) <= 99
+
+
+class TestRefusals:
+    def test_nothing_to_learn_from(self) -> None:
+        with pytest.raises(CalibrationRefusedError, match='at least one recording; got none'):
+            calibrate([], STATIC)
+
+    def test_too_small_a_temperature_span(self, good: list[Recording]) -> None:
+        calm = [replace(run, temperature_c=25 + 0.05 * (run.temperature_c - 30)) for run in good]
+        span = np.ptp(np.concatenate([run.temperature_c for run in calm]))
+        sentence = rf'run0.csv, run1.csv spans {span:.1f} K; at least 3.0 K are needed. Record'
+        with pytest.raises(CalibrationRefusedError, match=sentence):
+            calibrate(calm, STATIC)
+        calibrate(calm, replace(STATIC, min_temperature_span_k=0.5))
+
+    def test_one_thermometer_that_spans_enough_is_enough(self, good: list[Recording]) -> None:
+        runs = [
+            replace(
+                run,
+                temperature_c=np.column_stack((np.full(CELLS, 22.0), run.temperature_c)),
+                measured=np.ones((CELLS, 2), dtype=bool),
+            )
+            for run in good
+        ]
+        for method in ('pls', 'auto'):
+            settings = IdentificationSettings(method=method)
+            fit = calibrate(runs, CalibrationSettings(identification=settings)).fits['force_x']
+            assert fit.rms_after < 0.1 * fit.rms_before
+
+    @pytest.mark.parametrize('samples', [0, MIN_SAMPLES - 1])
+    def test_too_few_samples(self, good: list[Recording], samples: int) -> None:
+        runs = []
+        for run in good:
+            wrench = run.wrench.copy()
+            wrench[:, 3] = np.nan
+            wrench[: samples // 2, 3] = 0.1
+            wrench[-1, 3] = 0.1 if samples % 2 and run is good[0] else np.nan
+            runs.append(replace(run, wrench=wrench))
+        if not samples:
+            assert 'torque_x' not in calibrate(runs, STATIC).fits
+            return
+        sentence = f'torque_x has {samples} thermal cells .* at least {MIN_SAMPLES} in 2 blocks'
+        with pytest.raises(CalibrationRefusedError, match=sentence):
+            calibrate(runs, STATIC)
+
+    def test_no_wrench_beside_any_temperature(self, good: list[Recording]) -> None:
+        empty = [replace(run, wrench=np.full_like(run.wrench, np.nan)) for run in good]
+        with pytest.raises(CalibrationRefusedError, match='holds no wrench'):
+            calibrate(empty, STATIC)
+
+    def test_a_missing_reference(self, good: list[Recording]) -> None:
+        with pytest.raises(
+            CalibrationRefusedError, match=r'run0.csv holds no reference wrench, but .* recorded'
+        ):
+            calibrate(good, replace(STATIC, reference='recorded'))
+
+    @pytest.mark.parametrize('reference', ['unloaded', 'constant'])
+    @pytest.mark.parametrize('noise', [0.0, 0.05])
+    def test_a_load_that_varies_although_it_was_declared_not_to(
+        self, good: list[Recording], reference: str, noise: float
+    ) -> None:
+        raw = 0.5 * good[1].temperature_c[:, 0]
+        raw += noise * np.random.default_rng(0).standard_normal(CELLS)
+        raw[100:140] += 20.0
+        runs = [good[0], with_raw(good[1], raw)]
+        sentence = rf'force_x of run1.csv jumps by [12]\d.* N after 1\d\d0 s, .* {reference}'
+        with pytest.raises(CalibrationRefusedError, match=sentence):
+            calibrate(runs, replace(STATIC, reference=reference))
+
+    def test_a_payload_that_was_hung_on_a_still_axis(self, good: list[Recording]) -> None:
+        raw = np.zeros(CELLS)
+        raw[100:] = 10.0
+        with pytest.raises(CalibrationRefusedError, match='jumps by 10 N after 1000 s'):
+            calibrate([good[0], with_raw(good[1], raw)], STATIC)
+
+    @pytest.mark.parametrize('resolution', [0.1, 1.0])
+    def test_a_coarse_resolution_is_no_load(
+        self, good: list[Recording], resolution: float
+    ) -> None:
+        runs = [
+            with_raw(run, resolution * np.round(run.wrench[:, 0] / resolution)) for run in good
+        ]
+        fit = calibrate(runs, STATIC).fits['force_x']
+        assert fit.rms_after < fit.rms_before
+
+    def test_rounding_on_a_still_axis_is_no_load(self, good: list[Recording]) -> None:
+        still = 0.1 + 1e-17 * np.arange(CELLS) + np.spacing(0.1) * (np.arange(CELLS) % 40 == 7)
+        calibrate([with_raw(run, still) for run in good], STATIC)
+
+    def test_different_thermometers(self, good: list[Recording]) -> None:
+        two = replace(
+            good[1],
+            temperature_c=np.tile(good[1].temperature_c, 2),
+            measured=np.tile(good[1].measured, 2),
+        )
+        sentence = 'run0.csv has 1 thermometers and run1.csv has 2; they must be the same'
+        with pytest.raises(CalibrationRefusedError, match=sentence):
+            calibrate([good[0], two], STATIC)
+
+    def test_different_periods(self, good: list[Recording]) -> None:
+        other = replace(good[1], period_ns=2 * good[1].period_ns)
+        sentence = 'run0.csv is on thermal cells of 10.0 s and run1.csv on 20.0 s'
+        with pytest.raises(CalibrationRefusedError, match=sentence):
+            calibrate([good[0], other], STATIC)
+
+
+class TestSettings:
+    def test_an_unknown_reference(self) -> None:
+        with pytest.raises(
+            SettingsError, match=r"Unknown reference 'none'; .* unloaded, constant"
+        ):
+            CalibrationSettings(reference='none')  # type: ignore[arg-type]
+
+    @pytest.mark.parametrize('span', [-0.1, np.nan, np.inf])
+    def test_a_span_that_is_no_span(self, span: float) -> None:
+        with pytest.raises(SettingsError, match='at least 0 K; got'):
+            CalibrationSettings(min_temperature_span_k=span)
+
+
+class TestWarnings:
+    def test_what_was_dropped_while_reading_is_passed_on(self, good: list[Recording]) -> None:
+        runs = [good[0], replace(good[1], warnings=('3 samples were dropped.',))]
+        assert calibrate(runs, STATIC).warnings == ('3 samples were dropped.',)
+
+    def test_a_silent_thermometer_is_named(self, good: list[Recording]) -> None:
+        measured = good[1].measured.copy()
+        measured[50:111] = False
+        runs = [good[0], replace(good[1], measured=measured)]
+        assert calibrate(runs, STATIC).warnings == (
+            'Thermometer 1 of run1.csv is silent for 610 s; its last value was held.',
+        )
+        measured[50] = True
+        assert calibrate([good[0], replace(good[1], measured=measured)], STATIC).warnings == ()
+
+    def test_a_time_constant_that_the_recordings_hardly_show_is_named(
+        self, good: list[Recording], lagged: Callable[..., Array]
+    ) -> None:
+        runs = [with_raw(run, 2 * lagged(run.temperature_c[:, 0], 1500)) for run in good]
+        settings = IdentificationSettings(method='arx_pls_oe')
+        warnings = calibrate(runs, CalibrationSettings(identification=settings)).warnings
+        assert len(warnings) == 1
+        assert re.search(
+            r'The slowest time constant, 15\d\d s of force_x, is more than half of the longest '
+            r'recording \(2400 s\); record at least 1.7 h',
+            warnings[0],
+        )
+
+    @pytest.mark.parametrize('method', ['auto', 'arx_pls_oe'])
+    def test_a_time_constant_that_the_recordings_do_not_show_is_refused(
+        self, good: list[Recording], lagged: Callable[..., Array], method: str
+    ) -> None:
+        runs = [with_raw(run, 2 * lagged(run.temperature_c[:, 0], 1e5)) for run in good]
+        settings = IdentificationSettings(method=method)  # type: ignore[arg-type]
+        with pytest.raises(
+            CalibrationRefusedError,
+            match=r'force_x drifts too slowly .* at least 2400 s, .* Record at least 1.3 h',
+        ):
+            calibrate(runs, CalibrationSettings(identification=settings))

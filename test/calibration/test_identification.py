@@ -1,0 +1,364 @@
+"""The competition: known truths are found, noise is left alone, every method runs."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.calibration.calibrate import calibrate, Calibration, CalibrationSettings
+from wrist_ft_comp.calibration.candidates import time_constant_grid
+from wrist_ft_comp.calibration.settings import build_features, IdentificationSettings, METHODS
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.identification.problem import cross_validation_blocks, pose_problem
+from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model.signals import AXES, Recording
+from wrist_ft_comp.report.evaluation import evaluate
+
+Array = np.ndarray
+Z = AXES.index('force_z')
+CELLS = 480
+
+
+def settings(method: str, reference: str = 'unloaded', **more: object) -> CalibrationSettings:
+    return CalibrationSettings(
+        reference=reference,  # type: ignore[arg-type]
+        identification=IdentificationSettings(method=method, **more),  # type: ignore[arg-type]
+    )
+
+
+@pytest.fixture(scope='module')
+def simulate(
+    make_recording: Callable[..., Recording],
+    warm_up: Callable[..., Array],
+    lagged: Callable[..., Array],
+) -> Callable[..., Recording]:
+    """
+    Record a sensor with known gains at known time constants; o in N/K, s in 1/K.
+
+    A share below 1 keeps a recording within the temperatures of the others.
+    """
+
+    def make(  # noqa: PLR0913 -- a factory names what it can vary
+        seed: int,
+        zero: dict[float, float],
+        sensitivity: dict[float, float] | None = None,
+        *,
+        noise: float = 0.0,
+        gain_error: float = 0.0,
+        thermometers: int = 1,
+        cells: int = CELLS,
+        share: float = 1.0,
+    ) -> Recording:
+        rng = np.random.default_rng([seed, 7])
+        temperature_c = 20 + share * (warm_up(cells, seed) - 20)
+        theta = temperature_c - 30
+        o = sum(gain * lagged(theta, tau) for tau, gain in zero.items())
+        load = 40 * rng.standard_normal(cells)
+        s = gain_error + sum(g * lagged(theta, tau) for tau, g in (sensitivity or {}).items())
+        raw = (1 + s) * load + o + 10.0 * seed + noise * rng.standard_normal(cells)
+        if sensitivity is None:
+            raw -= load
+        second = 20 + share * (warm_up(cells, seed + 1000) - 20)
+        both = np.stack([temperature_c, second][:thermometers], axis=1)
+        return make_recording(
+            both,
+            {'force_z': raw},
+            None if sensitivity is None else {'force_z': load},
+            name=f'run{seed}',
+        )
+
+    return make
+
+
+def drift_of(calibration: Calibration, recording: Recording) -> tuple[Array, Array]:
+    """Zero and sensitivity drift of force z over a recording."""
+    temperature_c = recording.temperature_c
+    first = drift.start(calibration.model, temperature_c[0])
+    _, found = drift.run(calibration.model, first, temperature_c)
+    return found.zero[:, Z], found.sensitivity[:, Z]
+
+
+def centred(values: Array) -> Array:
+    return values - values.mean()
+
+
+class TestKnownTruth:
+    @pytest.mark.parametrize('method', ['arx_pls_oe', 'auto'])
+    @pytest.mark.parametrize(
+        'truth', [{300.0: 0.5}, {1000.0: -0.8}, {200.0: 0.6, 1500.0: -0.4}], ids=str
+    )
+    def test_lags_are_found_in_a_record_that_was_not_seen(
+        self,
+        simulate: Callable[..., Recording],
+        lagged: Callable[..., Array],
+        method: str,
+        truth: dict[float, float],
+    ) -> None:
+        calibration = calibrate([simulate(i, truth) for i in range(3)], settings(method))
+        fit = calibration.fits['force_z']
+        new = simulate(9, truth, share=0.8)
+        theta = new.temperature_c[:, 0] - 30
+        expected = centred(sum(gain * lagged(theta, tau) for tau, gain in truth.items()))
+        found, sensitivity = drift_of(calibration, new)
+        error = centred(found) - expected
+        assert np.sqrt(np.mean(error**2)) < 0.01 * np.sqrt(np.mean(expected**2))
+        assert not sensitivity.any()
+        assert fit.rms_after < 0.05 * fit.rms_before
+        if len(truth) == 1 and method == 'arx_pls_oe':
+            nearest = min(abs(tau / true - 1) for tau in fit.time_constants_s for true in truth)
+            assert nearest < 1e-2
+        assert any('zero drift only' in note for note in fit.notes)
+
+    @pytest.mark.parametrize('gain_error', [0.0, 0.15])
+    def test_sensitivity_drift_is_found_beside_zero_drift(
+        self,
+        simulate: Callable[..., Recording],
+        lagged: Callable[..., Array],
+        gain_error: float,
+    ) -> None:
+        zero, sensitivity = {600.0: 0.5}, {600.0: 1e-3}
+        recordings = [simulate(i, zero, sensitivity, gain_error=gain_error) for i in range(3)]
+        calibration = calibrate(recordings, settings('arx_pls_oe', 'recorded'))
+        new = simulate(9, zero, sensitivity, gain_error=gain_error, share=0.8)
+        theta = lagged(new.temperature_c[:, 0] - 30, 600.0)
+        found_zero, found_sensitivity = drift_of(calibration, new)
+        np.testing.assert_allclose(centred(found_zero), centred(0.5 * theta), atol=0.02)
+        np.testing.assert_allclose(found_sensitivity, gain_error + 1e-3 * theta, atol=2e-4)
+        nearest = min(abs(tau / 600 - 1) for tau in calibration.fits['force_z'].time_constants_s)
+        assert nearest < 1e-2
+
+    def test_a_noisy_gain_is_found_within_four_standard_errors(
+        self, simulate: Callable[..., Recording]
+    ) -> None:
+        """A static line: its slope's standard error is the textbook's."""
+        sigma = 0.5
+        recordings = [simulate(i, {1e-6: 0.5}, noise=sigma) for i in range(3)]
+        calibration = calibrate(recordings, settings('auto'))
+        assert calibration.fits['force_z'].chosen == 'static, degree 1'
+        found, _ = drift_of(calibration, recordings[0])
+        theta = recordings[0].temperature_c[:, 0]
+        slope = np.polyfit(theta, found, 1)[0]
+        power = sum(np.sum(centred(r.temperature_c[:, 0]) ** 2) for r in recordings)
+        assert abs(slope - 0.5) < 4 * sigma / np.sqrt(power)
+
+    def test_the_second_thermometer_is_used_when_the_first_does_not_see_the_heat(
+        self,
+        make_recording: Callable[..., Recording],
+        warm_up: Callable[..., Array],
+        lagged: Callable[..., Array],
+    ) -> None:
+        def record(seed: int, share: float = 1.0) -> Recording:
+            both = np.stack([warm_up(CELLS, seed), warm_up(CELLS, seed + 100)], axis=1)
+            both = 20 + share * (both - 20)
+            mixed = 0.5 * lagged(both[:, 0], 400.0) + 0.3 * lagged(both[:, 1], 400.0)
+            noise = 0.02 * np.random.default_rng(seed).standard_normal(CELLS)
+            return make_recording(both, {'force_z': mixed + noise})
+
+        def alone(recording: Recording) -> Recording:
+            return replace(
+                recording,
+                temperature_c=recording.temperature_c[:, :1],
+                measured=recording.measured[:, :1],
+            )
+
+        runs, new = [record(i) for i in range(3)], record(9, 0.8)
+        two = evaluate(calibrate(runs, settings('auto')).model, new, 'unloaded')['force_z']
+        one = evaluate(
+            calibrate([alone(run) for run in runs], settings('auto')).model,
+            alone(new),
+            'unloaded',
+        )['force_z']
+        assert two.rms_after < 0.03 * two.rms_before
+        assert two.rms_after < 0.2 * one.rms_after
+
+
+class TestNothingToLearn:
+    def test_pure_noise_is_left_alone(self, simulate: Callable[..., Recording]) -> None:
+        none = 0
+        for seed in range(10):
+            runs = [simulate(20 * seed + i, {}, noise=1.0) for i in range(3)]
+            calibration = calibrate(runs, settings('auto'))
+            none += calibration.fits['force_z'].model is None
+            judged = evaluate(
+                calibration.model, simulate(20 * seed + 9, {}, noise=1.0), 'unloaded'
+            )
+            assert judged['force_z'].rms_after < 1.1 * judged['force_z'].rms_before
+        assert none >= 8
+
+    @pytest.mark.parametrize('method', METHODS)
+    def test_a_constant_axis_gets_no_drift(
+        self, simulate: Callable[..., Recording], method: str
+    ) -> None:
+        runs = [simulate(i, {}) for i in range(2)]
+        calibration = calibrate(runs, settings(method))
+        zero, _ = drift_of(calibration, runs[0])
+        np.testing.assert_allclose(zero, 0, atol=1e-9)
+
+    @pytest.mark.parametrize('method', METHODS)
+    def test_loads_that_differ_only_between_recordings_give_no_wild_gain(
+        self,
+        make_recording: Callable[..., Recording],
+        warm_up: Callable[..., Array],
+        method: str,
+    ) -> None:
+        """The gain error at T_ref cannot be told from the unknown constants then."""
+        runs = []
+        for i, payload in enumerate((0.0, 50.1, 20.3)):
+            temperature_c = warm_up(CELLS, i)
+            theta = temperature_c - 30
+            raw = (1 + 1e-3 * theta) * payload + 0.5 * theta
+            raw += 0.01 * np.random.default_rng(i).standard_normal(CELLS)
+            runs.append(make_recording(temperature_c, {'force_z': raw}, {'force_z': payload}))
+        calibration = calibrate(runs, settings(method, 'recorded'))
+        _, sensitivity = drift_of(calibration, runs[0])
+        assert np.abs(sensitivity).max() < 0.1
+
+    def test_a_room_thermometer_that_only_differs_between_recordings_is_ignored(
+        self, simulate: Callable[..., Recording], lagged: Callable[..., Array]
+    ) -> None:
+        def room(recording: Recording, second: Array) -> Recording:
+            both = np.column_stack((recording.temperature_c, second))
+            return replace(recording, temperature_c=both, measured=np.ones(both.shape, dtype=bool))
+
+        truth = {800.0: 0.5}
+        runs = [
+            room(simulate(i, truth, noise=0.01), np.full(CELLS, celsius))
+            for i, celsius in enumerate((21.3, 24.7, 22.9))
+        ]
+        new = room(simulate(9, truth, share=0.8), np.linspace(21.5, 24.5, CELLS))
+        expected = centred(0.5 * lagged(new.temperature_c[:, 0], 800.0))
+        for method in ('arx_pls_oe', 'auto', 'filtered_pls'):
+            found, _ = drift_of(calibrate(runs, settings(method)), new)
+            assert np.abs(centred(found) - expected).max() < 0.2
+
+
+class TestEveryMethod:
+    @pytest.mark.parametrize('method', METHODS)
+    @pytest.mark.parametrize('thermometers', [1, 2])
+    @pytest.mark.parametrize('features', ['powers', 'hats'])
+    @pytest.mark.parametrize('loaded', [False, True])
+    def test_it_runs_and_helps(
+        self,
+        simulate: Callable[..., Recording],
+        method: str,
+        thermometers: int,
+        features: str,
+        loaded: bool,
+    ) -> None:
+        zero, sensitivity = {200.0: 0.5}, {200.0: 1e-3} if loaded else None
+
+        def record(seed: int, share: float = 1.0) -> Recording:
+            return simulate(
+                seed, zero, sensitivity, noise=0.1, thermometers=thermometers, share=share
+            )
+
+        reference = 'recorded' if loaded else 'unloaded'
+        calibration = calibrate(
+            [record(i) for i in range(3)], settings(method, reference, features=features)
+        )
+        fit = calibration.fits['force_z']
+        assert fit.model is not None
+        assert fit.model.features.kind == features
+        assert len(fit.model.dynamics.output_mean) == 1 + loaded
+        assert fit.candidates[0].name == 'none'
+        assert fit.chosen in [candidate.name for candidate in fit.candidates]
+        assert fit.rms_after < fit.rms_before
+        assert list(fit.time_constants_s) == sorted(fit.time_constants_s)
+        judged = evaluate(calibration.model, record(9, 0.8), reference)['force_z']
+        dynamic = method in ('filtered_pls', 'arx_pls_oe', 'auto')
+        assert judged.rms_after < (0.35 if dynamic else 0.9) * judged.rms_before
+
+    @pytest.mark.parametrize('method', METHODS)
+    def test_a_scale_in_kelvin_gives_the_same_drift(
+        self, simulate: Callable[..., Recording], method: str
+    ) -> None:
+        runs = [simulate(i, {300.0: 0.5}, noise=0.05) for i in range(3)]
+        kelvin = [replace(run, temperature_c=run.temperature_c + 273.15) for run in runs]
+        celsius, _ = drift_of(calibrate(runs, settings(method)), runs[0])
+        found, _ = drift_of(calibrate(kelvin, settings(method)), kelvin[0])
+        np.testing.assert_allclose(found, celsius, atol=1e-3 * np.ptp(celsius))
+
+    @pytest.mark.parametrize('method', METHODS)
+    def test_one_recording_is_enough(
+        self, simulate: Callable[..., Recording], method: str
+    ) -> None:
+        calibration = calibrate([simulate(0, {100.0: 0.5}, noise=0.05)], settings(method))
+        judged = evaluate(calibration.model, simulate(9, {100.0: 0.5}, share=0.8), 'unloaded')[
+            'force_z'
+        ]
+        assert judged.rms_after < 0.9 * judged.rms_before
+
+    @pytest.mark.parametrize('method', METHODS)
+    def test_the_same_data_give_the_same_model(
+        self, simulate: Callable[..., Recording], method: str
+    ) -> None:
+        runs = [simulate(i, {300.0: 0.5}, noise=0.1) for i in range(2)]
+        first, second = (drift_of(calibrate(runs, settings(method)), runs[0])[0] for _ in '12')
+        np.testing.assert_array_equal(first, second)
+
+    @pytest.mark.parametrize('method', METHODS)
+    def test_a_soaked_sensor_at_the_reference_has_no_zero_drift(
+        self, simulate: Callable[..., Recording], method: str
+    ) -> None:
+        runs = [simulate(i, {300.0: 0.5}, noise=0.1) for i in range(2)]
+        calibration = calibrate(runs, settings(method))
+        fit = calibration.fits['force_z'].model
+        assert fit is not None
+        at = fit.features.reference_c
+        _, found = drift.step(calibration.model, drift.start(calibration.model, at), at)
+        np.testing.assert_allclose(found.zero, 0, atol=1e-9)
+
+
+class TestFeaturesAndGrid:
+    def test_the_features_span_what_was_recorded(self, warm_up: Callable[..., Array]) -> None:
+        temperatures = [warm_up(100, i)[:, np.newaxis] for i in range(2)]
+        features = build_features(temperatures, IdentificationSettings(degree=3))
+        everything = np.concatenate(temperatures)
+        assert features.degree == 3
+        assert features.lower_c == everything.min(axis=0)
+        assert features.upper_c == everything.max(axis=0)
+        np.testing.assert_allclose(features.reference_c, everything.mean(axis=0))
+
+    def test_hats_stand_on_the_plateaus_or_where_they_were_put(self) -> None:
+        plateaus = np.repeat([20.0, -15.0, 50.0], 40)[:, np.newaxis]
+        hats = IdentificationSettings(features='hats')
+        np.testing.assert_array_equal(
+            build_features([plateaus], hats).knots_c[0], [-15.0, 20.0, 50.0]
+        )
+        put = replace(hats, hat_temperatures_c=(0.0, 10.0))
+        np.testing.assert_array_equal(build_features([plateaus], put).knots_c[0], [0.0, 10.0])
+        slope = np.linspace(0, 50, 500)[:, np.newaxis]
+        knots = build_features([slope], hats).knots_c[0]
+        assert knots[0] == 0
+        assert knots[-1] == 50
+        np.testing.assert_allclose(np.diff(knots), np.diff(knots)[0])
+
+    def test_time_constants_to_try_begin_static_and_end_with_the_recording(
+        self, simulate: Callable[..., Recording]
+    ) -> None:
+        runs = [simulate(0, {}), simulate(1, {}, cells=200)]
+        problem = pose_problem(runs, 'force_z', 'unloaded', cross_validation_blocks(runs))
+        grid = time_constant_grid(problem)
+        assert grid[0] == 0
+        assert (np.diff(grid) > 0).all()
+        assert grid[-1] <= CELLS * 10.0 / 2 * (1 + 1e-9)
+        ratios = grid[2:] / grid[1:-1]
+        np.testing.assert_allclose(ratios, ratios[0])
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'method': 'magic'}, "Unknown method 'magic'; expected one of pcr"),
+        ({'features': 'hat'}, "Unknown features 'hat'"),
+        ({'degree': 0}, 'between 1 and 4; got 0'),
+        ({'degree': 5}, 'between 1 and 4; got 5'),
+        ({'latents': 0}, 'At least 1 latent is needed; got 0'),
+    ],
+)
+def test_settings_outside_their_range_are_refused(
+    change: dict[str, object], sentence: str
+) -> None:
+    with pytest.raises(SettingsError, match=sentence):
+        IdentificationSettings(**change)  # type: ignore[arg-type]

@@ -1,0 +1,189 @@
+"""Choosing among candidates, and the sentence that says why."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.calibration.result import anchor, AxisFit, finish, Fitted, simplest_good, Term
+from wrist_ft_comp.identification.problem import AxisProblem, cross_validation_blocks, pose_problem
+from wrist_ft_comp.model.arx import relaxation, static_gain
+from wrist_ft_comp.model.arx_pls import ArxPls
+from wrist_ft_comp.model.axis_model import AxisModel
+from wrist_ft_comp.model.features import Features
+from wrist_ft_comp.model.signals import Recording
+
+Array = np.ndarray
+CELLS = 200
+
+
+@pytest.fixture(scope='module')
+def make_problem(
+    make_recording: Callable[..., Recording], warm_up: Callable[..., Array]
+) -> Callable[..., AxisProblem]:
+    """One axis, loaded as asked, with a gain error at the reference temperature."""
+
+    def make(axis: str = 'torque_x', load: Array | None = None, error: float = 0.0) -> AxisProblem:
+        recordings = []
+        for i in range(2):
+            w = np.zeros(CELLS) if load is None else load
+            raw = (1 + error) * w + 3.0 * i
+            recordings.append(make_recording(warm_up(CELLS, i), {axis: raw}, {axis: w}))
+        blocks = cross_validation_blocks(recordings)
+        reference = 'unloaded' if load is None else 'recorded'
+        return pose_problem(recordings, axis, reference, blocks)
+
+    return make
+
+
+def lag(outputs: int = 1, mean: float = 0.0) -> AxisModel:
+    features = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), degree=2)
+    dynamics = ArxPls(
+        np.array([1.0, 50.0]), np.ones(2), np.array([[1.0], [0.1]]), (static_gain(),),
+        np.full((outputs, 1), 1e-9), np.ones(outputs), np.full(outputs, mean),
+    )  # fmt: skip
+    return AxisModel(features, dynamics, (relaxation(300.0, 10.0),))
+
+
+class TestChoice:
+    def test_the_best_wins_when_it_is_clearly_better(self) -> None:
+        assert simplest_good([np.full(5, 9.0), np.full(5, 4.0), np.full(5, 1.0)]) == 2
+
+    def test_the_simplest_within_one_standard_error_of_the_best_wins(self) -> None:
+        best = np.ones(4)
+        wavering = best + np.array([0.9, -0.5, 0.9, -0.5])
+        steady = best + 0.9
+        assert simplest_good([best + 5, wavering, best]) == 1
+        assert simplest_good([best + 5, steady, best]) == 2
+
+    def test_candidates_are_compared_part_by_part(self) -> None:
+        """Parts differ a thousandfold in difficulty, candidates by half in every one."""
+        best = 10.0 ** np.arange(-3, 4)
+        assert simplest_good([1.5 * best, best]) == 1
+        # The same errors, but not of the same parts: nobody knows.
+        assert simplest_good([1.5 * best[::-1], best]) == 0
+
+    @pytest.mark.parametrize(('share', 'chosen'), [(0.14, 0), (0.16, 1)])
+    def test_a_gain_of_less_than_15_percent_is_not_worth_its_complexity(
+        self, share: float, chosen: int
+    ) -> None:
+        assert simplest_good([np.ones(5), np.full(5, 1.0 - share)]) == chosen
+
+    def test_a_richer_one_that_is_worse_never_wins(self) -> None:
+        assert simplest_good([np.full(5, 2.0), np.full(5, 1.0), np.full(5, 1.01)]) == 1
+
+    def test_ties_go_to_the_simplest(self) -> None:
+        assert simplest_good([np.ones(3), np.ones(3)]) == 0
+        assert simplest_good([np.zeros(3), np.zeros(3)]) == 0
+
+    def test_a_single_part_has_no_standard_error(self) -> None:
+        assert simplest_good([np.array([2.0]), np.array([1.0])]) == 1
+
+
+class TestReasons:
+    @pytest.fixture
+    def choose(self, make_problem: Callable[..., AxisProblem]) -> Callable[..., AxisFit]:
+        def finished(
+            errors: dict[str, Array], chosen: str, axis: str = 'torque_x', **more: object
+        ) -> AxisFit:
+            competing = more.get('competing', list(errors))
+            return finish(make_problem(axis), Fitted(None), chosen, errors, competing)  # type: ignore[arg-type]
+
+        return finished
+
+    def test_the_best_is_called_so(self, choose: Callable[..., AxisFit]) -> None:
+        errors = {'none': np.full(4, 4.0), 'line': np.full(4, 1.0), 'lag': np.full(4, 0.25)}
+        fit = choose(errors, 'lag')
+        assert fit.reason == (
+            'lag leaves 0.5 N m RMS on held-out data, no compensation 2 N m; of 3 candidates it '
+            'is the best.'
+        )
+        assert (fit.chosen, fit.rms_before, fit.rms_after) == ('lag', 2.0, 0.5)
+        assert {each.name: each.rms for each in fit.candidates} == pytest.approx(
+            {'none': 2.0, 'line': 1.0, 'lag': 0.5}
+        )
+
+    def test_what_may_be_chance_is_called_so_with_its_numbers(
+        self, choose: Callable[..., AxisFit]
+    ) -> None:
+        # Differences 0.8, -0.2, 0.8, -0.2: mean 0.3, standard error 0.289.
+        best = np.ones(4)
+        line = best + np.array([0.8, -0.2, 0.8, -0.2]) - 0.05
+        fit = choose({'none': np.full(4, 9.0), 'line': line, 'lag': best}, 'line', 'force_z')
+        assert fit.reason == (
+            'line leaves 1.12 N RMS on held-out data, no compensation 3 N; the best of 3, lag, '
+            'leaves 1 N: in mean square 0.25 N² less, no more than chance (standard error '
+            '0.29 N²).'
+        )
+
+    def test_what_is_not_worth_its_complexity_is_called_so(
+        self, choose: Callable[..., AxisFit]
+    ) -> None:
+        errors = {'none': np.full(4, 9.0), 'line': np.full(4, 1.1), 'lag': np.ones(4)}
+        assert choose(errors, 'line').reason.endswith(
+            'the best of 3, lag, leaves 1 N m: in mean square 0.1 N m² less, not worth its '
+            'complexity (less than 15 %).'
+        )
+
+    def test_no_compensation_is_not_compared_with_itself(
+        self, choose: Callable[..., AxisFit]
+    ) -> None:
+        reason = choose({'none': np.ones(4), 'line': np.full(4, 2.0)}, 'none').reason
+        assert reason == (
+            'none leaves 1 N m RMS on held-out data; of 2 candidates it is the best.'
+        )
+
+    def test_one_that_is_alone_is_called_so(self, choose: Callable[..., AxisFit]) -> None:
+        errors = {'none': np.ones(4), 'line': np.full(4, 4.0)}
+        reason = choose(errors, 'line', competing=['line']).reason
+        assert reason == (
+            'line leaves 2 N m RMS on held-out data, no compensation 1 N m; nothing else competed.'
+        )
+
+    def test_what_did_not_compete_is_no_reason(self, choose: Callable[..., AxisFit]) -> None:
+        """No compensation is scored for comparison even where it cannot be chosen."""
+        errors = {'none': np.zeros(4), 'line': np.full(4, 4.0), 'lag': np.full(4, 9.0)}
+        reason = choose(errors, 'line', competing=['line', 'lag']).reason
+        assert reason.endswith('of 2 candidates it is the best.')
+
+
+class TestFinish:
+    def test_what_was_found_is_handed_on(self, make_problem: Callable[..., AxisProblem]) -> None:
+        term = Term('zero', 300.0, 'θ1', 0.5, 0.1)
+        winner = Fitted(lag(), (300.0,), (9.0,), (term,), ('mended',), ('doubtful',))
+        errors = {'none': np.ones(4), 'lag': np.full(4, 0.1)}
+        fit = finish(make_problem(), winner, 'lag', errors, list(errors))
+        assert (fit.time_constants_s, fit.time_constant_errors_s) == ((300.0,), (9.0,))
+        assert fit.terms == (term,)
+        assert fit.doubts == ('doubtful',)
+        assert fit.notes == (
+            'mended', 'zero drift only: the reference was declared unloaded',
+        )  # fmt: skip
+
+    def test_time_constants_that_were_not_searched_are_read_from_the_poles(
+        self, make_problem: Callable[..., AxisProblem]
+    ) -> None:
+        errors = {'none': np.ones(4), 'lag': np.full(4, 0.1)}
+        fit = finish(make_problem(), Fitted(lag()), 'lag', errors, list(errors))
+        assert fit.time_constants_s == pytest.approx((300.0,))
+        assert len(fit.time_constant_errors_s) == 1
+        assert np.isnan(fit.time_constant_errors_s).all()
+
+
+class TestAnchor:
+    def test_a_sensor_soaked_at_the_reference_has_no_zero_drift(
+        self, make_problem: Callable[..., AxisProblem]
+    ) -> None:
+        at = np.array([30.0])
+        anchored = anchor(make_problem(), lag(mean=5.0))
+        assert anchored.step(anchored.start(at), at)[1] == pytest.approx([0.0], abs=1e-12)
+
+    @pytest.mark.parametrize('error', [0.0, 0.03, -0.2])
+    def test_the_gain_error_there_is_that_of_least_squares(
+        self, make_problem: Callable[..., AxisProblem], error: float
+    ) -> None:
+        load = 50 + 30 * np.random.default_rng(0).standard_normal(CELLS)
+        anchored = anchor(make_problem('force_z', load, error), lag(outputs=2, mean=5.0))
+        at = np.array([30.0])
+        found = anchored.step(anchored.start(at), at)[1]
+        assert found == pytest.approx([0.0, error], abs=1e-6)

@@ -1,0 +1,221 @@
+"""
+Fixtures of the core's tests: recordings, temperatures and drifts with a known truth.
+
+Everything here is seeded and written without the package's mathematics.
+"""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.identification.problem import AxisProblem, cross_validation_blocks, pose_problem
+from wrist_ft_comp.model.arx import Arx
+from wrist_ft_comp.model.arx_pls import ArxPls
+from wrist_ft_comp.model.axis_model import AxisModel
+from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.model.features import Features
+from wrist_ft_comp.model.signals import AXES, Recording
+
+Array = np.ndarray
+
+
+def _wrenches(cells: int, axes: Mapping[str, object]) -> Array:
+    wrench = np.full((cells, len(AXES)), np.nan)
+    for axis, values in axes.items():
+        wrench[:, AXES.index(axis)] = values
+    return wrench
+
+
+@pytest.fixture(scope='session')
+def make_recording() -> Callable[..., Recording]:
+    """Build a recording from temperatures and the axes by name."""
+
+    def make(  # noqa: PLR0913 -- a factory names what it can vary
+        temperature_c: Array,
+        wrench: Mapping[str, object],
+        reference: Mapping[str, object] | None = None,
+        *,
+        period_s: float = 10.0,
+        name: str = 'run',
+        first_cell: int = 0,
+    ) -> Recording:
+        temperature_c = temperature_c.reshape(len(temperature_c), -1)
+        return Recording(
+            name=name,
+            period_ns=round(period_s * 1e9),
+            first_cell=first_cell,
+            temperature_c=temperature_c,
+            measured=np.ones(temperature_c.shape, dtype=bool),
+            wrench=_wrenches(len(temperature_c), wrench),
+            reference=_wrenches(len(temperature_c), reference or {}),
+        )
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def warm_up() -> Callable[..., Array]:
+    """Warm up from about 20 to about 40 °C, with a slow room and with switching, seeded."""
+
+    def make(cells: int, seed: int, *, period_s: float = 10.0) -> Array:
+        rng = np.random.default_rng(seed)
+        t = np.arange(cells) * period_s
+        working = np.repeat(rng.uniform(0.0, 1.0, cells // 30 + 1), 30)[:cells]
+        temperature = 15.0 * (1 - np.exp(-t / rng.uniform(1000, 2000)))
+        temperature += 3.0 * np.sin(2 * np.pi * t / rng.uniform(3000, 6000))
+        heat, heated = 0.0, np.empty(cells)
+        for k in range(cells):
+            heat += period_s / 200.0 * (5.0 * working[k] - heat)
+            heated[k] = heat
+        return 20.0 + temperature + heated
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def lagged() -> Callable[..., Array]:
+    """Relax after an input by the textbook loop, from the steady state of its first value."""
+
+    def make(x: Array, time_constant_s: float, *, period_s: float = 10.0) -> Array:
+        pole = np.exp(-period_s / time_constant_s)
+        u = np.empty(len(x))
+        state = x[0]
+        for k, value in enumerate(x):
+            state = pole * state + (1 - pole) * value
+            u[k] = state
+        return u
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def make_model() -> Callable[..., DriftModel]:
+    """Build a drift model of lags by hand: per axis (gain of o, gain of s, time constant)."""
+
+    def make(
+        axes: Mapping[str, tuple[float, float, float]],
+        *,
+        period_s: float = 1.0,
+        thermometers: int = 1,
+        reference_c: float = 20.0,
+        range_c: tuple[float, float] = (-100.0, 200.0),
+    ) -> DriftModel:
+        ones = np.ones(thermometers)
+        return DriftModel(
+            period_ns=round(period_s * 1e9),
+            thermometers=thermometers,
+            axes={
+                axis: AxisModel(
+                    Features('powers', reference_c * ones, range_c[0] * ones, range_c[1] * ones),
+                    ArxPls(
+                        input_mean=np.zeros(thermometers),
+                        input_weight=ones,
+                        rotations=ones[:, np.newaxis] / thermometers,
+                        latents=(
+                            Arx(
+                                np.array([-np.exp(-period_s / tau)]),
+                                np.array([1 - np.exp(-period_s / tau)]),
+                            ),
+                        ),
+                        output_loadings=np.array([[zero], [sensitivity]]),
+                        output_weight=np.ones(2),
+                        output_mean=np.zeros(2),
+                    ),
+                )
+                for axis, (zero, sensitivity, tau) in axes.items()
+            },
+        )
+
+    return make
+
+
+@pytest.fixture(scope='session', params=[False, True], ids=['unloaded', 'loaded'])
+def noisy_problem(
+    request: pytest.FixtureRequest,
+    make_recording: Callable[..., Recording],
+    warm_up: Callable[..., Array],
+) -> AxisProblem:
+    """Three recordings with gaps, offsets and much noise, so that no fit is perfect."""
+    rng = np.random.default_rng(0)
+    recordings = []
+    for i in range(3):
+        temperature_c = warm_up(150 + 20 * i, i)
+        load = 30 * rng.standard_normal(len(temperature_c))
+        raw = 0.4 * temperature_c + 2 * rng.standard_normal(len(temperature_c)) + 100 * i
+        raw += (1 + 1e-3 * temperature_c) * load * request.param
+        raw[rng.uniform(size=len(raw)) < 0.1] = np.nan
+        recordings.append(make_recording(temperature_c, {'force_z': raw}, {'force_z': load}))
+    reference = 'recorded' if request.param else 'unloaded'
+    blocks = cross_validation_blocks(recordings)
+    problem = pose_problem(recordings, 'force_z', reference, blocks)
+    assert (problem.load is not None) == request.param
+    return problem
+
+
+@pytest.fixture(scope='session')
+def textbook_bank(lagged: Callable[..., Array]) -> Callable[..., list[Array]]:
+    """Relax one thermometer's temperatures by the loop, then take powers of T - 30 °C."""
+
+    def make(problem: AxisProblem, time_constants_s: Array, degree: int = 2) -> list[Array]:
+        banked = []
+        for temperature_c in problem.temperature_c:
+            relaxed = [
+                lagged(temperature_c[:, 0], tau) if tau else temperature_c[:, 0]
+                for tau in time_constants_s
+            ]
+            powers = [(t - 30) ** power for t in relaxed for power in range(1, degree + 1)]
+            banked.append(np.stack(powers, axis=1))
+        return banked
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def stack_samples() -> Callable[..., tuple[Array, Array, Array]]:
+    """Stack the samples of some blocks: columns beside the load, r - w, and recordings."""
+
+    def make(
+        problem: AxisProblem, banked: list[Array], blocks: set[int]
+    ) -> tuple[Array, Array, Array]:
+        rows, targets, recordings = [], [], []
+        for i, columns in enumerate(banked):
+            for k, value in enumerate(problem.residual[i]):
+                if np.isnan(value) or problem.blocks[i][k] not in blocks:
+                    continue
+                row = list(columns[k])
+                if problem.load is not None:
+                    w = problem.load[i][k]
+                    row += [w * c for c in columns[k]] + [w]
+                rows.append(row)
+                targets.append(value)
+                recordings.append(i)
+        return np.array(rows), np.array(targets), np.array(recordings)
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def centre() -> Callable[[Array, Array], Array]:
+    """Take every recording's mean out of columns or values."""
+
+    def make(values: Array, recordings: Array) -> Array:
+        centred = np.array(values, dtype=float)
+        for i in np.unique(recordings):
+            centred[recordings == i] -= centred[recordings == i].mean(axis=0)
+        return centred
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def augmented_ridge() -> Callable[[Array, Array, float], Array]:
+    """Solve ridge as least squares with a row per penalty, relative to each column's variance."""
+
+    def solve(x: Array, y: Array, strength: float) -> Array:
+        penalty = np.sqrt(strength) * np.diag(np.linalg.norm(x, axis=0))
+        stacked = np.concatenate((x, penalty))
+        target = np.concatenate((y, np.zeros(x.shape[1])))
+        return np.linalg.lstsq(stacked, target, rcond=None)[0]
+
+    return solve

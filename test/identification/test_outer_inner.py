@@ -1,0 +1,226 @@
+"""The two-step methods, on data whose truth they can hold."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.identification.pls_arx import identify
+from wrist_ft_comp.identification.problem import AxisProblem, cross_validation_blocks, pose_problem
+from wrist_ft_comp.model.arx import Arx, Orders, relaxation, static_gain
+from wrist_ft_comp.model.arx_pls import ArxPls, from_gains
+from wrist_ft_comp.model.features import Features
+from wrist_ft_comp.model.signals import Recording
+
+Array = np.ndarray
+TWO = Features('powers', np.array([30.0, 25.0]), np.zeros(2), np.full(2, 99.0), degree=2)
+ONE = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0))
+CELLS = 400
+
+
+@pytest.fixture(scope='module')
+def temperatures(warm_up: Callable[..., Array]) -> list[Array]:
+    return [np.stack([warm_up(CELLS, i), warm_up(CELLS, 50 + i)], axis=1) for i in range(3)]
+
+
+@pytest.fixture(scope='module')
+def pose(make_recording: Callable[..., Recording]) -> Callable[..., AxisProblem]:
+    """Build a problem from drifts; every recording gets an offset of its own."""
+
+    def make(
+        temperatures: list[Array], drifts: list[Array], loads: list[Array] | None = None
+    ) -> AxisProblem:
+        recordings = [
+            make_recording(
+                temperature_c,
+                {'force_z': drift + 100.0 * i},
+                None if loads is None else {'force_z': loads[i]},
+            )
+            for i, (temperature_c, drift) in enumerate(zip(temperatures, drifts, strict=True))
+        ]
+        return pose_problem(
+            recordings,
+            'force_z',
+            'unloaded' if loads is None else 'recorded',
+            cross_validation_blocks(recordings),
+        )
+
+    return make
+
+
+def free_run(model: ArxPls | None, features: Features, temperature_c: Array) -> Array:
+    assert model is not None
+    x = features.expand(temperature_c)
+    return model.run(model.start(x[0]), x)[1]
+
+
+def centred(values: Array) -> Array:
+    return values - values.mean(axis=0)
+
+
+@pytest.mark.parametrize('method', ['pcr', 'pls'])
+def test_a_static_truth_is_found_exactly(
+    pose: Callable[..., AxisProblem], temperatures: list[Array], method: str
+) -> None:
+    gains = np.array([0.5, -0.3, 0.01, 0.02])
+    drifts = [TWO.expand(t) @ gains for t in temperatures]
+    model, notes = identify(method, pose(temperatures, drifts), TWO, Orders(latents=4))
+    assert notes == ()
+    for temperature_c, drift in zip(temperatures, drifts, strict=True):
+        found = free_run(model, TWO, temperature_c)[:, 0]
+        np.testing.assert_allclose(centred(found), centred(drift), atol=1e-8)
+
+
+def test_filters_before_pls_find_a_truth_within_their_bank(
+    pose: Callable[..., AxisProblem], temperatures: list[Array], lagged: Callable[..., Array]
+) -> None:
+    one = [t[:, :1] for t in temperatures]
+    drifts = [0.5 * lagged(t[:, 0], 300.0) - 0.2 * lagged(t[:, 0], 1000.0) for t in one]
+    orders = Orders(latents=3, time_constants_s=(0.0, 300.0, 1000.0))
+    model, _ = identify('filtered_pls', pose(one, drifts), ONE, orders)
+    for temperature_c, drift in zip(one, drifts, strict=True):
+        found = free_run(model, ONE, temperature_c)[:, 0]
+        np.testing.assert_allclose(centred(found), centred(drift), atol=1e-7)
+
+
+def test_the_papers_method_finds_a_noise_free_lag_exactly(
+    pose: Callable[..., AxisProblem], temperatures: list[Array], lagged: Callable[..., Array]
+) -> None:
+    one = [t[:, :1] for t in temperatures]
+    drifts = [0.5 * lagged(t[:, 0], 300.0) for t in one]
+    problem = pose(one, drifts)
+    for i in (0, 2):
+        problem.residual[i][50:53] = np.nan  # a gap
+    orders = Orders(latents=1, outputs=1, inputs=1, first_lag=0)
+    model, notes = identify('arx_pls', problem, ONE, orders)
+    assert model is not None
+    assert notes == ()
+    np.testing.assert_allclose(model.latents[0].poles, [np.exp(-10.0 / 300.0)], rtol=1e-8)
+    np.testing.assert_allclose(
+        centred(free_run(model, ONE, one[0])[:, 0]), centred(drifts[0]), atol=1e-7
+    )
+
+
+def test_a_pole_that_had_to_be_moved_is_noted(
+    pose: Callable[..., AxisProblem], temperatures: list[Array]
+) -> None:
+    one = [t[:, :1] for t in temperatures[:1]]
+    growing = np.zeros(CELLS)
+    for k in range(1, CELLS):
+        growing[k] = 1.01 * growing[k - 1] + 0.01 * (one[0][k, 0] - 20)
+    orders = Orders(latents=1, outputs=1, inputs=1, first_lag=0)
+    model, notes = identify('arx_pls', pose(one, [growing]), ONE, orders)
+    assert model is not None
+    assert abs(model.latents[0].poles[0]) < 1
+    assert notes == ('latent 1: a pole of radius 1.010000 was moved inside the unit circle',)
+    assert np.isfinite(free_run(model, ONE, one[0])).all()
+
+
+@pytest.mark.parametrize('method', ['pcr', 'pls', 'filtered_pls', 'arx_pls'])
+@pytest.mark.parametrize('loaded', [False, True])
+def test_units_change_nothing(
+    pose: Callable[..., AxisProblem],
+    temperatures: list[Array],
+    lagged: Callable[..., Array],
+    method: str,
+    loaded: bool,
+) -> None:
+    """In mN instead of N the zero drift is a thousandfold and the sensitivity drift the same."""
+    rng = np.random.default_rng(0)
+    loads = [30 * rng.standard_normal(CELLS) for _ in temperatures]
+    drifts = [
+        0.5 * lagged(t[:, 0], 300.0)
+        + (1 + 1e-3 * t[:, 1]) * load * loaded
+        + 0.01 * rng.standard_normal(CELLS)
+        for t, load in zip(temperatures, loads, strict=True)
+    ]
+    found = []
+    for unit in (1.0, 1000.0):
+        problem = pose(
+            temperatures,
+            [unit * drift for drift in drifts],
+            [unit * load for load in loads] if loaded else None,
+        )
+        assert (problem.load is not None) == loaded
+        model, _ = identify(method, problem, TWO, Orders(latents=3))
+        found.append(free_run(model, TWO, temperatures[0]))
+    assert found[0].shape == (CELLS, 1 + loaded)
+    np.testing.assert_allclose(found[1][:, 0] / 1000, found[0][:, 0], rtol=1e-5, atol=1e-6)
+    if loaded:
+        np.testing.assert_allclose(found[1][:, 1], found[0][:, 1], rtol=1e-5, atol=1e-8)
+    assert np.ptp(found[0][:, 0]) > 1
+
+
+@pytest.mark.parametrize('method', ['pcr', 'pls', 'filtered_pls', 'arx_pls'])
+class TestDegenerateData:
+    def test_a_constant_thermometer_does_not_matter(
+        self,
+        pose: Callable[..., AxisProblem],
+        temperatures: list[Array],
+        lagged: Callable[..., Array],
+        method: str,
+    ) -> None:
+        one = [t[:, :1] for t in temperatures]
+        both = [np.column_stack((t, np.full(CELLS, 25.0))) for t in one]
+        drifts = [0.5 * lagged(t[:, 0], 300.0) for t in one]
+        orders = Orders(latents=1, outputs=1, inputs=1, first_lag=0)
+        alone, _ = identify(method, pose(one, drifts), ONE, orders)
+        beside, _ = identify(method, pose(both, drifts), replace(TWO, degree=1), orders)
+        np.testing.assert_allclose(
+            free_run(beside, replace(TWO, degree=1), both[0]),
+            free_run(alone, ONE, one[0]),
+            atol=1e-6,
+        )
+
+    def test_a_sensor_without_drift_gets_no_model(
+        self, pose: Callable[..., AxisProblem], temperatures: list[Array], method: str
+    ) -> None:
+        still = [np.full(CELLS, 3.0) for _ in temperatures]
+        assert identify(method, pose(temperatures, still), TWO, Orders())[0] is None
+
+    def test_nothing_observed_gets_no_model(
+        self, pose: Callable[..., AxisProblem], temperatures: list[Array], method: str
+    ) -> None:
+        nothing = [np.full(CELLS, np.nan) for _ in temperatures]
+        assert identify(method, pose(temperatures, nothing), TWO, Orders())[0] is None
+
+
+class TestConversion:
+    @pytest.mark.parametrize('inputs', [1, 4])
+    @pytest.mark.parametrize('outputs', [1, 2])
+    def test_the_free_run_is_the_sum_of_filtered_gains(
+        self, lagged: Callable[..., Array], inputs: int, outputs: int
+    ) -> None:
+        rng = np.random.default_rng([inputs, outputs])
+        taus = (0.0, 40.0, 700.0)
+        gains = rng.standard_normal((3, inputs, outputs))
+        x = np.cumsum(rng.standard_normal((200, inputs)), axis=0) * [1e3, 1, 1e-3, 1][:inputs]
+        mean, weight = x.mean(axis=0), 1 / x.std(axis=0)
+        output_weight = np.array([2.0, 0.1])[:outputs]
+        model = from_gains(
+            [relaxation(tau, 10.0) for tau in taus], gains, mean, weight, output_weight
+        )
+        assert model is not None
+        _, found = model.run(model.start(x[0]), x)
+        expected = np.zeros((200, outputs))
+        for tau, gain in zip(taus, gains, strict=True):
+            filtered = x - mean
+            if tau:
+                filtered = np.stack([lagged(column, tau) for column in filtered.T], axis=1)
+            expected += filtered @ gain / output_weight
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+        assert np.abs(expected).max() > 1
+
+    def test_lost_rank_needs_fewer_latents(self) -> None:
+        gains = np.zeros((2, 3, 2))
+        gains[1] = np.outer([1.0, 2.0, 3.0], [1.0, -1.0])
+        bank = [static_gain(), relaxation(10.0, 1.0)]
+        model = from_gains(bank, gains, np.zeros(3), np.ones(3), np.ones(2))
+        assert model is not None
+        assert len(model.latents) == 1
+        assert isinstance(model.latents[0], Arx)
+
+    def test_no_gain_at_all_is_no_model(self) -> None:
+        bank = [static_gain()]
+        assert from_gains(bank, np.zeros((1, 3, 2)), np.zeros(3), np.ones(3), np.ones(2)) is None

@@ -1,0 +1,256 @@
+"""The inner model: regressors, least squares, poles, and the two ways to predict."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from wrist_ft_comp.errors import TooShortError
+from wrist_ft_comp.model.arx import (
+    Arx,
+    fit_one_step,
+    free_run,
+    MAX_POLE_RADIUS,
+    predict_one_step,
+    regressors,
+    relaxation,
+    resting_state,
+    stabilise,
+    static_gain,
+)
+
+Array = np.ndarray
+#: n, m, first lag; with a direct term (0), without (1), as the paper's first H(z) (2), and later.
+ORDERS = [(0, 1, 0), (1, 1, 0), (1, 1, 1), (2, 1, 0), (2, 2, 1), (2, 2, 2), (3, 2, 0), (1, 3, 4)]
+orders = pytest.mark.parametrize(('order', 'inputs', 'first_lag'), ORDERS)
+
+
+def seeded_arx(order: int, inputs: int, first_lag: int, seed: int = 0) -> Arx:
+    """A stable system: real poles and complex pairs well inside the unit circle."""
+    rng = np.random.default_rng([seed, order, inputs, first_lag])
+    poles: list[complex] = []
+    while len(poles) < order:
+        if order - len(poles) > 1 and rng.uniform() < 0.5:
+            pole = rng.uniform(0.5, 0.9) * np.exp(1j * rng.uniform(0.3, 2.5))
+            poles += [pole, np.conj(pole)]
+        else:
+            poles.append(rng.uniform(0.3, 0.9))
+    a = np.real(np.atleast_1d(np.poly(poles)))[1:]
+    return Arx(a, rng.uniform(0.5, 2.0, inputs), first_lag)
+
+
+def seeded_input(samples: int, seed: int = 0) -> Array:
+    return np.cumsum(np.random.default_rng(seed).standard_normal(samples))
+
+
+def textbook_output(arx: Arx, t: Array, before: float = 0.0) -> Array:
+    """The module's equation, term by term; before the first sample all inputs are `before`."""
+    resting = before * arx.gain
+    u = np.zeros(len(t))
+    for k in range(len(t)):
+        for j, a in enumerate(arx.a, start=1):
+            u[k] -= a * (u[k - j] if k >= j else resting)
+        for i, b in enumerate(arx.b):
+            lag = arx.first_lag + i
+            u[k] += b * (t[k - lag] if k >= lag else before)
+    return u
+
+
+@orders
+def test_regressors_are_the_rows_of_eq_20(order: int, inputs: int, first_lag: int) -> None:
+    t, u = seeded_input(30), seeded_input(30, 1)
+    phi, target = regressors(t, u, order, inputs, first_lag)
+    longest = max(order, first_lag + inputs - 1)
+    assert phi.shape == (30 - longest, order + inputs)
+    for row, k in enumerate(range(longest, 30)):
+        expected = [u[k - j] for j in range(1, order + 1)]
+        expected += [t[k - first_lag - i] for i in range(inputs)]
+        np.testing.assert_array_equal(phi[row], expected)
+        assert target[row] == u[k]
+
+
+@orders
+def test_a_noise_free_system_is_recovered_exactly(order: int, inputs: int, first_lag: int) -> None:
+    true = seeded_arx(order, inputs, first_lag)
+    t = np.random.default_rng(5).standard_normal(400)
+    found = fit_one_step([(t, textbook_output(true, t))], order, inputs, first_lag)
+    np.testing.assert_allclose(found.a, true.a, atol=1e-9)
+    np.testing.assert_allclose(found.b, true.b, atol=1e-9)
+    assert found.first_lag == first_lag
+
+
+@orders
+def test_recordings_with_different_offsets_are_fitted_together(
+    order: int, inputs: int, first_lag: int
+) -> None:
+    true = seeded_arx(order, inputs, first_lag)
+    segments = []
+    for seed, offset in enumerate((0.0, 1e3, -40.0)):
+        t = np.random.default_rng(seed).standard_normal(80 + 30 * seed)
+        segments.append((t, textbook_output(true, t) + offset))
+    found = fit_one_step(segments, order, inputs, first_lag)
+    np.testing.assert_allclose(found.a, true.a, atol=1e-8)
+    np.testing.assert_allclose(found.b, true.b, atol=1e-8)
+
+
+def test_rows_that_touch_a_gap_are_left_out() -> None:
+    true = seeded_arx(2, 2, 1)
+    t = np.random.default_rng(5).standard_normal(300)
+    u = textbook_output(true, t)
+    u[[10, 11, 50, 120, 299]] = np.nan
+    found = fit_one_step([(t, u)], 2, 2, 1)
+    np.testing.assert_allclose(np.concatenate((found.a, found.b)), [*true.a, *true.b], atol=1e-9)
+
+
+def test_one_step_least_squares_is_unbiased_for_noise_in_the_equation() -> None:
+    """Noise that the system itself carries on, as ARX assumes: within four standard errors."""
+    true = seeded_arx(2, 2, 1)
+    rng = np.random.default_rng(8)
+    t, e = rng.standard_normal(5000), 0.3 * rng.standard_normal(5000)
+    numerator, denominator = true.polynomials(2)
+    u = signal.lfilter(numerator, denominator, t) + signal.lfilter([1.0], denominator, e)
+    found = fit_one_step([(t, u)], 2, 2, 1)
+    phi, _ = regressors(t, u, 2, 2, 1)
+    standard_error = 0.3 * np.sqrt(np.diagonal(np.linalg.inv(phi.T @ phi)))
+    error = np.concatenate((-found.a, found.b)) - np.concatenate((-true.a, true.b))
+    assert (np.abs(error) < 4 * standard_error).all()
+    assert standard_error.max() < 0.02
+
+
+@orders
+def test_the_shortest_series_that_is_refused(order: int, inputs: int, first_lag: int) -> None:
+    longest = max(order, first_lag + inputs - 1)
+    with pytest.raises(TooShortError, match=f'longest lag of {longest} cells'):
+        regressors(np.zeros(longest), np.zeros(longest), order, inputs, first_lag)
+    phi, _ = regressors(np.zeros(longest + 1), np.zeros(longest + 1), order, inputs, first_lag)
+    assert len(phi) == 1
+
+
+def test_too_few_complete_rows_are_refused() -> None:
+    t = np.random.default_rng(0).standard_normal(40)
+    u = t.copy()
+    u[::3] = np.nan
+    with pytest.raises(TooShortError, match='needs more runs of 4 consecutive cells'):
+        fit_one_step([(t, u)], 2, 3, 1)
+    with pytest.raises(TooShortError, match='4 coefficients'):
+        fit_one_step([(t[:6], t[:6])], 2, 2, 1)
+
+
+@orders
+def test_prediction_feeds_back_measured_outputs_and_the_free_run_its_own(
+    order: int, inputs: int, first_lag: int
+) -> None:
+    arx = seeded_arx(order, inputs, first_lag)
+    t = seeded_input(60)
+    measured = textbook_output(arx, t) + np.random.default_rng(1).standard_normal(60)
+    one_step = predict_one_step(arx, t, measured)
+    longest = arx.longest_lag
+    assert np.isnan(one_step[:longest]).all()
+    for k in range(longest, 60):
+        expected = sum(-a * measured[k - j] for j, a in enumerate(arx.a, start=1))
+        expected += sum(b * t[k - first_lag - i] for i, b in enumerate(arx.b))
+        assert one_step[k] == pytest.approx(expected, abs=1e-10)
+    own = free_run(arx, t)
+    np.testing.assert_allclose(own, textbook_output(arx, t, before=t[0]), rtol=1e-10, atol=1e-10)
+    if order:
+        assert np.abs(own - one_step)[longest:].max() > 0.1
+
+
+@orders
+def test_the_free_run_is_scipys_simulation_of_the_transfer_function(
+    order: int, inputs: int, first_lag: int
+) -> None:
+    arx = seeded_arx(order, inputs, first_lag)
+    t = np.concatenate(([0.0], seeded_input(80)))  # from rest
+    length = max(order, first_lag + inputs - 1) + 1
+    numerator = np.zeros(length)
+    numerator[first_lag : first_lag + inputs] = arx.b
+    denominator = np.zeros(length)
+    denominator[: order + 1] = [1.0, *arx.a]
+    system = signal.dlti(np.trim_zeros(numerator, 'f'), denominator, dt=1.0)
+    _, expected = signal.dlsim(system, t)
+    np.testing.assert_allclose(free_run(arx, t), expected[:, 0], rtol=1e-9, atol=1e-9)
+
+
+@orders
+def test_a_constant_input_from_the_start_gives_a_constant_output(
+    order: int, inputs: int, first_lag: int
+) -> None:
+    arx = seeded_arx(order, inputs, first_lag)
+    gain = arx.b.sum() / (1 + arx.a.sum())
+    assert arx.gain == pytest.approx(gain)
+    np.testing.assert_allclose(free_run(arx, np.full(50, 7.0)), 7.0 * gain, rtol=1e-10)
+
+
+def test_several_series_run_at_once_as_one_by_one() -> None:
+    arx = seeded_arx(3, 2, 1)
+    t = np.stack([seeded_input(40, seed) for seed in range(3)], axis=1)
+    expected = np.stack([free_run(arx, column) for column in t.T], axis=1)
+    np.testing.assert_allclose(free_run(arx, t), expected, rtol=1e-12)
+    np.testing.assert_allclose(free_run(static_gain(2.0), t), 2 * t)
+
+
+@orders
+def test_the_resting_state_is_scipys(order: int, inputs: int, first_lag: int) -> None:
+    arx = seeded_arx(order, inputs, first_lag)
+    numerator, denominator = arx.polynomials(arx.longest_lag)
+    if arx.longest_lag:
+        np.testing.assert_allclose(
+            resting_state(numerator, denominator, arx.gain),
+            signal.lfilter_zi(numerator, denominator),
+            rtol=1e-8,
+            atol=1e-10,
+        )
+
+
+@pytest.mark.parametrize('time_constant_s', [5.0, 300.0, 7200.0])
+def test_a_relaxation_follows_a_step_as_the_continuous_one(time_constant_s: float) -> None:
+    lag = relaxation(time_constant_s, 2.0, gain=3.0)
+    step = np.concatenate(([0.0], np.ones(5000)))
+    elapsed = 2.0 * np.arange(5001)  # end of each cell after the step
+    expected = 3.0 * (1 - np.exp(-elapsed / time_constant_s))
+    np.testing.assert_allclose(free_run(lag, step), expected, atol=1e-10)
+
+
+def test_a_relaxation_without_time_constant_is_a_gain() -> None:
+    t = seeded_input(20)
+    np.testing.assert_allclose(free_run(relaxation(0.0, 1.0, gain=-2.0), t), -2.0 * t)
+
+
+@pytest.mark.parametrize(
+    'poles',
+    [
+        [1.2 * np.exp(0.7j), 1.2 * np.exp(-0.7j)],
+        [1.0 * np.exp(0.1j), 1.0 * np.exp(-0.1j)],
+        [-1.3, 0.5],
+        [1.5, 1.1],
+        [3.0 * np.exp(2j), 3.0 * np.exp(-2j), 0.9],
+    ],
+)
+def test_unstable_poles_come_inside_and_the_static_gain_stays(poles: list[complex]) -> None:
+    unstable = Arx(np.real(np.poly(poles))[1:], np.array([0.3, 0.4]), 1)
+    mended, moved = stabilise(unstable)
+    assert moved
+    assert np.abs(mended.poles).max() < 1
+    assert mended.gain == pytest.approx(unstable.gain, rel=1e-3)
+    assert mended.first_lag == 1
+    assert np.abs(free_run(mended, np.ones(3000))).max() < 1e6
+
+
+@pytest.mark.parametrize('pole', [1.2, 1.0, 1.0 + 1e-9, 1.0 - 1e-9, 1.0 - 1e-12])
+def test_a_pole_at_or_beyond_one_comes_inside_and_the_response_stays_that_of_an_integrator(
+    pole: float,
+) -> None:
+    """There is no static gain to keep: what counts is how the output sets out."""
+    mended, moved = stabilise(Arx(np.array([-pole]), np.array([0.01])))
+    assert moved
+    assert 0 < mended.poles[0] <= MAX_POLE_RADIUS
+    set_out = free_run(mended, np.concatenate(([0.0], np.ones(10))))
+    assert 0.008 <= set_out[1] <= 0.0101
+
+
+@orders
+def test_a_stable_system_is_left_alone(order: int, inputs: int, first_lag: int) -> None:
+    arx = seeded_arx(order, inputs, first_lag)
+    mended, moved = stabilise(arx)
+    assert mended is arx
+    assert not moved

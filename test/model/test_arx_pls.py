@@ -1,0 +1,210 @@
+"""Outer and inner model together, and the model that the paper publishes."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from scipy import signal
+
+from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.model.arx import Arx, relaxation, static_gain
+from wrist_ft_comp.model.arx_pls import ArxPls, from_loadings
+
+Array = np.ndarray
+
+# The paper's section 4.2.
+PAPER_P = np.array(
+    [
+        [-0.0311, -0.2423, 0.9985, -0.1724],
+        [-0.1953, 0.5380, 0.0277, -0.8360],
+        [0.9545, 0.1054, 0.0463, -0.0732],
+        [0.2231, -0.8004, -0.0025, -0.5157],
+    ]
+)
+PAPER_Q = np.array([[0.5941, 0.9614, 0.5974, 0.9452], [0.8044, -0.2750, -0.8019, 0.3265]])
+PAPER_W_X = np.array([0.2868, 0.2710, 0.2446, 0.2936])
+PAPER_W_Y = np.array([0.2572, 0.2694])
+#: Numerator in z, denominator in z, and whether z^-1 follows.
+PAPER_H = [
+    ([0.0651, -0.0688], [1.0, -1.1980, 0.3112], True),
+    ([0.0024, 0.0489], [1.0, -1.4087, 0.4835], True),
+    ([0.0100, 0.0131], [1.0, -1.2449, 0.4061], False),
+    ([0.0015, 0.0148], [1.0, -1.2194, 0.3806], True),
+]
+
+
+@pytest.fixture(scope='module')
+def paper() -> ArxPls:
+    # (b0 z + b1) / (z² + a1 z + a2) is b0 z^-1 + b1 z^-2 over …; a factor z^-1 delays by one more.
+    latents = [
+        Arx(np.array(below[1:]), np.array(above), first_lag=2 if delayed else 1)
+        for above, below, delayed in PAPER_H
+    ]
+    return from_loadings(PAPER_P, PAPER_Q, PAPER_W_X, PAPER_W_Y, latents)
+
+
+@pytest.fixture(scope='module')
+def general() -> ArxPls:
+    """Three inputs, four latents of different orders, two outputs, and means."""
+    rng = np.random.default_rng(2)
+    return ArxPls(
+        input_mean=rng.standard_normal(3),
+        input_weight=rng.uniform(0.5, 2, 3),
+        rotations=rng.standard_normal((3, 4)),
+        latents=(
+            relaxation(30.0, 1.0),
+            static_gain(0.5),
+            Arx(np.array([-1.2, 0.5]), np.array([0.1, 0.2]), first_lag=1),
+            Arx(np.zeros(0), np.array([0.3, 0.2, 0.1]), first_lag=2),
+        ),
+        output_loadings=rng.standard_normal((2, 4)),
+        output_weight=np.array([0.5, 3.0]),
+        output_mean=np.array([10.0, -1.0]),
+    )
+
+
+def test_the_papers_model_runs_as_scipy_assembles_it(paper: ArxPls) -> None:
+    x = np.random.default_rng(0).standard_normal((200, 4))
+    x[0] = 0.0
+    _, y = paper.run(paper.start(x[0]), x)
+    scores = np.linalg.solve(PAPER_P, (x * PAPER_W_X).T).T  # X W_x = T Pᵀ
+    expected = np.zeros((200, 2))
+    for r, (above, below, delayed) in enumerate(PAPER_H):
+        transfer = signal.dlti(above, [*below, 0.0] if delayed else below, dt=1.0)
+        _, u = signal.dlsim(transfer, scores[:, r])
+        expected += u * PAPER_Q[:, r]
+    np.testing.assert_allclose(y, expected / PAPER_W_Y, rtol=0, atol=1e-12)
+    assert np.abs(y).max() > 0.1
+
+
+def test_the_papers_third_latent_answers_one_sample_before_the_others(paper: ArxPls) -> None:
+    impulse = np.zeros((5, 4))
+    impulse[1] = np.linalg.solve(np.diag(PAPER_W_X), PAPER_P @ np.ones(4))  # every score is 1
+    _, y = paper.run(paper.start(impulse[0]), impulse)
+    np.testing.assert_allclose(y[:2], 0, atol=1e-12)
+    np.testing.assert_allclose(y[2], PAPER_Q[:, 2] * 0.0100 / PAPER_W_Y, atol=1e-12)
+    arriving = [0.0651, 0.0024, 0.0131 + 1.2449 * 0.0100, 0.0015]
+    np.testing.assert_allclose(y[3], PAPER_Q @ arriving / PAPER_W_Y, atol=1e-12)
+
+
+def test_a_general_model_is_the_equations_written_out(general: ArxPls) -> None:
+    x = np.random.default_rng(1).standard_normal((60, 3))
+    x[0] = general.input_mean
+    _, y = general.run(general.start(x[0]), x)
+    for k in range(60):
+        t = [
+            sum(
+                (x[i, f] - general.input_mean[f]) * general.input_weight[f] * general.rotations[f]
+                for f in range(3)
+            )
+            for i in range(k + 1)
+        ]
+        if k == 0:
+            history = np.zeros((0, 4))
+        u = np.zeros(4)
+        for r, latent in enumerate(general.latents):
+            for j, a in enumerate(latent.a, start=1):
+                u[r] -= a * (history[k - j, r] if k >= j else 0.0)
+            for i, b in enumerate(latent.b):
+                lag = latent.first_lag + i
+                u[r] += b * (t[k - lag][r] if k >= lag else 0.0)
+        history = np.vstack((history, u))
+        expected = general.output_mean + general.output_loadings @ u / general.output_weight
+        np.testing.assert_allclose(y[k], expected, atol=1e-10)
+
+
+@settings(deadline=None, max_examples=50, derandomize=True)
+@given(cuts=st.lists(st.integers(0, 40), max_size=4), name=st.sampled_from(['paper', 'general']))
+def test_a_run_split_anywhere_is_the_whole_run(
+    paper: ArxPls, general: ArxPls, cuts: list[int], name: str
+) -> None:
+    model = {'paper': paper, 'general': general}[name]
+    x = np.random.default_rng(3).standard_normal((40, len(model.input_mean)))
+    first = model.start(x[0])
+    whole_state, whole = model.run(first, x)
+    state, parts = first, []
+    edges = [0, *sorted(cuts), 40]
+    for low, high in pairwise(edges):
+        if high > low:
+            state, part = model.run(state, x[low:high])
+            parts.append(part)
+    np.testing.assert_allclose(np.concatenate(parts), whole, atol=1e-12)
+    np.testing.assert_allclose(state, whole_state, atol=1e-12)
+
+
+@pytest.mark.parametrize('name', ['paper', 'general', 'static'])
+def test_a_run_is_the_fold_of_step(paper: ArxPls, general: ArxPls, name: str) -> None:
+    static = replace(general, latents=tuple(static_gain(g) for g in (1.0, 2.0, -1.0, 0.5)))
+    model = {'paper': paper, 'general': general, 'static': static}[name]
+    x = np.random.default_rng(4).standard_normal((50, len(model.input_mean)))
+    state = first = model.start(x[0])
+    kept = first.copy()
+    outputs = []
+    for row in x:
+        state, y = model.step(state, row)
+        outputs.append(y)
+    whole_state, whole = model.run(first, x)
+    np.testing.assert_allclose(outputs, whole, atol=1e-12)
+    np.testing.assert_allclose(state, whole_state, atol=1e-12)
+    np.testing.assert_array_equal(first, kept)
+
+
+@pytest.mark.parametrize('name', ['paper', 'general'])
+def test_the_start_is_steady(paper: ArxPls, general: ArxPls, name: str) -> None:
+    model = {'paper': paper, 'general': general}[name]
+    x = np.random.default_rng(5).standard_normal(len(model.input_mean))
+    state, y = model.run(model.start(x), np.tile(x, (100, 1)))
+    gains = np.array([latent.b.sum() / (1 + latent.a.sum()) for latent in model.latents])
+    scores = ((x - model.input_mean) * model.input_weight) @ model.rotations
+    expected = model.output_mean + model.output_loadings @ (gains * scores) / model.output_weight
+    np.testing.assert_allclose(y, np.tile(expected, (100, 1)), atol=1e-10)
+    np.testing.assert_allclose(state, model.start(x), atol=1e-10)
+
+
+def test_a_forgotten_start_does_not_matter_in_the_end(paper: ArxPls) -> None:
+    x = np.tile(np.random.default_rng(6).standard_normal(4), (400, 1))
+    _, soaked = paper.run(paper.start(x[0]), x)
+    _, late = paper.run(paper.start(5 * x[0]), x)
+    assert np.abs(late[0] - soaked[0]).max() > 1e-2
+    np.testing.assert_allclose(late[-1], soaked[-1], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('part', 'value'),
+    [
+        ('input_weight', np.ones(2)),
+        ('rotations', np.ones((4, 3))),
+        ('output_loadings', np.ones((2, 3))),
+        ('output_weight', np.ones(3)),
+        ('latents', (static_gain(),)),
+        ('output_mean', np.zeros(1)),
+    ],
+)
+def test_parts_that_do_not_fit_are_refused(general: ArxPls, part: str, value: object) -> None:
+    with pytest.raises(ModelFileError, match='must have shape'):
+        replace(general, **{part: value})
+
+
+@pytest.mark.parametrize('weight', [[0.5, 0.0], [0.5, -1.0], [0.5, np.nan]])
+def test_an_output_weight_that_is_not_positive_is_refused(
+    general: ArxPls, weight: list[float]
+) -> None:
+    with pytest.raises(ModelFileError, match='output_weight must be positive'):
+        replace(general, output_weight=np.array(weight))
+
+
+@pytest.mark.parametrize('a', [[-1.0], [-1.5], [1.2], [-2.0, 1.01], [0.0, 1.0]])
+def test_a_latent_that_would_grow_is_refused(general: ArxPls, a: list[float]) -> None:
+    unstable = (*general.latents[:3], Arx(np.array(a), np.ones(1)))
+    with pytest.raises(ModelFileError, match='Latent 4 has a pole of radius'):
+        replace(general, latents=unstable)
+
+
+@pytest.mark.parametrize('loadings', [np.ones((4, 4)), np.eye(4)[:3], np.zeros((4, 4))])
+def test_loadings_that_do_not_determine_the_scores_are_refused(loadings: Array) -> None:
+    latents = [static_gain()] * 4
+    with pytest.raises(ModelFileError, match='P must be square and invertible'):
+        from_loadings(loadings, PAPER_Q, PAPER_W_X, PAPER_W_Y, latents)

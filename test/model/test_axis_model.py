@@ -1,0 +1,281 @@
+"""The drift of one axis: filters, then features, then dynamics, against the textbook loop."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.model.arx import Arx, relaxation, static_gain
+from wrist_ft_comp.model.arx_pls import ArxPls
+from wrist_ft_comp.model.axis_model import AxisModel
+from wrist_ft_comp.model.features import Features
+
+Array = np.ndarray
+MakeAxis = Callable[..., AxisModel]
+#: Of static gain 1: two relaxations, and one that is of second order and late.
+FILTERS = (
+    relaxation(30.0, 10.0),
+    relaxation(400.0, 10.0),
+    Arx(np.array([-1.2, 0.5]), np.array([0.2, 0.1]), 2),
+)
+LATENTS = (static_gain(), relaxation(100.0, 10.0), Arx(np.array([-0.7]), np.array([0.5, 0.2]), 1))
+LOWER_C, UPPER_C = np.array([15.0, 18.0]), np.array([45.0, 38.0])
+
+
+@pytest.fixture(scope='module')
+def make_axis() -> MakeAxis:
+    """Two thermometers, two powers of each filtered temperature, random gains."""
+
+    def make(
+        filters: tuple[Arx, ...] = FILTERS,
+        latents: tuple[Arx, ...] = LATENTS,
+        outputs: int = 2,
+        degree: int = 2,
+    ) -> AxisModel:
+        rng = np.random.default_rng([len(filters), len(latents), outputs, degree])
+        count = max(len(filters), 1)
+        features = Features(
+            'powers',
+            np.tile([30.0, 25.0], count),
+            np.tile(LOWER_C, count),
+            np.tile(UPPER_C, count),
+            degree=degree,
+        )
+        inputs = 2 * count * degree
+        dynamics = ArxPls(
+            input_mean=rng.standard_normal(inputs),
+            input_weight=rng.uniform(0.1, 1.0, inputs),
+            rotations=rng.standard_normal((inputs, len(latents))),
+            latents=latents,
+            output_loadings=rng.standard_normal((outputs, len(latents))),
+            output_weight=rng.uniform(0.5, 2.0, outputs),
+            output_mean=rng.standard_normal(outputs),
+        )
+        return AxisModel(features, dynamics, filters)
+
+    return make
+
+
+@pytest.fixture(scope='module')
+def temperature_c() -> Array:
+    """Wandering, and for some time outside what was calibrated, on both sides."""
+    steps = np.random.default_rng(0).standard_normal((120, 2))
+    found = 28 + np.cumsum(steps, axis=0)
+    found[30:35], found[80:85] = -60.0, 130.0
+    return found
+
+
+def textbook_arx(arx: Arx, t: Array) -> Array:
+    """Run term by term; before the first cell all was as in it, for ever."""
+    u = np.zeros(len(t))
+    resting = t[0] * sum(arx.b) / (1 + sum(arx.a))
+    for k in range(len(t)):
+        for j, a in enumerate(arx.a, start=1):
+            u[k] -= a * (u[k - j] if k >= j else resting)
+        for i, b in enumerate(arx.b, start=arx.first_lag):
+            u[k] += b * (t[k - i] if k >= i else t[0])
+    return u
+
+
+def textbook_run(axis: AxisModel, temperature_c: Array) -> Array:
+    """Clamp, filter, take powers, score, run the latents, load; one after the other."""
+    margin = 0.2 * (UPPER_C - LOWER_C)
+    held = np.minimum(np.maximum(temperature_c, LOWER_C - margin), UPPER_C + margin)
+    filtered = [
+        textbook_arx(each, held[:, j]) for each in axis.filters or (static_gain(),) for j in (0, 1)
+    ]
+    reference = [30.0, 25.0] * max(len(axis.filters), 1)
+    x = np.stack(
+        [
+            (values - at) ** power
+            for power in range(1, axis.features.degree + 1)
+            for values, at in zip(filtered, reference, strict=True)
+        ],
+        axis=1,
+    )
+    dynamics = axis.dynamics
+    t = ((x - dynamics.input_mean) * dynamics.input_weight) @ dynamics.rotations
+    u = np.stack([textbook_arx(h, t[:, r]) for r, h in enumerate(dynamics.latents)], axis=1)
+    return dynamics.output_mean + u @ dynamics.output_loadings.T / dynamics.output_weight
+
+
+every_form = pytest.mark.parametrize(
+    ('filters', 'latents'),
+    [
+        ((), LATENTS),
+        (FILTERS, (static_gain(),)),
+        (FILTERS[:1], (static_gain(), static_gain(0.3))),
+        ((static_gain(), FILTERS[1]), LATENTS),
+        (FILTERS, LATENTS),
+        ((), (static_gain(),)),
+    ],
+    ids=['paper', 'relaxations', 'one relaxation', 'static and relaxed', 'both', 'static'],
+)
+
+
+@every_form
+@pytest.mark.parametrize('outputs', [1, 2])
+def test_a_run_is_the_textbook_loop(
+    make_axis: MakeAxis,
+    temperature_c: Array,
+    filters: tuple[Arx, ...],
+    latents: tuple[Arx, ...],
+    outputs: int,
+) -> None:
+    axis = make_axis(filters, latents, outputs)
+    assert (axis.thermometers, axis.outputs) == (2, outputs)
+    _, found = axis.run(axis.start(temperature_c[0]), temperature_c)
+    expected = textbook_run(axis, temperature_c)
+    assert found.shape == (120, outputs)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+
+
+@every_form
+@settings(deadline=None, max_examples=15, derandomize=True)
+@given(cuts=st.sets(st.integers(1, 119), max_size=4))
+def test_a_run_split_anywhere_is_the_fold_of_step(
+    make_axis: MakeAxis,
+    temperature_c: Array,
+    filters: tuple[Arx, ...],
+    latents: tuple[Arx, ...],
+    cuts: set[int],
+) -> None:
+    axis = make_axis(filters, latents)
+    state = axis.start(temperature_c[0])
+    rows = []
+    for row in temperature_c:
+        state, one = axis.step(state, row)
+        rows.append(one)
+    again, parts = axis.start(temperature_c[0]), []
+    for part in np.split(temperature_c, sorted(cuts)):
+        again, drift = axis.run(again, part)
+        parts.append(drift)
+    scale = np.abs(rows).max()
+    np.testing.assert_allclose(np.concatenate(parts), rows, rtol=1e-12, atol=1e-13 * scale)
+    np.testing.assert_allclose(again, state, rtol=1e-11, atol=1e-12 * scale)
+
+
+@every_form
+@pytest.mark.parametrize('celsius', [(30.0, 25.0), (44.0, 19.0), (48.0, 16.0), (500.0, -500.0)])
+def test_a_soaked_sensor_is_at_rest(
+    make_axis: MakeAxis,
+    filters: tuple[Arx, ...],
+    latents: tuple[Arx, ...],
+    celsius: tuple[float, float],
+) -> None:
+    axis = make_axis(filters, latents)
+    state = axis.start(np.array(celsius))
+    scale = max(np.abs(state).max(initial=0.0), 1.0)
+    after, drift = axis.step(state, np.array(celsius))
+    np.testing.assert_allclose(after, state, rtol=1e-10, atol=1e-12 * scale)
+    _, later = axis.run(after, np.tile(celsius, (50, 1)))
+    np.testing.assert_allclose(later, np.tile(drift, (50, 1)), rtol=1e-10, atol=1e-11 * scale)
+
+
+@every_form
+def test_arguments_are_not_modified(
+    make_axis: MakeAxis,
+    temperature_c: Array,
+    filters: tuple[Arx, ...],
+    latents: tuple[Arx, ...],
+) -> None:
+    axis = make_axis(filters, latents)
+    before = temperature_c.copy()
+    state = axis.start(temperature_c[0])
+    kept = state.copy()
+    axis.step(state, temperature_c[1])
+    axis.run(state, temperature_c)
+    np.testing.assert_array_equal(state, kept)
+    np.testing.assert_array_equal(temperature_c, before)
+
+
+def test_its_poles_are_those_of_filters_and_latents(make_axis: MakeAxis) -> None:
+    expected = [pole for part in (*FILTERS, *LATENTS) for pole in part.poles]
+    np.testing.assert_allclose(np.sort_complex(make_axis().poles), np.sort_complex(expected))
+
+
+def test_its_range_is_that_of_the_thermometers(make_axis: MakeAxis) -> None:
+    axis = make_axis()
+    np.testing.assert_array_equal(axis.reference_c, [30.0, 25.0])
+    np.testing.assert_array_equal(axis.lower_c, LOWER_C)
+    np.testing.assert_array_equal(axis.upper_c, UPPER_C)
+
+
+class TestBeyondTheRange:
+    @pytest.fixture
+    def line(self) -> AxisModel:
+        """0.5 N/K and -2 N/K, each behind its own lags, some of it later."""
+        features = Features(
+            'powers', np.tile([30.0, 25.0], 2), np.tile(LOWER_C, 2), np.tile(UPPER_C, 2)
+        )
+        dynamics = ArxPls(
+            np.zeros(4), np.ones(4), np.array([[0.2], [-1.5], [0.3], [-0.5]]),
+            (relaxation(90.0, 10.0),), np.ones((1, 1)), np.ones(1), np.array([7.0]),
+        )  # fmt: skip
+        return AxisModel(features, dynamics, FILTERS[:2])
+
+    def test_within_the_range_nothing_lies_beyond(self, line: AxisModel) -> None:
+        for inside in (LOWER_C, UPPER_C, np.array([30.0, 25.0])):
+            assert line.drift_beyond_range(inside) == 0.0
+
+    @pytest.mark.parametrize('excess', [0.01, 1.0, 5.9, 6.1, 100.0])
+    def test_of_a_line_it_is_slope_times_excess(self, line: AxisModel, excess: float) -> None:
+        hot, cold = UPPER_C + np.array([excess, 0.0]), LOWER_C - np.array([0.0, excess])
+        assert line.drift_beyond_range(hot) == pytest.approx(0.5 * excess)
+        assert line.drift_beyond_range(cold) == pytest.approx(2.0 * excess)
+        both = np.array([UPPER_C[0] + excess, LOWER_C[1] - excess])
+        assert line.drift_beyond_range(both) == pytest.approx(2.5 * excess)
+
+    @pytest.mark.parametrize('degree', [1, 2, 3])
+    def test_it_grows_with_every_kelvin_on_both_sides(
+        self, make_axis: MakeAxis, degree: int
+    ) -> None:
+        axis = make_axis(degree=degree)
+        for edge, sign in ((LOWER_C, -1.0), (UPPER_C, 1.0)):
+            for j in (0, 1):
+                kelvin = np.array([0.1, 1.0, 5.0, 7.0, 50.0])
+                found = [axis.drift_beyond_range(edge + sign * k * np.eye(2)[j]) for k in kelvin]
+                assert found[0] > 0
+                np.testing.assert_allclose(found, found[0] * kelvin / kelvin[0], rtol=1e-6)
+
+    def test_of_a_parabola_it_follows_the_slope_at_the_edge(self) -> None:
+        features = Features('powers', np.zeros(1), np.zeros(1), np.full(1, 10.0), degree=2)
+        dynamics = ArxPls(
+            np.zeros(2), np.ones(2), np.array([[0.0], [1.0]]), (static_gain(),),
+            np.ones((1, 1)), np.ones(1), np.zeros(1),
+        )  # fmt: skip
+        axis = AxisModel(features, dynamics)
+        # The secant of T² over the last tenth of the range, 9 to 10 °C, is 19 N/K.
+        assert axis.drift_beyond_range(np.array([12.0])) == pytest.approx(2 * 19.0)
+        assert axis.drift_beyond_range(np.array([-3.0])) == pytest.approx(3 * 1.0)
+
+    def test_a_thermometer_that_never_moved_says_nothing_of_its_slope(self) -> None:
+        features = Features('powers', np.full(1, 20.0), np.full(1, 20.0), np.full(1, 20.0))
+        dynamics = ArxPls(
+            np.zeros(1), np.ones(1), np.ones((1, 1)), (static_gain(),),
+            np.ones((1, 1)), np.ones(1), np.zeros(1),
+        )  # fmt: skip
+        assert AxisModel(features, dynamics).drift_beyond_range(np.array([25.0])) == 0.0
+
+
+class TestRefusals:
+    def test_filters_that_do_not_divide_the_filtered_temperatures(
+        self, make_axis: MakeAxis
+    ) -> None:
+        with pytest.raises(ModelFileError, match='4 filters cannot give 6 filtered temperatures'):
+            replace(make_axis(), filters=(*FILTERS, static_gain()))
+
+    def test_a_filter_whose_gain_is_not_one(self, make_axis: MakeAxis) -> None:
+        wrong = (FILTERS[0], relaxation(400.0, 10.0, 1.001), FILTERS[2])
+        with pytest.raises(ModelFileError, match=r'Filter 2 has the static gain 1\.001; it must'):
+            replace(make_axis(), filters=wrong)
+
+    def test_a_filter_that_would_run_away(self, make_axis: MakeAxis) -> None:
+        unstable = Arx(np.array([-1.01]), np.array([-0.01]))
+        assert unstable.gain == pytest.approx(1.0)
+        with pytest.raises(ModelFileError, match=r'pole of radius 1\.01'):
+            replace(make_axis(), filters=(*FILTERS[:2], unstable))

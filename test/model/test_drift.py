@@ -1,0 +1,179 @@
+"""The drift of a sensor: step and run, the measurement equation, and what a model refuses."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model.axis_model import AxisModel
+from wrist_ft_comp.model.drift_model import Drift, DriftModel
+from wrist_ft_comp.model.features import Features
+from wrist_ft_comp.model.signals import AXES
+
+Array = np.ndarray
+Lagged = Callable[..., Array]
+#: Per axis: gain of zero drift, of sensitivity drift, time constant.
+TRUTH = {
+    'force_x': (0.5, 1e-3, 40.0),
+    'force_z': (-2.0, 0.0, 300.0),
+    'torque_y': (0.03, 2e-3, 9.0),
+}
+
+
+@pytest.fixture(scope='module')
+def model(make_model: Callable[..., DriftModel]) -> DriftModel:
+    return make_model(TRUTH, thermometers=2)
+
+
+@pytest.fixture(scope='module')
+def temperature_c() -> Array:
+    return 20 + np.cumsum(np.random.default_rng(0).standard_normal((80, 2)), axis=0)
+
+
+def test_the_drift_is_the_textbook_lag_on_its_axes_and_zero_on_the_others(
+    model: DriftModel, temperature_c: Array, lagged: Lagged
+) -> None:
+    _, found = drift.run(model, drift.start(model, temperature_c[0]), temperature_c)
+    mean_theta = temperature_c.mean(axis=1) - 20
+    for i, axis in enumerate(AXES):
+        zero, sensitivity, tau = TRUTH.get(axis, (0.0, 0.0, 1.0))
+        moved = lagged(mean_theta, tau, period_s=1.0)
+        np.testing.assert_allclose(found.zero[:, i], zero * moved, atol=1e-10)
+        np.testing.assert_allclose(found.sensitivity[:, i], sensitivity * moved, atol=1e-10)
+
+
+@settings(deadline=None, max_examples=40, derandomize=True)
+@given(cut=st.integers(1, 79))
+def test_run_is_the_fold_of_step_wherever_it_is_split(
+    model: DriftModel, temperature_c: Array, cut: int
+) -> None:
+    first = drift.start(model, temperature_c[0])
+    end, whole = drift.run(model, first, temperature_c)
+    state, head = drift.run(model, first, temperature_c[:cut])
+    rows = []
+    for row in temperature_c[cut:]:
+        state, one = drift.step(model, state, row)
+        rows.append(one)
+    for k, part in enumerate(whole):
+        joined = np.concatenate((head[k], [row[k] for row in rows]))
+        np.testing.assert_allclose(joined, part, atol=1e-12)
+    assert set(state) == set(TRUTH)
+    for axis, value in end.items():
+        np.testing.assert_allclose(state[axis], value, atol=1e-12)
+
+
+def test_a_soaked_sensor_does_not_drift(model: DriftModel) -> None:
+    soaked = np.tile([31.0, 25.0], (50, 1))
+    _, found = drift.run(model, drift.start(model, soaked[0]), soaked)
+    np.testing.assert_allclose(found.zero, np.tile(found.zero[0], (50, 1)), atol=1e-12)
+    assert found.zero[0, 0] == pytest.approx(0.5 * 8.0)
+
+
+numbers = st.floats(-1e3, 1e3)
+six = arrays(float, 6, elements=numbers)
+
+
+@settings(deadline=None, max_examples=100, derandomize=True)
+@given(
+    wrench=arrays(float, (4, 6), elements=numbers),
+    zero=six,
+    tare=six,
+    sensitivity=arrays(float, 6, elements=st.floats(-0.4, 0.4)),
+)
+def test_correct_inverts_the_measurement(
+    wrench: Array, zero: Array, tare: Array, sensitivity: Array
+) -> None:
+    raw = (1 + sensitivity) * wrench + zero
+    found = drift.correct(raw + tare, Drift(zero, sensitivity), tare)
+    np.testing.assert_allclose(found, wrench, atol=1e-9)
+    np.testing.assert_allclose(drift.correct(raw, Drift(zero, sensitivity)), wrench, atol=1e-9)
+
+
+def test_thermometers_outside_the_calibrated_range_are_named(
+    make_model: Callable[..., DriftModel],
+) -> None:
+    model = make_model(TRUTH, thermometers=3, range_c=(10.0, 40.0))
+    assert model.outside(np.array([10.0, 25.0, 40.0])) == []
+    assert model.outside(np.array([9.9, 25.0, 40.1])) == [0, 2]
+
+
+def test_beyond_the_calibrated_range_the_drift_goes_on_for_a_fifth_of_it(
+    make_model: Callable[..., DriftModel],
+) -> None:
+    model = make_model({'force_x': (0.5, 0.0, 10.0)}, range_c=(10.0, 40.0))
+    for celsius, followed in ((39.0, 39.0), (44.0, 44.0), (90.0, 46.0), (-50.0, 4.0)):
+        at = np.array([celsius])
+        _, found = drift.step(model, drift.start(model, at), at)
+        assert found.zero[0] == pytest.approx(0.5 * (followed - 20.0))
+
+
+class TestUncertainty:
+    @pytest.fixture
+    def calibrated(self, make_model: Callable[..., DriftModel]) -> DriftModel:
+        """Force x drifts, force y does not, force z drifts but was not calibrated by us."""
+        axes = {'force_x': (-0.5, 0.0, 10.0), 'force_z': (2.0, 0.0, 10.0)}
+        model = make_model(axes, range_c=(10.0, 40.0))
+        return replace(model, deviation={'force_x': 0.3, 'force_y': 0.2})
+
+    def test_inside_the_calibrated_range_it_is_what_the_model_leaves(
+        self, calibrated: DriftModel
+    ) -> None:
+        for celsius in (10.0, 20.0, 33.3, 40.0):
+            found = calibrated.uncertainty(np.array([celsius]))
+            np.testing.assert_array_equal(found, [0.3, 0.2] + [np.nan] * 4)
+
+    def test_beyond_it_grows_by_the_drift_of_every_further_kelvin(
+        self, calibrated: DriftModel
+    ) -> None:
+        for edge, sign in ((10.0, -1.0), (40.0, 1.0)):
+            before = 0.3
+            for excess in (0.1, 1.0, 5.0, 6.0, 7.0, 20.0):
+                found = calibrated.uncertainty(np.array([edge + sign * excess]))
+                assert found[0] > before
+                assert found[0] == pytest.approx(np.hypot(0.3, 0.5 * excess))
+                assert found[1] == 0.2
+                assert np.isnan(found[2:]).all()
+                before = found[0]
+
+    def test_without_any_calibration_nothing_is_known(
+        self, make_model: Callable[..., DriftModel]
+    ) -> None:
+        assert np.isnan(make_model(TRUTH).uncertainty(np.array([25.0]))).all()
+
+
+class TestRefusals:
+    def test_an_unknown_axis(self, model: DriftModel) -> None:
+        with pytest.raises(ModelFileError, match="Unknown axis 'force_q'"):
+            replace(model, axes={'force_q': model.axes['force_x']})
+
+    def test_another_number_of_thermometers(self, model: DriftModel) -> None:
+        with pytest.raises(ModelFileError, match='expects 2 thermometers, the model has 1'):
+            replace(model, thermometers=1)
+
+    @pytest.mark.parametrize('change', [{'period_ns': 0}, {'thermometers': 0}])
+    def test_no_period_or_no_thermometer(self, model: DriftModel, change: dict[str, int]) -> None:
+        with pytest.raises(ModelFileError, match='positive thermal period and at least one'):
+            replace(model, **change)
+
+    def test_features_that_do_not_fit_the_dynamics(self, model: DriftModel) -> None:
+        axis = model.axes['force_x']
+        features = Features('powers', np.zeros(2), np.zeros(2), np.ones(2), degree=2)
+        with pytest.raises(ModelFileError, match='features give 4 inputs, the dynamics expect 2'):
+            AxisModel(features, axis.dynamics)
+
+    def test_a_third_output(self, model: DriftModel) -> None:
+        axis = model.axes['force_x']
+        three = replace(
+            axis.dynamics,
+            output_loadings=np.ones((3, 1)),
+            output_weight=np.ones(3),
+            output_mean=np.zeros(3),
+        )
+        with pytest.raises(ModelFileError, match=r'one output .* or two .* got 3'):
+            AxisModel(axis.features, three)

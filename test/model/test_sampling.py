@@ -1,0 +1,290 @@
+"""Samples onto the thermal grid, as a batch."""
+
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model.batch_grid import grid_samples, GridBuilder, MAX_CELLS
+from wrist_ft_comp.model.signals import AXES, Recording, Samples, temperature_channel
+
+SECOND = 1_000_000_000
+#: Stamps as they are since 1970, so that rounding to floats would show.
+EPOCH = 1_767_225_600 * SECOND
+
+
+def samples(channel: str, *pairs: tuple[float, float], origin: int = 0) -> Samples:
+    """One channel: pairs of second and value."""
+    stamps = np.array([origin + round(s * SECOND) for s, _ in pairs], dtype=np.int64)
+    values = np.array([value for _, value in pairs], dtype=float)[:, np.newaxis]
+    return Samples((channel,), stamps, values)
+
+
+def wrenches(*seconds: float, origin: int = 0) -> Samples:
+    return samples('force_z', *((s, 1.0) for s in seconds), origin=origin)
+
+
+def textbook_cells(block: Samples, period_ns: int) -> dict[int, float]:
+    """Means per cell, sample by sample."""
+    cells: dict[int, list[float]] = {}
+    for stamp, (value,) in zip(block.stamps_ns.tolist(), block.values.tolist(), strict=True):
+        cells.setdefault(math.floor(stamp / period_ns), []).append(value)
+    return {cell: sum(values) / len(values) for cell, values in cells.items()}
+
+
+@st.composite
+def streams(draw: st.DrawFn) -> list[Samples]:
+    """One to three thermometers and a wrench, irregular, with gaps."""
+    blocks = []
+    for channel in [*map(temperature_channel, range(draw(st.integers(1, 3)))), 'torque_y']:
+        steps = draw(
+            st.lists(
+                st.one_of(st.integers(1, SECOND), st.integers(SECOND, 9 * SECOND)),
+                min_size=1,
+                max_size=25,
+            )
+        )
+        stamps = np.cumsum(steps) + draw(st.integers(0, 5)) * SECOND
+        values = draw(st.lists(st.floats(-50, 150), min_size=len(steps), max_size=len(steps)))
+        blocks.append(Samples((channel,), stamps, np.array(values)[:, np.newaxis]))
+    return blocks
+
+
+@settings(deadline=None, max_examples=150, derandomize=True)
+@given(blocks=streams(), period_s=st.sampled_from([0.5, 1.0, 3.0]))
+def test_the_grid_is_the_textbook_loop(blocks: list[Samples], period_s: float) -> None:
+    recording = grid_samples(blocks, period_s=period_s)
+    period_ns = round(period_s * SECOND)
+    *temperatures, torque = (textbook_cells(block, period_ns) for block in blocks)
+    first = max(min(cells) for cells in temperatures)
+    last = max(max(cells) for cells in (*temperatures, torque))
+    assert recording.first_cell == first
+    assert len(recording) == last - first + 1
+    for j, cells in enumerate(temperatures):
+        held = cells[max(cell for cell in cells if cell <= first)]
+        for row, cell in enumerate(range(first, last + 1)):
+            held = cells.get(cell, held)
+            assert recording.temperature_c[row, j] == pytest.approx(held, abs=1e-10)
+            assert recording.measured[row, j] == (cell in cells)
+    for row, cell in enumerate(range(first, last + 1)):
+        expected = torque.get(cell, math.nan)
+        found = recording.wrench[row, AXES.index('torque_y')]
+        assert found == pytest.approx(expected, abs=1e-10, nan_ok=True)
+    assert np.isnan(np.delete(recording.wrench, AXES.index('torque_y'), axis=1)).all()
+    assert np.isnan(recording.reference).all()
+    assert recording.warnings == ()
+
+
+@settings(deadline=None, max_examples=50, derandomize=True)
+@given(blocks=streams(), sizes=st.lists(st.integers(1, 6), min_size=1, max_size=5))
+def test_how_samples_are_cut_into_blocks_does_not_matter(
+    blocks: list[Samples], sizes: list[int]
+) -> None:
+    whole = grid_samples(blocks)
+    builder = GridBuilder('recording')
+    for block in blocks:
+        at, turn = 0, 0
+        while at < len(block.stamps_ns):
+            size = sizes[turn % len(sizes)]
+            part = slice(at, at + size)
+            builder.add(Samples(block.channels, block.stamps_ns[part], block.values[part]))
+            at, turn = at + size, turn + 1
+    cut = builder.build()
+    assert cut.first_cell == whole.first_cell
+    np.testing.assert_allclose(cut.temperature_c, whole.temperature_c, atol=1e-10)
+    np.testing.assert_allclose(cut.wrench, whole.wrench, atol=1e-10)
+    np.testing.assert_array_equal(cut.measured, whole.measured)
+
+
+@pytest.mark.parametrize('origin', [0, EPOCH, -EPOCH])
+def test_cells_are_half_open(origin: int) -> None:
+    recording = grid_samples(
+        [
+            samples('temperature_c', (0.0, 1.0), (0.999999999, 3.0), (1.0, 10.0), origin=origin),
+            wrenches(0.0, origin=origin),
+        ]
+    )
+    assert recording.first_cell == origin // SECOND
+    np.testing.assert_array_equal(recording.temperature_c[:, 0], [2.0, 10.0])
+
+
+def test_a_cell_without_a_sample_holds_the_last_value() -> None:
+    recording = grid_samples(
+        [samples('temperature_c', (0.5, 20.0), (3.5, 26.0)), wrenches(0.1, 5.2)]
+    )
+    np.testing.assert_array_equal(recording.temperature_c[:, 0], [20, 20, 20, 26, 26, 26])
+    np.testing.assert_array_equal(recording.measured[:, 0], [1, 0, 0, 1, 0, 0])
+    np.testing.assert_array_equal(np.isfinite(recording.wrench[:, 2]), [1, 0, 0, 0, 0, 1])
+
+
+def test_the_first_cell_is_the_one_by_whose_end_all_thermometers_have_reported() -> None:
+    """The second one reported before, and again later: its value is held from before."""
+    recording = grid_samples(
+        [
+            samples('temperature_c', (10.2, 1.0), (11.2, 2.0), (12.2, 3.0)),
+            samples('temperature_2_c', (5.5, 7.0), (8.5, 8.0), (12.5, 9.0)),
+            wrenches(3.0, 11.0),
+        ]
+    )
+    assert recording.first_cell == 10
+    np.testing.assert_array_equal(recording.temperature_c, [[1, 8], [2, 8], [3, 9]])
+    np.testing.assert_array_equal(recording.measured, [[1, 0], [1, 0], [1, 1]])
+    np.testing.assert_array_equal(np.isfinite(recording.wrench[:, 2]), [0, 1, 0])
+
+
+def test_several_channels_of_one_block_share_their_stamps() -> None:
+    stamps = np.array([0, SECOND // 2, SECOND])
+    block = Samples(
+        ('temperature_c', 'force_x', 'reference_force_x'),
+        stamps,
+        np.array([[20.0, 1.0, 5.0], [22.0, 3.0, 6.0], [30.0, 7.0, 8.0]]),
+    )
+    recording = grid_samples([block])
+    np.testing.assert_array_equal(recording.temperature_c[:, 0], [21, 30])
+    np.testing.assert_array_equal(recording.wrench[:, 0], [2, 7])
+    np.testing.assert_array_equal(recording.reference[:, 0], [5.5, 8])
+    assert recording.axes_present == ('force_x',)
+
+
+@pytest.mark.parametrize('fault', ['repeated', 'backward', 'nan', 'infinite'])
+def test_unusable_samples_are_dropped_and_counted(fault: str) -> None:
+    good = [(float(k), 20.0 + k) for k in range(200)]
+    bad = {
+        'repeated': (99.0, 1e6),
+        'backward': (50.0, 1e6),
+        'nan': (99.5, math.nan),
+        'infinite': (99.5, math.inf),
+    }[fault]
+    with_fault = [*good[:100], bad, *good[100:]]
+    clean = grid_samples([samples('temperature_c', *good), wrenches(0.5)], name='a.csv')
+    found = grid_samples([samples('temperature_c', *with_fault), wrenches(0.5)], name='a.csv')
+    np.testing.assert_array_equal(found.temperature_c, clean.temperature_c)
+    counts = (1, 0) if fault in ('nan', 'infinite') else (0, 1)
+    (warning,) = found.warnings
+    assert warning == (
+        f'temperature_c of a.csv: {counts[0]} of 201 samples are not finite and {counts[1]} have '
+        'a stamp that does not increase; they were dropped.'
+    )
+
+
+def test_a_backward_stamp_is_seen_across_blocks() -> None:
+    builder = GridBuilder('a.csv', max_bad_share=0.5)
+    builder.add(samples('temperature_c', (0, 20), (1, 21), (2, 22)))
+    builder.add(samples('temperature_c', (1, 1e6), (2, 1e6), (3, 23)))
+    builder.add(wrenches(0))
+    recording = builder.build()
+    np.testing.assert_array_equal(recording.temperature_c[:, 0], [20, 21, 22, 23])
+    assert '2 have a stamp that does not increase' in recording.warnings[0]
+
+
+@pytest.mark.parametrize(('bad', 'refused'), [(2, False), (3, True)])
+def test_too_large_a_share_of_unusable_samples_is_refused(bad: int, refused: bool) -> None:
+    values = [20.0] * 200
+    for k in range(bad):
+        values[10 * k + 5] = math.nan
+    blocks = [samples('temperature_c', *enumerate(values)), wrenches(0)]
+    if not refused:
+        assert len(grid_samples(blocks).warnings) == 1
+        return
+    with pytest.raises(RecordingError, match=r'temperature_c of a.csv: 3 of 200 .* at most 1.0%'):
+        grid_samples(blocks, name='a.csv')
+
+
+@pytest.mark.parametrize(
+    ('present', 'missing'),
+    [((), 'temperature_c'), ((1,), 'temperature_c'), ((0, 2), 'temperature_2_c')],
+)
+def test_a_missing_thermometer_is_named(present: tuple[int, ...], missing: str) -> None:
+    blocks = [samples(temperature_channel(j), (0, 20)) for j in present]
+    with pytest.raises(RecordingError, match=f'a.csv holds no usable {missing}'):
+        grid_samples([*blocks, wrenches(0)], name='a.csv')
+
+
+def test_a_missing_wrench_is_named() -> None:
+    with pytest.raises(RecordingError, match=r'a.csv holds no wrench.*got temperature_c\.'):
+        grid_samples([samples('temperature_c', (0, 20))], name='a.csv')
+
+
+def test_nothing_at_all_is_refused() -> None:
+    with pytest.raises(RecordingError, match='holds no usable temperature_c'):
+        grid_samples([])
+    empty = Samples(('temperature_c',), np.zeros(0, dtype=np.int64), np.zeros((0, 1)))
+    with pytest.raises(RecordingError, match='holds no usable temperature_c'):
+        grid_samples([empty])
+
+
+@pytest.mark.parametrize(('late_s', 'said'), [(61, True), (60, False)])
+def test_a_thermometer_that_comes_late_is_named(late_s: int, *, said: bool) -> None:
+    blocks = [
+        samples('temperature_c', *((k, 20 + k / 100) for k in range(200))),
+        samples('temperature_2_c', *((k, 30) for k in range(late_s, 200))),
+        wrenches(*range(200)),
+    ]
+    found = grid_samples(blocks, name='a.csv').warnings
+    assert len(found) == said
+    if said:
+        assert found[0].startswith('Thermometer 2 of a.csv came after 61 s of wrenches')
+
+
+def test_a_broken_first_stamp_is_not_taken_for_a_late_thermometer() -> None:
+    blocks = [samples('temperature_c', (10**6, 20), (10**6 + 1, 21)), wrenches(0, 10**6)]
+    assert not grid_samples(blocks).warnings
+
+
+def test_one_stamp_of_another_century_is_refused_without_the_memory_for_it() -> None:
+    blocks = [samples('temperature_c', (0, 20), (MAX_CELLS, 21)), wrenches(0)]
+    with pytest.raises(RecordingError, match=r'span 5e\+06 s; at most 5000000 thermal cells'):
+        grid_samples(blocks)
+
+
+@pytest.mark.parametrize('period_s', [0.0, -1.0, 1e-10, 1e30])
+def test_a_period_out_of_range_is_refused(period_s: float) -> None:
+    with pytest.raises(RecordingError, match='thermal period must be above 0'):
+        GridBuilder('a.csv', period_s)
+
+
+def test_samples_are_not_modified() -> None:
+    block = samples('temperature_c', (0, 20), (0, 30), (1, math.nan), (2, 22))
+    kept = block.values.copy()
+    grid_samples([block, wrenches(0)], max_bad_share=1.0)
+    np.testing.assert_array_equal(block.values, kept)
+
+
+class TestRecords:
+    def test_samples_refuse_values_that_do_not_fit_their_channels(self) -> None:
+        with pytest.raises(RecordingError, match=r'values of shape \(2, 1\); got \(2, 2\)'):
+            Samples(('force_x',), np.array([0, 1]), np.zeros((2, 2)))
+
+    @pytest.mark.parametrize(
+        ('change', 'sentence'),
+        [
+            ({'period_ns': 0}, 'longer than 0 ns'),
+            ({'temperature_c': np.zeros((0, 1))}, 'run holds no temperature'),
+            ({'temperature_c': np.zeros((3, 0))}, 'run holds no temperature'),
+            ({'temperature_c': np.full((3, 1), np.nan)}, 'must be finite'),
+            (
+                {'measured': np.ones((3, 2), dtype=bool)},
+                r'measured of run must have shape \(3, 1\)',
+            ),
+            ({'wrench': np.zeros((3, 5))}, r'wrench of run must have shape \(3, 6\)'),
+            ({'reference': np.zeros((2, 6))}, r'reference of run must have shape \(3, 6\)'),
+        ],
+    )
+    def test_a_recording_refuses_what_does_not_fit(
+        self, change: dict[str, object], sentence: str
+    ) -> None:
+        whole: dict[str, object] = {
+            'name': 'run',
+            'period_ns': SECOND,
+            'first_cell': 0,
+            'temperature_c': np.zeros((3, 1)),
+            'measured': np.ones((3, 1), dtype=bool),
+            'wrench': np.zeros((3, 6)),
+            'reference': np.zeros((3, 6)),
+        }
+        Recording(**whole)  # type: ignore[arg-type]
+        with pytest.raises(RecordingError, match=sentence):
+            Recording(**{**whole, **change})  # type: ignore[arg-type]

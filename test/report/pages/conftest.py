@@ -1,0 +1,129 @@
+"""Reports of every kind: a good sensor, a weak one, none to mend, an evaluation, a chamber."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings
+from wrist_ft_comp.calibration.chamber import chamber_figures, table_recording
+from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.files.chamber_table import read_chamber_table
+from wrist_ft_comp.files.model_file import save_model
+from wrist_ft_comp.model.signals import Recording
+from wrist_ft_comp.report.of_calibration import calibration_view
+from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
+from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.view import ReportView
+
+#: Markup in it, and longer than a line of a telephone.
+NAME = '<b>a_name_without_any_space_' + 'x' * 60 + '.csv & "quotes"'
+TABLE = Path(__file__).parents[3] / 'data/keller_pa10/table2_sensor_b_raw.csv'
+KINDS = ('good', 'weak', 'none', 'evaluation', 'chamber')
+
+
+def make_recording(  # noqa: PLR0913 -- a factory names what it can vary
+    name=NAME, seed=0, *, cells=400, slope=1.0, hidden=0.0, reference=None
+):
+    """Two thermometers, drift that follows the first, and some that nobody sees."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(cells)
+    inside = 20 + 10 * (1 - np.exp(-t / 90)) * (1 + 0.2 * np.sin(t / 50 + seed))
+    outside = 20 + 4 * (1 - np.exp(-t / 200)) + rng.normal(0, 0.01, cells)
+    unseen = np.cumsum(rng.normal(0, 1, cells)) * hidden
+    scale = np.array([1, 2, 3, 0.01, 0.02, 0.03])
+    drift = np.outer(slope * (inside - 20) + unseen, scale)
+    load = np.zeros((cells, 6)) if reference is None else reference
+    return Recording(
+        name=name,
+        period_ns=10 * 10**9,
+        first_cell=0,
+        temperature_c=np.stack((inside, outside), axis=1),
+        measured=np.ones((cells, 2), dtype=bool),
+        wrench=drift + load + rng.normal(0, 0.02, (cells, 6)) * scale,
+        reference=np.full((cells, 6), np.nan) if reference is None else reference,
+        warnings=('Something <odd> was left out.',),
+    )
+
+
+def learn(recordings, folder, reference='unloaded', **identification):
+    settings = CalibrationSettings(
+        reference, identification=IdentificationSettings(**identification)
+    )
+    found = calibrate(recordings, settings)
+    provenance = {
+        'recordings': [{'path': f'/data/{each.name}', 'sha256': 'a' * 64} for each in recordings],
+        'settings': {'reference': reference, 'identification': identification},
+    }
+    return found, save_model(folder / '<i>model.yaml', found, provenance)
+
+
+@pytest.fixture(scope='session')
+def make() -> object:
+    """The builders above, for tests."""
+
+    class Make:
+        recording = staticmethod(make_recording)
+        learn = staticmethod(learn)
+        name = NAME
+        table = TABLE
+        kinds = KINDS
+
+    return Make
+
+
+def _chamber(folder):
+    table = read_chamber_table(TABLE)
+    recording = table_recording(table, 30.0)
+    found, stored = learn([recording], folder, 'recorded', method='pls', features='hats')
+    figures = {'raw': chamber_figures(table), 'left out': chamber_figures(table)}
+    return calibration_view(found, [recording], stored, 'recorded', {TABLE.name: figures})
+
+
+@pytest.fixture(scope='session')
+def view(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], ReportView]:
+    """Views by kind, each made once."""
+    made: dict[str, ReportView] = {}
+
+    def build(kind):
+        folder = tmp_path_factory.mktemp(kind)
+        if kind == 'chamber':
+            return _chamber(folder)
+        if kind == 'evaluation':
+            _, stored = learn([make_recording('monday.csv')], folder, method='pls')
+            shown = [
+                EvaluatedRecording(make_recording(), 'unloaded'),
+                EvaluatedRecording(make_recording('second.csv', 1), 'constant'),
+            ]
+            return evaluation_view(stored, shown, 60.0)
+        drifts = {'good': (1.0, 0.0), 'weak': (0.05, 0.1), 'none': (0.0, 0.0)}
+        slope, hidden = drifts[kind]
+        count = 1 if kind == 'weak' else 2
+        recordings = [
+            make_recording(NAME if k == 0 else 'second.csv', k, slope=slope, hidden=hidden)
+            for k in range(count)
+        ]
+        method = 'pls' if kind == 'weak' else 'auto'
+        found, stored = learn(recordings, folder, method=method)
+        return calibration_view(found, recordings, stored, 'unloaded')
+
+    def get(kind):
+        if kind not in made:
+            made[kind] = build(kind)
+        return made[kind]
+
+    return get
+
+
+@pytest.fixture(scope='session')
+def text(view: Callable[[str], ReportView]) -> Callable[[str], str]:
+    """Pages by kind, as text."""
+    made: dict[str, str] = {}
+
+    def get(kind):
+        if kind not in made:
+            made[kind] = page(view(kind))
+        return made[kind]
+
+    return get

@@ -1,0 +1,297 @@
+"""The page is read as a browser would: its tags, its text, what it loads, its pictures."""
+
+from dataclasses import replace
+from html.parser import HTMLParser
+from itertools import pairwise
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.files import documents as atomic
+from wrist_ft_comp.report.evaluation import evaluate
+from wrist_ft_comp.report.of_calibration import calibration_view
+from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
+from wrist_ft_comp.report.page import headline, number, page, write_report
+
+VOID = {'meta', 'br', 'hr', 'img', 'link', 'input'}
+KINDS = ('good', 'weak', 'none', 'evaluation', 'chamber')
+MAX_BYTES = 2_000_000
+every_kind = pytest.mark.parametrize('kind', KINDS)
+
+
+class Outline(HTMLParser):
+    """Tags that must close, tags that were seen, text, ids, and what would be loaded."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.seen, self.text, self.loads, self.ids = [], [], [], [], []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attributes):
+        self.seen.append(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+        self.loads += [v for k, v in attributes if k in {'src', 'href', 'xlink:href', 'srcset'}]
+        self.ids += [v for k, v in attributes if k == 'id']
+
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+    @property
+    def whole(self):
+        """All text, with plain spaces."""
+        return ' '.join(self.text).replace('\N{NO-BREAK SPACE}', ' ')
+
+
+@every_kind
+def test_every_tag_is_closed_where_it_was_opened(kind, text):
+    outline = Outline(text(kind))
+    assert not outline.open
+    assert text(kind).startswith('<!doctype html>')
+
+
+@every_kind
+def test_the_page_is_small(kind, text):
+    assert len(text(kind).encode()) < MAX_BYTES
+
+
+def test_long_recordings_make_no_larger_page(make, tmp_path):
+    """Ten hours at one cell a second, which is what a node sees."""
+    long = make.recording(cells=36_000)
+    _, stored = make.learn([make.recording()], tmp_path, method='pls')
+    view = evaluation_view(stored, [EvaluatedRecording(long, 'unloaded')], 60.0)
+    assert len(page(view).encode()) < MAX_BYTES
+
+
+@every_kind
+def test_the_page_loads_nothing_and_runs_nothing(kind, text):
+    outline = Outline(text(kind))
+    assert not {'script', 'link', 'img', 'iframe', 'object'} & set(outline.seen)
+    assert all(target.startswith('#') for target in outline.loads)
+    assert {target[1:] for target in outline.loads} <= set(outline.ids)
+    links = set(re.findall(r'https?://[^"\s<]*', text(kind)))
+    assert links <= {'http://www.w3.org/2000/svg', 'http://www.w3.org/1999/xlink'}
+    assert '@import' not in text(kind)
+    assert set(re.findall(r'url\((.)', text(kind))) <= {'#'}
+
+
+@every_kind
+def test_no_id_is_used_twice(kind, text):
+    ids = Outline(text(kind)).ids
+    assert len(ids) == len(set(ids))
+
+
+@every_kind
+def test_pictures_are_xml_with_a_name(kind, text, view):
+    pictures = re.findall(r'<svg.*?</svg>', text(kind), re.DOTALL)
+    assert len(pictures) == 2 + 2 * len(view(kind).axes)
+    for picture in pictures:
+        root = ET.fromstring(picture)  # noqa: S314 -- our own text
+        assert root.get('role') == 'img'
+        assert root.get('aria-label')
+
+
+def test_names_are_text_and_never_tags(text, make):
+    outline = Outline(text('good'))
+    assert any(make.name in part for part in outline.text)
+    assert 'Calibration of <i>model.yaml' in outline.text
+    assert 'Something <odd> was left out.' in outline.text
+    assert not {'b', 'i', 'odd'} & set(outline.seen)
+
+
+@every_kind
+def test_headings_step_down_one_at_a_time(kind, text):
+    levels = [int(tag[1]) for tag in Outline(text(kind)).seen if re.fullmatch(r'h\d', tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(after - before <= 1 for before, after in pairwise(levels))
+
+
+@every_kind
+def test_every_axis_has_its_verdict_and_its_numbers(kind, text, view):
+    whole = Outline(text(kind)).whole
+    for axis in view(kind).axes:
+        assert whole.count(axis.verdict.sentence) == 2  # at the top, and at the axis
+        for value in (axis.rms_before, axis.rms_after, axis.peak_before, axis.peak_after):
+            assert number(value) in whole
+        for candidate in axis.candidates:
+            assert number(candidate.rms) in whole
+
+
+@pytest.mark.parametrize(
+    ('kind', 'levels'),
+    [
+        ('good', {'good'}),
+        ('weak', {'weak', 'harmful'}),
+        ('none', {'uncalibrated'}),
+        ('evaluation', {'good'}),
+    ],
+)
+def test_a_sensor_gets_the_verdict_it_deserves(kind, levels, view):
+    assert {axis.verdict.level for axis in view(kind).axes} <= levels
+
+
+def test_the_headline_counts(view):
+    assert headline(view('good')).startswith('6 axes: 6 good. Seen: 2.')
+    assert headline(view('none')).startswith('6 axes: 6 not calibrated.')
+    mixed = replace(view('good'), axes=(*view('good').axes[:2], *view('none').axes[2:3]))
+    assert headline(mixed).startswith('3 axes: 2 good, 1 not calibrated.')
+
+
+def test_a_refused_axis_is_said_once_at_the_top(make, tmp_path):
+    recordings = [make.recording()]
+    found, stored = make.learn(recordings, tmp_path, method='pls')
+    refusal = 'force_z drifts too slowly'
+    fit = replace(found.fits['force_z'], model=None, refusal=refusal, reason=f'{refusal}.')
+    fits = {**found.fits, 'force_z': fit}
+    refused = replace(found, fits=fits, warnings=(f'{refusal}. It is left.', 'Something else.'))
+    view = calibration_view(refused, recordings, stored, 'unloaded')
+    assert view.warnings == ('Something else.',)
+    axis = next(axis for axis in view.axes if axis.axis == 'force_z')
+    assert axis.verdict.level == 'uncalibrated'
+    assert axis.verdict.sentence.startswith(refusal)
+    assert axis.reason == ''
+
+
+def test_a_calibration_says_what_was_held_out(text):
+    assert 'Each of the 2 recordings was held out' in text('good')
+    assert 'cut into 5 blocks' in text('weak')
+    assert 'Each of the 8 plateaus was held out' in text('chamber')
+
+
+def test_pictures_of_a_calibration_show_its_held_out_errors(view):
+    for axis in view('good').axes:
+        assert np.abs(axis.series.after).max() == axis.peak_after
+        per_part = [
+            np.mean(axis.series.after[axis.series.part == part] ** 2)
+            for part in np.unique(axis.series.part)
+        ]
+        # Scores weigh the quarters of a block alike, which hardly differ in length.
+        assert np.sqrt(np.mean(per_part)) == pytest.approx(axis.rms_after, rel=1e-2)
+
+
+def test_the_numbers_of_an_evaluation_are_its_own(make, tmp_path):
+    _, stored = make.learn([make.recording()], tmp_path, method='pls')
+    other = make.recording('other.csv', 5)
+    judged = evaluate(stored.model, other, 'unloaded', 60.0)
+    view = evaluation_view(stored, [EvaluatedRecording(other, 'unloaded')], 60.0)
+    for axis in view.axes:
+        assert axis.rms_after == judged[axis.axis].rms_after
+        assert axis.peak_before == judged[axis.axis].max_before
+
+
+def test_an_evaluation_says_what_was_learnt_and_tells_recordings_apart(view):
+    for axis in view('evaluation').axes:
+        assert axis.reason.startswith('pls')
+        assert len(axis.time_constant_errors_s) == len(axis.time_constants_s)
+        assert [name for name, *_ in axis.parts] == [s.name for s in view('evaluation').sources]
+        squares = np.square([after for _, _, after in axis.parts])
+        assert np.sqrt(squares.mean()) == pytest.approx(axis.rms_after)
+    whole = Outline(page(view('evaluation'))).whole
+    assert whole.count('Recording by recording') == len(view('evaluation').axes)
+    assert 'Recording by recording' not in Outline(page(view('good'))).whole
+
+
+def test_a_chamber_table_is_in_units_of_its_own(text):
+    whole = Outline(text('chamber')).whole
+    assert 'output units RMS' in whole
+    assert ' N RMS' not in whole
+    assert 'force z, N' not in whole
+
+
+def test_an_evaluation_on_what_was_learnt_is_no_proof(make, tmp_path):
+    _, stored = make.learn([make.recording('a.csv')], tmp_path, method='pls')
+    same, other = make.recording('a.csv'), make.recording('b.csv', 1)
+    said = evaluation_view(stored, [EvaluatedRecording(same, 'unloaded')], 60.0).warnings
+    assert said[0].startswith('By its name, a.csv is among')
+    said = evaluation_view(stored, [EvaluatedRecording(other, 'unloaded')], 60.0).warnings
+    assert said == other.warnings
+
+
+def test_what_cannot_be_compared_is_a_sentence(make, tmp_path):
+    _, stored = make.learn([make.recording()], tmp_path, method='pls')
+    with pytest.raises(RecordingError, match='no cell with both'):
+        evaluation_view(stored, [EvaluatedRecording(make.recording(), 'recorded')], 60.0)
+
+
+def test_loads_are_shown_where_they_are_known(make, tmp_path):
+    load = np.outer(np.sin(np.arange(400) / 5), [20, 20, 20, 1, 1, 1])
+    recordings = [make.recording(reference=load)]
+    found, stored = make.learn(recordings, tmp_path, 'recorded', method='auto')
+    whole = Outline(page(calibration_view(found, recordings, stored, 'recorded'))).whole
+    assert 'Loads by the reference' in whole
+    assert 'zero and gain' in whole
+    assert 'Loads are not known' not in whole
+
+
+def test_figures_of_a_chamber_table_are_shown(text):
+    whole = Outline(text('chamber')).whole
+    assert 'max |K_s|' in whole
+    assert 'left out' in whole
+
+
+def test_standard_errors_and_reasons_are_shown_where_they_are_known(view):
+    first = replace(
+        view('good').axes[0],
+        time_constants_s=(60.0, 7200.0),
+        time_constant_errors_s=(3.0, float('nan')),
+        reason='It was the simplest.',
+    )
+    whole = Outline(page(replace(view('good'), axes=(first,)))).whole
+    assert '60 ± 3 s, 2.0 h' in whole
+    assert 'It was the simplest.' in whole
+
+
+def test_where_it_comes_from_is_said(text, view):
+    whole = Outline(text('good')).whole
+    assert 'a' * 64 in whole
+    assert view('good').provenance['SHA-256'] in whole
+    for word in ('numpy', 'scipy', 'reference unloaded', 'method auto'):
+        assert word in whole
+
+
+def test_names_that_are_no_text_do_not_stop_the_report(make, tmp_path):
+    _, stored = make.learn([make.recording()], tmp_path, method='pls')
+    path = tmp_path / 'r.html'
+    shown = [EvaluatedRecording(make.recording('\udcff.csv'), 'unloaded')]
+    write_report(path, evaluation_view(stored, shown, 60.0))
+    assert '?.csv' in path.read_text(encoding='utf-8')
+
+
+def test_an_old_report_is_replaced_and_nothing_else_is_left(view, tmp_path):
+    path = tmp_path / 'r.html'
+    path.write_text('old')
+    write_report(path, view('none'))
+    assert Outline(path.read_text(encoding='utf-8')).seen[0] == 'html'
+    assert [each.name for each in tmp_path.iterdir()] == ['r.html']
+
+
+def test_a_failure_keeps_the_old_report(view, tmp_path, monkeypatch):
+    path = tmp_path / 'r.html'
+    path.write_text('old')
+
+    def full(_):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(atomic, 'sync', full)
+    with pytest.raises(RecordingError, match='No space left'):
+        write_report(path, view('none'))
+    assert path.read_text() == 'old'
+    assert [each.name for each in tmp_path.iterdir()] == ['r.html']
+
+
+def test_a_missing_folder_is_a_sentence(view, tmp_path):
+    with pytest.raises(RecordingError, match='cannot be written'):
+        write_report(tmp_path / 'no' / 'r.html', view('none'))

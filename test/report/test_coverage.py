@@ -1,0 +1,137 @@
+"""What was seen, what was not, and what a person is told to record next."""
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.report.advice import what_to_record_next, what_was_not_learnt
+from wrist_ft_comp.report.coverage import cover, unseen_temperatures, WORKING_RANGE_C
+
+HOUR = 360  # cells of 10 s
+
+
+def ramp(start, end, cells=HOUR):
+    return np.linspace(start, end, cells)
+
+
+def nothing(cells):
+    return {'force_z': np.zeros(cells)}
+
+
+@pytest.fixture(scope='module')
+def seen(make_recording):
+    """Cover recordings that are made of these temperatures."""
+
+    def make(*temperatures):
+        return cover([make_recording(t, nothing(len(t))) for t in temperatures])
+
+    return make
+
+
+def advice(coverage, levels=None, reference='unloaded', hours=(2.0,), slowest_s=0.0, **more):
+    every = dict.fromkeys(('force_x', 'force_y', 'force_z'), 'good')
+    every |= dict.fromkeys(('torque_x', 'torque_y', 'torque_z'), 'good')
+    durations = [3600 * h for h in hours]
+    return '\n'.join(
+        what_to_record_next(coverage, levels or every, reference, durations, slowest_s, **more)
+    )
+
+
+def test_every_second_is_counted_once(seen):
+    coverage = seen(ramp(20, 35), ramp(5, 60))
+    assert coverage.seconds.sum() == pytest.approx(2 * HOUR * 10)
+    assert coverage.edges_c[0] == 5
+    assert coverage.edges_c[-1] == 60
+    assert (np.diff(coverage.edges_c) == 1).all()
+
+
+def test_what_lies_below_and_above_is_unseen(seen):
+    low, high = WORKING_RANGE_C
+    assert unseen_temperatures(seen(ramp(20.5, 35))) == [(low, 20.5), (35.0, high)]
+    assert unseen_temperatures(seen(ramp(low - 5, high + 5, 1000))) == []
+
+
+def test_holes_between_are_unseen_too(seen):
+    holes = unseen_temperatures(seen(ramp(15, 24.9), ramp(30.1, 50)))
+    assert holes == [(25.0, 30.0)]
+
+
+def test_the_thermometer_that_spans_most_leads(seen):
+    flat, hot = np.full(HOUR, 21.0), ramp(21, 45)
+    coverage = seen(np.stack((flat, hot), axis=1))
+    assert coverage.leading == 1
+    assert unseen_temperatures(coverage)[-1] == (45.0, 50.0)
+    assert 'at thermometer 2' in advice(coverage)
+
+
+def test_loads_are_those_of_the_reference(make_recording):
+    load = np.where(np.arange(HOUR) < 10, np.nan, np.linspace(-20, 40, HOUR))
+    recording = make_recording(ramp(20, 30), nothing(HOUR), {'force_y': load})
+    (found,) = cover([recording]).loads.items()
+    assert found[0] == 'force_y'
+    assert (found[1].low, found[1].high) == (np.nanmin(load), 40.0)
+    assert found[1].deviation == pytest.approx(np.nanstd(load))
+
+
+def test_unseen_temperatures_are_named(seen):
+    said = advice(seen(ramp(15, 35)))
+    assert 'You have not seen 35 to 50 °C' in said
+    assert 'You have not seen 15' not in said
+
+
+def test_holes_are_one_sentence(seen):
+    said = advice(seen(ramp(15, 19.9), ramp(25.1, 29.9), ramp(35.1, 50)))
+    assert said.count('you have not seen') == 1
+    assert '20 to 25, 30 to 35 °C' in said
+
+
+@pytest.mark.parametrize(('levels', 'asked'), [('weak', True), ('good', False)])
+def test_a_second_thermometer_is_asked_for_where_one_is_not_enough(levels, asked, seen):
+    said = advice(seen(ramp(20, 30)), {'force_x': levels})
+    assert ('two: put another one' in said) == asked
+    two = seen(np.stack((ramp(20, 30), ramp(20, 40)), axis=1))
+    assert 'two: put another one' not in advice(two, {'force_x': levels})
+
+
+def test_the_way_that_is_missing_is_asked_for(seen):
+    assert 'let it cool down' in advice(seen(ramp(20, 35)))
+    assert 'let it warm up' in advice(seen(ramp(35, 20)))
+    assert 'let it' not in advice(seen(np.concatenate((ramp(20, 35), ramp(35, 25)))))
+
+
+def test_noise_of_a_thermometer_is_no_cooling(seen):
+    noisy = ramp(20, 35) + np.random.default_rng(1).normal(0, 0.2, HOUR)
+    assert 'let it cool down' in advice(seen(noisy))
+
+
+def test_longer_recordings_are_asked_for(seen):
+    coverage = seen(ramp(20, 35))
+    assert 'lasts 0.5 h; record 1.0 h or more.' in advice(coverage, hours=(0.5,))
+    assert 'record 4.0 h or more, as the slowest lag is 60 min' in advice(
+        coverage, hours=(2.0,), slowest_s=3600.0
+    )
+    assert 'lasts' not in advice(coverage, hours=(2.0,), slowest_s=1000.0)
+    assert 'second day' in advice(coverage)
+    assert 'second day' not in advice(coverage, hours=(2.0, 2.0))
+
+
+def test_axes_and_loads_that_are_missing_are_named(seen, make_recording):
+    coverage = seen(ramp(20, 35))
+    assert 'No recording holds force y, force z' in advice(coverage, {'force_x': 'good'})
+    assert 'drift of the gain is not known' in advice(coverage)
+    load = {'force_z': np.sin(np.arange(HOUR))}
+    loaded = cover([make_recording(ramp(20, 35), nothing(HOUR), load)])
+    assert 'drift of the gain' not in advice(loaded, reference='recorded')
+
+
+def test_a_chamber_is_asked_for_temperatures_only(seen):
+    said = advice(seen(ramp(20, 35)), {'force_z': 'weak'}, chamber=True)
+    assert 'You have not seen' in said
+    assert 'thermometer' not in said
+    assert 'second day' not in said
+
+
+def test_an_evaluation_beyond_the_model_says_so(seen):
+    coverage = seen(ramp(20, 35))
+    assert 'thermometer 1 left' in next(what_was_not_learnt(coverage, [(20.0, 30.0)]))
+    assert 'thermometer 1 left' in next(what_was_not_learnt(coverage, [(25.0, 40.0)]))
+    assert next(what_was_not_learnt(coverage, [(20.0, 35.0)])).startswith('Nothing')

@@ -1,0 +1,69 @@
+"""The table of verdicts, at both sides of every threshold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.calibration.cross_validation import BlockErrors
+from wrist_ft_comp.report.verdict import Evidence, judge, THRESHOLDS
+
+FINE = Evidence('N', before=10.0, after=1.0, noise=0.01, compensated=True)
+JUST = 1e-9
+
+
+def level(**changes):
+    return judge(replace(FINE, **changes)).level
+
+
+@pytest.mark.parametrize(
+    ('changes', 'expected'),
+    [
+        ({'after': 10 * THRESHOLDS.good_remainder - JUST}, 'good'),
+        ({'after': 10 * THRESHOLDS.good_remainder + JUST}, 'weak'),
+        ({'after': 10 * THRESHOLDS.harmful - JUST}, 'weak'),
+        ({'after': 10 * THRESHOLDS.harmful + JUST}, 'harmful'),
+        ({'after': 8.0, 'noise': 8.0 / THRESHOLDS.noise_margin + JUST}, 'good'),
+        ({'after': 8.0, 'noise': 8.0 / THRESHOLDS.noise_margin - JUST}, 'weak'),
+        ({'slowest_s': 5000.0 - JUST, 'longest_s': 10000.0}, 'good'),
+        ({'slowest_s': 5000.0 + JUST, 'longest_s': 10000.0}, 'weak'),
+        ({'slowest_s': 5000.0}, 'good'),
+        ({'compensated': False, 'after': 10.0}, 'uncalibrated'),
+        ({'before': 0.0, 'after': 0.0, 'noise': 0.0}, 'good'),
+    ],
+)
+def test_every_level_begins_where_the_table_says(changes, expected):
+    assert level(**changes) == expected
+
+
+def test_a_block_that_got_worse_makes_an_axis_weak():
+    before = np.array([1.0, 1.0, 1.0])
+    worse = judge(replace(FINE, blocks=BlockErrors(before, np.array([0.1, 1.2, 0.1]))))
+    assert worse.level == 'weak'
+    assert 'in 1 of 3 held-out blocks' in worse.sentence
+    assert level(blocks=BlockErrors(before, np.array([0.1, 1.0, 0.1]))) == 'good'
+
+
+def test_a_block_within_the_noise_is_not_worse():
+    small = BlockErrors(np.array([0.01, 1.0]), np.array([0.014, 0.1]))
+    assert level(blocks=small, noise=0.01) == 'good'
+    assert level(blocks=small, noise=0.009) == 'weak'
+
+
+def test_a_sentence_holds_its_numbers():
+    assert judge(FINE).sentence == '10 % of the drift is left (10 → 1 N RMS).'
+    assert judge(replace(FINE, after=0.01)).sentence.endswith('the noise of the sensor.')
+    weak = judge(replace(FINE, unit='N m', after=5.0))
+    assert weak.sentence.startswith('50 % of the drift is left (10 → 5 N m RMS)')
+    assert 'at most 25 %' in weak.sentence
+
+
+def test_what_is_not_calibrated_says_why():
+    bare = replace(FINE, compensated=False, after=10.0)
+    assert judge(bare).sentence.startswith('The model does not compensate this axis')
+    tried = judge(replace(bare, best_candidate=9.5)).sentence
+    assert 'the best candidate leaves 9.5 N' in tried
+    refused = judge(replace(bare, best_candidate=1.0, refusal='It drifts too slowly')).sentence
+    assert refused == 'It drifts too slowly. It is passed through, with a drift of 10 N RMS.'
+    quiet = judge(replace(bare, noise=10.0, best_candidate=9.5)).sentence
+    assert quiet.startswith('There is nothing to remove')

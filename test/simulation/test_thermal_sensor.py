@@ -1,0 +1,347 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.simulation.ft_sensor import (
+    advance,
+    build_sensor,
+    gauge_temperatures,
+    measured_wrench,
+    read_thermometers,
+    read_wrench,
+    simulate,
+    start,
+    steady_state,
+    ThermalState,
+    thermometer_temperatures,
+    trajectory,
+)
+from wrist_ft_comp.simulation.heat_flow import (
+    build_heat_flow,
+    interpolation,
+    ThermalSensorSettings,
+)
+from wrist_ft_comp.simulation.run import (
+    draw_run,
+    drive,
+    duty_cycle,
+    room_temperature,
+    RunSettings,
+    true_wrench,
+)
+from wrist_ft_comp.simulation.strain_gauges import bridge_output, NOMINAL_C
+
+SETTINGS = ThermalSensorSettings()
+CLEAN = replace(
+    SETTINGS,
+    thermometer_noise_k=0.0,
+    thermometer_quantum_k=0.0,
+    force_noise_n=0.0,
+    torque_noise_nm=0.0,
+    force_quantum_n=0.0,
+    torque_quantum_nm=0.0,
+)
+UNLOADED = np.zeros(6)
+LOAD = np.array([20.0, -30.0, 50.0, 1.0, -2.0, 0.5])
+
+
+@pytest.fixture
+def sensor():
+    return build_sensor(SETTINGS, 1)
+
+
+def noise(seed=0):
+    return np.random.default_rng(seed), np.random.default_rng(seed + 1)
+
+
+def random_drive(steps, seed=0):
+    rng = np.random.default_rng(seed)
+    return np.column_stack((rng.uniform(0, 1, steps), rng.uniform(15, 30, steps)))
+
+
+# Heat
+
+
+def test_without_heat_everything_stays_at_room_temperature(sensor):
+    state = start(sensor, 19.0)
+    np.testing.assert_allclose(state.nodes_c, 19.0, atol=1e-9)
+    idle = np.tile([0.0, 19.0], (5000, 1))
+    np.testing.assert_allclose(trajectory(sensor, state, idle), 19.0, atol=1e-9)
+
+
+def test_steady_state_does_not_change(sensor):
+    state = steady_state(sensor, 0.6, 23.0)
+    np.testing.assert_allclose(
+        advance(sensor, state, 0.6, 23.0).nodes_c, state.nodes_c, rtol=1e-12
+    )
+
+
+def test_long_run_ends_in_the_steady_state(sensor):
+    held = np.tile([0.6, 23.0], (100_000, 1))
+    end = trajectory(sensor, start(sensor, 10.0), held)[-1]
+    np.testing.assert_allclose(end, steady_state(sensor, 0.6, 23.0).nodes_c, atol=1e-6)
+
+
+def test_steady_heat_of_the_motor_leaves_into_the_room(sensor):
+    s, n = SETTINGS, SETTINGS.cells
+    excess = steady_state(sensor, 1.0, 20.0).nodes_c - 20.0
+    convection = np.full(n + 2, s.body_convection_w_per_k / n)
+    convection[[0, -1]] = s.motor_convection_w_per_k, s.tool_convection_w_per_k
+    assert convection @ excess == pytest.approx(s.max_motor_power_w)
+
+
+def test_stored_energy_is_the_heat_that_came_in_without_convection():
+    isolated = replace(
+        SETTINGS,
+        motor_convection_w_per_k=1e-12,
+        body_convection_w_per_k=0.0,
+        tool_convection_w_per_k=0.0,
+    )
+    s, n = isolated, isolated.cells
+    sensor = build_sensor(isolated, 1)
+    capacity = np.full(n + 2, s.body_capacity_j_per_k / n)
+    capacity[[0, -1]] = s.motor_capacity_j_per_k, s.tool_capacity_j_per_k
+    held = np.tile([0.5, 20.0], (600, 1))
+    rise = trajectory(sensor, ThermalState(np.full(n + 2, 20.0)), held)[-1] - 20.0
+    assert capacity @ rise == pytest.approx(0.5 * s.max_motor_power_w * 600 * s.step_s)
+
+
+def test_temperatures_stay_between_room_and_steady_state_and_fall_away_from_the_motor(sensor):
+    warm_up = np.tile([1.0, 20.0], (5400, 1))
+    nodes_c = trajectory(sensor, start(sensor, 20.0), warm_up)
+    hottest = steady_state(sensor, 1.0, 20.0).nodes_c
+    assert (nodes_c >= 20.0 - 1e-9).all()
+    assert (nodes_c <= hottest + 1e-9).all()
+    assert (np.diff(nodes_c, axis=0) >= -1e-12).all()
+    assert (np.diff(nodes_c[600:], axis=1) < 0).all()
+
+
+def test_without_a_motor_no_temperature_leaves_the_range_of_start_and_room(sensor):
+    nodes_c = trajectory(
+        sensor,
+        ThermalState(np.random.default_rng(0).uniform(10, 40, SETTINGS.cells + 2)),
+        np.column_stack((np.zeros(2000), random_drive(2000)[:, 1])),
+    )
+    assert nodes_c.min() >= 10
+    assert nodes_c.max() <= 40
+
+
+def test_step_agrees_with_numerical_integration(sensor):
+    heat = sensor.heat
+    cold, inputs = start(sensor, 20.0).nodes_c, np.array([0.7, 26.0])
+    solved = solve_ivp(
+        lambda _, nodes: heat.rates @ nodes + heat.inputs @ inputs,
+        (0, 100), cold, method='Radau', rtol=1e-10, atol=1e-10,
+    ).y[:, -1]  # fmt: skip
+    stepped = trajectory(sensor, ThermalState(cold), np.tile(inputs, (100, 1)))[-1]
+    np.testing.assert_allclose(stepped, solved, atol=1e-6)
+
+
+def test_shorter_steps_give_the_same_temperatures():
+    whole = build_heat_flow(SETTINGS)
+    half = build_heat_flow(replace(SETTINGS, step_s=0.5 * SETTINGS.step_s))
+    np.testing.assert_allclose(half.transition @ half.transition, whole.transition, atol=1e-12)
+
+
+def test_time_constants_run_from_minutes_to_an_hour(sensor):
+    longest = np.sort(-1 / np.linalg.eigvals(sensor.heat.rates).real)[::-1]
+    assert 1200 < longest[0] < 3600
+    assert (longest > 120).sum() >= 3
+
+
+@pytest.mark.parametrize('position', [0.0, 0.31, 0.9, 1.0])
+def test_interpolation_gives_mean_weights(position):
+    weights = interpolation(10, np.array([position]))
+    assert weights.sum() == pytest.approx(1.0)
+    assert (weights >= 0).all()
+    centres = np.array([np.nan, *(np.arange(10) + 0.5) / 10, np.nan])
+    inside = np.clip(position, 0.05, 0.95)
+    assert np.nansum(weights * centres) == pytest.approx(inside)
+
+
+# Bridges
+
+
+def test_bridge_of_equal_gauges_shows_nothing():
+    assert bridge_output(np.full(4, 350.0), np.zeros(4)) == 0
+
+
+def test_bridge_agrees_with_circuit_analysis():
+    rng = np.random.default_rng(0)
+    resistances, changes = rng.uniform(340, 360, (20, 4)), rng.uniform(-2, 2, (20, 4))
+    for r, d in zip(resistances, changes, strict=True):
+        r1, r2, r3, r4 = r + d * [1, -1, 1, -1]
+        # Kirchhoff at both output nodes, supply 1 V: r2 and r3 to the supply, r1 and r4 to 0 V.
+        conductance = np.diag([1 / r1 + 1 / r2, 1 / r3 + 1 / r4])
+        outputs_v = np.linalg.solve(conductance, [1 / r2, 1 / r3])
+        assert bridge_output(r, d) == pytest.approx(outputs_v[0] - outputs_v[1])
+
+
+def test_nominal_gain_holds_at_the_nominal_temperature(sensor):
+    nominal = np.full(SETTINGS.cells + 2, NOMINAL_C)
+    np.testing.assert_allclose(measured_wrench(sensor, nominal, UNLOADED), 0, atol=1e-9)
+    np.testing.assert_allclose(measured_wrench(sensor, nominal, LOAD), LOAD, rtol=1e-12)
+
+
+def test_gain_falls_by_about_four_hundredths_of_a_percent_per_kelvin(sensor):
+    def gain(temperature_c):
+        nodes_c = np.full(SETTINGS.cells + 2, temperature_c)
+        loaded = measured_wrench(sensor, nodes_c, LOAD)
+        return (loaded - measured_wrench(sensor, nodes_c, UNLOADED)) / LOAD
+
+    slope = (gain(45.0) - gain(25.0)) / 20.0
+    np.testing.assert_allclose(slope, -4e-4, atol=0.3e-4)
+
+
+def test_zero_follows_temperature_and_gradient(sensor):
+    even = np.full(SETTINGS.cells + 2, 35.0)
+    graded = even + 20 * (interpolation_ramp() - 0.5)
+    flat, steep = (measured_wrench(sensor, nodes_c, UNLOADED) for nodes_c in (even, graded))
+    assert (np.abs(flat[:3]) > 3.0).all()
+    assert np.abs(steep - flat)[:3].max() > 0.5
+
+
+def interpolation_ramp():
+    cells = SETTINGS.cells
+    return np.array([0.0, *(np.arange(cells) + 0.5) / cells, 1.0])
+
+
+def test_identical_gauges_at_one_place_drift_in_gain_only():
+    ideal = replace(
+        CLEAN,
+        gauge_mismatch_per_k=0.0,
+        gauge_mismatch_per_k2=0.0,
+        gauge_position_spread=0.0,
+        zero_coefficient_per_k=(0.0, 0.0),
+    )
+    sensor = build_sensor(ideal, 5)
+    hot = steady_state(sensor, 1.0, 30.0).nodes_c
+    np.testing.assert_allclose(measured_wrench(sensor, hot, UNLOADED), 0, atol=1e-9)
+    assert (np.abs(measured_wrench(sensor, hot, LOAD)) < np.abs(LOAD)).all()
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_warm_up_moves_force_z_by_5_to_20_newtons_for_every_specimen(seed):
+    sensor = build_sensor(SETTINGS, seed)
+    nodes_c = trajectory(sensor, start(sensor, 22.0), np.tile([1.0, 22.0], (5400, 1)))
+    drift = np.ptp(measured_wrench(sensor, nodes_c, UNLOADED), axis=0)
+    assert 5.0 < drift[2] < 20.0
+    assert (drift[:3] > 2.0).all()
+    assert (drift[3:] > 0.05).all()
+
+
+# Readings
+
+
+def test_batch_equals_the_fold_of_single_steps():
+    sensor = build_sensor(CLEAN, 3)
+    noisy = replace(CLEAN, force_noise_n=0.1, torque_noise_nm=0.01, thermometer_noise_k=0.1)
+    sensor = replace(sensor, settings=noisy)
+    course, wrench = random_drive(300), np.random.default_rng(1).normal(0, 10, (300, 6))
+    run = simulate(sensor, start(sensor, 22.0), course, wrench, noise())
+    state, (wrench_rng, thermometer_rng) = start(sensor, 22.0), noise()
+    for k, (duty, room_c) in enumerate(course):
+        read = read_wrench(sensor, state, wrench[k], wrench_rng)
+        np.testing.assert_allclose(run.wrench[k], read, atol=1e-9)
+        read = read_thermometers(sensor, state, thermometer_rng)
+        np.testing.assert_allclose(run.temperature_c[k], read, atol=1e-9)
+        state = advance(sensor, state, duty, room_c)
+    np.testing.assert_allclose(run.state.nodes_c, state.nodes_c, atol=1e-9)
+
+
+def test_split_run_equals_whole_run(sensor):
+    course, wrench, cold = random_drive(200), np.tile(LOAD, (200, 1)), start(sensor, 22.0)
+    whole = simulate(sensor, cold, course, wrench, noise())
+    generators = noise()
+    first = simulate(sensor, cold, course[:77], wrench[:77], generators)
+    second = simulate(sensor, first.state, course[77:], wrench[77:], generators)
+    joined = np.vstack((first.wrench, second.wrench))
+    np.testing.assert_allclose(joined, whole.wrench, atol=SETTINGS.force_quantum_n * 1.01)
+    np.testing.assert_allclose(second.state.nodes_c, whole.state.nodes_c, atol=1e-9)
+
+
+def test_readings_lie_on_the_grid_of_the_converter(sensor):
+    run = simulate(sensor, start(sensor, 22.0), random_drive(500), np.zeros((500, 6)), noise())
+    quanta = np.repeat([SETTINGS.force_quantum_n, SETTINGS.torque_quantum_nm], 3)
+    for values, quantum in ((run.wrench, quanta), (run.temperature_c, 0.0625)):
+        np.testing.assert_allclose(values / quantum, np.round(values / quantum), atol=1e-6)
+    assert len(np.unique(run.wrench[:, 2])) > 10
+
+
+def test_noise_has_the_stated_deviation(sensor):
+    idle, load = np.tile([0.0, 22.0], (20_000, 1)), np.zeros((20_000, 6))
+    run = simulate(sensor, start(sensor, 22.0), idle, load, noise())
+    np.testing.assert_allclose(run.wrench[:, :3].std(axis=0), SETTINGS.force_noise_n, rtol=0.05)
+    np.testing.assert_allclose(run.wrench[:, 3:].std(axis=0), SETTINGS.torque_noise_nm, rtol=0.05)
+
+
+def test_thermometers_see_other_temperatures_than_the_gauges(sensor):
+    hot = steady_state(sensor, 1.0, 22.0).nodes_c
+    electronics, flange = thermometer_temperatures(sensor, hot)
+    gauges = gauge_temperatures(sensor, hot)
+    assert electronics < gauges.min() - 3
+    assert flange > gauges.max() + 3
+
+
+def test_seed_makes_the_specimen():
+    one, same, other = (build_sensor(SETTINGS, seed) for seed in (1, 1, 2))
+    hot = steady_state(one, 1.0, 22.0).nodes_c
+    drifts = [measured_wrench(each, hot, UNLOADED) for each in (one, same, other)]
+    np.testing.assert_array_equal(drifts[0], drifts[1])
+    assert (np.abs(drifts[0] - drifts[2]) > 1e-3).all()
+
+
+@pytest.mark.parametrize('wrong', [{'step_s': 0.0}, {'cells': 1}, {'body_w_per_k': -1.0}])
+def test_settings_without_meaning_are_refused(wrong):
+    with pytest.raises(SettingsError, match=next(iter(wrong))):
+        ThermalSensorSettings(**wrong)
+
+
+# What drives it
+
+
+def test_duty_cycle_is_piecewise_constant_and_0_before_the_first_start():
+    run = draw_run(RunSettings(duty_start_s=(10.0, 20.0), duty_level=(0.5, 0.9)), noise()[0])
+    levels = duty_cycle(run, [0.0, 9.99, 10.0, 19.99, 20.0, 1e6])
+    np.testing.assert_array_equal(levels, [0, 0, 0.5, 0.5, 0.9, 0.9])
+
+
+def test_room_swings_around_its_mean():
+    run = draw_run(RunSettings(room_c=21.0, room_swing_k=3.0), noise()[0])
+    period = np.arange(0, run.settings.room_swing_period_s)
+    room_c = room_temperature(run, period)
+    assert room_c.mean() == pytest.approx(21.0)
+    assert np.ptp(room_c) == pytest.approx(6.0, rel=1e-3)
+    np.testing.assert_array_equal(drive(run, period)[:, 1], room_c)
+
+
+def test_loads_are_bounded_smooth_and_differ_between_axes():
+    run = draw_run(RunSettings(force_n=30.0, torque_nm=2.0, load_period_s=50.0), noise()[0])
+    wrench = true_wrench(run, np.arange(0, 5000, 0.5))
+    assert wrench.shape == (10_000, 6)
+    largest = np.abs(wrench).max(axis=0)
+    assert ((largest > [15] * 3 + [1] * 3) & (largest <= [30] * 3 + [2] * 3)).all()
+    assert np.abs(np.diff(wrench[:, 2])).max() < 30 * 2 * np.pi / 50 * 1.6 * 0.5
+    assert np.abs(np.corrcoef(wrench.T) - np.eye(6)).max() < 0.3
+
+
+def test_no_load_is_exactly_zero():
+    run = draw_run(RunSettings(force_n=0.0, torque_nm=0.0), noise()[0])
+    np.testing.assert_array_equal(true_wrench(run, np.arange(10.0)), np.zeros((10, 6)))
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'word'),
+    [
+        ({'duty_start_s': (0.0,), 'duty_level': (0.1, 0.2)}, 'as many start times'),
+        ({'duty_start_s': (5.0, 5.0), 'duty_level': (0.1, 0.2)}, 'ascend'),
+        ({'duty_start_s': (0.0,), 'duty_level': (1.1,)}, 'between 0 and 1'),
+        ({'load_period_s': 0.0}, 'load_period_s'),
+    ],
+)
+def test_run_that_cannot_be_followed_is_refused(wrong, word):
+    with pytest.raises(SettingsError, match=word):
+        RunSettings(**wrong)

@@ -1,0 +1,461 @@
+"""The stream: what comes out for a wrench, when models change and when things go wrong."""
+
+from collections.abc import Callable, Iterable
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model.batch_grid import grid_samples
+from wrist_ft_comp.model.drift_model import Drift, DriftModel
+from wrist_ft_comp.model.offline import correct_many, track_drift
+from wrist_ft_comp.model.signals import AXES, Samples
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.stream.limits import axis_limits, MAX_SENSITIVITY, TORQUE_LEVER_M
+
+Array = np.ndarray
+MakeModel = Callable[..., DriftModel]
+SECOND = 1_000_000_000
+LOAD = np.array([50.0, -20.0, 100.0, 3.0, -1.0, 2.0])
+ZEROS = np.zeros(6)
+#: Zero drift of force z of 0.4 N/K and of torque x; sensitivity drift of force z of 0.1 %/K.
+TRUTH = {'force_z': (0.4, 1e-3, 30.0), 'torque_x': (0.01, 0.0, 5.0)}
+OTHER = {'force_z': (-1.0, -2e-3, 60.0), 'force_x': (0.2, 5e-4, 10.0)}
+
+
+@pytest.fixture(scope='module')
+def model(make_model: MakeModel) -> DriftModel:
+    return make_model(TRUTH)
+
+
+@pytest.fixture(scope='module')
+def other(make_model: MakeModel) -> DriftModel:
+    return make_model(OTHER)
+
+
+def warming(stamp_ns: int) -> float:
+    """0.05 K per second from 20 °C, with a faster wave."""
+    seconds = stamp_ns / SECOND
+    return 20.0 + 0.05 * seconds + float(np.sin(seconds / 7.0))
+
+
+def stream(
+    compensator: Compensator,
+    span_s: tuple[float, float],
+    raw: Array = LOAD,
+    rate_hz: float = 50.0,
+    temperature: Callable[[int], float] = warming,
+) -> tuple[Array, Array]:
+    """Wrenches at the rate and a temperature every half second; stamps and what came out."""
+    stamps = np.arange(round(span_s[0] * rate_hz), round(span_s[1] * rate_hz)) * round(
+        SECOND / rate_hz
+    )
+    outputs = []
+    for k, stamp in enumerate(stamps.tolist()):
+        if k % round(rate_hz / 2) == 0:
+            for j in range(compensator.thermometers):
+                compensator.add_temperature(j, stamp, temperature(stamp))
+        outputs.append(compensator.correct(stamp, raw.tolist()))
+    return stamps, np.array(outputs)
+
+
+def steps(outputs: Array) -> Array:
+    return np.abs(np.diff(outputs, axis=0)).max(axis=0)
+
+
+def test_without_a_model_the_wrench_passes() -> None:
+    compensator = Compensator(1, StreamSettings())
+    _, outputs = stream(compensator, (0, 20))
+    np.testing.assert_array_equal(outputs, np.tile(LOAD, (len(outputs), 1)))
+    assert not compensator.compensating
+    assert compensator.tracker.temperature_c == pytest.approx([warming(18 * SECOND)], abs=0.2)
+
+
+def test_before_the_first_cell_is_complete_the_wrench_passes(model: DriftModel) -> None:
+    compensator = Compensator(1, StreamSettings(), model)
+    assert compensator.correct(0, LOAD.tolist()) == LOAD.tolist()
+    compensator.add_temperature(0, 0, 30.0)
+    assert not compensator.compensating
+    assert compensator.correct(1, LOAD.tolist()) == LOAD.tolist()
+    compensator.add_temperature(0, SECOND, 30.0)
+    assert compensator.compensating
+    assert compensator.drift.zero[2] == pytest.approx(0.4 * 10.0)  # soaked at 30 °C
+
+
+def test_the_output_is_the_equation_with_the_drift_of_its_time(model: DriftModel) -> None:
+    """The stream is the batch, within what the drift moves in one cell."""
+    compensator = Compensator(1, StreamSettings(), model)
+    stamps, outputs = stream(compensator, (0, 120))
+    temperatures = np.arange(240) * SECOND // 2
+    recording = grid_samples(
+        [
+            Samples(
+                ('temperature_c',),
+                temperatures,
+                np.array([[warming(s)] for s in temperatures.tolist()]),
+            ),
+            Samples(AXES, stamps, np.tile(LOAD, (len(stamps), 1))),
+        ]
+    )
+    track = track_drift(model, recording)
+    batch = correct_many(track, stamps, np.tile(LOAD, (len(stamps), 1)))
+    settled = stamps >= 2 * SECOND
+    one_cell = steps(track.drift.zero) + steps(track.drift.sensitivity) * np.abs(LOAD) * 1.2
+    assert one_cell[2] > 0.005
+    error = np.abs(outputs - batch)[settled].max(axis=0)
+    assert (error <= one_cell + 1e-9).all()
+    assert np.ptp(outputs[settled, 2]) > 20 * one_cell[2]
+    # Temperatures come at the cells' borders here, so the ramps are even the same ones.
+    np.testing.assert_allclose(outputs[settled], batch[settled], atol=1e-6)
+
+
+def test_the_output_has_no_steps_between_cells(model: DriftModel) -> None:
+    compensator = Compensator(1, StreamSettings(), model)
+    _, outputs = stream(compensator, (0, 120))
+    per_cell = steps(outputs[100::50])
+    between = steps(outputs[100:])
+    assert per_cell[2] > 0.03
+    assert (between <= per_cell / 50 * 1.5 + 1e-12).all()
+
+
+def test_irregular_temperatures_make_no_step(model: DriftModel) -> None:
+    """A ramp that is overtaken by the next cell goes on from where it stands."""
+    compensator = Compensator(1, StreamSettings(), model)
+    rng = np.random.default_rng(0)
+    due, outputs = 0.0, []
+    for k in range(120 * 200):
+        stamp = k * SECOND // 200
+        if stamp >= due * SECOND:
+            compensator.add_temperature(0, stamp, warming(stamp))
+            due += rng.uniform(0.2, 1.1)
+        outputs.append(compensator.correct(stamp, LOAD.tolist()))
+    moving = np.array(outputs[3 * 200 :])
+    assert steps(moving[::200])[2] > 0.03
+    assert steps(moving)[2] < steps(moving[::200])[2] / 50
+
+
+def test_a_late_temperature_steps_by_no_more_than_its_share_of_a_cell(model: DriftModel) -> None:
+    compensator = Compensator(1, StreamSettings(temperature_timeout_s=1000.0), model)
+    outputs = []
+    for k in range(60 * 20):
+        stamp = k * SECOND // 20
+        if k % 20 == 7 and k > 40:  # half a second late, and stamped when it was measured
+            compensator.add_temperature(0, stamp - SECOND // 2, warming(stamp - SECOND // 2))
+        outputs.append(compensator.correct(stamp, LOAD.tolist()))
+    moving = np.array(outputs[80:])
+    assert np.ptp(moving[:, 2]) > 0.5
+    # The stamp lies half a cell back, so the new ramp is met half-way.
+    assert steps(moving)[2] <= steps(moving[::20])[2] * 0.51
+
+
+@settings(deadline=None, max_examples=60, derandomize=True)
+@given(
+    earlier=st.lists(
+        st.lists(st.one_of(st.floats(-1e4, 1e4), st.just(float('nan'))), min_size=6, max_size=6),
+        max_size=10,
+    ),
+    stamps=st.lists(st.integers(8 * SECOND, 12 * SECOND), min_size=10, max_size=10),
+)
+def test_the_force_path_has_no_memory(
+    model: DriftModel, earlier: list[list[float]], stamps: list[int]
+) -> None:
+    """Neither a later correction nor the drift depends on the wrenches that came before."""
+    quiet, busy = (Compensator(1, StreamSettings(), model) for _ in range(2))
+    for compensator in (quiet, busy):
+        for k in range(10):
+            compensator.add_temperature(0, k * SECOND, warming(k * SECOND))
+    for stamp, wrench in zip(stamps, earlier, strict=False):
+        busy.correct(stamp, wrench)
+    for compensator in (quiet, busy):
+        compensator.add_temperature(0, 10 * SECOND, 25.0)
+    for stamp in (10 * SECOND, 10 * SECOND + SECOND // 3, 12 * SECOND):
+        assert quiet.correct(stamp, LOAD.tolist()) == busy.correct(stamp, LOAD.tolist())
+    for part_quiet, part_busy in zip(quiet.drift, busy.drift, strict=True):
+        np.testing.assert_array_equal(part_quiet, part_busy)
+
+
+def test_contact_passes_at_once_and_whole(model: DriftModel) -> None:
+    compensator = Compensator(1, StreamSettings(), model)
+    stream(compensator, (0, 60), ZEROS)
+    stamp = 60 * SECOND
+    free = np.array(compensator.correct(stamp, ZEROS.tolist()))
+    touched = np.array(compensator.correct(stamp, LOAD.tolist()))
+    _, gain = compensator._ramp.at(1.0)
+    np.testing.assert_allclose((touched - free) * gain, LOAD, rtol=1e-3)
+    assert gain[2] != 1.0
+
+
+class TestLimits:
+    def test_the_drift_stays_within_its_limit_and_the_axes_are_named(
+        self, make_model: MakeModel
+    ) -> None:
+        model = make_model({'force_z': (10.0, 0.0, 1.0), 'torque_x': (-10.0, 0.0, 1.0)})
+        compensator = Compensator(
+            1, StreamSettings(max_drift_n=30.0, max_drift_rate_n_s=10.0), model
+        )
+        stream(compensator, (0, 10), temperature=lambda _: 22.0)
+        np.testing.assert_allclose(compensator.drift.zero, [0, 0, 20, -3, 0, 0], atol=1e-9)
+        assert compensator.limits.too_large == ('torque_x',)
+        stream(compensator, (10, 20), temperature=lambda _: 30.0)
+        np.testing.assert_allclose(compensator.drift.zero, [0, 0, 30, -3, 0, 0], atol=1e-9)
+        assert compensator.limits.too_large == ('force_z', 'torque_x')
+        _, outputs = stream(compensator, (20, 60), temperature=lambda _: 20.0)
+        assert compensator.limits.too_large == ()
+        assert steps(outputs)[2] < 1.5
+
+    def test_the_correction_never_moves_faster_than_its_rate_and_the_axes_are_named(
+        self, make_model: MakeModel
+    ) -> None:
+        """A thermometer that comes loose: 40 K in one sample, and a model that believes it."""
+        model = make_model({'force_z': (2.0, 2e-3, 0.1), 'torque_x': (0.1, 0.0, 0.1)})
+        compensator = Compensator(1, StreamSettings(max_drift_rate_n_s=2.0), model)
+        stream(compensator, (0, 10), ZEROS, temperature=lambda _: 20.0)
+        _, outputs = stream(compensator, (10, 30), ZEROS, temperature=lambda _: 60.0)
+        assert compensator.limits.too_fast == ('force_z', 'torque_x')
+        gain = 1.0 + compensator.drift.sensitivity[2]
+        assert 1.9 / 50 < (steps(outputs) * gain).max() <= 2.0 / 50 * 1.1
+        assert steps(outputs)[3] <= 0.2 / 50 * 1.01
+        _, outputs = stream(compensator, (30, 90), ZEROS, temperature=lambda _: 60.0)
+        assert compensator.limits.too_fast == ()
+        np.testing.assert_allclose(compensator.drift.zero, [0, 0, 80, 4, 0, 0], atol=1e-6)
+
+    def test_sensitivity_beyond_any_sensors_is_limited(self, make_model: MakeModel) -> None:
+        compensator = Compensator(1, StreamSettings(), make_model({'force_y': (0.0, -0.2, 1.0)}))
+        stream(compensator, (0, 10), temperature=lambda _: 25.0)
+        assert compensator.drift.sensitivity[1] == -MAX_SENSITIVITY
+        assert compensator.limits.too_large == ('force_y',)
+        assert np.isfinite(compensator.correct(10 * SECOND, LOAD.tolist())).all()
+
+    @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+    def test_a_state_that_blew_up_is_limited_and_told(
+        self, model: DriftModel, value: float
+    ) -> None:
+        compensator = Compensator(1, StreamSettings(), model)
+        stream(compensator, (0, 10))
+        compensator.tracker._state = {axis: np.full((1, 1), value) for axis in model.axes}
+        with np.errstate(invalid='ignore'):
+            _, outputs = stream(compensator, (10, 20))
+        assert np.isfinite(outputs).all()
+        assert set(compensator.limits.too_large) == set(model.axes)
+
+    def test_limits_of_torques_are_those_of_forces_times_a_lever(self) -> None:
+        np.testing.assert_allclose(axis_limits(50.0), [50.0] * 3 + [50.0 * TORQUE_LEVER_M] * 3)
+
+
+class TestModelSwap:
+    @pytest.mark.parametrize('tared', [False, True])
+    @pytest.mark.parametrize('when_s', [40.0, 40.5, 40.99])
+    def test_going_live_leaves_the_loaded_output_where_it_was(
+        self, model: DriftModel, other: DriftModel, when_s: float, tared: bool
+    ) -> None:
+        compensator = Compensator(1, StreamSettings(), model)
+        stream(compensator, (0, 30))
+        if tared:
+            compensator.set_tare(LOAD / 2, 30 * SECOND)
+        _, before = stream(compensator, (30, when_s))
+        compensator.go_live(other)
+        assert compensator.model is other
+        _, after = stream(compensator, (when_s, 80))
+        both = np.concatenate((before, after))
+        calm = np.maximum(steps(before), steps(after))
+        assert (steps(both) <= calm + 1e-9).all()
+        assert np.ptp(after[:, 2]) > 0.5
+
+    @pytest.mark.parametrize('second_period_s', [1.0, 0.5, 2.0])
+    def test_rolling_back_leaves_the_output_where_it_was(
+        self, make_model: MakeModel, model: DriftModel, second_period_s: float
+    ) -> None:
+        second = make_model(OTHER, period_s=second_period_s)
+        compensator = Compensator(1, StreamSettings(), model)
+        outputs = [stream(compensator, (0, 40))[1][100:]]
+        for swap, span in ((second, (40, 60)), (model, (60, 80)), (None, (80, 90))):
+            compensator.go_live(swap)
+            outputs.append(stream(compensator, span)[1])
+        calm = np.max([steps(part) for part in outputs], axis=0)
+        assert (steps(np.concatenate(outputs)) <= np.maximum(calm, 0.01)).all()
+
+    @pytest.mark.parametrize('period_s', [0.5, 3.0])
+    def test_a_model_with_another_period_makes_no_step_when_its_first_cell_completes(
+        self, make_model: MakeModel, model: DriftModel, period_s: float
+    ) -> None:
+        compensator = Compensator(1, StreamSettings(), model)
+        _, before = stream(compensator, (0, 40))
+        compensator.go_live(make_model(OTHER, period_s=period_s))
+        _, after = stream(compensator, (40, 60))
+        assert compensator.compensating
+        assert compensator.tracker.grid.period_ns == round(period_s * SECOND)
+        assert steps(np.concatenate((before[-1:], after)))[2] < 0.05
+
+    @pytest.mark.parametrize('live_s', [10.5, 63.2, 200.0])
+    def test_a_model_that_goes_live_later_has_the_drift_of_one_that_ran_from_the_start(
+        self, model: DriftModel, live_s: float
+    ) -> None:
+        early = Compensator(1, StreamSettings(), model)
+        late = Compensator(1, StreamSettings())
+        stream(early, (0, live_s))
+        stream(late, (0, live_s))
+        late.go_live(model)
+        assert late.compensating
+        for expected, found in zip(early.drift, late.drift, strict=True):
+            np.testing.assert_allclose(found, expected, atol=1e-9)
+        stamps, expected_outputs = stream(early, (live_s, live_s + 60))
+        _, outputs = stream(late, (live_s, live_s + 60))
+        settled = stamps > (live_s + 2) * SECOND
+        gain = 1.0 + early.drift.sensitivity
+        offset = (outputs - expected_outputs)[settled] * gain
+        np.testing.assert_allclose(offset, np.tile(-late.tare, (len(offset), 1)), atol=0.3)
+        # Without sensitivity drift the two differ by the tare alone, whatever happens.
+        np.testing.assert_allclose(offset[:, 3], -late.tare[3], atol=1e-9)
+
+    def test_history_is_as_long_as_it_is_said_to_be(self) -> None:
+        compensator = Compensator(1, StreamSettings(history_s=20.0))
+        stream(compensator, (0, 100))
+        assert len(compensator.tracker._history) == 20
+
+    def test_a_model_with_other_thermometers_is_refused_and_the_running_one_stays(
+        self, make_model: MakeModel, model: DriftModel
+    ) -> None:
+        compensator = Compensator(1, StreamSettings(), model)
+        twin = Compensator(1, StreamSettings(), model)
+        stream(compensator, (0, 30))
+        stream(twin, (0, 30))
+        with pytest.raises(SettingsError, match='expects 2 thermometers, the node has 1'):
+            compensator.go_live(make_model(TRUTH, thermometers=2))
+        assert compensator.model is model
+        np.testing.assert_array_equal(stream(compensator, (30, 40))[1], stream(twin, (30, 40))[1])
+        with pytest.raises(SettingsError):
+            Compensator(2, StreamSettings(), model)
+
+    def test_a_wrench_that_is_not_a_number_does_not_poison_the_tare(
+        self, model: DriftModel, other: DriftModel
+    ) -> None:
+        compensator = Compensator(1, StreamSettings(), model)
+        _, before = stream(compensator, (0, 30))
+        broken = LOAD.copy()
+        broken[2] = np.nan
+        assert np.isnan(compensator.correct(30 * SECOND, broken.tolist())[2])
+        compensator.go_live(other)
+        after = np.array(compensator.correct(30 * SECOND, LOAD.tolist()))
+        assert np.isfinite(after).all()
+        # Continuous where a number came last; elsewhere as if unloaded: gains move the load.
+        np.testing.assert_allclose(np.delete(after - before[-1], 2), 0, atol=0.05)
+        assert abs(after[2] - before[-1][2]) < 0.1 * LOAD[2]
+
+
+class TestTare:
+    def test_the_tared_wrench_reads_zero_at_once_and_without_sensitivity_drift_for_ever(
+        self, make_model: MakeModel
+    ) -> None:
+        """The raw wrench drifts as the model says; what is left is the load, which was tared."""
+        model = make_model({'force_z': (0.4, 0.0, 30.0)})
+        compensator = Compensator(1, StreamSettings(), model)
+        for k in range(200):
+            stamp = k * SECOND // 2
+            compensator.add_temperature(0, stamp, warming(stamp))
+            zero, _ = compensator._ramp.at(compensator._share(stamp))
+            if k == 50:
+                tare = compensator.set_tare(LOAD + zero, stamp)
+                np.testing.assert_allclose(tare, LOAD, atol=1e-12)
+            if k >= 50:
+                found = compensator.correct(stamp, (LOAD + zero).tolist())
+                np.testing.assert_allclose(found, 0, atol=1e-9)
+        assert abs(zero[2]) > 1
+
+    def test_taring_and_its_reset_make_the_one_step_that_was_asked_for(
+        self, model: DriftModel
+    ) -> None:
+        compensator = Compensator(1, StreamSettings(), model)
+        stream(compensator, (0, 30))
+        stamp = 30 * SECOND - 10**7
+        before = compensator.correct(stamp, LOAD.tolist())
+        compensator.set_tare(LOAD, stamp)
+        np.testing.assert_allclose(compensator.correct(stamp, LOAD.tolist()), 0, atol=1e-12)
+        _, tared = stream(compensator, (30, 60))
+        assert (steps(tared) < 0.02).all()
+        compensator.reset_tare()
+        assert not compensator.tare.any()
+        _, untared = stream(compensator, (60, 61))
+        assert abs(untared[0, 2] - before[2]) < 2.0
+
+    def test_a_tare_before_the_first_temperature_still_reads_zero_after_it(
+        self, model: DriftModel
+    ) -> None:
+        compensator = Compensator(1, StreamSettings(), model)
+        compensator.correct(0, LOAD.tolist())
+        compensator.set_tare(LOAD, 0)
+        _, outputs = stream(compensator, (1, 10), temperature=lambda _: 35.0)
+        assert compensator.compensating
+        np.testing.assert_allclose(outputs, 0, atol=1e-9)
+
+
+class TestTrouble:
+    def test_a_gap_longer_than_the_history_counts_as_soaked(self, model: DriftModel) -> None:
+        compensator = Compensator(1, StreamSettings(history_s=60.0), model)
+        stream(compensator, (0, 60))
+        far = 10**9 * SECOND
+        compensator.add_temperature(0, far, 50.0)
+        *_, held, _ = compensator.add_temperature(0, far + SECOND, 50.0)
+        assert held.count > 10**8
+        assert np.isfinite(compensator.drift.zero).all()
+        assert len(compensator.tracker._history) <= 60
+        assert 0.4 * 0.0 < compensator.drift.zero[2] < 0.4 * 30.0
+
+    def test_a_gap_within_the_history_is_run_with_the_held_temperature(
+        self, model: DriftModel
+    ) -> None:
+        compensator = Compensator(1, StreamSettings(max_drift_rate_n_s=100.0), model)
+        for second, temperature in ((0, 20.0), (1, 40.0), (2, 40.0)):
+            compensator.add_temperature(0, second * SECOND, temperature)
+        compensator.add_temperature(0, 92 * SECOND, 40.0)
+        assert compensator.drift.zero[2] < 0.5, 'one sample that leaps is not believed'
+        compensator.add_temperature(0, 92 * SECOND + 1, 40.0)
+        # 20 °C for one cell, then 91 cells of 40 °C.
+        assert compensator.drift.zero[2] == pytest.approx(0.4 * 20 * (1 - np.exp(-91 / 30)))
+
+    def test_time_that_ran_back_goes_on_from_where_the_drift_was(self, model: DriftModel) -> None:
+        compensator = Compensator(1, StreamSettings(), model)
+        _, before = stream(compensator, (1000, 1060))
+        held = compensator.drift
+        _, after = stream(compensator, (0, 3), temperature=lambda _: warming(1060 * SECOND))
+        assert compensator.tracker.grid.restarts == 1
+        np.testing.assert_allclose(compensator.drift.zero, held.zero, atol=2.0)
+        assert np.abs(after[-1] - before[-1])[2] < 2.0
+
+    def test_several_thermometers_move_the_drift_together(self, make_model: MakeModel) -> None:
+        model = make_model({'force_z': (1.0, 0.0, 1e-3)}, thermometers=2)
+        compensator = Compensator(2, StreamSettings(), model)
+        for second in range(5):
+            compensator.add_temperature(0, second * SECOND, 30.0)
+            compensator.add_temperature(1, second * SECOND, 24.0)
+        assert compensator.drift.zero[2] == pytest.approx((10.0 + 4.0) / 2)
+
+
+def test_arguments_are_not_modified(model: DriftModel) -> None:
+    compensator = Compensator(1, StreamSettings(), model)
+    raw = LOAD.copy()
+    stream(compensator, (0, 10), raw)
+    compensator.set_tare(raw, 10 * SECOND)
+    compensator.go_live(None)
+    np.testing.assert_array_equal(raw, LOAD)
+
+
+def test_the_drift_of_the_stream_is_the_run_over_its_cells(model: DriftModel) -> None:
+    compensator = Compensator(1, StreamSettings(), model)
+    seen: list[Array] = []
+    moved: list[Drift] = []
+
+    def take(completed: Iterable[object]) -> None:
+        if completed:
+            assert compensator.tracker.temperature_c is not None
+            seen.append(compensator.tracker.temperature_c)
+            moved.append(compensator.drift)
+
+    for second in range(100):
+        take(compensator.add_temperature(0, second * SECOND, warming(second * SECOND)))
+    temperature_c = np.array(seen)
+    _, expected = drift.run(model, drift.start(model, temperature_c[0]), temperature_c)
+    np.testing.assert_allclose([d.zero for d in moved], expected.zero, atol=1e-12)
+    np.testing.assert_allclose([d.sensitivity for d in moved], expected.sensitivity, atol=1e-12)

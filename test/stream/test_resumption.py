@@ -1,0 +1,314 @@
+"""Warm restarts: a stream that was killed and went on, against one that never stopped."""
+
+from collections.abc import Callable
+from dataclasses import replace
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from wrist_ft_comp.model.drift_model import Drift, DriftModel
+from wrist_ft_comp.model.signals import AXES as AXES_ORDER
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.stream.warm_restart import (
+    belongs_to,
+    bridge,
+    LEAST_GAP_S,
+    longest_gap_s,
+    MOST_GAP_S,
+    slowest_time_constant_s,
+)
+
+MakeModel = Callable[..., DriftModel]
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+AXES = {'force_z': (2.0, 1e-3, 600.0), 'force_x': (-0.5, 0.0, 0.0), 'torque_y': (0.1, 0.0, 300.0)}
+SETTINGS = StreamSettings()
+
+
+@pytest.fixture(scope='module')
+def model(make_model: MakeModel) -> DriftModel:
+    axes = {axis: (zero, gain, tau or 1e-3) for axis, (zero, gain, tau) in AXES.items()}
+    return make_model(axes)
+
+
+def warming(second: float) -> float:
+    """20 K in an exponential with a time constant of five minutes, and motors that switch."""
+    heat = 20.0 * (1 - math.exp(-second / 300)) if second > 0 else 0.0
+    return 20.0 + heat + 0.5 * math.sin(second / 11.0)
+
+
+def feed(compensator: Compensator, first: float, end: float, rate_hz: float = 2.0) -> list[Drift]:
+    """Send temperatures of the warm-up; the drift that is subtracted after each."""
+    seen = []
+    for k in range(round(first * rate_hz), round(end * rate_hz)):
+        stamp = START + round(k / rate_hz * SECOND)
+        compensator.add_temperature(0, stamp, warming(k / rate_hz))
+        seen.append(compensator._ramp.drift_at(compensator._share(stamp)))
+    return seen
+
+
+def restarted(model: DriftModel, before: Compensator, at_least_s: float = 0.0) -> Compensator:
+    memory = before.memory()
+    assert memory is not None
+    after = Compensator(1, SETTINGS, model)
+    after.resume(memory, at_least_s)
+    return after
+
+
+@settings(deadline=None, max_examples=30, derandomize=True)
+@given(
+    killed_s=st.floats(60, 900),
+    gap_s=st.floats(0, 15),
+    offset=st.floats(0, 1),
+    rate_hz=st.sampled_from([0.7, 2.0, 10.0]),
+)
+def test_a_restarted_stream_stays_within_2_percent_of_one_that_never_stopped(
+    model: DriftModel, killed_s: float, gap_s: float, offset: float, rate_hz: float
+) -> None:
+    """15 s: a restart of 10 s, and a state that was saved up to 5 s before the kill."""
+    never, killed = (Compensator(1, SETTINGS, model) for _ in range(2))
+    feed(never, -60, killed_s + gap_s + offset, rate_hz)
+    feed(killed, -60, killed_s, rate_hz)
+    again = restarted(model, killed, gap_s)
+    expected = feed(never, killed_s + gap_s + offset, killed_s + 300, rate_hz)
+    found = feed(again, killed_s + gap_s + offset, killed_s + 300, rate_hz)
+    assert not again.tracker.crossing
+    size = np.abs([each.zero for each in expected]).max(axis=0)
+    apart = np.abs([a.zero - b.zero for a, b in zip(expected, found, strict=True)])
+    assert size[2] > 2.0
+    # force_x follows its thermometer at once, so what is held while the first cell fills lags.
+    slow = [AXES_ORDER.index(axis) for axis in ('force_z', 'torque_y')]
+    assert (apart.max(axis=0) <= 0.02 * size)[slow].all()
+    settled = apart[round(3 * rate_hz) + 2 :]
+    assert (settled.max(axis=0) <= 0.02 * size + 1e-9).all()
+
+
+def test_without_its_memory_it_would_not(model: DriftModel) -> None:
+    """The check above can fail: a cold start is far off in the middle of a warm-up."""
+    never, cold = (Compensator(1, SETTINGS, model) for _ in range(2))
+    feed(never, -60, 310)
+    expected = feed(never, 310, 330)
+    found = feed(cold, 310, 330)
+    assert abs(found[-1].zero[2] - expected[-1].zero[2]) > 0.3 * expected[-1].zero[2]
+
+
+def test_the_drift_is_subtracted_before_the_first_temperature(model: DriftModel) -> None:
+    killed = Compensator(1, SETTINGS, model)
+    feed(killed, 0, 400)
+    again = restarted(model, killed)
+    assert again.compensating
+    assert again.tracker.crossing
+    assert again.tracker.origin.startswith('the drift saved before the restart is held')
+    raw = [10.0, 20.0, 50.0, 1.0, 2.0, 3.0]
+    far = START + 10**6 * SECOND
+    assert again.correct(0, raw) == pytest.approx(killed.correct(far, raw))
+    assert again.memory() is not None
+    assert restarted(model, again).drift.zero[2] == again.drift.zero[2]
+
+
+def test_a_gap_without_length_changes_nothing(model: DriftModel) -> None:
+    """Killed and restarted between two samples: the same numbers, cell for cell."""
+    never, killed = (Compensator(1, SETTINGS, model) for _ in range(2))
+    feed(never, 0, 200, 1.0)
+    feed(killed, 0, 200, 1.0)
+    again = restarted(model, killed)
+    # The new grid begins with the cell of its first sample, which the old one had open.
+    for second in range(199, 260):
+        for compensator in (never, again) if second >= 200 else (again,):
+            compensator.add_temperature(0, START + second * SECOND, warming(second))
+    np.testing.assert_allclose(again.drift.zero, never.drift.zero, rtol=1e-12)
+    memories = again.memory(), never.memory()
+    assert memories[0] is not None
+    assert memories[1] is not None
+    assert memories[0].end_ns == memories[1].end_ns
+    np.testing.assert_allclose(
+        memories[0].filters['force_z'], memories[1].filters['force_z'], rtol=1e-12
+    )
+
+
+class TestGap:
+    @pytest.mark.parametrize(
+        ('gap_s', 'at_least_s', 'words'),
+        [
+            (-100, 0, 'is 100 s ahead of the temperatures: their stamps are of another clock'),
+            (-1e9, 0, 'ahead of the temperatures'),
+            (1801, 0, 'is 1801 s old and this model remembers 1800 s'),
+            (1e9, 0, 'this model remembers 1800 s'),
+            (10, 100, 'moved on by 10 s while 100 s passed since the thermal state was saved'),
+        ],
+    )
+    def test_that_makes_no_sense_starts_at_the_steady_state_and_says_so(
+        self, model: DriftModel, gap_s: float, at_least_s: float, words: str
+    ) -> None:
+        killed = Compensator(1, StreamSettings(max_drift_rate_n_s=1e3), model)
+        feed(killed, 0, 400)
+        memory = killed.memory()
+        assert memory is not None
+        again = Compensator(1, StreamSettings(max_drift_rate_n_s=1e3), model)
+        again.resume(memory, at_least_s)
+        first = memory.end_ns + round(gap_s) * SECOND
+        for second in range(3):
+            again.add_temperature(0, first + second * SECOND, 30.0)
+        assert words in again.tracker.origin
+        assert again.tracker.origin.endswith(
+            'so the drift starts at the steady state of the present temperatures'
+        )
+        assert again.drift.zero[2] == pytest.approx(2.0 * 10.0)
+        assert not again.tracker.crossing
+
+    def test_that_is_refused_moves_the_output_no_faster_than_the_rate(
+        self, model: DriftModel
+    ) -> None:
+        killed = Compensator(1, SETTINGS, model)
+        feed(killed, 0, 400)
+        again = restarted(model, killed)
+        held = again.drift.zero[2]
+        for second in range(3):
+            again.add_temperature(0, second * SECOND, 60.0)
+        assert again.drift.zero[2] == pytest.approx(held + 2.0)
+        assert again.limits.too_fast
+
+    def test_is_crossed_on_a_straight_line(self, model: DriftModel) -> None:
+        killed = Compensator(1, SETTINGS, model)
+        feed(killed, 0, 100)
+        memory = killed.memory()
+        assert memory is not None
+        first = memory.end_ns // SECOND + 3
+        found = bridge(model, memory, first, memory.temperature_c + 4.0, 0.0)
+        assert found.temperature_c is not None
+        expected = memory.temperature_c + np.array([[1.0], [2.0], [3.0]])
+        np.testing.assert_allclose(found.temperature_c, expected)
+        assert found.sentence == 'the drift goes on from the thermal state saved 3 s before'
+
+
+class TestLongestGap:
+    def test_follows_the_slowest_time_constant(self, model: DriftModel) -> None:
+        assert slowest_time_constant_s(model) == pytest.approx(600.0)
+        assert longest_gap_s(model) == pytest.approx(1800.0)
+
+    def test_is_bounded(self, make_model: MakeModel) -> None:
+        assert longest_gap_s(make_model({'force_z': (1.0, 0.0, 1.0)})) == LEAST_GAP_S
+        assert longest_gap_s(make_model({'force_z': (1.0, 0.0, 1e5)})) == MOST_GAP_S
+        assert longest_gap_s(make_model({})) == LEAST_GAP_S
+
+
+def test_a_memory_belongs_to_models_of_its_form_only(
+    model: DriftModel, make_model: MakeModel
+) -> None:
+    killed = Compensator(1, SETTINGS, model)
+    feed(killed, 0, 10)
+    memory = killed.memory()
+    assert memory is not None
+    assert belongs_to(model, memory)
+    two = replace(memory, temperature_c=np.array([20.0, 20.0]))
+    longer = replace(memory, filters={**memory.filters, 'force_z': np.zeros((1, 2))})
+    fewer = replace(memory, filters={'force_z': memory.filters['force_z']})
+    wide = replace(memory, history=((np.zeros(2), 60),))
+    huge = {axis: np.full(each.shape, 1.7e308) for axis, each in memory.filters.items()}
+    absurd = replace(memory, filters=huge)
+    others = (two, longer, fewer, wide, absurd, replace(memory, period_ns=2 * SECOND))
+    for other in others:
+        assert not belongs_to(model, other)
+    assert not belongs_to(make_model({'force_z': (1.0, 0.0, 1.0)}), memory)
+
+
+def test_nothing_is_remembered_before_the_first_temperature(model: DriftModel) -> None:
+    assert Compensator(1, SETTINGS, model).memory() is None
+    assert Compensator(1, SETTINGS).memory() is None
+
+
+def test_a_model_that_goes_live_ends_the_wait_for_the_gap(
+    model: DriftModel, make_model: MakeModel
+) -> None:
+    killed = Compensator(1, SETTINGS, model)
+    feed(killed, 0, 100)
+    again = restarted(model, killed)
+    again.go_live(make_model({'force_z': (1.0, 0.0, 30.0)}))
+    assert not again.tracker.crossing
+    assert again.compensating
+
+
+def test_a_model_that_goes_live_before_the_first_temperature_is_remembered(
+    model: DriftModel, make_model: MakeModel
+) -> None:
+    """A rollback, then a second kill: the tare belongs to a drift that must not be lost."""
+    killed = Compensator(1, SETTINGS, model)
+    feed(killed, 0, 700)
+    again = restarted(model, killed)
+    other = make_model({'force_z': (-1.0, 0.0, 900.0)})
+    again.go_live(other)
+    once_more = restarted(other, again)
+    assert once_more.drift.zero[2] == again.drift.zero[2] != 0.0
+    memories = killed.memory(), once_more.memory()
+    assert memories[0] is not None
+    assert memories[1] is not None
+    assert memories[1].end_ns == memories[0].end_ns
+    assert len(memories[1].history) == len(memories[0].history)
+
+
+def test_a_model_that_goes_live_after_a_restart_knows_what_was_before_it(
+    model: DriftModel, make_model: MakeModel
+) -> None:
+    """A calibration or a rollback behind a restart: the coarse history does as well."""
+    other = make_model({'force_z': (-1.0, 0.0, 900.0)})
+    never, killed = (Compensator(1, SETTINGS, model) for _ in range(2))
+    feed(never, 0, 800)
+    feed(killed, 0, 700)
+    again = restarted(model, killed, 10.0)
+    feed(again, 710, 800)
+    for compensator in (never, again):
+        compensator.go_live(other)
+    expected = never.drift.zero[2]
+    assert again.drift.zero[2] == pytest.approx(expected, rel=0.03)
+    assert -1.0 * (warming(800) - 20.0) < 1.3 * expected, 'the steady state would be far off'
+
+
+def test_a_gap_that_was_crossed_is_a_part_of_the_history(model: DriftModel) -> None:
+    """Or a second restart would leave it out, and what was before it would seem too recent."""
+    killed = Compensator(1, SETTINGS, model)
+    feed(killed, 0, 300)
+    again = restarted(model, killed)
+    feed(again, 900, 910)
+    memory = again.memory()
+    assert memory is not None
+    assert sum(count for _, count in memory.history) == len(again.tracker._history) == 909
+    between = np.repeat([value for value, _ in memory.history], [n for _, n in memory.history])
+    np.testing.assert_allclose(
+        between[400:800], np.array(again.tracker._history)[400:800, 0], atol=0.5
+    )
+
+
+def test_a_memory_that_is_refused_leaves_no_history(model: DriftModel) -> None:
+    killed = Compensator(1, SETTINGS, model)
+    feed(killed, 0, 700)
+    again = restarted(model, killed)
+    feed(again, -5000, -4990)
+    assert again.tracker.forgot
+    assert len(again.tracker._history) < 12
+
+
+def test_blocks_are_means_of_cells(model: DriftModel) -> None:
+    compensator = Compensator(1, SETTINGS, model)
+    feed(compensator, 0, 151, 1.0)
+    memory = compensator.memory()
+    assert memory is not None
+    assert [cells for _, cells in memory.history] == [1, 60, 60, 29]
+    cells = [warming(second) for second in range(150)]
+    expected = [cells[0], np.mean(cells[1:61]), np.mean(cells[61:121]), np.mean(cells[121:])]
+    np.testing.assert_allclose([block[0] for block, _ in memory.history], expected)
+
+
+@pytest.mark.parametrize('leap_s', [-18_000, 18_000])
+def test_a_stray_stamp_right_after_the_restart_does_not_cost_the_memory(
+    model: DriftModel, leap_s: int
+) -> None:
+    killed = Compensator(1, SETTINGS, model)
+    feed(killed, 0, 700)
+    again = restarted(model, killed)
+    again.add_temperature(0, START + (705 + leap_s) * SECOND, 25.0)
+    feed(again, 706, 710)
+    assert not again.tracker.forgot
+    assert again.drift.zero[2] == pytest.approx(killed.drift.zero[2], rel=0.02)

@@ -1,0 +1,78 @@
+"""Frozen, saturated, or with wrong stamps: what looks at single readings tell."""
+
+import numpy as np
+
+from wrist_ft_comp.stream.input_checks import LOOKS, SensorWatch
+
+SECOND = 1_000_000_000
+RAW = [1.0, 2.0, 3.0, 0.1, 0.2, 0.0]
+
+
+def look(watch: SensorWatch, readings: object, step_ns: int = SECOND // 10) -> None:
+    for reading in np.atleast_2d(np.asarray(readings, dtype=float)):
+        number = watch._received + 1
+        watch.look(number, number * step_ns, reading.tolist())
+
+
+def noisy(count: int) -> np.ndarray:
+    return RAW + np.random.default_rng(0).normal(0, 1, (count, 6)) * [1, 1, 1, 1, 1, 0]
+
+
+def test_a_reading_that_stays_is_frozen_until_a_bit_changes() -> None:
+    watch = SensorWatch()
+    look(watch, [RAW] * LOOKS)
+    assert not watch.frozen
+    look(watch, [RAW] * 10)
+    assert watch.frozen
+    look(watch, np.nextafter(RAW, 9))
+    assert not watch.frozen
+
+
+def test_looks_without_a_new_reading_do_not_count() -> None:
+    watch = SensorWatch()
+    for _ in range(10 * LOOKS):
+        watch.look(1, 5, RAW)
+    assert not watch.frozen
+    assert not watch.stamps_stand_still
+
+
+def test_an_axis_at_its_extreme_is_saturated_and_one_that_is_not_there_is_not() -> None:
+    watch = SensorWatch()
+    readings = noisy(4 * LOOKS)
+    look(watch, readings[:LOOKS])
+    assert watch.saturated == ()
+    readings[:, 1], readings[:, 2] = -500.0, 200.0
+    look(watch, readings[LOOKS:])
+    assert watch.saturated == ('force_y', 'force_z')
+    assert not watch.frozen
+
+
+def test_an_axis_that_stands_between_its_extremes_is_not_saturated() -> None:
+    watch = SensorWatch()
+    readings = noisy(4 * LOOKS)
+    look(watch, readings[:LOOKS])
+    readings[:, 1] = RAW[1]
+    look(watch, readings[LOOKS:])
+    assert watch.saturated == ()
+
+
+def test_stamps_are_judged_by_their_steps() -> None:
+    watch = SensorWatch()
+    look(watch, noisy(10))
+    assert (watch.ran_back, watch.leapt, watch.stamps_stand_still) == (0, 0, False)
+    at = watch._stamp_ns
+    assert at is not None
+    for number, stamp in enumerate((at - 1, at - 1 + 3600 * SECOND, at + 3601 * SECOND), start=50):
+        watch.look(number, stamp, RAW)
+    assert (watch.ran_back, watch.leapt) == (1, 1)
+    for number in range(100, 110):
+        watch.look(number, at, RAW)
+    assert watch.stamps_stand_still
+    watch.look(200, 0, RAW)
+    assert watch.unstamped
+
+
+def test_a_simulation_that_runs_hundreds_of_times_as_fast_does_not_leap() -> None:
+    watch = SensorWatch()
+    look(watch, noisy(100), step_ns=100 * SECOND)
+    assert watch.leapt == 0

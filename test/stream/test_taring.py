@@ -1,0 +1,86 @@
+"""Taring: a mean over some time, and when it is refused."""
+
+import math
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import TareRefusedError
+from wrist_ft_comp.stream.tare import TareCollector
+
+SECOND = 1_000_000_000
+WRENCH = np.array([1.0, -2.0, 30.0, 0.1, -0.2, 0.3])
+
+
+def collect(wrenches: np.ndarray, rate_hz: int = 100, **limits: float) -> TareCollector:
+    collector = TareCollector(**{'duration_s': 1.0, 'max_deviation_n': 1.0, **limits})
+    for k, wrench in enumerate(wrenches):
+        collector.add(5 * SECOND + k * SECOND // rate_hz, wrench.tolist())
+    return collector
+
+
+def noisy(samples: int = 101) -> np.ndarray:
+    return WRENCH + np.random.default_rng(0).normal(0, 0.05, (samples, 6))
+
+
+def test_the_tare_is_the_mean_and_the_middle_of_its_time() -> None:
+    wrenches = noisy()
+    mean, stamp_ns = collect(wrenches).result()
+    np.testing.assert_allclose(mean, wrenches.sum(axis=0) / 101, rtol=1e-12)
+    assert stamp_ns == 5 * SECOND + SECOND // 2
+
+
+def test_the_stretch_is_complete_when_its_duration_has_passed() -> None:
+    collector = TareCollector(duration_s=0.5, max_deviation_n=1.0)
+    done = [collector.add(10 + k * SECOND // 20, WRENCH.tolist()) for k in range(12)]
+    assert done == [False] * 10 + [True] * 2
+
+
+def test_a_slow_sensor_is_given_the_time_for_enough_wrenches() -> None:
+    collector = TareCollector(duration_s=0.5, max_deviation_n=1.0)
+    done = [collector.add(k * SECOND, WRENCH.tolist()) for k in range(11)]
+    assert done == [False] * 9 + [True] * 2
+
+
+@pytest.mark.parametrize(
+    ('axis', 'name', 'limit'), [(2, 'force_z', '1 N'), (4, 'torque_y', '0.1 N m')]
+)
+def test_a_load_that_moves_is_refused(axis: int, name: str, limit: str) -> None:
+    """A slow ramp: its ends are off the mean by four tenths of it in the outer fifths."""
+    allowed = 1.0 if axis < 3 else 0.1
+    for share, refused in ((2.2, False), (2.8, True)):
+        wrenches = np.tile(WRENCH, (100, 1))
+        wrenches[:, axis] += np.linspace(0, share * allowed, 100)
+        collector = collect(wrenches)
+        if refused:
+            with pytest.raises(TareRefusedError, match=f'{name} moved by .* at most {limit} are'):
+                collector.result()
+        else:
+            collector.result()
+
+
+def test_noise_alone_is_no_motion() -> None:
+    wrenches = WRENCH + np.random.default_rng(1).normal(0, 0.5, (500, 6)) * [
+        1,
+        1,
+        1,
+        0.1,
+        0.1,
+        0.1,
+    ]
+    mean, _ = collect(wrenches, rate_hz=500).result()
+    np.testing.assert_allclose(mean, WRENCH, atol=0.15)
+
+
+@pytest.mark.parametrize('samples', [0, 1, 9])
+def test_too_few_wrenches_are_refused(samples: int) -> None:
+    with pytest.raises(TareRefusedError, match=f'at least 10 wrenches; got {samples}'):
+        collect(noisy(samples)).result()
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf])
+def test_wrenches_that_are_not_finite_are_refused(value: float) -> None:
+    wrenches = noisy()
+    wrenches[50, 5] = value
+    with pytest.raises(TareRefusedError, match='finite wrenches'):
+        collect(wrenches).result()

@@ -1,0 +1,447 @@
+"""Chamber tables as recordings: fitting them, compensating them, and leaving a temperature out."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings
+from wrist_ft_comp.errors import RecordingError, WristFtCompError
+from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model.batch_grid import grid_samples
+from wrist_ft_comp.model.drift_model import Drift, DriftModel
+from wrist_ft_comp.model.offline import simulate_drift
+from wrist_ft_comp.model.signals import AXES, FloatArray, IntArray, NANOSECONDS, Recording, Samples
+
+#: Residence at each temperature (the paper's 4.2), and the least time a load is held.
+RESIDENCE_S = 1800
+
+
+STEP_S = 30
+
+
+#: T of eq. 23: the column nearest to this is the reference, °C.
+REFERENCE_TEMPERATURE_C = 20.0
+
+
+#: What a table's outputs are in, since tables do not name their unit.
+OUTPUT_UNIT = 'output units'
+
+
+@dataclass(frozen=True, eq=False)
+class ChamberTable:
+    """
+    A table of outputs, temperatures in the order in which they were visited.
+
+    Attributes
+    ----------
+    name : str
+        Where it came from, for messages.
+    temperatures_c : ndarray, shape (P,)
+        Chamber temperatures, °C.
+    load : ndarray, shape (S,)
+        Load at each step, in load_unit; the first step is without load.
+    load_unit : str
+        Such as ``kpa``.
+    output : ndarray, shape (S, P)
+        The sensor's output; the table's own unit.
+    left_out : tuple of (float, str)
+        Temperatures whose column was left out, °C, each with the reason.
+
+    """
+
+    name: str
+    temperatures_c: FloatArray
+    load: FloatArray
+    load_unit: str
+    output: FloatArray
+    left_out: tuple[tuple[float, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check shapes, finiteness and that there is a span to divide by."""
+        expected = (len(self.load), len(self.temperatures_c))
+        if self.output.shape != expected or 0 in expected:
+            raise RecordingError(
+                f'{self.name} needs outputs of shape {expected}, at least one load step and one '
+                f'temperature; got {self.output.shape}.'
+            )
+        if not all(np.isfinite(a).all() for a in (self.temperatures_c, self.load, self.output)):
+            raise RecordingError(f'Loads, temperatures and outputs of {self.name} must be finite.')
+        if max(self.load) == self.load[0]:
+            raise RecordingError(
+                f'{self.name} must begin without load and reach full load; every step has '
+                f'{self.load[0]:g} {self.load_unit} or less.'
+            )
+        if self.full_scale == 0:
+            raise RecordingError(
+                f'{self.name} must respond to load: at {REFERENCE_TEMPERATURE_C:g} °C, or nearest '
+                'to it, zero and full load read the same.'
+            )
+        if len(set(self.temperatures_c.tolist())) < len(self.temperatures_c):
+            raise RecordingError(f'{self.name} must have one column per temperature.')
+
+    @property
+    def reference_column(self) -> int:
+        """Number of the column nearest to 20 °C."""
+        return int(np.argmin(np.abs(self.temperatures_c - REFERENCE_TEMPERATURE_C)))
+
+    @property
+    def spans(self) -> FloatArray:
+        """Y_f(T_i) - Y_0(T_i) of eq. 23 at every temperature, shape (P,)."""
+        spans: FloatArray = self.output[int(np.argmax(self.load))] - self.output[0]
+        return spans
+
+    @property
+    def full_scale(self) -> float:
+        """Y_FS: the span at the reference temperature."""
+        return float(self.spans[self.reference_column])
+
+    @property
+    def reference(self) -> FloatArray:
+        """Load in units of output by the reference column's zero and full load, shape (S,)."""
+        reference: FloatArray = self.load * self.full_scale / (self.load.max() - self.load[0])
+        return reference
+
+    @property
+    def reading_stamps_ns(self) -> IntArray:
+        """
+        Nominal time of each reading, ns, shape (S, P).
+
+        Plateaus follow each other without a break; the readings end one step before a plateau's
+        end, one step apart.
+        """
+        ends = RESIDENCE_S * np.arange(1, len(self.temperatures_c) + 1)
+        before_end = STEP_S * np.arange(len(self.load), 0, -1)
+        stamps: IntArray = (ends[np.newaxis, :] - before_end[:, np.newaxis]).astype(np.int64)
+        return stamps * NANOSECONDS
+
+    def samples(self, reference: FloatArray | None = None) -> tuple[Samples, ...]:
+        """
+        Lay the table out in time.
+
+        Parameters
+        ----------
+        reference : ndarray, shape (S,), optional
+            Loads in units of output; this table's own ``reference`` by default.
+
+        Returns
+        -------
+        tuple of Samples
+            temperature_c every 30 s along all plateaus; force_z, the output in the table's unit,
+            and reference_force_z at the readings. The gain between them is 1 at the reference.
+
+        """
+        steps = RESIDENCE_S // STEP_S
+        temperature_c = np.repeat(self.temperatures_c, steps)
+        temperature_stamps = np.arange(len(temperature_c), dtype=np.int64) * STEP_S * NANOSECONDS
+        readings = self.reading_stamps_ns.T.ravel()
+        loads = self.reference if reference is None else reference
+        repeated = np.tile(loads, len(self.temperatures_c))
+        return (
+            Samples(('temperature_c',), temperature_stamps, temperature_c[:, np.newaxis]),
+            Samples(('force_z',), readings, self.output.T.reshape(-1, 1)),
+            Samples(('reference_force_z',), readings, repeated[:, np.newaxis]),
+        )
+
+    def with_output(self, output: FloatArray) -> 'ChamberTable':
+        """Return the same test with other outputs, shape (S, P)."""
+        return replace(self, output=output)
+
+
+def leave_out_copies(table: ChamberTable) -> ChamberTable:
+    """
+    Leave out columns which repeat an earlier one digit for digit: those were not measured.
+
+    Columns stand in the order of measuring, so of two equal ones the earlier can have been
+    measured and the later can only be the copy.
+
+    Parameters
+    ----------
+    table : ChamberTable
+        As read.
+
+    Returns
+    -------
+    ChamberTable
+        left_out says which columns went, and why.
+
+    """
+    keep: list[int] = []
+    left_out = list(table.left_out)
+    for column, temperature in enumerate(table.temperatures_c.tolist()):
+        same = [k for k in keep if np.array_equal(table.output[:, k], table.output[:, column])]
+        if same:
+            reason = (
+                f'The column of {temperature:g} °C in {table.name} repeats that of '
+                f'{table.temperatures_c[same[0]]:g} °C digit for digit, so it is no measurement.'
+            )
+            left_out.append((temperature, reason))
+        else:
+            keep.append(column)
+    return replace(
+        table,
+        temperatures_c=table.temperatures_c[keep],
+        output=table.output[:, keep],
+        left_out=tuple(left_out),
+    )
+
+
+def sensitivity_drift(table: ChamberTable) -> FloatArray:
+    """
+    Compute K_s, the coefficient of thermal sensitivity drift (eq. 23).
+
+    Parameters
+    ----------
+    table : ChamberTable
+        Raw or compensated.
+
+    Returns
+    -------
+    ndarray, shape (P,)
+        % of full scale per °C; NaN at the reference temperature T.
+
+    """
+    change = table.spans - table.full_scale
+    distance = table.temperatures_c - table.temperatures_c[table.reference_column]
+    k_s = np.full(len(distance), np.nan)
+    np.divide(100 * change, distance * table.full_scale, out=k_s, where=distance != 0)  # eq. 23
+    return k_s
+
+
+def accuracy(table: ChamberTable) -> float:
+    """
+    Compute A (eq. 24): the largest error over all loads and temperatures, % of full scale.
+
+    The error is counted from the straight line through zero and full load at the reference
+    temperature, so it holds drift, nonlinearity and hysteresis together.
+
+    Parameters
+    ----------
+    table : ChamberTable
+        Raw or compensated.
+
+    Returns
+    -------
+    float
+        A, %.
+
+    """
+    line = table.output[0, table.reference_column] + table.reference - table.reference[0]
+    largest = np.abs(table.output - line[:, np.newaxis]).max()  # ΔA
+    return float(100 * largest / abs(table.full_scale))  # eq. 24
+
+
+def zero_spread(table: ChamberTable) -> float:
+    """
+    Compute how far the zero moves: max - min over temperature of the first step's output.
+
+    Parameters
+    ----------
+    table : ChamberTable
+        Raw or compensated.
+
+    Returns
+    -------
+    float
+        % of full scale.
+
+    """
+    return float(100 * np.ptp(table.output[0]) / abs(table.full_scale))
+
+
+def max_deviation(table: ChamberTable) -> float:
+    """
+    Compute the largest difference from the reference temperature's output at the same load step.
+
+    Parameters
+    ----------
+    table : ChamberTable
+        Raw or compensated.
+
+    Returns
+    -------
+    float
+        % of full scale.
+
+    """
+    at_reference = table.output[:, [table.reference_column]]
+    return float(100 * np.abs(table.output - at_reference).max() / abs(table.full_scale))
+
+
+#: The figures of a sensor for people, by their names below.
+FIGURE_TITLES = {
+    'max_sensitivity_drift': 'max |K_s|, %FS/°C (eq. 23)',
+    'zero_spread': 'zero spread, %FS',
+    'max_deviation': 'max deviation, %FS',
+    'accuracy': 'A, %FS (eq. 24)',
+}
+
+
+#: The axis a chamber table is read as.
+_COLUMN = AXES.index('force_z')
+
+
+@dataclass(frozen=True)
+class ChamberFigures:
+    """
+    How good a sensor is over temperature.
+
+    Attributes
+    ----------
+    max_sensitivity_drift : float
+        Largest |K_s| (eq. 23), %FS/°C; NaN when there is only the reference temperature.
+    zero_spread : float
+        max - min over temperature without load, %FS.
+    max_deviation : float
+        Largest difference from the reference temperature at the same load, %FS.
+    accuracy : float
+        A (eq. 24), %FS.
+
+    """
+
+    max_sensitivity_drift: float
+    zero_spread: float
+    max_deviation: float
+    accuracy: float
+
+
+def chamber_figures(table: ChamberTable) -> ChamberFigures:
+    """
+    Compute all figures of a table.
+
+    Parameters
+    ----------
+    table : ChamberTable
+        Raw or compensated.
+
+    Returns
+    -------
+    ChamberFigures
+        In % of full scale.
+
+    """
+    k_s = np.abs(sensitivity_drift(table))
+    known = k_s[np.isfinite(k_s)]
+    return ChamberFigures(
+        float(known.max()) if len(known) else float('nan'),
+        zero_spread(table),
+        max_deviation(table),
+        accuracy(table),
+    )
+
+
+def table_recording(table: ChamberTable, period_s: float) -> Recording:
+    """
+    Put a table's nominal course of test onto the thermal grid.
+
+    Parameters
+    ----------
+    table : ChamberTable
+        Any.
+    period_s : float
+        Cell length, s; at most the 30 s between two readings.
+
+    Returns
+    -------
+    Recording
+        force_z, its reference, and one thermometer.
+
+    """
+    recording = grid_samples(table.samples(), name=table.name, period_s=period_s)
+    return replace(recording, unit=OUTPUT_UNIT)
+
+
+def compensate_table(table: ChamberTable, model: DriftModel) -> ChamberTable:
+    """
+    Compensate every reading of a table by the model's free run over the course of the test.
+
+    The sensor is tared once, without load at the reference temperature, as a robot's would be.
+
+    Parameters
+    ----------
+    table : ChamberTable
+        Raw.
+    model : DriftModel
+        With one thermometer.
+
+    Returns
+    -------
+    ChamberTable
+        The same test with compensated outputs.
+
+    """
+    at_readings = _drift_at_readings(table, model)
+    return table.with_output(drift.correct(table.output, at_readings, _tare(table, at_readings)))
+
+
+def table_tare(table: ChamberTable, model: DriftModel) -> FloatArray:
+    """
+    Tare a table's sensor as compensate_table does.
+
+    Parameters
+    ----------
+    table, model
+        As for compensate_table.
+
+    Returns
+    -------
+    ndarray, shape (6,)
+        Raw offset, all zero but for the table's axis.
+
+    """
+    tare = np.zeros(len(AXES))
+    tare[_COLUMN] = _tare(table, _drift_at_readings(table, model))
+    return tare
+
+
+def _drift_at_readings(table: ChamberTable, model: DriftModel) -> Drift:
+    """Simulate the test; drift at every reading, arrays of shape (S, P)."""
+    recording = table_recording(table, model.period_ns / NANOSECONDS)
+    simulated = simulate_drift(model, recording)
+    cells = table.reading_stamps_ns // model.period_ns - recording.first_cell  # (S, P)
+    return Drift(*(part[cells][..., _COLUMN] for part in simulated))
+
+
+def _tare(table: ChamberTable, at_readings: Drift) -> float:
+    """Raw offset without load at the reference temperature."""
+    reference = table.reference_column
+    return float(table.output[0, reference] - at_readings.zero[0, reference])
+
+
+def leave_one_temperature_out(
+    table: ChamberTable, settings: CalibrationSettings, period_s: float
+) -> ChamberTable | None:
+    """
+    Compensate every column by a model that was fitted to the others.
+
+    Parameters
+    ----------
+    table : ChamberTable
+        Raw.
+    settings : CalibrationSettings
+        As for the fit to all columns; hats get their knots at the columns that are left.
+    period_s : float
+        Cell length, s.
+
+    Returns
+    -------
+    ChamberTable or None
+        What a temperature between (or beyond) the calibrated ones may expect; None when the
+        columns that are left do not allow a fit.
+
+    """
+    output: FloatArray = np.empty_like(table.output)
+    for column in range(len(table.temperatures_c)):
+        kept = np.arange(len(table.temperatures_c)) != column
+        try:
+            others = replace(
+                table, temperatures_c=table.temperatures_c[kept], output=table.output[:, kept]
+            )
+            # Loads stay in the whole table's unit, also when its reference column is left out.
+            recording = grid_samples(
+                others.samples(table.reference), name=table.name, period_s=period_s
+            )
+            model = calibrate([recording], settings).model
+        except WristFtCompError:
+            return None
+        output[:, column] = compensate_table(table, model).output[:, column]
+    return table.with_output(output)

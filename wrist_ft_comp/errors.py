@@ -1,0 +1,38 @@
+"""The error family: every sentence that this package says on purpose."""
+
+
+class WristFtCompError(Exception):
+    """
+    Base of every error this package raises on purpose; its text is a sentence for the user.
+
+    The text says what was expected, what came (value, file, channel) and what to do. Each door
+    translates it once: the command line into exit code 1, a service into ``success: false``.
+    """
+
+
+class RecordingError(WristFtCompError):
+    """A recording cannot be read or does not hold what it must."""
+
+
+class ModelFileError(WristFtCompError):
+    """A model file cannot be read, is of another version, or breaks the schema."""
+
+
+class StateFileError(WristFtCompError):
+    """A saved state cannot be read or written, is of another version, or breaks the schema."""
+
+
+class SettingsError(WristFtCompError):
+    """A setting is outside its range or contradicts another."""
+
+
+class CalibrationRefusedError(WristFtCompError):
+    """The recordings do not allow a trustworthy fit; the running model stays."""
+
+
+class TooShortError(WristFtCompError):
+    """There are fewer samples than the model's longest lag needs."""
+
+
+class TareRefusedError(WristFtCompError):
+    """The load moved, or no wrenches came, while taring."""

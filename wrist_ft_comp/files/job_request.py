@@ -1,0 +1,108 @@
+"""What a calibration job is, what it gives, and how it travels between processes."""
+
+from dataclasses import asdict, dataclass, field
+import json
+from pathlib import Path
+from typing import Any
+
+from wrist_ft_comp.calibration.calibrate import Calibration, CalibrationSettings
+from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.files.bag import Topics
+from wrist_ft_comp.model.arx import Orders
+from wrist_ft_comp.model.drift_model import StoredModel
+from wrist_ft_comp.model.signals import Recording
+
+#: Argument of the program: end when standard input is closed.
+UNTIL_CLOSED = '--until-closed'
+
+
+@dataclass(frozen=True)
+class CalibrationJob:
+    """
+    What to calibrate from, how, and where the model goes.
+
+    Attributes
+    ----------
+    recordings : tuple of Path
+        Bags, CSV files or chamber tables.
+    output : Path
+        Model file to make or replace.
+    settings : CalibrationSettings
+        What a person chose.
+    period_s : float
+        Thermal period h, s.
+    topics : Topics
+        Topic names in bags.
+    skip_unusable : bool
+        Leave out, with a warning, recordings that cannot be read, have other thermometers than
+        topics names, or lack the reference; as long as one is left.
+    keep_copied_columns : bool
+        Fit columns of a chamber table that repeat another one, too.
+    report : Path or None
+        Where a report goes, if one is wanted.
+
+    """
+
+    recordings: tuple[Path, ...]
+    output: Path
+    settings: CalibrationSettings = field(default_factory=CalibrationSettings)
+    period_s: float = 1.0
+    topics: Topics = field(default_factory=Topics)
+    skip_unusable: bool = False
+    keep_copied_columns: bool = False
+    report: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class JobOutcome:
+    """
+    What a job gave.
+
+    Attributes
+    ----------
+    calibration : Calibration
+        What was found.
+    stored : StoredModel
+        What was saved.
+    recordings : tuple of Recording
+        What it was found in.
+    left_out : tuple of str
+        Which recordings were left out, and why, in sentences.
+
+    """
+
+    calibration: Calibration
+    stored: StoredModel
+    recordings: tuple[Recording, ...]
+    left_out: tuple[str, ...]
+
+
+def encode_job(job: CalibrationJob) -> str:
+    """Write a job as JSON."""
+    return json.dumps(asdict(job), default=str)
+
+
+def decode_job(text: str) -> CalibrationJob:
+    """Read a job that encode_job wrote."""
+    job = _with_tuples(json.loads(text))
+    settings = job['settings']
+    identification = settings['identification']
+    identification['orders'] = Orders(**identification['orders'])
+    settings['identification'] = IdentificationSettings(**identification)
+    return CalibrationJob(
+        **{
+            **job,
+            'recordings': tuple(Path(path) for path in job['recordings']),
+            'output': Path(job['output']),
+            'report': None if job['report'] is None else Path(job['report']),
+            'settings': CalibrationSettings(**settings),
+            'topics': Topics(**job['topics']),
+        }
+    )
+
+
+def _with_tuples(value: Any) -> Any:
+    """Turn the lists of a JSON value back into the tuples they were."""
+    if isinstance(value, dict):
+        return {key: _with_tuples(each) for key, each in value.items()}
+    return tuple(_with_tuples(each) for each in value) if isinstance(value, list) else value

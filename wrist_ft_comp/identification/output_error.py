@@ -1,0 +1,165 @@
+"""
+Fits on the simulation error (eq. 16): relaxations with free or fixed time constants.
+
+Thermal diffusion has no other dynamics than relaxations H_τ, so the drift is
+
+    r - w = Σ_τ Σ_f g_τf x_f(H_τ T)  +  w · Σ_τ Σ_f k_τf x_f(H_τ T)  +  s_0 w  +  constant
+
+with the features x_f of every relaxation's temperatures; for given time constants everything else
+is linear. All candidates are fitted from one matrix of moments whose columns hold every feature
+behind every relaxation of a grid of time constants.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+
+from wrist_ft_comp.identification.moments import Moments
+from wrist_ft_comp.identification.regression import least_squares, Path, pls_path, ridge_path
+from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
+
+_REGRESSIONS: dict[str, Path] = {
+    'least squares': lambda products, columns: least_squares(products, columns)[0][np.newaxis],
+    'ridge': ridge_path,
+    'PLS': pls_path,
+}
+
+
+@dataclass(frozen=True)
+class Structure:
+    """
+    A candidate: which columns may explain the drift.
+
+    Attributes
+    ----------
+    name : str
+        For people.
+    degree : int
+        Powers of temperature that take part; hats count as degree 1.
+    free_time_constants : int
+        How many time constants are searched; 0 with an empty bank is static.
+    bank_s : tuple of float
+        Fixed time constants, s; empty without any is static.
+    regression : {'least squares', 'ridge', 'PLS'}
+        The last two for many of them; held-out blocks choose their strength.
+
+    """
+
+    name: str
+    degree: int
+    free_time_constants: int = 0
+    bank_s: tuple[float, ...] = ()
+    regression: Literal['least squares', 'ridge', 'PLS'] = 'least squares'
+
+
+def fit_columns(
+    moments: Moments, structure: Structure, keep: BoolArray, inputs: int
+) -> tuple[IntArray, FloatArray]:
+    """
+    Fit a candidate to some of the blocks.
+
+    Parameters
+    ----------
+    moments : Moments
+        Of the axis.
+    structure : Structure
+        The candidate.
+    keep : ndarray of bool, shape (B,)
+        Entries to fit.
+    inputs : int
+        Features that take part.
+
+    Returns
+    -------
+    tuple of ndarrays, shapes (p,) and (S, p)
+        Columns, and their coefficients for every strength of the regression, the most regularised
+        first; S is 1 for least squares.
+
+    """
+    products, _ = moments.centred(keep)
+    grid = moments.time_constants_s
+    if not structure.free_time_constants:
+        fixed = structure.bank_s or (0.0,)
+        columns = moments.columns([int(np.argmin(np.abs(grid - t))) for t in fixed], inputs)
+        return columns, _REGRESSIONS[structure.regression](products, columns)
+    choices = list(combinations(range(1, len(grid)), structure.free_time_constants))
+    candidates = np.stack([moments.columns(choice, inputs) for choice in choices])
+    coefficients, left = least_squares(products, candidates)
+    best = int(np.argmin(left))
+    return candidates[best], coefficients[best][np.newaxis]
+
+
+def held_out_errors(
+    moments: Moments, judged: Moments, structure: Structure, inputs: int
+) -> FloatArray:
+    """
+    Hold every block out in turn and score the free run on it.
+
+    Parameters
+    ----------
+    moments : Moments
+        Fitted to.
+    judged : Moments
+        Scored on; the same blocks, averaged over bins, in parts.
+    structure, inputs
+        As for fit_columns.
+
+    Returns
+    -------
+    ndarray, shape (S, parts)
+        Mean square error of each part of each block, for every strength of the regression.
+
+    """
+    blocks = np.unique(moments.block)
+    errors = [block_errors(moments, judged, structure, inputs, block) for block in blocks]
+    return np.concatenate(errors, axis=1)
+
+
+def block_errors(
+    moments: Moments, judged: Moments, structure: Structure, inputs: int, block: int
+) -> FloatArray:
+    """
+    Hold one block out and score the free run on it.
+
+    Parameters
+    ----------
+    moments, judged, structure, inputs
+        As for held_out_errors.
+    block : int
+        Its number.
+
+    Returns
+    -------
+    ndarray, shape (S, parts of the block)
+        Mean square errors.
+
+    """
+    columns, coefficients = fit_columns(moments, structure, moments.block != block, inputs)
+    theta = np.zeros((len(coefficients), moments.sums.shape[1]))
+    theta[:, columns] = coefficients
+    theta[:, -1] = -1.0
+    return judged.mean_squares(judged.block == block, theta)
+
+
+def uncompensated_errors(judged: Moments) -> FloatArray:
+    """
+    Score doing nothing.
+
+    Parameters
+    ----------
+    judged : Moments
+        Of the axis.
+
+    Returns
+    -------
+    ndarray, shape (parts,)
+        As held_out_errors.
+
+    """
+    nothing = np.zeros((1, judged.sums.shape[1]))
+    nothing[0, -1] = 1.0
+    blocks = np.unique(judged.block)
+    errors = [judged.mean_squares(judged.block == block, nothing)[0] for block in blocks]
+    return np.concatenate(errors)

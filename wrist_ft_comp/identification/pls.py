@@ -1,0 +1,211 @@
+"""
+The outer model: partial least squares by NIPALS (eq. 3 to 10) and principal component regression.
+
+Source: "Design of Temperature Compensation Module of the Industrial Robot Wrist Force Sensor Based
+on Multivariate Regression Method", Sensors & Transducers, 2014. X is the input block and Y the
+output block (the text under 3.2 swaps the words). Both are expected centred and scaled.
+
+    X = T Pᵀ + E      (N, F) = (N, R)(R, F) + (N, F)      eq. 3
+    T = X W (Pᵀ W)⁻¹  (N, R) = (N, F)(F, R)               eq. 4, with deflation accounted for
+    Y = T B Qᵀ + F    (N, M) = (N, R)(R, R)(R, M) + …     eq. 8, columns of Q of length 1
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.model.signals import FloatArray
+
+#: A block whose remaining sum of squares is below this share of the original is exhausted.
+_EXHAUSTED = 1e-24
+
+
+_MAX_ITERATIONS = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class Pls:
+    """
+    A fitted outer model with R latents, F inputs and M outputs.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (F, R)
+        W, columns of length 1.
+    loadings : ndarray, shape (F, R)
+        P.
+    inner : ndarray, shape (R,)
+        Diagonal of B (eq. 9).
+    output_loadings : ndarray, shape (M, R)
+        Q, columns of length 1.
+    scores : ndarray, shape (N, R)
+        T of the data that were fitted.
+    output_scores : ndarray, shape (N, R)
+        U of the data that were fitted.
+
+    """
+
+    weights: FloatArray
+    loadings: FloatArray
+    inner: FloatArray
+    output_loadings: FloatArray
+    scores: FloatArray
+    output_scores: FloatArray
+
+    @property
+    def latents(self) -> int:
+        """Number of latents R; fewer than asked for when the data have no more."""
+        return int(self.weights.shape[1])
+
+    @property
+    def rotations(self) -> FloatArray:
+        """R = W (PᵀW)⁻¹, shape (F, R), so that T = X R (eq. 4)."""
+        # (F, R) = (F, R) (R, R)⁻¹
+        return self.weights @ np.linalg.inv(self.loadings.T @ self.weights)
+
+    @property
+    def coefficients(self) -> FloatArray:
+        """Regression matrix C, shape (F, M), with Y ≈ X C (eq. 8)."""
+        return (self.rotations * self.inner) @ self.output_loadings.T
+
+
+def fix_signs(weights: FloatArray) -> FloatArray:
+    """
+    Resolve the sign freedom of a weight vector: its largest component becomes positive.
+
+    Parameters
+    ----------
+    weights : ndarray, shape (F,)
+        One weight vector.
+
+    Returns
+    -------
+    ndarray, shape (F,)
+        The vector or its negative.
+
+    """
+    return weights if weights[np.argmax(np.abs(weights))] >= 0 else -weights
+
+
+def fit_pls(x: FloatArray, y: FloatArray, latents: int) -> Pls:
+    """
+    Fit PLS by NIPALS (eq. 3 to 10).
+
+    Parameters
+    ----------
+    x : ndarray, shape (N, F)
+        Inputs, centred and scaled.
+    y : ndarray, shape (N, M)
+        Outputs, centred and scaled.
+    latents : int
+        Number of latents R wanted, at least 1.
+
+    Returns
+    -------
+    Pls
+        With R latents, or fewer when x or y is exhausted before.
+
+    Raises
+    ------
+    SettingsError
+        When latents is below 1.
+
+    """
+    if latents < 1:
+        raise SettingsError(f'PLS needs at least 1 latent; got {latents}.')
+    e, f = x.copy(), y.copy()  # E_r and F_r of eq. 3 and 5
+    x_limit, y_limit = (_EXHAUSTED * float(np.sum(block**2)) for block in (x, y))
+    found: list[tuple[FloatArray, ...]] = []
+    while len(found) < latents and np.sum(e**2) > x_limit and np.sum(f**2) > y_limit:
+        w = _dominant_weights(e, f)
+        t = e @ w
+        tt = float(t @ t)
+        if w @ w == 0 or tt <= x_limit:
+            break
+        q = f.T @ t
+        q /= np.linalg.norm(q)
+        u = f @ q
+        p = e.T @ t / tt
+        b = float(u @ t) / tt  # eq. 9
+        e -= np.outer(t, p)  # eq. 3
+        f -= b * np.outer(t, q)  # eq. 5 with eq. 10
+        found.append((w, p, np.array(b), q, t, u))
+    if not found:
+        return _empty(x, y)
+    w_, p_, b_, q_, t_, u_ = (np.stack(part, axis=-1) for part in zip(*found, strict=True))
+    return Pls(weights=w_, loadings=p_, inner=b_, output_loadings=q_, scores=t_, output_scores=u_)
+
+
+def _empty(x: FloatArray, y: FloatArray) -> Pls:
+    """Build the outer model without latents: what a constant block leaves."""
+    (n, inputs), outputs = x.shape, y.shape[1]
+    return Pls(
+        weights=np.zeros((inputs, 0)),
+        loadings=np.zeros((inputs, 0)),
+        inner=np.zeros(0),
+        output_loadings=np.zeros((outputs, 0)),
+        scores=np.zeros((n, 0)),
+        output_scores=np.zeros((n, 0)),
+    )
+
+
+def _dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
+    """Find the next latent's weights, shape (F,), of length 1; 0 if x explains nothing."""
+    covariance = e.T @ f  # (F, M)
+    w = covariance[:, np.argmax(np.sum(covariance**2, axis=0))]
+    for _ in range(_MAX_ITERATIONS):
+        norm = np.linalg.norm(w)
+        if norm == 0:
+            return w
+        w = w / norm
+        # u = F q with q ∝ Fᵀ t and w ∝ Eᵀ u: one turn of NIPALS, without its two N-vectors.
+        turned = covariance @ (covariance.T @ w)
+        turned_norm = np.linalg.norm(turned)
+        if turned_norm == 0 or np.linalg.norm(turned / turned_norm - w) < 1e-15:
+            break
+        w = turned
+    return fix_signs(w)
+
+
+def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
+    """
+    Fit principal component regression, the paper's starting point.
+
+    Parameters
+    ----------
+    x, y, latents
+        As for fit_pls.
+
+    Returns
+    -------
+    Pls
+        Its weights and loadings are the leading right singular vectors of x; there is one output
+        direction per latent, as in eq. 8.
+
+    Raises
+    ------
+    SettingsError
+        When latents is below 1.
+
+    """
+    if latents < 1:
+        raise SettingsError(f'PCR needs at least 1 latent; got {latents}.')
+    _, singular, directions = np.linalg.svd(x, full_matrices=False)
+    rank = int(np.count_nonzero(singular**2 > _EXHAUSTED * np.sum(singular**2)))
+    if rank == 0 or not np.any(y):
+        return _empty(x, y)
+    weights = np.stack([fix_signs(v) for v in directions[: min(latents, rank)]], axis=1)
+    scores = x @ weights
+    # slopes (M, R): each output on each score; scores are orthogonal, so one at a time
+    slopes = y.T @ scores / np.sum(scores**2, axis=0)
+    inner = np.linalg.norm(slopes, axis=0)
+    output_loadings = np.divide(slopes, inner, out=np.zeros_like(slopes), where=inner > 0)
+    return Pls(
+        weights=weights,
+        loadings=weights,
+        inner=inner,
+        output_loadings=output_loadings,
+        scores=scores,
+        output_scores=y @ output_loadings,
+    )

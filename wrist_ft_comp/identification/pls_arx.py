@@ -1,0 +1,264 @@
+"""
+The two-step methods: an outer model between observed blocks, then an inner model per latent.
+
+``pcr`` and ``pls`` are static (eq. 3 to 10), ``filtered_pls`` puts a dynamic filter before static
+PLS (eq. 11 to 14, Kaspar and Ray), ``arx_pls`` is the paper literally: PLS, then least-squares ARX
+per latent (eq. 15 to 22).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from wrist_ft_comp.identification.pls import fit_pcr, fit_pls, Pls
+from wrist_ft_comp.identification.problem import AxisProblem, stretches
+from wrist_ft_comp.model.arx import (
+    Arx,
+    fit_one_step,
+    free_run,
+    Orders,
+    relaxation,
+    stabilise,
+    static_gain,
+)
+from wrist_ft_comp.model.arx_pls import ArxPls, from_gains
+from wrist_ft_comp.model.features import Features
+from wrist_ft_comp.model.signals import BoolArray, FloatArray
+
+#: Longest stretch of constant sensitivity assumed when it is observed directly, s.
+OBSERVATION_WINDOW_S = 300.0
+
+
+def observe_drift(problem: AxisProblem) -> list[FloatArray]:
+    """
+    Turn r - w into direct observations of the outputs, for methods that need them.
+
+    Without load the only output is the zero drift. With load, sensitivity is a least-squares
+    slope over windows of at most OBSERVATION_WINDOW_S that do not cross gaps: "coefficients
+    recorded at discrete temperatures" (the paper's 3.2).
+
+    Parameters
+    ----------
+    problem : AxisProblem
+        The axis.
+
+    Returns
+    -------
+    list of ndarrays, shape (N_i, M)
+        Zero drift (N or N m) up to a constant and, when there is load, sensitivity drift; NaN
+        where either is not known.
+
+    """
+    if problem.load is None:
+        return [residual[:, np.newaxis] for residual in problem.residual]
+    deviation = np.std(np.concatenate([w[np.isfinite(w)] for w in problem.load]))
+    return [
+        _observe_windows(residual, load, problem.period_s, 0.2 * float(deviation))
+        for residual, load in zip(problem.residual, problem.load, strict=True)
+    ]
+
+
+def _observe_windows(
+    residual: FloatArray, load: FloatArray, period_s: float, min_deviation: float
+) -> FloatArray:
+    """Slope and zero drift of one recording, shape (N, 2)."""
+    observed = np.full((len(residual), 2), np.nan)
+    present = np.isfinite(residual) & np.isfinite(load)
+    cells = max(round(OBSERVATION_WINDOW_S / period_s), 1)
+    at = np.flatnonzero(present)
+    parts = stretches(present, period_s)[at]
+    starts = at[np.searchsorted(parts, parts)]  # first sample of each one's stretch
+    # Windows count anew in each stretch, so none crosses a gap.
+    windows = np.stack((parts, (at - starts) // cells))
+    for window in np.unique(windows, axis=1).T:
+        rows = at[(windows == window[:, np.newaxis]).all(axis=0)]
+        w = load[rows] - load[rows].mean()
+        if len(rows) > 2 and np.std(w) >= min_deviation:
+            slope = float(w @ residual[rows] / (w @ w))
+            observed[rows, 0] = residual[rows] - slope * load[rows]
+            observed[rows, 1] = slope
+    return observed
+
+
+OuterInnerMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """
+    Input and output block of one axis, scaled, and centred within each recording.
+
+    Attributes
+    ----------
+    features : Features
+        What made the inputs.
+    inputs : tuple of ndarrays, shape (N_i, F)
+        Features of every cell, not centred and not scaled.
+    valid : tuple of ndarrays of bool, shape (N_i,)
+        Cells with an observation.
+    observed : tuple of ndarrays, shape (N_i, M)
+        From observe_drift.
+    output_weight : ndarray, shape (M,)
+        Diagonal of W_y.
+
+    """
+
+    features: Features
+    inputs: tuple[FloatArray, ...]
+    valid: tuple[BoolArray, ...]
+    observed: tuple[FloatArray, ...]
+    output_weight: FloatArray
+
+
+def identify(
+    method: OuterInnerMethod, problem: AxisProblem, features: Features, orders: Orders
+) -> tuple[ArxPls | None, tuple[str, ...]]:
+    """
+    Identify one axis by a two-step method.
+
+    Parameters
+    ----------
+    method : {'pcr', 'pls', 'filtered_pls', 'arx_pls'}
+        Which.
+    problem : AxisProblem
+        Drift observations.
+    features : Features
+        The model's inputs.
+    orders : Orders
+        Structure.
+
+    Returns
+    -------
+    tuple of ArxPls or None, and tuple of str
+        The model (None when the inputs explain nothing), and what had to be mended, in sentences.
+
+    """
+    blocks = _build_blocks(problem, features)
+    if not any(valid.any() for valid in blocks.valid):
+        return None, ()
+    if method == 'filtered_pls':
+        return _filtered(blocks, orders, problem.period_s), ()
+    mean, weight = _moments(blocks.inputs, blocks.valid)
+    fit = fit_pcr if method == 'pcr' else fit_pls
+    x, y = _stack(blocks, blocks.inputs, weight)
+    outer = fit(x, y, orders.latents)
+    if not outer.latents:
+        return None, ()
+    notes: tuple[str, ...] = ()
+    latents = tuple(static_gain(gain) for gain in outer.inner)
+    if method == 'arx_pls':
+        latents, notes = _inner_arx(blocks, outer, mean, weight, orders)
+    model = ArxPls(
+        input_mean=mean,
+        input_weight=weight,
+        rotations=outer.rotations,
+        latents=latents,
+        output_loadings=outer.output_loadings,
+        output_weight=blocks.output_weight,
+        output_mean=np.zeros(len(blocks.output_weight)),
+    )
+    return model, notes
+
+
+def _build_blocks(problem: AxisProblem, features: Features) -> Blocks:
+    """Expand the features and scale the observations."""
+    observed = tuple(observe_drift(problem))
+    valid: tuple[BoolArray, ...] = tuple(np.all(np.isfinite(y), axis=1) for y in observed)
+    centred = [
+        y[rows] - y[rows].mean(axis=0)
+        for y, rows in zip(observed, valid, strict=True)
+        if rows.any()
+    ]
+    deviation = np.std(np.concatenate(centred), axis=0) if centred else np.ones(1)
+    return Blocks(
+        features=features,
+        inputs=tuple(features.expand(temperature_c) for temperature_c in problem.temperature_c),
+        valid=valid,
+        observed=observed,
+        output_weight=1.0 / np.where(deviation > 0, deviation, 1.0),
+    )
+
+
+def _moments(
+    inputs: Sequence[FloatArray], valid: Sequence[BoolArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and one over the deviation of the inputs, shapes (F,); weight 0 for constant ones."""
+    rows = np.concatenate([x[keep] for x, keep in zip(inputs, valid, strict=True)])
+    mean, deviation = rows.mean(axis=0), rows.std(axis=0)
+    constant = deviation <= 1e-9 * np.abs(rows).max(axis=0)
+    return mean, np.where(constant, 0.0, 1.0 / np.where(constant, 1.0, deviation))
+
+
+def _stack(
+    blocks: Blocks, inputs: Sequence[FloatArray], weight: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """
+    Stack all recordings, each centred by itself: its constant offset is unknown.
+
+    Returns
+    -------
+    tuple of ndarrays, shapes (N, F) and (N, M)
+        X and Y of eq. 3 and 5.
+
+    """
+    pairs = [
+        (x[rows], y[rows])
+        for x, y, rows in zip(inputs, blocks.observed, blocks.valid, strict=True)
+        if rows.any()
+    ]
+    return (
+        np.concatenate([x - x.mean(axis=0) for x, _ in pairs]) * weight,
+        np.concatenate([y - y.mean(axis=0) for _, y in pairs]) * blocks.output_weight,
+    )
+
+
+def _inner_arx(
+    blocks: Blocks, outer: Pls, mean: FloatArray, weight: FloatArray, orders: Orders
+) -> tuple[tuple[Arx, ...], tuple[str, ...]]:
+    """Fit H_r of eq. 15 for every latent by eq. 22, and keep its poles inside the unit circle."""
+    scores = [((x - mean) * weight) @ outer.rotations for x in blocks.inputs]
+    remaining = [y * blocks.output_weight for y in blocks.observed]
+    latents: list[Arx] = []
+    notes: list[str] = []
+    for r in range(outer.latents):
+        loading = outer.output_loadings[:, r]
+        segments = [(t[:, r], f @ loading) for t, f in zip(scores, remaining, strict=True)]
+        fitted = fit_one_step(segments, orders.outputs, orders.inputs, orders.first_lag)
+        latent, moved = stabilise(fitted)
+        if moved:
+            radius = float(np.abs(fitted.poles).max())
+            notes.append(
+                f'latent {r + 1}: a pole of radius {radius:.6f} was moved inside the unit circle'
+            )
+        latents.append(latent)
+        # F_r = F_{r-1} - û_r q_rᵀ (eq. 5), û_r by the free run so that the next latent sees it
+        remaining = [
+            f - np.outer(free_run(latent, t[:, r]), loading)
+            for f, t in zip(remaining, scores, strict=True)
+        ]
+    return tuple(latents), tuple(notes)
+
+
+def _filtered(blocks: Blocks, orders: Orders, period_s: float) -> ArxPls | None:
+    """
+    Put a bank of filters H before static PLS (eq. 11 to 14).
+
+    Each filtered input is a column of the block E of eq. 12. The regression matrix of every filter
+    then becomes latents of that filter (eq. 15), so the model runs like any other.
+    """
+    bank = [relaxation(tau, period_s) for tau in orders.time_constants_s]
+    banked = [
+        np.concatenate([free_run(h, x) for h in bank], axis=1)  # Ẽ = H(E), eq. 11
+        for x in blocks.inputs
+    ]
+    _, weight = _moments(banked, blocks.valid)
+    x, y = _stack(blocks, banked, weight)
+    outer = fit_pls(x, y, orders.latents)  # eq. 12
+    if not outer.latents:
+        return None
+    # C (F·K, M) -> (K, F, M): gains of every filter, back in the units of the inputs
+    gains = (weight[:, np.newaxis] * outer.coefficients).reshape(len(bank), -1, y.shape[1])
+    mean, input_weight = _moments(blocks.inputs, blocks.valid)
+    return from_gains(bank, gains, mean, input_weight, blocks.output_weight)

@@ -1,0 +1,285 @@
+"""
+Outer and inner model together: the paper's ARX-PLS (eq. 15).
+
+    x(k)  features                               (F,)
+    t(k) = Rᵀ [(x(k) - x̄) ∘ W_x]                 (R,)   eq. 4; R = W (PᵀW)⁻¹
+    u_r(k) = H_r(t_r)                            (R,)   eq. 15 and 20, one ARX per latent
+    y(k) = ȳ + [Q u(k)] / W_y                    (M,)   eq. 15
+
+It runs free: each latent feeds back its own past u, never a measured value.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.signal import lfilter
+
+from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.model.arx import (
+    Arx,
+    resting_state,
+)
+from wrist_ft_comp.model.signals import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ArxPls:
+    """
+    An identified dynamic model from F inputs through R latents to M outputs.
+
+    Attributes
+    ----------
+    input_mean : ndarray, shape (F,)
+        x̄, unit of the inputs.
+    input_weight : ndarray, shape (F,)
+        Diagonal of W_x, one over the unit of the inputs.
+    rotations : ndarray, shape (F, R)
+        W (PᵀW)⁻¹, without unit.
+    latents : tuple of R Arx
+        H_r.
+    output_loadings : ndarray, shape (M, R)
+        Q, without unit.
+    output_weight : ndarray, shape (M,)
+        Diagonal of W_y, one over the unit of the outputs.
+    output_mean : ndarray, shape (M,)
+        ȳ, unit of the outputs.
+
+    """
+
+    input_mean: FloatArray
+    input_weight: FloatArray
+    rotations: FloatArray
+    latents: tuple[Arx, ...]
+    output_loadings: FloatArray
+    output_weight: FloatArray
+    output_mean: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check once, where the record is built, that the parts fit together and can run."""
+        inputs, latents, outputs = len(self.input_mean), len(self.latents), len(self.output_mean)
+        for name, array, shape in (
+            ('input_weight', self.input_weight, (inputs,)),
+            ('rotations', self.rotations, (inputs, latents)),
+            ('output_loadings', self.output_loadings, (outputs, latents)),
+            ('output_weight', self.output_weight, (outputs,)),
+        ):
+            if array.shape != shape:
+                raise ModelFileError(
+                    f'{name} must have shape {shape} to fit {inputs} inputs, {latents} latents '
+                    f'and {outputs} outputs; got {array.shape}.'
+                )
+        if not (self.output_weight > 0).all():
+            raise ModelFileError(
+                f'output_weight must be positive; got {self.output_weight.tolist()}.'
+            )
+        for number, latent in enumerate(self.latents, start=1):
+            radius = np.abs(latent.poles)
+            if len(radius) and radius.max() >= 1:
+                raise ModelFileError(
+                    f'Latent {number} has a pole of radius {radius.max():.6g}; below 1 is needed, '
+                    'or its free run would grow without bound.'
+                )
+
+    @cached_property
+    def _filters(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Numerators and denominators (R, L + 1) and unit resting states (R, L) of all latents."""
+        order = max((latent.longest_lag for latent in self.latents), default=0)
+        shape = (len(self.latents), order + 1)
+        numerators, denominators, resting = (np.zeros(shape) for _ in range(3))
+        for r, latent in enumerate(self.latents):
+            numerators[r], denominators[r] = latent.polynomials(order)
+            resting[r, :order] = resting_state(numerators[r], denominators[r], latent.gain)
+        return numerators, denominators, resting[:, :order]
+
+    @property
+    def state_shape(self) -> tuple[int, int]:
+        """Latents R and longest lag L: the shape of the filter state."""
+        rows, lags = self._filters[2].shape
+        return rows, lags
+
+    def scores(self, x: FloatArray) -> FloatArray:
+        """Compute t from inputs x, shapes (..., F) to (..., R) (eq. 4)."""
+        t: FloatArray = ((x - self.input_mean) * self.input_weight) @ self.rotations
+        return t
+
+    def start(self, x: FloatArray) -> FloatArray:
+        """
+        State of a model that has seen constant inputs for ever: a soaked robot.
+
+        Parameters
+        ----------
+        x : ndarray, shape (F,)
+            Inputs.
+
+        Returns
+        -------
+        ndarray, shape (R, L)
+            Filter state of each latent, transposed direct form II.
+
+        """
+        return self._filters[2] * self.scores(x)[:, np.newaxis]
+
+    def step(self, state: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """
+        Advance by one cell.
+
+        Parameters
+        ----------
+        state : ndarray, shape (R, L)
+            From start or the last step; not modified.
+        x : ndarray, shape (F,)
+            Inputs of the cell.
+
+        Returns
+        -------
+        tuple of ndarrays, shapes (R, L) and (M,)
+            New state, and outputs of the cell.
+
+        """
+        numerators, denominators, _ = self._filters
+        t = self.scores(x)[:, np.newaxis]
+        if not state.shape[1]:
+            return state, self._outputs((numerators * t)[:, 0])
+        u = numerators[:, :1] * t + state[:, :1]
+        shifted = np.concatenate((state[:, 1:], np.zeros_like(t)), axis=1)
+        return shifted + numerators[:, 1:] * t - denominators[:, 1:] * u, self._outputs(u[:, 0])
+
+    def run(self, state: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """
+        Advance by many cells: the fold of step, faster.
+
+        Parameters
+        ----------
+        state : ndarray, shape (R, L)
+            From start or the last run; not modified.
+        x : ndarray, shape (N, F)
+            Inputs of consecutive cells.
+
+        Returns
+        -------
+        tuple of ndarrays, shapes (R, L) and (N, M)
+            State after the last cell, and outputs of every cell.
+
+        """
+        if not len(x):  # lfilter would forget the state
+            return state, np.empty((0, len(self.output_mean)))
+        numerators, denominators, _ = self._filters
+        t = self.scores(x)
+        u = np.empty_like(t)
+        after = np.empty_like(state)
+        for r in range(len(self.latents)):
+            if state.shape[1]:
+                u[:, r], after[r] = lfilter(numerators[r], denominators[r], t[:, r], zi=state[r])
+            else:
+                u[:, r] = numerators[r, 0] * t[:, r]
+        return after, self._outputs(u)
+
+    def _outputs(self, u: FloatArray) -> FloatArray:
+        """Compute y from u, shapes (..., R) to (..., M) (eq. 15)."""
+        y: FloatArray = self.output_mean + (u @ self.output_loadings.T) / self.output_weight
+        return y
+
+
+def from_loadings(
+    loadings: FloatArray,
+    output_loadings: FloatArray,
+    input_weight: FloatArray,
+    output_weight: FloatArray,
+    latents: Sequence[Arx],
+) -> ArxPls:
+    """
+    Build a model as a paper publishes it: P, Q, W_x, W_y and H(z), without W and means.
+
+    With as many latents as inputs, X = T Pᵀ alone determines the scores: T = X P⁻ᵀ, for any W.
+
+    Parameters
+    ----------
+    loadings : ndarray, shape (F, F)
+        P, invertible.
+    output_loadings : ndarray, shape (M, F)
+        Q.
+    input_weight, output_weight : ndarray, shapes (F,) and (M,)
+        Diagonals of W_x and W_y.
+    latents : sequence of F Arx
+        H_r.
+
+    Returns
+    -------
+    ArxPls
+        With zero means.
+
+    Raises
+    ------
+    ModelFileError
+        When P is not square and invertible, or the parts do not fit together.
+
+    """
+    inputs = len(loadings)
+    if loadings.shape != (inputs, inputs) or np.linalg.matrix_rank(loadings) < inputs:
+        raise ModelFileError(
+            f'P must be square and invertible to determine the scores; got shape {loadings.shape}.'
+        )
+    return ArxPls(
+        input_mean=np.zeros(inputs),
+        input_weight=input_weight,
+        rotations=np.asarray(np.linalg.inv(loadings).T, dtype=float),
+        latents=tuple(latents),
+        output_loadings=output_loadings,
+        output_weight=output_weight,
+        output_mean=np.zeros(len(output_loadings)),
+    )
+
+
+def from_gains(
+    bank: Sequence[Arx],
+    gains: FloatArray,
+    input_mean: FloatArray,
+    input_weight: FloatArray,
+    output_weight: FloatArray,
+) -> ArxPls | None:
+    """
+    Write a sum of filtered linear maps as an ARX-PLS model, exactly (eq. 15).
+
+    y ∘ W_y = Σ_k G_kᵀ H_k(x): the singular vectors of W_x⁻¹ G_k are latents with the dynamics H_k.
+
+    Parameters
+    ----------
+    bank : sequence of K Arx
+        H_k, with static gain 1.
+    gains : ndarray, shape (K, F, M)
+        G_k, from inputs in their own unit to outputs times output_weight.
+    input_mean, input_weight : ndarray, shape (F,)
+        x̄ and diagonal of W_x of the model; inputs of weight 0 must have no gain.
+    output_weight : ndarray, shape (M,)
+        Diagonal of W_y.
+
+    Returns
+    -------
+    ArxPls or None
+        With zero output mean; None when all gains are zero.
+
+    """
+    rotations: list[FloatArray] = []
+    loadings: list[FloatArray] = []
+    latents: list[Arx] = []
+    scale = np.where(input_weight > 0, input_weight, 1.0)
+    for dynamics, gain in zip(bank, gains, strict=True):
+        # Shapes: (F, M) into (F, R_k), (R_k, R_k) and (R_k, M).
+        left, singular, right = np.linalg.svd(gain / scale[:, np.newaxis], full_matrices=False)
+        for r in np.flatnonzero(singular > 1e-12 * max(singular[0], 1e-300)):
+            rotations.append(left[:, r])
+            loadings.append(singular[r] * right[r])
+            latents.append(dynamics)
+    if not latents:
+        return None
+    return ArxPls(
+        input_mean=input_mean,
+        input_weight=input_weight,
+        rotations=np.stack(rotations, axis=1),
+        latents=tuple(latents),
+        output_loadings=np.stack(loadings, axis=1),
+        output_weight=output_weight,
+        output_mean=np.zeros(len(output_weight)),
+    )

@@ -1,0 +1,245 @@
+"""
+The drift of one axis: dynamic filters, features, and the outer and inner model behind them.
+
+    T'(k) = H_1(T), …, H_K(T)     (K·J,)  dynamic filter before the outer model (eq. 11)
+    x(k)  = features of T'        (F,)
+    y(k)  = ARX-PLS of x          (M,)    eq. 15
+
+Strain gauges and body lag behind the thermometers, and how they bend with temperature is a
+matter of *their* temperature: so powers are taken behind the filters. A model without filters is
+the paper's, its dynamics all in the latents.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.model.arx import Arx
+from wrist_ft_comp.model.arx_pls import ArxPls
+from wrist_ft_comp.model.features import Features
+from wrist_ft_comp.model.signals import FloatArray
+
+_UNIT_GAIN_TOLERANCE = 1e-6
+
+
+#: The slope at the edge of the calibrated range is taken over this share of the range.
+_SLOPE_SHARE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class AxisModel:
+    """
+    What runs for one axis.
+
+    Attributes
+    ----------
+    features : Features
+        From J temperatures, or with filters K·J filtered ones (filter by filter), to F features.
+    dynamics : ArxPls
+        From F features to one output (zero drift) or two (zero drift, sensitivity drift).
+    filters : tuple of K Arx
+        H_k, of static gain 1, each applied to every thermometer; empty passes them as they are.
+
+    """
+
+    features: Features
+    dynamics: ArxPls
+    filters: tuple[Arx, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check once, where the record is built, that the parts fit together."""
+        inputs = self.features.expand(self.features.reference_c).shape[0]
+        if inputs != len(self.dynamics.input_mean):
+            raise ModelFileError(
+                f'The features give {inputs} inputs, the dynamics expect '
+                f'{len(self.dynamics.input_mean)}; they must be equal.'
+            )
+        if len(self.dynamics.output_mean) not in (1, 2):
+            raise ModelFileError(
+                'An axis has one output (zero drift) or two (zero and sensitivity drift); got '
+                f'{len(self.dynamics.output_mean)}.'
+            )
+        if self.filters and self.features.thermometers % len(self.filters):
+            raise ModelFileError(
+                f'{len(self.filters)} filters cannot give {self.features.thermometers} filtered '
+                'temperatures; it must be a multiple.'
+            )
+        for number, each in enumerate(self.filters, start=1):
+            if abs(each.gain - 1.0) > _UNIT_GAIN_TOLERANCE:
+                raise ModelFileError(
+                    f'Filter {number} has the static gain {each.gain:.6g}; it must be 1, or '
+                    'filtered temperatures would not be temperatures.'
+                )
+        _ = self._filter_bank  # refuses unstable filters now, not in the first step
+
+    @property
+    def thermometers(self) -> int:
+        """Number of thermometers J."""
+        return self.features.thermometers // max(len(self.filters), 1)
+
+    @property
+    def reference_c(self) -> FloatArray:
+        """T_ref of each thermometer, °C, shape (J,)."""
+        return self.features.reference_c[: self.thermometers]
+
+    @property
+    def lower_c(self) -> FloatArray:
+        """Lowest calibrated temperature of each thermometer, °C, shape (J,)."""
+        return self.features.lower_c[: self.thermometers]
+
+    @property
+    def upper_c(self) -> FloatArray:
+        """Highest calibrated temperature of each thermometer, °C, shape (J,)."""
+        return self.features.upper_c[: self.thermometers]
+
+    @property
+    def outputs(self) -> int:
+        """M: 1 with zero drift only, 2 with sensitivity drift."""
+        return len(self.dynamics.output_mean)
+
+    @property
+    def poles(self) -> FloatArray:
+        """Poles of all filters and latents, complex, shape (poles,)."""
+        parts = (*self.filters, *self.dynamics.latents)
+        return np.concatenate([part.poles for part in parts])
+
+    @cached_property
+    def _thermometer_features(self) -> Features:
+        """Features of the thermometers themselves, for the range."""
+        return replace(
+            self.features,
+            reference_c=self.reference_c,
+            lower_c=self.lower_c,
+            upper_c=self.upper_c,
+            knots_c=self.features.knots_c[: self.thermometers],
+        )
+
+    @cached_property
+    def _filter_bank(self) -> ArxPls | None:
+        """Write the filters as latents whose loadings only copy."""
+        if not self.filters:
+            return None
+        thermometers, filtered = self.thermometers, self.features.thermometers
+        return ArxPls(
+            input_mean=np.zeros(thermometers),
+            input_weight=np.ones(thermometers),
+            rotations=np.tile(np.eye(thermometers), len(self.filters)),  # (J, K·J)
+            latents=tuple(each for each in self.filters for _ in range(thermometers)),
+            output_loadings=np.eye(filtered),
+            output_weight=np.ones(filtered),
+            output_mean=np.zeros(filtered),
+        )
+
+    def start(self, temperature_c: FloatArray) -> FloatArray:
+        """
+        State of a sensor that has soaked at these temperatures.
+
+        Parameters
+        ----------
+        temperature_c : ndarray, shape (J,)
+            Temperatures, °C.
+
+        Returns
+        -------
+        ndarray, shape (S,)
+            Filter states: those of the filters, then those of the latents.
+
+        """
+        clamped = self._clamp(temperature_c)
+        if self._filter_bank is None:
+            return self.dynamics.start(self.features.expand_within(clamped)).ravel()
+        before = self._filter_bank.start(clamped)
+        x = self.features.expand_within(np.tile(clamped, len(self.filters)))
+        return np.concatenate((before.ravel(), self.dynamics.start(x).ravel()))
+
+    def step(self, state: FloatArray, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """
+        Advance by one thermal cell.
+
+        Parameters
+        ----------
+        state : ndarray, shape (S,)
+            From start or the last step; not modified.
+        temperature_c : ndarray, shape (J,)
+            Mean temperatures of the cell, °C.
+
+        Returns
+        -------
+        tuple of ndarrays, shapes (S,) and (M,)
+            New state, and the drift of the cell.
+
+        """
+        before, behind = self._split(state)
+        filtered = self._clamp(temperature_c)
+        if self._filter_bank is not None:
+            before, filtered = self._filter_bank.step(before, filtered)
+        behind, outputs = self.dynamics.step(behind, self.features.expand_within(filtered))
+        return np.concatenate((before.ravel(), behind.ravel())), outputs
+
+    def run(self, state: FloatArray, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """
+        Advance by many thermal cells: the fold of step, faster.
+
+        Parameters
+        ----------
+        state : ndarray, shape (S,)
+            From start or the last run; not modified.
+        temperature_c : ndarray, shape (N, J)
+            Mean temperatures of consecutive cells, °C.
+
+        Returns
+        -------
+        tuple of ndarrays, shapes (S,) and (N, M)
+            State after the last cell, and the drift of every cell.
+
+        """
+        before, behind = self._split(state)
+        filtered = self._clamp(temperature_c)
+        if self._filter_bank is not None:
+            before, filtered = self._filter_bank.run(before, filtered)
+        behind, outputs = self.dynamics.run(behind, self.features.expand_within(filtered))
+        return np.concatenate((before.ravel(), behind.ravel())), outputs
+
+    def drift_beyond_range(self, temperature_c: FloatArray) -> float:
+        """
+        Extrapolate, from the edge of the calibrated range, what zero drift lies beyond it.
+
+        Parameters
+        ----------
+        temperature_c : ndarray, shape (J,)
+            Temperatures, °C.
+
+        Returns
+        -------
+        float
+            Sum of the sizes over thermometers, N or N m, when soaked; 0 within the range.
+
+        """
+        inside = np.clip(temperature_c, self.lower_c, self.upper_c)
+        total = 0.0
+        for j in np.flatnonzero(temperature_c != inside):
+            back = inside.copy()
+            span = float(self.upper_c[j] - self.lower_c[j])
+            step = _SLOPE_SHARE * span if temperature_c[j] > inside[j] else -_SLOPE_SHARE * span
+            back[j] -= step
+            if step:
+                slope = (self._soaked(inside) - self._soaked(back)) / step
+                total += abs(slope * float(temperature_c[j] - inside[j]))
+        return total
+
+    def _soaked(self, temperature_c: FloatArray) -> float:
+        """Zero drift of a sensor that has soaked at these temperatures, N or N m."""
+        return float(self.step(self.start(temperature_c), temperature_c)[1][0])
+
+    def _clamp(self, temperature_c: FloatArray) -> FloatArray:
+        """Hold temperatures near the calibrated range, before a filter remembers them."""
+        return self._thermometer_features.clamp(temperature_c)
+
+    def _split(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Divide the state into that of the filters and that of the latents, shapes (R, L)."""
+        bank = self._filter_bank
+        rows, lags = (0, 0) if bank is None else bank.state_shape
+        before, behind = state[: rows * lags], state[rows * lags :]
+        return before.reshape(rows, lags), behind.reshape(self.dynamics.state_shape)

@@ -1,0 +1,158 @@
+"""
+Features: what the outer model sees of the temperatures.
+
+Either powers of θ_j = T_j - T_ref,j, or hat functions at given temperatures: coefficients known at
+discrete temperatures and interpolated linearly between them (the paper's section 3.2).
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.model.signals import FloatArray
+
+#: Powers continue this share of the calibrated span beyond it: drift does not stop at the coldest
+#: morning that was recorded, but how it goes on is a guess that must stay small.
+MARGIN = 0.2
+
+
+FeatureKind = Literal['powers', 'hats']
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """
+    How J temperatures become F features.
+
+    Temperatures further than MARGIN outside [lower_c, upper_c], the range that was calibrated, are
+    clamped. Hats, which have no slope beyond their last knot, stay constant from there.
+
+    Attributes
+    ----------
+    kind : {'powers', 'hats'}
+        Powers of θ_j up to ``degree``, or one hat function per knot.
+    reference_c : ndarray, shape (J,)
+        T_ref, °C.
+    lower_c, upper_c : ndarray, shape (J,)
+        Calibrated range, °C.
+    degree : int
+        Highest power; unused for hats.
+    knots_c : tuple of J ndarrays
+        Increasing knot temperatures of each thermometer, °C; empty for powers.
+
+    """
+
+    kind: FeatureKind
+    reference_c: FloatArray
+    lower_c: FloatArray
+    upper_c: FloatArray
+    degree: int = 1
+    knots_c: tuple[FloatArray, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Check the ranges once, where the record is built."""
+        if self.kind == 'powers' and self.degree < 1:
+            raise SettingsError(
+                f'The degree of the features must be at least 1; got {self.degree}.'
+            )
+        if self.kind == 'hats':
+            if len(self.knots_c) != len(self.reference_c):
+                raise SettingsError(
+                    f'Hat functions need knots for each of {len(self.reference_c)} thermometers; '
+                    f'got knots for {len(self.knots_c)}.'
+                )
+            for knots in self.knots_c:
+                if len(knots) < 2 or not (np.diff(knots) > 0).all():
+                    raise SettingsError(
+                        'Hat functions need at least two increasing temperatures per thermometer; '
+                        f'got {[float(knot) for knot in knots]}.'
+                    )
+        if not (self.lower_c <= self.upper_c).all():
+            raise SettingsError(
+                f'The calibrated range must not be empty; got {self.lower_c} … {self.upper_c} °C.'
+            )
+
+    @property
+    def thermometers(self) -> int:
+        """Number of thermometers J."""
+        return len(self.reference_c)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each of the F features, thermometers counted from 1."""
+        if self.kind == 'powers':
+            power = {1: '', 2: '²', 3: '³', 4: '⁴'}
+            return tuple(
+                f'θ{j}{power.get(p, f"^{p}")}'
+                for p in range(1, self.degree + 1)
+                for j in range(1, self.thermometers + 1)
+            )
+        return tuple(
+            f'T{j} near {knot:.4g} °C'
+            for j, knots in enumerate(self.knots_c, start=1)
+            for knot in knots
+        )
+
+    def clamp(self, temperature_c: FloatArray) -> FloatArray:
+        """
+        Hold temperatures near the calibrated range.
+
+        Parameters
+        ----------
+        temperature_c : ndarray, shape (..., J)
+            Temperatures, °C.
+
+        Returns
+        -------
+        ndarray, shape (..., J)
+            At most MARGIN of the calibrated span beyond it, °C.
+
+        """
+        margin = MARGIN * (self.upper_c - self.lower_c)
+        clamped: FloatArray = np.clip(temperature_c, self.lower_c - margin, self.upper_c + margin)
+        return clamped
+
+    def expand(self, temperature_c: FloatArray) -> FloatArray:
+        """
+        Compute the features.
+
+        Parameters
+        ----------
+        temperature_c : ndarray, shape (..., J)
+            Temperatures, °C.
+
+        Returns
+        -------
+        ndarray, shape (..., F)
+            Powers: θ_1 … θ_J, then their squares, and so on (K, K² …). Hats: the hats of
+            thermometer 1, then of 2, and so on, each between 0 and 1.
+
+        """
+        return self.expand_within(self.clamp(temperature_c))
+
+    def expand_within(self, temperature_c: FloatArray) -> FloatArray:
+        """
+        Compute the features of temperatures that need no clamping, as ``expand``.
+
+        Parameters
+        ----------
+        temperature_c : ndarray, shape (..., J)
+            Temperatures, °C.
+
+        Returns
+        -------
+        ndarray, shape (..., F)
+            As expand.
+
+        """
+        if self.kind == 'powers':
+            theta = temperature_c - self.reference_c
+            return np.concatenate([theta**p for p in range(1, self.degree + 1)], axis=-1)
+        hats = [
+            np.interp(temperature_c[..., j, np.newaxis], knots, unit)[..., 0]
+            for j, knots in enumerate(self.knots_c)
+            for unit in np.eye(len(knots))
+        ]
+        return np.stack(hats, axis=-1)

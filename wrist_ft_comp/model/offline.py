@@ -1,0 +1,146 @@
+"""The drift of a whole recording at once, offline."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model.drift_model import Drift, DriftModel
+from wrist_ft_comp.model.signals import FloatArray, IntArray, Recording
+
+
+class DriftTrack(NamedTuple):
+    """
+    Drift over a recording, known at the ends of thermal cells and linear between them.
+
+    Attributes
+    ----------
+    stamps_ns : ndarray of int64, shape (N + 1,)
+        Ends of the cells, and of the one after the last.
+    drift : Drift
+        At these stamps, arrays of shape (N + 1, 6).
+
+    """
+
+    stamps_ns: IntArray
+    drift: Drift
+
+
+def check_fits(model: DriftModel, recording: Recording) -> None:
+    """
+    Refuse a recording that the model cannot be run on.
+
+    Parameters
+    ----------
+    model : DriftModel
+        The model.
+    recording : Recording
+        On the model's thermal grid.
+
+    Raises
+    ------
+    RecordingError
+        When thermometers or period differ.
+
+    """
+    if recording.thermometers != model.thermometers:
+        raise RecordingError(
+            f'{recording.name} has {recording.thermometers} thermometers, the model expects '
+            f'{model.thermometers}. Name the topics, or keep the columns, that it was calibrated '
+            'with.'
+        )
+    if recording.period_ns != model.period_ns:
+        raise RecordingError(
+            f'{recording.name} is on thermal cells of {recording.period_s} s, the model runs on '
+            f'{model.period_ns / 1e9} s. Read it with the period of the model.'
+        )
+
+
+def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
+    """
+    Run the model freely over a recording, from the steady state of its first cell.
+
+    Parameters
+    ----------
+    model : DriftModel
+        The model.
+    recording : Recording
+        On the model's thermal grid.
+
+    Returns
+    -------
+    Drift
+        Of every cell, arrays of shape (N, 6).
+
+    Raises
+    ------
+    RecordingError
+        When the recording does not fit the model.
+
+    """
+    check_fits(model, recording)
+    temperature_c = recording.temperature_c
+    return drift.run(model, drift.start(model, temperature_c[0]), temperature_c)[1]
+
+
+def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:
+    """
+    Lay the drift out over time as the stream does: a cell's drift is reached one cell later.
+
+    Parameters
+    ----------
+    model, recording
+        As for simulate_drift.
+
+    Returns
+    -------
+    DriftTrack
+        Before its first stamp the first value holds, after the last the last one.
+
+    Raises
+    ------
+    RecordingError
+        When the recording does not fit the model.
+
+    """
+    simulated = simulate_drift(model, recording)
+    cells = recording.first_cell + 1 + np.arange(len(recording) + 1)
+    first_twice = np.concatenate(([0], np.arange(len(recording))))
+    return DriftTrack(
+        cells * recording.period_ns,
+        Drift(simulated.zero[first_twice], simulated.sensitivity[first_twice]),
+    )
+
+
+def correct_many(
+    track: DriftTrack, stamps_ns: IntArray, raw: FloatArray, tare: FloatArray | float = 0.0
+) -> FloatArray:
+    """
+    Correct a block of wrenches.
+
+    Parameters
+    ----------
+    track : DriftTrack
+        From track_drift.
+    stamps_ns : ndarray of int64, shape (n,)
+        Stamps, ns.
+    raw : ndarray, shape (n, 6)
+        Raw wrenches, N and N m.
+    tare : ndarray, shape (6,), optional
+        Raw offset to subtract, N and N m.
+
+    Returns
+    -------
+    ndarray, shape (n, 6)
+        Compensated wrenches ŵ.
+
+    """
+    # Relative to the first stamp, so that nanoseconds since 1970 keep their precision as floats.
+    origin = track.stamps_ns[0]
+    at, knots = (stamps_ns - origin).astype(float), (track.stamps_ns - origin).astype(float)
+    zero, sensitivity = (
+        np.stack([np.interp(at, knots, column) for column in part.T], axis=1)
+        for part in track.drift
+    )
+    return drift.correct(raw, Drift(zero, sensitivity), tare)

@@ -1,0 +1,210 @@
+"""
+What a recording is: samples as they were read, and their means on the thermal grid.
+
+Channels are named like the columns of a CSV recording: ``force_x`` … ``torque_z`` (raw wrench, N
+and N m), ``reference_force_x`` … (reference wrench), ``temperature_c``, ``temperature_2_c`` …
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrist_ft_comp.errors import RecordingError
+
+Reference = Literal['unloaded', 'constant', 'recorded']
+
+
+FloatArray = NDArray[np.float64]
+
+
+IntArray = NDArray[np.int64]
+
+
+BoolArray = NDArray[np.bool_]
+
+
+#: Axis order of every wrench array in this package.
+AXES = ('force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z')
+
+
+REFERENCE_CHANNELS = tuple(f'reference_{axis}' for axis in AXES)
+
+
+NANOSECONDS = 1_000_000_000
+
+
+def axis_unit(axis: str) -> str:
+    """Return the unit of an axis: N for forces, N m for torques."""
+    return 'N' if axis.startswith('force') else 'N m'
+
+
+def temperature_channel(thermometer: int) -> str:
+    """
+    Name the channel of a thermometer.
+
+    Parameters
+    ----------
+    thermometer : int
+        Counted from 0; 0 is the one inside the sensor.
+
+    Returns
+    -------
+    str
+        ``temperature_c`` for 0, else ``temperature_2_c``, ``temperature_3_c`` …
+
+    """
+    return 'temperature_c' if thermometer == 0 else f'temperature_{thermometer + 1}_c'
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """
+    A block of samples that share their stamps, in the order in which they were recorded.
+
+    Attributes
+    ----------
+    channels : tuple of str, length C
+        Channel names as in the module's docstring.
+    stamps_ns : ndarray of int64, shape (n,)
+        Time of measurement.
+    values : ndarray, shape (n, C)
+        N, N m or °C. Not finite where the source held no number; such values are counted.
+
+    """
+
+    channels: tuple[str, ...]
+    stamps_ns: IntArray
+    values: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        expected = (len(self.stamps_ns), len(self.channels))
+        if self.values.shape != expected:
+            raise RecordingError(
+                f'Samples of {", ".join(self.channels)} need values of shape {expected}; '
+                f'got {self.values.shape}.'
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """
+    Means of a recording over the cells of the thermal grid.
+
+    Cell ``k`` is the half-open interval ``[k h, (k + 1) h)`` of stamps, ``h = period_ns``. The
+    first cell is the first one by whose end every thermometer has reported.
+
+    Attributes
+    ----------
+    name : str
+        Where it came from, for messages.
+    period_ns : int
+        Cell length h, ns.
+    first_cell : int
+        Number of the first cell.
+    temperature_c : ndarray, shape (N, J)
+        Mean temperature, °C; a cell without a sample holds the last one's value.
+    measured : ndarray of bool, shape (N, J)
+        Whether the cell had a temperature sample of its own.
+    wrench : ndarray, shape (N, 6)
+        Mean raw wrench, N and N m, axis order AXES; NaN where there was no sample.
+    reference : ndarray, shape (N, 6)
+        Mean reference wrench; NaN where there was no sample.
+    warnings : tuple of str
+        What was dropped while reading, in sentences.
+    unit : str
+        Of every axis where it is not N and N m; else empty.
+
+    """
+
+    name: str
+    period_ns: int
+    first_cell: int
+    temperature_c: FloatArray
+    measured: BoolArray
+    wrench: FloatArray
+    reference: FloatArray
+    warnings: tuple[str, ...] = field(default=())
+    unit: str = ''
+
+    def __post_init__(self) -> None:
+        """Check shapes and finiteness once, where the record is built."""
+        if self.period_ns <= 0:
+            raise RecordingError(
+                f'A thermal cell must last longer than 0 ns; got {self.period_ns}.'
+            )
+        if self.temperature_c.ndim != 2 or 0 in self.temperature_c.shape:
+            raise RecordingError(
+                f'{self.name} holds no temperature. Expected temperature_c in at least one cell.'
+            )
+        cells = len(self.temperature_c)
+        for what, array, shape in (
+            ('measured', self.measured, self.temperature_c.shape),
+            ('wrench', self.wrench, (cells, len(AXES))),
+            ('reference', self.reference, (cells, len(AXES))),
+        ):
+            if array.shape != shape:
+                raise RecordingError(
+                    f'{what} of {self.name} must have shape {shape}; got {array.shape}.'
+                )
+        if not np.isfinite(self.temperature_c).all():
+            raise RecordingError(f'Temperatures of {self.name} must be finite on the grid.')
+
+    def unit_of(self, axis: str) -> str:
+        """Return the unit of an axis."""
+        return self.unit or axis_unit(axis)
+
+    def __len__(self) -> int:
+        """Count the cells."""
+        return len(self.temperature_c)
+
+    @property
+    def period_s(self) -> float:
+        """Cell length h in seconds."""
+        return self.period_ns / NANOSECONDS
+
+    @property
+    def duration_s(self) -> float:
+        """Time covered, seconds."""
+        return len(self) * self.period_s
+
+    @property
+    def elapsed_s(self) -> FloatArray:
+        """Time of each cell's centre since the recording's first cell began, shape (N,)."""
+        return np.asarray((np.arange(len(self)) + 0.5) * self.period_s, dtype=float)
+
+    @property
+    def thermometers(self) -> int:
+        """Number of thermometers J."""
+        return int(self.temperature_c.shape[1])
+
+    @property
+    def axes_present(self) -> tuple[str, ...]:
+        """Axes that have at least one wrench sample."""
+        present = np.any(np.isfinite(self.wrench), axis=0)
+        return tuple(axis for axis, here in zip(AXES, present, strict=True) if here)
+
+
+def noise_level(series: Sequence[FloatArray]) -> float:
+    """
+    Estimate the noise of slowly moving series from the differences of neighbouring samples.
+
+    Parameters
+    ----------
+    series : sequence of ndarrays, shape (N_i,)
+        NaN where there is no sample.
+
+    Returns
+    -------
+    float
+        Standard deviation, robust against steps; 0 when there are no two samples.
+
+    """
+    steps = np.concatenate([np.diff(values[np.isfinite(values)]) for values in series])
+    if not len(steps):
+        return 0.0
+    # A normal variable's median absolute value is 0.6745 σ; a difference has twice the variance.
+    return float(np.median(np.abs(steps)) / 0.6745 / np.sqrt(2))

@@ -1,0 +1,173 @@
+"""
+The thermal grid as a stream: samples of several thermometers in, completed cells out.
+
+It gives the temperatures that GridBuilder gives for the same samples. A cell is complete when
+every thermometer has delivered a later one, or when the others are ahead of a silent one by more
+than the patience. Time comes in with the samples.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from wrist_ft_comp.model.signals import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class CompletedCells:
+    """
+    Consecutive cells with the same temperatures: one that was measured, or held ones after a gap.
+
+    Attributes
+    ----------
+    first_cell : int
+        Number of the first cell.
+    count : int
+        How many cells.
+    temperature_c : ndarray, shape (J,)
+        Mean or held temperatures, °C.
+    measured : tuple of J bool
+        Which thermometers had a sample of their own.
+
+    """
+
+    first_cell: int
+    count: int
+    temperature_c: FloatArray
+    measured: tuple[bool, ...]
+
+
+class ThermalGrid:
+    """
+    Averages temperatures per cell as they arrive.
+
+    Parameters
+    ----------
+    period_ns : int
+        Cell length h, ns.
+    thermometers : int
+        Number of thermometers J.
+    patience_s : float
+        How long a silent thermometer may hold the others up, s; then its last value is held.
+
+    """
+
+    def __init__(self, period_ns: int, thermometers: int, patience_s: float) -> None:
+        self.period_ns = period_ns
+        self.rejected = 0
+        self.restarts = 0
+        self._thermometers = thermometers
+        self._patience = max(1, math.ceil(patience_s * 1e9 / period_ns))
+        self._latest: list[int | None] = [None] * thermometers
+        self._last_stamp_ns: list[int | None] = [None] * thermometers
+        self._held: list[float] = [math.nan] * thermometers
+        self._first: list[int | None] = [None] * thermometers
+        self._next: int | None = None
+        self._forgotten: int | None = None  # cells before it are only held, while _next is None
+        self._open: dict[int, tuple[list[float], list[int]]] = {}
+
+    def add(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[CompletedCells]:
+        """
+        Take one sample.
+
+        Parameters
+        ----------
+        thermometer : int
+            Which one, counted from 0.
+        stamp_ns : int
+            Its stamp, ns. A stamp that does not increase is dropped and counted; one that is
+            behind by more than the patience restarts the grid there.
+        temperature_c : float
+            °C; a value that is not finite is dropped and counted.
+
+        Returns
+        -------
+        list of CompletedCells
+            Often empty, usually at most one.
+
+        """
+        if not math.isfinite(temperature_c):
+            self.rejected += 1
+            return []
+        cell = stamp_ns // self.period_ns
+        last = self._last_stamp_ns[thermometer]
+        if last is not None and stamp_ns <= last:
+            if cell >= last // self.period_ns - self._patience:
+                self.rejected += 1
+                return []
+            self._restart()
+        self._last_stamp_ns[thermometer] = stamp_ns
+        if self._next is not None and cell < self._next:
+            self.rejected += 1
+            return []
+        self._latest[thermometer] = cell
+        if self._first[thermometer] is None:
+            self._first[thermometer] = cell
+        sums, counts = self._open.setdefault(
+            cell, ([0.0] * self._thermometers, [0] * self._thermometers)
+        )
+        sums[thermometer] += temperature_c
+        counts[thermometer] += 1
+        return self._complete()
+
+    def _restart(self) -> None:
+        """Begin anew after time ran back; the last values stay held."""
+        self.restarts += 1
+        self._latest = [None] * self._thermometers
+        self._last_stamp_ns = [None] * self._thermometers
+        self._first = [None] * self._thermometers
+        self._next = self._forgotten = None
+        self._open.clear()
+
+    def _complete(self) -> list[CompletedCells]:
+        """Emit all cells that no sample can be expected for any more."""
+        known = [cell for cell in self._latest if cell is not None]
+        end = max(min(known), max(known) - self._patience)
+        if len(known) < self._thermometers:
+            # One never reported: what is older than the patience is only held, not kept.
+            self._forget_before(max(known) - self._patience)
+            return []
+        if self._next is None:
+            # As in a batch: begin with the first cell by whose end all have reported.
+            self._forget_before(max(cell for cell in self._first if cell is not None))
+            self._next = self._forgotten
+        return self._emit_until(end)
+
+    def _emit_until(self, end: int) -> list[CompletedCells]:
+        """Emit what is complete before a cell, measured ones singly, held ones together."""
+        assert self._next is not None  # noqa: S101 -- set before anything is emitted
+        done: list[CompletedCells] = []
+        for cell in sorted(cell for cell in self._open if cell < end):
+            if cell > self._next:
+                done.append(self._emit(cell))
+            sums, counts = self._open.pop(cell)
+            self._hold(sums, counts)
+            done.append(self._emit(cell + 1, tuple(count > 0 for count in counts)))
+        if end > self._next:
+            done.append(self._emit(end))
+        return done
+
+    def _forget_before(self, end: int) -> None:
+        """Keep only the values of cells that will not be emitted."""
+        self._forgotten = end if self._forgotten is None else max(end, self._forgotten)
+        for cell in sorted(cell for cell in self._open if cell < self._forgotten):
+            self._hold(*self._open.pop(cell))
+
+    def _hold(self, sums: list[float], counts: list[int]) -> None:
+        """Make a cell's means the held values."""
+        for j, count in enumerate(counts):
+            if count:
+                self._held[j] = sums[j] / count
+
+    def _emit(self, end: int, measured: tuple[bool, ...] | None = None) -> CompletedCells:
+        """Emit the cells up to end with the values that are held now."""
+        assert self._next is not None  # noqa: S101 -- set before anything is emitted
+        cells = CompletedCells(
+            self._next,
+            end - self._next,
+            np.array(self._held),
+            measured or (False,) * self._thermometers,
+        )
+        self._next = end
+        return cells

@@ -1,0 +1,152 @@
+"""Which temperatures and loads recordings have covered, and which they have not."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrist_ft_comp.calibration.cross_validation import bin_means
+from wrist_ft_comp.model.signals import AXES, FloatArray, Recording
+
+#: What a robot's wrist may meet: from a hall on a cold morning to hours of hard work, °C.
+WORKING_RANGE_C = (15.0, 50.0)
+
+
+#: Width of the bins in which time is counted, K.
+BIN_K = 1.0
+
+
+#: Rise and fall are counted between means over this time, so that noise is no cooling, s.
+_TREND_S = 300.0
+
+
+@dataclass(frozen=True)
+class LoadRange:
+    """
+    Loads of one axis.
+
+    Attributes
+    ----------
+    low, high, deviation : float
+        Smallest, largest, and standard deviation, N or N m.
+
+    """
+
+    low: float
+    high: float
+    deviation: float
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """
+    What recordings have seen.
+
+    Attributes
+    ----------
+    edges_c : ndarray, shape (B + 1,)
+        Edges of temperature bins, °C.
+    seconds : ndarray, shape (J, B)
+        Time that each thermometer spent in each bin, s.
+    range_c : ndarray, shape (J, 2)
+        Lowest and highest temperature of each thermometer, °C.
+    leading : int
+        The thermometer that spans most, counted from 0: what it has not seen is not known.
+    risen_k, fallen_k : float
+        How far it went up and down, all recordings together, K.
+    loads : dict of str to LoadRange
+        By axis, where a reference was recorded.
+
+    """
+
+    edges_c: FloatArray
+    seconds: FloatArray
+    range_c: FloatArray
+    leading: int
+    risen_k: float
+    fallen_k: float
+    loads: dict[str, LoadRange]
+
+
+def cover(recordings: Sequence[Recording]) -> Coverage:
+    """
+    Count what recordings have seen.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        At least one, all with the same thermometers.
+
+    Returns
+    -------
+    Coverage
+        Of all of them together.
+
+    """
+    temperature_c = np.concatenate([recording.temperature_c for recording in recordings])
+    period_s = np.concatenate([np.full(len(each), each.period_s) for each in recordings])
+    range_c = np.stack((temperature_c.min(axis=0), temperature_c.max(axis=0)), axis=1)
+    lowest = np.floor(min(WORKING_RANGE_C[0], range_c.min()) / BIN_K)
+    highest = np.ceil(max(WORKING_RANGE_C[1], range_c.max()) / BIN_K)
+    edges = np.arange(lowest, highest + 1) * BIN_K
+    seconds = [np.histogram(column, edges, weights=period_s)[0] for column in temperature_c.T]
+    leading = int(np.argmax(np.ptp(range_c, axis=1)))
+    moves = np.concatenate([_moves(recording, leading) for recording in recordings])
+    return Coverage(
+        edges_c=edges,
+        seconds=np.array(seconds),
+        range_c=range_c,
+        leading=leading,
+        risen_k=float(moves[moves > 0].sum()),
+        fallen_k=float(np.abs(moves[moves < 0]).sum()),
+        loads=_loads(recordings),
+    )
+
+
+def unseen_temperatures(coverage: Coverage) -> list[tuple[float, float]]:
+    """
+    List the parts of the working range that the leading thermometer has not seen.
+
+    Parameters
+    ----------
+    coverage : Coverage
+        From cover.
+
+    Returns
+    -------
+    list of (float, float)
+        From, to, °C, increasing; holes between what was seen are among them.
+
+    """
+    low, high = (float(bound) for bound in coverage.range_c[coverage.leading])
+    empty = np.concatenate(([False], coverage.seconds[coverage.leading] == 0, [False]))
+    edges = coverage.edges_c[np.flatnonzero(np.diff(empty))].tolist()
+    holes = [
+        (start, end)
+        for start, end in zip(edges[::2], edges[1::2], strict=True)
+        if low <= start and end <= high
+    ]
+    coldest, hottest = WORKING_RANGE_C
+    return [
+        (start, end)
+        for start, end in [(coldest, low), *holes, (high, hottest)]
+        if end - start >= BIN_K
+    ]
+
+
+def _moves(recording: Recording, thermometer: int) -> FloatArray:
+    """Change between neighbouring means of a thermometer, K."""
+    column = recording.temperature_c[:, thermometer]
+    cells = max(round(_TREND_S / recording.period_s), 1)
+    return np.diff(bin_means(column, np.arange(len(column)), cells))
+
+
+def _loads(recordings: Sequence[Recording]) -> dict[str, LoadRange]:
+    """Range of the reference wrench, by axis."""
+    reference = np.concatenate([recording.reference for recording in recordings])
+    found = {}
+    for axis, column in zip(AXES, reference.T, strict=True):
+        known = column[np.isfinite(column)]
+        if len(known):
+            found[axis] = LoadRange(float(known.min()), float(known.max()), float(known.std()))
+    return found

@@ -1,0 +1,185 @@
+"""One evaluation of several recordings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model.drift_model import Drift, DriftModel
+from wrist_ft_comp.model.offline import simulate_drift
+from wrist_ft_comp.model.signals import AXES, FloatArray, Recording, Reference
+
+
+@dataclass(frozen=True)
+class AxisEvaluation:
+    """
+    What is left of an axis' drift, after taring and against the reference, N or N m.
+
+    Attributes
+    ----------
+    rms_before, rms_after : float
+        Root mean square over thermal cells, raw and compensated.
+    max_before, max_after : float
+        Largest deviation of a cell.
+
+    """
+
+    rms_before: float
+    rms_after: float
+    max_before: float
+    max_after: float
+
+
+def evaluate(
+    model: DriftModel, recording: Recording, reference: Reference, tare_s: float = 60.0
+) -> dict[str, AxisEvaluation]:
+    """
+    Compare raw and compensated means of thermal cells with the reference, both tared.
+
+    Parameters
+    ----------
+    model : DriftModel
+        The model.
+    recording : Recording
+        On the model's thermal grid.
+    reference : {'unloaded', 'constant', 'recorded'}
+        What the true wrench was; the first two compare with zero after taring.
+    tare_s : float
+        Both are tared on the first seconds that hold wrenches, s.
+
+    Returns
+    -------
+    dict of str to AxisEvaluation
+        By axis, those that were recorded.
+
+    Raises
+    ------
+    RecordingError
+        When the recording does not fit the model, or holds nothing to compare with.
+
+    """
+    before, after = tared_errors(model, recording, reference, tare_s)
+    found = {}
+    for column, axis in enumerate(AXES):
+        errors = np.stack((before[:, column], after[:, column]))
+        errors = errors[:, np.isfinite(errors).all(axis=0)]
+        if errors.shape[1]:
+            rms = np.sqrt(np.mean(errors**2, axis=1))
+            peak = np.max(np.abs(errors), axis=1)
+            found[axis] = AxisEvaluation(
+                float(rms[0]), float(rms[1]), float(peak[0]), float(peak[1])
+            )
+    if not found:
+        raise RecordingError(
+            f'{recording.name} holds no cell with both wrench and reference. Declare the '
+            'reference unloaded or constant, or record it.'
+        )
+    return found
+
+
+def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> FloatArray:
+    """
+    Tare on the first, unloaded seconds of a recording.
+
+    Parameters
+    ----------
+    model, recording
+        As for simulate_drift.
+    tare_s : float
+        How long, s, from each axis' first wrench; 0 gives no tare.
+
+    Returns
+    -------
+    ndarray, shape (6,)
+        Raw offset, N and N m.
+
+    """
+    if tare_s == 0:
+        return np.zeros(len(AXES))
+    unloaded = np.zeros_like(recording.wrench)
+    return _tare(recording, unloaded, simulate_drift(model, recording), tare_s)
+
+
+def _tare(recording: Recording, true: FloatArray, simulated: Drift, tare_s: float) -> FloatArray:
+    """Tare as a robot does under the load w: r - o - (1 + s) w, shape (6,)."""
+    offset = recording.wrench - simulated.zero - (1.0 + simulated.sensitivity) * true
+    tare = np.zeros(len(AXES))
+    for column, values in enumerate(offset.T):
+        at = np.flatnonzero(np.isfinite(values))
+        if len(at):
+            first = (at - at[0]) * recording.period_s < max(tare_s, recording.period_s)
+            tare[column] = values[at[first]].mean()
+    return tare
+
+
+def tared_errors(
+    model: DriftModel, recording: Recording, reference: Reference, tare_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """
+    Subtract the reference from raw and compensated means of cells, both tared.
+
+    Parameters
+    ----------
+    model, recording, reference, tare_s
+        As for evaluate.
+
+    Returns
+    -------
+    tuple of ndarrays, shape (N, 6)
+        Errors before and after, N and N m; NaN where there is nothing to compare.
+
+    Raises
+    ------
+    RecordingError
+        When the recording does not fit the model.
+
+    """
+    simulated = simulate_drift(model, recording)
+    true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
+    nothing = Drift(np.zeros_like(simulated.zero), np.zeros_like(simulated.sensitivity))
+    before, after = (
+        drift.correct(recording.wrench, part, _tare(recording, true, part, tare_s)) - true
+        for part in (nothing, simulated)
+    )
+    return before, after
+
+
+def pool(
+    results: Sequence[dict[str, AxisEvaluation]], cells: Sequence[int]
+) -> dict[str, AxisEvaluation]:
+    """
+    Pool the evaluations of several recordings: mean squares by length, largest of the largest.
+
+    Parameters
+    ----------
+    results : sequence of dict of str to AxisEvaluation
+        One per recording.
+    cells : sequence of int
+        Length of each.
+
+    Returns
+    -------
+    dict of str to AxisEvaluation
+        By axis, those that any recording has.
+
+    """
+    pooled = {}
+    for axis in AXES:
+        of_axis = [result.get(axis) for result in results]
+        found = [(e, n) for e, n in zip(of_axis, cells, strict=True) if e is not None]
+        if found:
+            weights = [n for _, n in found]
+            pooled[axis] = AxisEvaluation(
+                _root_mean_square([e.rms_before for e, _ in found], weights),
+                _root_mean_square([e.rms_after for e, _ in found], weights),
+                max(e.max_before for e, _ in found),
+                max(e.max_after for e, _ in found),
+            )
+    return pooled
+
+
+def _root_mean_square(values: Sequence[float], weights: Sequence[int]) -> float:
+    """Pool root mean squares."""
+    return float(np.sqrt(np.average(np.square(values), weights=weights)))

@@ -1,0 +1,225 @@
+"""The view of a calibration: held-out errors, what was chosen, what to record next."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from wrist_ft_comp.calibration.calibrate import Calibration
+from wrist_ft_comp.calibration.chamber import ChamberFigures
+from wrist_ft_comp.calibration.cross_validation import HeldOut, rms_by_block
+from wrist_ft_comp.calibration.result import AxisFit
+from wrist_ft_comp.model.drift_model import StoredModel
+from wrist_ft_comp.model.signals import noise_level, Recording, Reference
+from wrist_ft_comp.report.advice import what_to_record_next
+from wrist_ft_comp.report.coverage import cover
+from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
+from wrist_ft_comp.report.view import (
+    AxisView,
+    drifts_removed,
+    ErrorSeries,
+    model_provenance,
+    model_sources,
+    recording_starts_h,
+    ReportView,
+    Source,
+    thermometer_series,
+)
+
+
+def calibration_verdicts(
+    calibration: Calibration, recordings: Sequence[Recording]
+) -> dict[str, Verdict]:
+    """
+    Judge every axis of a calibration by its held-out errors.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        From calibrate.
+    recordings : sequence of Recording
+        What it was made from.
+
+    Returns
+    -------
+    dict of str to Verdict
+        By axis.
+
+    """
+    longest_s = max(recording.duration_s for recording in recordings)
+    return {axis: _judge(fit, longest_s) for axis, fit in calibration.fits.items()}
+
+
+def calibration_view(
+    calibration: Calibration,
+    recordings: Sequence[Recording],
+    stored: StoredModel,
+    reference: Reference,
+    tables: Mapping[str, Mapping[str, ChamberFigures]] | None = None,
+) -> ReportView:
+    """
+    Fill a report's view from a calibration.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        From calibrate.
+    recordings : sequence of Recording
+        What it was made from.
+    stored : StoredModel
+        The model as it was saved.
+    reference : {'unloaded', 'constant', 'recorded'}
+        What the true wrench was.
+    tables : mapping, optional
+        Figures of chamber tables, by name, then by title.
+
+    Returns
+    -------
+    ReportView
+        Ready to be written.
+
+    """
+    verdicts = calibration_verdicts(calibration, recordings)
+    coverage = cover(recordings)
+    # An axis that was refused drifts, and is explained no better than a weak one.
+    levels: dict[str, Level] = {
+        axis: 'weak' if calibration.fits[axis].refusal else verdict.level
+        for axis, verdict in verdicts.items()
+    }
+    return ReportView(
+        kind='calibration',
+        model=stored.path.name,
+        explanation=_explanation(calibration, recordings, reference),
+        axes=tuple(
+            _axis_view(axis, fit, verdicts[axis], recordings, coverage.leading)
+            for axis, fit in calibration.fits.items()
+        ),
+        thermometers=thermometer_series(recordings),
+        sources=tuple(Source(each.name, each.duration_s / 3600) for each in recordings),
+        coverage=coverage,
+        advice=tuple(
+            what_to_record_next(
+                coverage,
+                levels,
+                reference,
+                [each.duration_s for each in recordings],
+                max(map(_slowest_s, calibration.fits.values()), default=0.0),
+                chamber=not all(_held_out(fit).tared for fit in calibration.fits.values()),
+            )
+        ),
+        warnings=_warnings(calibration),
+        learnt_from=model_sources(stored),
+        provenance=model_provenance(stored),
+        tables=tables or {},
+    )
+
+
+def _warnings(calibration: Calibration) -> tuple[str, ...]:
+    """Leave out the refusals, which are verdicts here."""
+    refusals = tuple(fit.refusal for fit in calibration.fits.values() if fit.refusal)
+    return tuple(each for each in calibration.warnings if not each.startswith(refusals))
+
+
+def _held_out(fit: AxisFit) -> HeldOut:
+    """Return the errors that every identified axis carries."""
+    assert fit.held_out is not None  # noqa: S101 -- identify_axis always keeps them
+    return fit.held_out
+
+
+def _slowest_s(fit: AxisFit) -> float:
+    """Find the slowest time constant that was searched, s; those of a bank are given."""
+    pairs = zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
+    return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
+
+
+def _judge(fit: AxisFit, longest_s: float) -> Verdict:
+    """Judge one axis."""
+    held_out = _held_out(fit)
+    parts = held_out.recording * (held_out.block.max() + 1) + held_out.block
+    tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
+    return judge(
+        Evidence(
+            unit=fit.unit,
+            before=fit.rms_before,
+            after=fit.rms_after,
+            noise=noise_level([held_out.after[parts == part] for part in np.unique(parts)]),
+            compensated=fit.model is not None,
+            best_candidate=min(tried, default=None),
+            blocks=rms_by_block(held_out),
+            slowest_s=_slowest_s(fit),
+            longest_s=longest_s,
+            refusal=fit.refusal,
+        )
+    )
+
+
+def _axis_view(
+    axis: str, fit: AxisFit, verdict: Verdict, recordings: Sequence[Recording], leading: int
+) -> AxisView:
+    """Fill the view of one axis."""
+    held_out = _held_out(fit)
+    return AxisView(
+        axis=axis,
+        unit=fit.unit,
+        verdict=verdict,
+        rms_before=fit.rms_before,
+        rms_after=fit.rms_after,
+        peak_before=float(np.abs(held_out.before).max()),
+        peak_after=float(np.abs(held_out.after).max()),
+        series=_series(held_out, recordings, leading),
+        drifts=drifts_removed(fit.model),
+        chosen=fit.chosen,
+        reason='' if fit.refusal else fit.reason,
+        time_constants_s=fit.time_constants_s,
+        time_constant_errors_s=fit.time_constant_errors_s,
+        candidates=fit.candidates,
+        notes=fit.notes,
+    )
+
+
+def _series(held_out: HeldOut, recordings: Sequence[Recording], leading: int) -> ErrorSeries:
+    """Lay held-out errors out over time and temperature."""
+    starts = recording_starts_h(recordings)
+    period_h = recordings[0].period_s / 3600
+    temperature_c = [
+        recordings[number].temperature_c[round(cell), leading]
+        for number, cell in zip(held_out.recording, held_out.cell, strict=True)
+    ]
+    return ErrorSeries(
+        hours=starts[held_out.recording] + (held_out.cell + 0.5) * period_h,
+        temperature_c=np.array(temperature_c),
+        before=held_out.before,
+        after=held_out.after,
+        part=held_out.recording * (held_out.block.max() + 1) + held_out.block,
+    )
+
+
+def _explanation(
+    calibration: Calibration, recordings: Sequence[Recording], reference: Reference
+) -> str:
+    """Say what was held out, and from where errors are counted."""
+    held_out = _held_out(next(iter(calibration.fits.values())))
+    count = len(np.unique(held_out.block))
+    if len(recordings) > 1:
+        blocks = f'Each of the {count} recordings was held out in turn'
+        zero = 'the mean of the recording'
+    elif held_out.tared:
+        minutes = recordings[0].duration_s / count / 60
+        blocks = (
+            f'The recording was cut into {count} blocks of {minutes:.0f} min, and each was held '
+            'out in turn'
+        )
+        zero = 'the mean of the block'
+    else:
+        blocks = f'Each of the {count} plateaus was held out in turn'
+        zero = 'the mean of the other plateaus'
+    trend = (
+        ', and from a straight line over recordings that last a third of a day'
+        if any(_held_out(fit).detrended for fit in calibration.fits.values())
+        else ''
+    )
+    tared = ': what is compared is drift after a tare' if held_out.tared else ''
+    return (
+        f'{blocks}: a model that was fitted to the others ran on its temperatures alone. Errors '
+        f'are means over {held_out.bin_s:g} s, counted from {zero}{trend}, with compensation and '
+        f'without{tared}. Reference: {reference}.'
+    )

@@ -1,0 +1,162 @@
+"""Warm restarts of the node: saving thermal state and tare, and going on from them."""
+
+import time
+from typing import Any, TYPE_CHECKING
+
+from wrist_ft_comp.errors import StateFileError
+from wrist_ft_comp.files.state_file import load_state, SavedState, StateWriter
+from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.stream.warm_restart import belongs_to, longest_gap_s, ThermalMemory, too_old
+
+if TYPE_CHECKING:
+    from wrist_ft_comp.ros.compensator_node import CompensatorNode
+
+#: How long the node waits for the disk when it ends, s.
+_END_TIMEOUT_S = 2.0
+
+
+#: A system clock that was set back by less than this is no reason to forget, s.
+_SET_BACK_S = 1.0
+
+
+_SOAKED = 'the drift starts at the steady state of the first temperatures'
+
+
+class StateKeeping:
+    """
+    Goes on from the state of the node before, and saves this one's.
+
+    Parameters
+    ----------
+    node : CompensatorNode
+        The owner; its model is live and no temperature has come.
+    period_s : float
+        How often to save, s.
+
+    """
+
+    def __init__(self, node: 'CompensatorNode', period_s: float) -> None:
+        #: What became of the saved state, a sentence.
+        self.outcome = 'there was no saved state'
+        self._node = node
+        self._period_s = period_s
+        self._path = node.store.directory / 'state.json'
+        self._writer = StateWriter(self._path)
+        self._due = time.monotonic() + period_s
+        self._told = node.compensator.tracker.origin
+        self._complained = ''
+        self._loaded: SavedState | None = None
+        self._restore()
+        self._saved, self._saved_end_ns = self._key(), self._end_ns()
+
+    @property
+    def problem(self) -> str:
+        """Why states cannot be saved; empty when they can."""
+        return self._writer.problem
+
+    @property
+    def saves(self) -> tuple[int, float]:
+        """How many states were saved, and how long the last one took, s."""
+        return self._writer.written, self._writer.took_s
+
+    def _restore(self) -> None:
+        """Go on from the saved state, if it is of use."""
+        try:
+            state = load_state(self._path)
+        except StateFileError as error:
+            self._begin_anew(str(error))
+            return
+        if state is None:
+            return
+        if state.model_sha256 != self._model_sha256():
+            self._begin_anew('the saved state belongs to another model, and so does its tare')
+            return
+        self._loaded = state
+        if state.tare.any():
+            self._node.compensator.restore_tare(state.tare)
+            self._node.console.info('the tare from before the restart is active')
+        self.outcome = 'the saved state holds no thermal state'
+        if state.thermal is not None and self._node.compensator.model is not None:
+            self._resume(state, state.thermal)
+
+    def _resume(self, state: SavedState, memory: ThermalMemory) -> None:
+        """Go on from a thermal state, unless it makes no sense."""
+        node = self._node
+        model: Any = node.compensator.model
+        gap_s = (time.time_ns() - state.saved_ns) / NANOSECONDS
+        if node.get_parameter('use_sim_time').value:
+            gap_s = 0.0  # the system's clock tells nothing about a simulation's
+        if not belongs_to(model, memory):
+            self._begin_anew(f'{self._path} does not fit the model it names')
+        elif gap_s < -_SET_BACK_S:
+            self._begin_anew(f'the saved state is from {-gap_s:.0f} s in the future')
+        elif gap_s > longest_gap_s(model):
+            self._begin_anew(too_old(model, gap_s))
+        else:
+            node.compensator.resume(memory, max(gap_s, 0.0))
+            self.outcome = node.compensator.tracker.origin
+
+    def _begin_anew(self, why: str) -> None:
+        """Say that the saved state is of no use."""
+        self.outcome = f'{why}; {_SOAKED}'
+        self._node.console.warning(self.outcome)
+
+    def _model_sha256(self) -> str | None:
+        """Hash of the live model."""
+        stored = self._node.model.stored
+        return None if stored is None else stored.sha256
+
+    def _key(self) -> tuple[str | None, bytes]:
+        """Return what is worth a save at once when it changes."""
+        return self._model_sha256(), self._node.compensator.tare.tobytes()
+
+    def poll(self) -> None:
+        """Tell what became of the saved state, and save what changed or is due."""
+        self._tell_origin()
+        if self.problem != self._complained:
+            self._complained = self.problem
+            if self.problem:
+                self._node.console.error(self.problem)
+        due = time.monotonic() >= self._due and self._end_ns() != self._saved_end_ns
+        if due or self._key() != self._saved:
+            self.save()
+
+    def _tell_origin(self) -> None:
+        """Log how the drift started, when that is known."""
+        compensator = self._node.compensator
+        if compensator.tracker.origin == self._told:
+            return
+        self._told = compensator.tracker.origin
+        if self._loaded is not None:
+            self.outcome = self._told
+        # One call site each: rclpy insists that a call site keeps its severity.
+        if compensator.tracker.forgot:
+            self._node.console.warning(self._told)
+        else:
+            self._node.console.info(self._told)
+
+    def _end_ns(self) -> int | None:
+        """Tell up to when the thermal state reaches; None without one."""
+        tracker = self._node.compensator.tracker
+        return tracker.end_ns if tracker.following else None
+
+    def save(self) -> None:
+        """Have the present state saved; returns at once."""
+        compensator = self._node.compensator
+        self._due = time.monotonic() + self._period_s
+        self._saved, self._saved_end_ns = self._key(), self._end_ns()
+        # What was loaded and is not yet in use is as old as it was.
+        waiting = compensator.tracker.crossing and self._loaded is not None
+        saved_ns = self._loaded.saved_ns if waiting and self._loaded else time.time_ns()
+        self._writer.put(
+            SavedState(saved_ns, self._model_sha256(), compensator.tare, compensator.memory())
+        )
+
+    def end(self) -> None:
+        """Save once more, and wait for the disk."""
+        if self._end_ns() != self._saved_end_ns or self._key() != self._saved:
+            self.save()
+        if not self._writer.end(_END_TIMEOUT_S):
+            self._node.console.error(f'{self._path} was not saved: the disk does not answer.')
+        elif self.problem:
+            self._node.console.error(self.problem)

@@ -1,0 +1,212 @@
+"""
+Heat conduction along a simulated wrist: the constants, and the matrices that follow from them.
+
+Heat flows from a joint's motor through the flange and the sensor's body to the tool, and
+everywhere along that way into the room::
+
+    motor ─ contact ─ cell 1 ─ cell 2 ─ … ─ cell n ─ contact ─ tool
+      │                 │        │            │                  │     (convection to the room)
+
+Each node of this chain has one temperature (finite volumes), so the state is linear in duty cycle
+and room temperature, and a time step is exact.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.model.signals import FloatArray
+
+
+@dataclass(frozen=True)
+class ThermalSensorSettings:
+    """
+    Physical constants of a simulated wrist.
+
+    Attributes
+    ----------
+    step_s : float
+        Time step, s.
+    cells : int
+        Number of finite volumes of the body.
+    max_motor_power_w : float
+        Heat of the motor at duty cycle 1, W.
+    motor_capacity_j_per_k, body_capacity_j_per_k, tool_capacity_j_per_k : float
+        Heat capacity of the motor with its gear, of the whole body, and of the tool, J/K.
+    contact_w_per_k, body_w_per_k, tool_contact_w_per_k : float
+        Conductance from motor to body, along the whole body, and from body to tool, W/K.
+    motor_convection_w_per_k, body_convection_w_per_k, tool_convection_w_per_k : float
+        Conductance to the room, W/K.
+    thermometer_positions : tuple of float, length 2
+        On the electronics toward the tool, and at the flange of the motor side.
+    thermometer_noise_k, thermometer_quantum_k : float
+        Standard deviation, and step of the reading (0: none), K.
+    gauge_position, axis_position_spread, gauge_position_spread : float
+        Mean place of the gauges, and the most that an axis and a gauge deviate from it.
+    gauge_coefficient_per_k, gauge_coefficient_per_k2 : float
+        Relative change of resistance with temperature, 1/K and 1/K².
+    gauge_mismatch_per_k, gauge_mismatch_per_k2 : float
+        Standard deviation of these between the gauges of a bridge.
+    zero_coefficient_per_k : tuple of float, length 2
+        Smallest and largest zero drift of a bridge at even temperature, V/V per K. Gauges are
+        sorted into bridges, so none drifts more; that none drifts less keeps the drift visible.
+    piezoresistive_coefficient : float
+        Relative change of resistance per strain at NOMINAL_C.
+    piezoresistive_per_k, piezoresistive_per_k2 : float
+        Its relative change with temperature, 1/K and 1/K².
+    force_stiffness_n, torque_stiffness_nm : float
+        Load per strain, N and N m.
+    force_noise_n, torque_noise_nm : float
+        Standard deviation of a reading, N and N m.
+    force_quantum_n, torque_quantum_nm : float
+        Step of a reading (0: none), N and N m.
+
+    """
+
+    step_s: float = 1.0
+    cells: int = 10
+    max_motor_power_w: float = 22.0
+    motor_capacity_j_per_k: float = 700.0
+    body_capacity_j_per_k: float = 600.0
+    tool_capacity_j_per_k: float = 200.0
+    contact_w_per_k: float = 1.0
+    body_w_per_k: float = 0.1
+    tool_contact_w_per_k: float = 0.5
+    motor_convection_w_per_k: float = 0.2
+    body_convection_w_per_k: float = 0.6
+    tool_convection_w_per_k: float = 0.15
+    thermometer_positions: tuple[float, float] = (0.9, 0.1)
+    thermometer_noise_k: float = 0.01
+    thermometer_quantum_k: float = 0.0625
+    gauge_position: float = 0.3
+    axis_position_spread: float = 0.05
+    gauge_position_spread: float = 0.008
+    gauge_coefficient_per_k: float = 1.5e-3
+    gauge_coefficient_per_k2: float = 1e-6
+    gauge_mismatch_per_k: float = 40e-6
+    gauge_mismatch_per_k2: float = 1e-7
+    zero_coefficient_per_k: tuple[float, float] = (45e-6, 65e-6)
+    piezoresistive_coefficient: float = 100.0
+    piezoresistive_per_k: float = -4e-4
+    piezoresistive_per_k2: float = 4e-7
+    force_stiffness_n: float = 1e6
+    torque_stiffness_nm: float = 3e4
+    force_noise_n: float = 0.08
+    torque_noise_nm: float = 0.003
+    force_quantum_n: float = 0.01
+    torque_quantum_nm: float = 0.0005
+
+    def __post_init__(self) -> None:
+        """Refuse what has no physical meaning."""
+        positive = (
+            'step_s', 'motor_capacity_j_per_k', 'body_capacity_j_per_k', 'tool_capacity_j_per_k',
+            'contact_w_per_k', 'body_w_per_k', 'tool_contact_w_per_k', 'motor_convection_w_per_k',
+            'force_stiffness_n', 'torque_stiffness_nm', 'piezoresistive_coefficient',
+        )  # fmt: skip
+        for name in positive:
+            if not getattr(self, name) > 0:
+                raise SettingsError(f'{name} must be above 0; got {getattr(self, name)}.')
+        if self.cells < 2:
+            raise SettingsError(f'cells must be at least 2; got {self.cells}.')
+
+
+@dataclass(frozen=True, eq=False)
+class HeatFlow:
+    """
+    Linear heat flow between M nodes: motor, the body's cells, tool, in this order.
+
+    Attributes
+    ----------
+    rates, inputs : ndarray, shape (M, M) and (M, 2)
+        dT/dt = rates T + inputs (duty cycle, room temperature), 1/s; inputs in K/s and 1/s.
+    transition, step_inputs : ndarray, shape (M, M) and (M, 2)
+        The same for one time step.
+
+    """
+
+    rates: FloatArray
+    inputs: FloatArray
+    transition: FloatArray
+    step_inputs: FloatArray
+
+
+def build_heat_flow(settings: ThermalSensorSettings) -> HeatFlow:
+    """
+    Build the matrices of heat flow.
+
+    Parameters
+    ----------
+    settings : ThermalSensorSettings
+        Physical constants.
+
+    Returns
+    -------
+    HeatFlow
+        Continuous, and exact for one time step.
+
+    """
+    rates, inputs = _balance(settings)
+    return HeatFlow(rates, inputs, *_one_step(rates, inputs, settings.step_s))
+
+
+def _balance(settings: ThermalSensorSettings) -> tuple[FloatArray, FloatArray]:
+    """Balance the heat of every node: capacity · dT/dt = conduction + convection + motor."""
+    s, n = settings, settings.cells
+    half_cell = 2 * n * s.body_w_per_k  # from a cell's centre to its border
+
+    def series(a: float, b: float) -> float:
+        return a * b / (a + b)
+
+    links = np.full(n + 1, n * s.body_w_per_k)
+    links[0] = series(s.contact_w_per_k, half_cell)
+    links[-1] = series(half_cell, s.tool_contact_w_per_k)
+    convection = np.full(n + 2, s.body_convection_w_per_k / n)
+    convection[[0, -1]] = s.motor_convection_w_per_k, s.tool_convection_w_per_k
+    capacity = np.full(n + 2, s.body_capacity_j_per_k / n)
+    capacity[[0, -1]] = s.motor_capacity_j_per_k, s.tool_capacity_j_per_k
+
+    difference = np.diff(np.eye(n + 2), axis=0)
+    conduction = difference.T @ np.diag(links) @ difference
+    rates = -(conduction + np.diag(convection)) / capacity[:, None]
+    motor = np.zeros(n + 2)
+    motor[0] = s.max_motor_power_w
+    return rates, np.column_stack((motor, convection)) / capacity[:, None]
+
+
+def _one_step(
+    rates: FloatArray, inputs: FloatArray, step_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Discretise exactly for inputs that are constant over a step (zero-order hold)."""
+    # exp [ A h  B h ]   [ Φ  Γ ]
+    #     [  0    0  ] = [ 0  I ]
+    m = len(rates)
+    block = np.zeros((m + 2, m + 2))
+    block[:m, :m], block[:m, m:] = rates * step_s, inputs * step_s
+    solution = expm(block)
+    return solution[:m, :m], solution[:m, m:]
+
+
+def interpolation(cells: int, positions: FloatArray) -> FloatArray:
+    """
+    Weigh node temperatures so that they give those at positions along the body.
+
+    Parameters
+    ----------
+    cells : int
+        Number of cells of the body.
+    positions : ndarray, shape (...)
+        0 (motor side) to 1 (tool side).
+
+    Returns
+    -------
+    ndarray, shape (..., M)
+        Linear between cell centres, constant beyond the outer ones; rows sum to 1.
+
+    """
+    centres = (np.arange(cells) + 0.5) / cells
+    rows = np.zeros((*positions.shape, cells + 2))
+    for cell in range(cells):
+        rows[..., cell + 1] = np.interp(positions, centres, np.eye(cells)[cell])
+    return rows

@@ -1,0 +1,212 @@
+"""
+What happens to a simulated wrist during a run: duty cycle, room temperature and load over time.
+
+Times are simulated seconds since the run began.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray
+
+#: Sines that make up the load of an axis.
+_SINES = 4
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """
+    What a person chooses about a run.
+
+    Attributes
+    ----------
+    duty_start_s : tuple of float
+        Ascending times at which the duty cycle changes, s; before the first one it is 0.
+    duty_level : tuple of float, as many
+        Duty cycle from then on, 0 to 1.
+    room_c : float
+        Mean room temperature, °C.
+    room_swing_k, room_swing_period_s : float
+        Amplitude, K, and period, s, of its slow swing.
+    force_n, torque_nm : float
+        The largest load of an axis, N and N m; 0 is unloaded.
+    load_period_s : float
+        About how long a load takes from one peak to the next, s.
+
+    """
+
+    duty_start_s: tuple[float, ...] = (0.0, 120.0)
+    duty_level: tuple[float, ...] = (0.0, 0.8)
+    room_c: float = 22.0
+    room_swing_k: float = 1.0
+    room_swing_period_s: float = 7200.0
+    force_n: float = 20.0
+    torque_nm: float = 1.0
+    load_period_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        """Refuse a schedule that cannot be followed."""
+        starts, levels = np.array(self.duty_start_s), np.array(self.duty_level)
+        if len(starts) != len(levels):
+            raise SettingsError(
+                'The duty schedule needs as many start times as levels; got '
+                f'{len(starts)} and {len(levels)}. Give a level from each start time on.'
+            )
+        if not np.isfinite(starts).all() or not (np.diff(starts) > 0).all():
+            raise SettingsError(
+                'The start times of the duty schedule must ascend, in seconds; got '
+                f'{list(self.duty_start_s)}.'
+            )
+        if not ((levels >= 0) & (levels <= 1)).all():
+            raise SettingsError(
+                'The levels of the duty schedule must lie between 0 and 1; got '
+                f'{list(self.duty_level)}.'
+            )
+        for name in ('room_swing_period_s', 'load_period_s'):
+            if not getattr(self, name) > 0:
+                raise SettingsError(f'{name} must be above 0 s; got {getattr(self, name)}.')
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """
+    A run: settings, and what a seed has drawn.
+
+    Attributes
+    ----------
+    settings : RunSettings
+        What it was drawn for.
+    room_phase : float
+        Phase of the room's swing at time 0, rad.
+    load_rates, load_phases, load_shares : ndarray, shape (6, 4)
+        The sines of every axis: rad/s, rad, and shares of the largest load, which sum to 1.
+
+    """
+
+    settings: RunSettings
+    room_phase: float = field(repr=False)
+    load_rates: FloatArray = field(repr=False)
+    load_phases: FloatArray = field(repr=False)
+    load_shares: FloatArray = field(repr=False)
+
+
+def draw_run(settings: RunSettings, rng: np.random.Generator) -> Run:
+    """
+    Draw the random part of a run.
+
+    Parameters
+    ----------
+    settings : RunSettings
+        What to draw for.
+    rng : numpy.random.Generator
+        Source of the draws; it is moved on.
+
+    Returns
+    -------
+    Run
+        Everything about the run but the sensor.
+
+    """
+    shape = (len(AXES), _SINES)
+    shares = rng.uniform(0.5, 1.5, shape)
+    return Run(
+        settings,
+        room_phase=float(rng.uniform(0, 2 * np.pi)),
+        load_rates=2 * np.pi / settings.load_period_s * rng.uniform(0.4, 1.6, shape),
+        load_phases=rng.uniform(0, 2 * np.pi, shape),
+        load_shares=shares / shares.sum(axis=1, keepdims=True),
+    )
+
+
+def duty_cycle(run: Run, elapsed_s: ArrayLike) -> FloatArray:
+    """
+    Look the duty cycle up.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    elapsed_s : array_like, shape (...)
+        Times, s.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        0 to 1.
+
+    """
+    levels = np.array((0.0, *run.settings.duty_level))
+    current: FloatArray = levels[
+        np.searchsorted(np.array(run.settings.duty_start_s), elapsed_s, side='right')
+    ]
+    return current
+
+
+def room_temperature(run: Run, elapsed_s: ArrayLike) -> FloatArray:
+    """
+    Compute the room temperature.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    elapsed_s : array_like, shape (...)
+        Times, s.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        °C.
+
+    """
+    s = run.settings
+    angle = 2 * np.pi / s.room_swing_period_s * np.asarray(elapsed_s) + run.room_phase
+    temperature: FloatArray = s.room_c + s.room_swing_k * np.sin(angle)
+    return temperature
+
+
+def drive(run: Run, elapsed_s: FloatArray) -> FloatArray:
+    """
+    Give what drives the heat.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    elapsed_s : ndarray, shape (N,)
+        Times at which the steps begin, s.
+
+    Returns
+    -------
+    ndarray, shape (N, 2)
+        Duty cycle (0 to 1) and room temperature (°C).
+
+    """
+    return np.column_stack((duty_cycle(run, elapsed_s), room_temperature(run, elapsed_s)))
+
+
+def true_wrench(run: Run, elapsed_s: ArrayLike) -> FloatArray:
+    """
+    Compute the load: smooth, without an end, and never above the largest load.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    elapsed_s : array_like, shape (...)
+        Times, s.
+
+    Returns
+    -------
+    ndarray, shape (..., 6)
+        N and N m, axis order AXES.
+
+    """
+    s = run.settings
+    largest = np.array([s.force_n if axis_unit(axis) == 'N' else s.torque_nm for axis in AXES])
+    angles = np.asarray(elapsed_s)[..., None, None] * run.load_rates + run.load_phases
+    wrench: FloatArray = largest * (run.load_shares * np.sin(angles)).sum(axis=-1)
+    return wrench

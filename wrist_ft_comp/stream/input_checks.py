@@ -1,0 +1,186 @@
+"""Watching thermometers: readings no sensor has, jumps no body makes, and units mixed up."""
+
+from collections.abc import Sequence
+
+from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
+
+#: Looks in a row with the same reading after which it counts as frozen.
+LOOKS = 50
+
+
+#: Looks in a row at one stamp after which the stamps count as standing still.
+_STAMP_LOOKS = 5
+
+
+#: Stamps that move by more between two looks have leapt, unless they move that fast always.
+_LEAP_NS = 60 * NANOSECONDS
+
+
+_STEPS = 10
+
+
+class SensorWatch:
+    """
+    Remembers what a sensor's readings looked like.
+
+    Parameters
+    ----------
+    looks : int
+        Equal looks in a row that make a reading suspicious.
+
+    """
+
+    def __init__(self, looks: int = LOOKS) -> None:
+        #: How often stamps ran back, and leapt ahead.
+        self.ran_back = self.leapt = 0
+        #: Whether the newest wrench had no stamp.
+        self.unstamped = False
+        self._looks = looks
+        self._received = 0
+        self._raw: Sequence[float] = ()
+        self._same = [0] * len(AXES)
+        self._least = [float('inf')] * len(AXES)
+        self._most = [float('-inf')] * len(AXES)
+        self._stamp_ns: int | None = None
+        self._step_ns = 0
+        self._same_stamps = 0
+
+    def look(self, received: int, stamp_ns: int, raw: Sequence[float]) -> None:
+        """
+        Look at the newest wrench.
+
+        Parameters
+        ----------
+        received : int
+            How many came so far; without a new one there is nothing to see.
+        stamp_ns : int
+            Its stamp, ns; 0 when it has none.
+        raw : sequence of 6 floats
+            N and N m, axis order AXES.
+
+        """
+        if received == self._received:
+            return
+        self._received = received
+        for i, value in enumerate(raw):
+            self._same[i] = self._same[i] + 1 if self._raw and value == self._raw[i] else 0
+            self._least[i] = min(self._least[i], value)
+            self._most[i] = max(self._most[i], value)
+        self._raw = raw
+        self.unstamped = not stamp_ns
+        if stamp_ns:
+            self._look_at_stamp(stamp_ns)
+
+    def _look_at_stamp(self, stamp_ns: int) -> None:
+        """Compare a stamp with the one before."""
+        if self._stamp_ns is not None:
+            step_ns = stamp_ns - self._stamp_ns
+            self._same_stamps = self._same_stamps + 1 if step_ns == 0 else 0
+            self.ran_back += step_ns < 0
+            self.leapt += step_ns > max(_LEAP_NS, _STEPS * self._step_ns) and self._step_ns > 0
+            self._step_ns = max(step_ns, 1)
+        self._stamp_ns = stamp_ns
+
+    @property
+    def stamps_stand_still(self) -> bool:
+        """Whether new wrenches come with an old stamp."""
+        return self._same_stamps >= _STAMP_LOOKS
+
+    @property
+    def frozen(self) -> bool:
+        """Whether the reading has been the same, to the last bit, on all axes."""
+        return min(self._same) >= self._looks
+
+    @property
+    def saturated(self) -> tuple[str, ...]:
+        """
+        Axes that stay exactly at their largest or least value so far, while others move.
+
+        An axis that never moved, such as one that a sensor does not have, is not among them.
+        """
+        if self.frozen:
+            return ()
+        return tuple(
+            axis
+            for axis, same, value, least, most in zip(
+                AXES, self._same, self._raw or self._same, self._least, self._most, strict=True
+            )
+            if same >= self._looks and least < most and value in {least, most}
+        )
+
+
+#: A wrist sensor's thermometer reads nothing outside this, °C; 0 K and kelvins are.
+PLAUSIBLE_C = (-100.0, 200.0)
+
+
+#: No thermometer in a piece of metal moves by more between two cells: this, K, and this, K/s.
+_JUMP_K, _JUMP_K_S = 2.0, 0.2
+
+
+class ThermometerWatch:
+    """
+    Remembers the thermal cells of several thermometers.
+
+    Parameters
+    ----------
+    thermometers : int
+        Number of thermometers J.
+
+    """
+
+    def __init__(self, thermometers: int) -> None:
+        #: Jumps of each thermometer.
+        self.jumps = [0] * thermometers
+        #: The newest jump of each, K.
+        self.last_jump_k = [0.0] * thermometers
+        self._before: FloatArray | None = None
+
+    def look(self, temperature_c: FloatArray, cells: int, period_ns: int) -> None:
+        """
+        Look at completed cells.
+
+        Parameters
+        ----------
+        temperature_c : ndarray, shape (J,)
+            Their temperatures, °C.
+        cells : int
+            How many.
+        period_ns : int
+            Length of one, ns.
+
+        """
+        before, self._before = self._before, temperature_c
+        if before is None:
+            return
+        limit_k = _JUMP_K + _JUMP_K_S * cells * period_ns / NANOSECONDS
+        for j, step_k in enumerate((temperature_c - before).tolist()):
+            if abs(step_k) > limit_k:
+                self.jumps[j] += 1
+                self.last_jump_k[j] = step_k
+
+
+def other_unit(value: float, lower_c: float, upper_c: float) -> str:
+    """
+    Guess the unit of a temperature that is far off.
+
+    Parameters
+    ----------
+    value : float
+        As it was read.
+    lower_c, upper_c : float
+        What would be expected, °C.
+
+    Returns
+    -------
+    str
+        The unit in which it would be as expected, or empty.
+
+    """
+    in_units = {'degrees Fahrenheit': (value - 32.0) / 1.8, 'kelvins': value - 273.15}
+    fitting = [unit for unit, celsius in in_units.items() if lower_c <= celsius <= upper_c]
+    return fitting[0] if fitting else ''
+
+
+def is_plausible(value: float) -> bool:
+    """Tell whether a thermometer may read a value, °C; NaN and infinities may not."""
+    return PLAUSIBLE_C[0] < value < PLAUSIBLE_C[1]

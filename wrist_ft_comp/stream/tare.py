@@ -1,0 +1,96 @@
+"""Taring: a mean raw wrench over some time, refused while the load moves."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrist_ft_comp.errors import TareRefusedError
+from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray, NANOSECONDS
+from wrist_ft_comp.stream.limits import axis_limits
+
+#: The mean is compared over this many parts of the time: noise averages out, motion does not.
+_PARTS = 5
+
+
+_MIN_SAMPLES = 10
+
+
+class TareCollector:
+    """
+    Collects raw wrenches over a stretch of stamps.
+
+    Parameters
+    ----------
+    duration_s : float
+        How long, s.
+    max_deviation_n : float
+        How far the mean of any fifth of the time may be from the whole mean, N; torques, a tenth
+        of the number in N m.
+
+    """
+
+    def __init__(self, duration_s: float, max_deviation_n: float) -> None:
+        self._duration_ns = round(duration_s * NANOSECONDS)
+        self._limits = axis_limits(max_deviation_n)
+        self._stamps_ns: list[int] = []
+        self._wrenches: list[Sequence[float]] = []
+
+    def add(self, stamp_ns: int, raw: Sequence[float]) -> bool:
+        """
+        Take one wrench.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Its stamp, ns.
+        raw : sequence of 6 floats
+            Raw wrench, N and N m.
+
+        Returns
+        -------
+        bool
+            Whether the stretch is complete, and holds enough wrenches to average.
+
+        """
+        self._stamps_ns.append(stamp_ns)
+        self._wrenches.append(raw)
+        long_enough = stamp_ns - self._stamps_ns[0] >= self._duration_ns
+        return long_enough and len(self._wrenches) >= _MIN_SAMPLES
+
+    def result(self) -> tuple[FloatArray, int]:
+        """
+        Average what was collected.
+
+        Returns
+        -------
+        tuple of ndarray, shape (6,), and int
+            Mean raw wrench, N and N m, and the stamp of its middle, ns.
+
+        Raises
+        ------
+        TareRefusedError
+            When there are too few wrenches, they are not finite, or the load moved.
+
+        """
+        if len(self._wrenches) < _MIN_SAMPLES:
+            raise TareRefusedError(
+                f'Taring needs at least {_MIN_SAMPLES} wrenches; got {len(self._wrenches)}. '
+                'Check that the sensor publishes on wrench_raw, or raise tare.duration.'
+            )
+        wrenches = np.array(self._wrenches)
+        if not np.isfinite(wrenches).all():
+            raise TareRefusedError(
+                'Taring needs finite wrenches; got NaN or infinity. Check the sensor.'
+            )
+        mean: FloatArray = wrenches.mean(axis=0)
+        parts = [part.mean(axis=0) for part in np.array_split(wrenches, _PARTS)]
+        deviation = np.max(np.abs(np.stack(parts) - mean), axis=0)
+        worst = int(np.argmax(deviation / self._limits))
+        if deviation[worst] > self._limits[worst]:
+            unit = axis_unit(AXES[worst])
+            raise TareRefusedError(
+                f'{AXES[worst]} moved by {deviation[worst]:.3g} {unit} while taring; at most '
+                f'{self._limits[worst]:.3g} {unit} are allowed (tare.max_deviation). '
+                'Hold the robot still and call again.'
+            )
+        return mean, (self._stamps_ns[0] + self._stamps_ns[-1]) // 2
