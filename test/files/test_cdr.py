@@ -55,7 +55,7 @@ wrenches = st.builds(
 
 @given(st.lists(wrenches, max_size=12))
 def test_bulk_reading_agrees_with_rosbags_one_by_one(messages):
-    stamps_ns, values = cdr.unpack(messages, 6)
+    stamps_ns, values = cdr.decode_many(messages, 6)
     expected = [textbook(message) for message in messages]
     assert stamps_ns.tolist() == [stamp for stamp, _ in expected]
     assert values.tolist() == [row for _, row in expected]
@@ -65,7 +65,7 @@ def test_bulk_reading_agrees_with_rosbags_one_by_one(messages):
 def test_replaced_doubles_are_read_back_and_headers_stay_byte_for_byte(messages, random):
     before = list(messages)
     values = np.array([[random.uniform(-1e3, 1e3) for _ in range(6)] for _ in messages])
-    replaced = cdr.replace_doubles(messages, values)
+    replaced = cdr.encode_many(messages, values)
     assert messages == before
     assert [message[:-48] for message in replaced] == [message[:-48] for message in messages]
     assert [textbook(message)[1] for message in replaced] == values.tolist()
@@ -73,13 +73,13 @@ def test_replaced_doubles_are_read_back_and_headers_stay_byte_for_byte(messages,
 
 @given(wrenches)
 def test_replacing_doubles_by_themselves_changes_nothing(message):
-    assert cdr.replace_doubles([message], cdr.unpack([message], 6)[1]) == [message]
+    assert cdr.encode_many([message], cdr.decode_many([message], 6)[1]) == [message]
 
 
 def test_many_equal_layouts_and_mixed_ones_give_the_same_numbers():
     same = [wrench(k * 10**6, [k, 1.0, 2.0, 3.0, 4.0, 5.0]) for k in range(50)]
     odd = [wrench(7, [0.0] * 6, 'a much longer frame'), wrench(8, [1.0] * 6, 'ft', little=False)]
-    alone, mixed = cdr.unpack(same, 6), cdr.unpack([odd[0], *same, odd[1]], 6)
+    alone, mixed = cdr.decode_many(same, 6), cdr.decode_many([odd[0], *same, odd[1]], 6)
     np.testing.assert_array_equal(alone[0], mixed[0][1:-1])
     np.testing.assert_array_equal(alone[1], mixed[1][1:-1])
     assert alone[1].any()
@@ -87,7 +87,7 @@ def test_many_equal_layouts_and_mixed_ones_give_the_same_numbers():
 
 @pytest.mark.parametrize('little', [True, False])
 def test_temperature_is_the_first_of_two_doubles(little):
-    stamps_ns, values = cdr.unpack([temperature(3, 21.5, 'probe', little)], 2)
+    stamps_ns, values = cdr.decode_many([temperature(3, 21.5, 'probe', little)], 2)
     assert stamps_ns.tolist() == [3]
     assert values.tolist() == [[21.5, 0.5]]
 
@@ -95,9 +95,9 @@ def test_temperature_is_the_first_of_two_doubles(little):
 @pytest.mark.parametrize('little', [True, False])
 def test_one_message_is_located_where_struct_finds_its_doubles(little):
     message = wrench(1, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 'frame', little)
-    offset, order = cdr.locate_doubles(message, 6)
+    order = '<' if little else '>'
+    offset = cdr.locate(message, 6).offset
     assert struct.unpack_from(f'{order}6d', message, offset) == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-    assert order == ('<' if little else '>')
 
 
 def broken(change):
@@ -123,15 +123,15 @@ def broken(change):
 )
 def test_what_is_not_the_message_is_refused_in_a_sentence(data, said):
     with pytest.raises(RecordingError, match=said):
-        cdr.locate_doubles(data, 6)
+        cdr.locate(data, 6)
     with pytest.raises(RecordingError, match=said):
-        cdr.unpack([wrench(1, [0.0] * 6), data], 6)
+        cdr.decode_many([wrench(1, [0.0] * 6), data], 6)
     with pytest.raises(RecordingError, match=said):
-        cdr.replace_doubles([wrench(1, [0.0] * 6), data], np.zeros((2, 6)))
+        cdr.encode_many([wrench(1, [0.0] * 6), data], np.zeros((2, 6)))
 
 
 def test_no_messages_give_empty_arrays():
-    stamps_ns, values = cdr.unpack([], 6)
+    stamps_ns, values = cdr.decode_many([], 6)
     assert stamps_ns.shape == (0,)
     assert values.shape == (0, 6)
-    assert cdr.replace_doubles([], np.zeros((0, 6))) == []
+    assert cdr.encode_many([], np.zeros((0, 6))) == []

@@ -63,7 +63,7 @@ def test_the_same_data_as_csv_and_as_bag_give_the_same_recording(make_bag, make_
     bag = make_bag(count=1500)
     wrench, stamps = [], []
     for _, data in raw_messages(bag)['/wrench_raw']:
-        stamp, values = cdr.unpack([data], 6)
+        stamp, values = cdr.decode_many([data], 6)
         stamps.append(int(stamp[0]))
         wrench.append(values[0])
     rows = [
@@ -165,8 +165,8 @@ def test_a_rewritten_bag_holds_every_message_and_the_corrected_wrench(
     assert after == before
     raw = before['/wrench_raw']
     assert [stamp for stamp, _ in added] == [stamp for stamp, _ in raw]
-    stamps, values = cdr.unpack([data for _, data in raw], 6)
-    stamps_out, values_out = cdr.unpack([data for _, data in added], 6)
+    stamps, values = cdr.decode_many([data for _, data in raw], 6)
+    stamps_out, values_out = cdr.decode_many([data for _, data in added], 6)
     np.testing.assert_array_equal(stamps_out, stamps)
     np.testing.assert_array_equal(values_out, values / 2)
     assert values.any()

@@ -375,7 +375,7 @@ def unpack(
 
     """
     try:
-        return cdr.unpack(messages, doubles)
+        return cdr.decode_many(messages, doubles)
     except RecordingError as error:
         if messages[0].startswith(_ZSTD_MAGIC):
             raise RecordingError(

@@ -1,5 +1,5 @@
 """
-Layout of the CDR messages this package reads and writes: a header, then doubles.
+The codec of messages that are a header, then doubles: one by one, or many at once.
 
 ``geometry_msgs/WrenchStamped`` (6 doubles) and ``sensor_msgs/Temperature`` (2 doubles) share it::
 
@@ -8,15 +8,16 @@ Layout of the CDR messages this package reads and writes: a header, then doubles
                0=big                int32  uint32     uint32     with NUL   float64 …
 
 Alignment counts from byte 4, so ``o = 4 + 8 ceil((12 + frame length) / 8)``. Bytes before ``o``
-are never interpreted beyond this and never changed.
+are never changed.
 """
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 import struct
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from wrist_ft_comp.errors import RecordingError
@@ -24,36 +25,60 @@ from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS
 
 #: Doubles in a message of these types: force and torque; temperature and its variance.
 WRENCH_DOUBLES = 6
-
-
 TEMPERATURE_DOUBLES = 2
-
-
-#: Bytes up to and including the length of frame_id.
-_HEAD = 16
-
-
+#: Byte at which frame_id begins.
+_FRAME = 16
 #: A frame name longer than this is not a frame name.
-MAX_FRAME_BYTES = 65536
+_MAX_FRAME_BYTES = 65536
+#: As much of a frame's name is shown, bytes; no sensor's is longer.
+_SHOWN = 255
+#: Layouts that are remembered: a topic has one, but a sender may vary its frame names.
+_MAX_LAYOUTS = 100
 
 
-def locate_doubles(data: bytes | bytearray | memoryview, count: int) -> tuple[int, str]:
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the parts lie in every message of one size, byte order and length of frame_id."""
+
+    #: First byte behind frame_id, and first byte of the doubles.
+    frame_end: int
+    offset: int
+    #: Of the doubles, and of a whole message: seconds, nanoseconds, doubles.
+    _doubles: struct.Struct
+    _numbers: struct.Struct
+    #: A whole message as numpy sees it.
+    record: np.dtype[np.void]
+
+    def decode(self, data: bytes) -> tuple[int, tuple[float, ...]]:
+        """Read the header's stamp, ns, and the doubles."""
+        numbers = self._numbers.unpack(data)
+        return numbers[0] * NANOSECONDS + numbers[1], numbers[2:]
+
+    def encode(self, data: bytes, doubles: Sequence[float]) -> bytes:
+        """Write other doubles behind the same header."""
+        return data[: self.offset] + self._doubles.pack(*doubles)
+
+    def frame_id(self, data: bytes) -> str:
+        """Read the frame's name, its first 255 bytes only."""
+        end = min(self.frame_end, _FRAME + _SHOWN)
+        return data[_FRAME:end].rstrip(b'\0').decode(errors='replace')
+
+
+def locate(data: bytes, count: int) -> Layout:
     """
-    Find the doubles in one message, checking that it is such a message.
+    Find out where the parts of a message lie, checking that it is such a message.
 
     Parameters
     ----------
-    data : bytes-like
+    data : bytes
         One serialized message, with its 4-byte encapsulation header.
     count : int
         How many doubles follow the header: 6 for a WrenchStamped, 2 for a Temperature.
 
     Returns
     -------
-    offset : int
-        Byte at which the doubles begin; they reach to the end.
-    order : str
-        '<' for little endian, '>' for big endian, as numpy and struct spell it.
+    Layout
+        It decodes and encodes this message; the same one for all that are laid out alike.
 
     Raises
     ------
@@ -61,89 +86,59 @@ def locate_doubles(data: bytes | bytearray | memoryview, count: int) -> tuple[in
         When the bytes are no such message; it names neither file nor topic.
 
     """
-    if len(data) < _HEAD:
+    return _layout(len(data), data[:2], data[12:_FRAME], count)
+
+
+@lru_cache(_MAX_LAYOUTS)
+def _layout(size: int, encapsulation: bytes, frame_length: bytes, count: int) -> Layout:
+    """Lay out messages of some size that begin like this."""
+    if size < _FRAME:
         raise RecordingError(
-            f'Expected a CDR message with a header and {count} doubles; got {len(data)} bytes.'
+            f'Expected a CDR message with a header and {count} doubles; got {size} bytes.'
         )
-    if data[0] != 0 or data[1] not in (0, 1):
+    if encapsulation not in {b'\0\0', b'\0\1'}:
         raise RecordingError(
             'Expected CDR encapsulation 00 00 or 00 01 at the start of the message; '
-            f'got {data[0]:02x} {data[1]:02x}.'
+            f'got {encapsulation.hex(" ")}.'
         )
-    order = '<' if data[1] else '>'
-    (frame_bytes,) = struct.unpack_from(f'{order}I', data, 12)
-    if frame_bytes > min(len(data) - _HEAD, MAX_FRAME_BYTES):
+    order = '<' if encapsulation[1] else '>'
+    (frame_bytes,) = struct.unpack(f'{order}I', frame_length)
+    if frame_bytes > min(size - _FRAME, _MAX_FRAME_BYTES):
         raise RecordingError(
-            f'Expected a frame_id that fits into the message of {len(data)} bytes; '
+            f'Expected a frame_id that fits into the message of {size} bytes; '
             f'its length is given as {frame_bytes} bytes.'
         )
-    offset: int = 4 + -(-(12 + frame_bytes) // 8) * 8
-    if len(data) != offset + 8 * count:
+    offset = 4 + -(-(12 + frame_bytes) // 8) * 8
+    if size != offset + 8 * count:
         raise RecordingError(
             f'Expected {offset + 8 * count} bytes for a message with a header and {count} '
-            f'doubles; got {len(data)}.'
+            f'doubles; got {size}.'
         )
-    return offset, order
+    record = np.dtype(
+        {
+            'names': ['encapsulation', 'seconds', 'nanoseconds', 'frame_bytes', 'doubles'],
+            'formats': ['u2', f'{order}i4', f'{order}u4', f'{order}u4', f'({count},){order}f8'],
+            'offsets': [0, 4, 8, 12, offset],
+            'itemsize': size,
+        }
+    )
+    return Layout(
+        _FRAME + frame_bytes,
+        offset,
+        struct.Struct(f'{order}{count}d'),
+        struct.Struct(f'{order}4xiI{offset - 12}x{count}d'),
+        record,
+    )
 
 
-@dataclass(frozen=True, eq=False)
-class _Joined:
-    """
-    Many messages in one buffer.
-
-    Attributes
-    ----------
-    buffer : ndarray of uint8, shape (sum of lengths,)
-        The messages, one behind the other.
-    starts : ndarray of int64, shape (n,)
-        Byte at which each begins.
-    lengths : ndarray of int64, shape (n,)
-        Bytes of each.
-
-    """
-
-    buffer: NDArray[np.uint8]
-    starts: IntArray
-    lengths: IntArray
-
-    def rows(self, which: IntArray | slice, offset: int, width: int) -> NDArray[np.uint8]:
-        """Copy ``width`` bytes from ``offset`` on out of the chosen messages, shape (k, width)."""
-        return sliding_window_view(self.buffer, width)[self.starts[which] + offset]
-
-
-def _join(messages: Sequence[bytes], count: int) -> _Joined:
-    """Put the messages into one writable buffer, refusing any that is shorter than a header."""
-    lengths = np.fromiter(map(len, messages), np.int64, len(messages))
-    shortest = int(lengths.argmin())
-    if lengths[shortest] < _HEAD:
-        locate_doubles(messages[shortest], count)
-    buffer = np.frombuffer(bytearray().join(messages), np.uint8)
-    return _Joined(buffer, np.cumsum(lengths) - lengths, lengths)
-
-
-def _layouts(
-    joined: _Joined, messages: Sequence[bytes], count: int
-) -> Iterator[tuple[IntArray | slice, int, str]]:
-    """Yield the messages that share a layout, with its offset and byte order."""
-    head = joined.rows(slice(None), 0, _HEAD)[:, (0, 1, 12, 13, 14, 15)]
-    if (joined.lengths == joined.lengths[0]).all() and (head == head[0]).all():
-        yield slice(None), *locate_doubles(messages[0], count)
-        return
-    keys = np.column_stack((joined.lengths, head))
-    _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    for number, index in enumerate(first):
-        which = np.flatnonzero(group.reshape(-1) == number)
-        yield which, *locate_doubles(messages[index], count)
-
-
-def unpack(messages: Sequence[bytes], count: int) -> tuple[IntArray, FloatArray]:
+def decode_many(messages: Sequence[bytes], count: int) -> tuple[IntArray, FloatArray]:
     """
     Read stamps and doubles of many messages at once.
 
     Parameters
     ----------
     messages : sequence of bytes
-        Serialized messages of one type; frame names and byte orders may differ.
+        n serialized messages of one type; frame names and byte orders may differ.
     count : int
         Doubles per message.
 
@@ -157,30 +152,26 @@ def unpack(messages: Sequence[bytes], count: int) -> tuple[IntArray, FloatArray]
     Raises
     ------
     RecordingError
-        As locate_doubles, for the first message of the first layout that does not fit.
+        As locate.
 
     """
     stamps_ns = np.empty(len(messages), np.int64)
     values = np.empty((len(messages), count))
-    if not messages:
-        return stamps_ns, values
-    joined = _join(messages, count)
-    for which, offset, order in _layouts(joined, messages, count):
-        stamp = joined.rows(which, 4, 8)
-        seconds = stamp[:, :4].copy().view(f'{order}i4')[:, 0].astype(np.int64)
-        stamps_ns[which] = seconds * NANOSECONDS + stamp[:, 4:].copy().view(f'{order}u4')[:, 0]
-        values[which] = joined.rows(which, offset, 8 * count).view(f'{order}f8')
+    for places, records in _records(messages, count):
+        seconds = records['seconds'].astype(np.int64)
+        stamps_ns[places] = seconds * NANOSECONDS + records['nanoseconds']
+        values[places] = records['doubles']
     return stamps_ns, values
 
 
-def replace_doubles(messages: Sequence[bytes], values: FloatArray) -> list[bytes]:
+def encode_many(messages: Sequence[bytes], values: FloatArray) -> list[bytes]:
     """
-    Write other doubles into copies of many messages.
+    Write other doubles behind the headers of many messages at once.
 
     Parameters
     ----------
-    messages : sequence of bytes, length n
-        Serialized messages; they stay as they are.
+    messages : sequence of bytes
+        n serialized messages; they stay as they are.
     values : ndarray, shape (n, count)
         New doubles.
 
@@ -192,17 +183,31 @@ def replace_doubles(messages: Sequence[bytes], values: FloatArray) -> list[bytes
     Raises
     ------
     RecordingError
-        As locate_doubles.
+        As locate.
 
     """
+    encoded = list(messages)
+    for places, records in _records(messages, values.shape[1]):
+        records['doubles'] = values[places]
+        whole, size = records.tobytes(), records.itemsize
+        for begin, place in zip(range(0, len(whole), size), places.tolist(), strict=True):
+            encoded[place] = whole[begin : begin + size]
+    return encoded
+
+
+def _records(messages: Sequence[bytes], count: int) -> Iterator[tuple[IntArray, NDArray[np.void]]]:
+    """Yield the places of messages that share a layout, and a writable copy of these messages."""
     if not messages:
-        return []
-    count = values.shape[1]
-    joined = _join(messages, count)
-    for which, offset, order in _layouts(joined, messages, count):
-        windows = sliding_window_view(joined.buffer, 8 * count, writeable=True)
-        doubles = np.ascontiguousarray(values[which], dtype=f'{order}f8')
-        windows[joined.starts[which] + offset] = doubles.view(np.uint8)
-    whole, starts = joined.buffer.tobytes(), joined.starts.tolist()
-    ends = [*starts[1:], len(whole)]
-    return [whole[start:end] for start, end in zip(starts, ends, strict=True)]
+        return
+    layout = locate(messages[0], count)
+    if set(map(len, messages)) == {layout.record.itemsize}:
+        records = np.frombuffer(bytearray().join(messages), layout.record)
+        if all((records[n] == records[n][0]).all() for n in ('encapsulation', 'frame_bytes')):
+            yield np.arange(len(messages)), records
+            return
+    alike: defaultdict[Layout, list[int]] = defaultdict(list)
+    for place, message in enumerate(messages):
+        alike[locate(message, count)].append(place)
+    for layout, places in alike.items():
+        copied = bytearray().join(messages[place] for place in places)
+        yield np.array(places), np.frombuffer(copied, layout.record)

@@ -215,4 +215,4 @@ def _correct_messages(
     if not messages:
         return []
     stamps, wrench = unpack(bag, topic, messages, cdr.WRENCH_DOUBLES)
-    return cdr.replace_doubles(messages, correct(stamps, wrench))
+    return cdr.encode_many(messages, correct(stamps, wrench))

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from wrist_ft_comp.files.cdr import locate_doubles
+from wrist_ft_comp.files.cdr import locate
 from wrist_ft_comp.model.signals import AXES, NANOSECONDS
 
 _profile: Any = QoSProfile  # its constructor carries no types
@@ -149,11 +149,11 @@ class Wire:
         key = (len(data), data[:2], data[12:_FRAME])
         known = self._known.get(key)
         if known is None:
-            offset, order = locate_doubles(data, self._count)
-            (frame_bytes,) = struct.unpack_from(f'{order}I', data, 12)
+            located = locate(data, self._count)
+            offset, order = located.offset, '<' if data[1] else '>'
             known = Layout(
                 key,
-                _FRAME + frame_bytes,
+                located.frame_end,
                 offset,
                 struct.Struct(f'{order}{self._count}d'),
                 struct.Struct(f'{order}4xiI{offset - 12}x{self._count}d'),
