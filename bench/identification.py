@@ -16,15 +16,15 @@ import numpy as np
 
 from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings
 from wrist_ft_comp.model.signals import FloatArray, NANOSECONDS, Recording, Reference
-from wrist_ft_comp.simulation import ft_sensor as thermal_sensor
+from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation import run as simulated_run
-from wrist_ft_comp.simulation.heat_flow import ThermalSensorSettings
+from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
 
 
 def wrist(run: int, hours: float, *, loaded: bool) -> Recording:
     """Warm the simulated wrist up and down."""
     rng = np.random.default_rng(run)
-    sensor = thermal_sensor.build_sensor(ThermalSensorSettings(), 1)
+    sensor = ft_sensor.build_sensor(FtSensorSettings(), 1)
     starts = np.arange(0.0, hours * 3600, 1200.0)
     settings = simulated_run.RunSettings(
         duty_start_s=tuple(starts),
@@ -36,8 +36,8 @@ def wrist(run: int, hours: float, *, loaded: bool) -> Recording:
     elapsed_s: FloatArray = np.arange(round(hours * 3600), dtype=float) + 0.5
     true = simulated_run.true_wrench(drawn, elapsed_s)
     drive = simulated_run.drive(drawn, elapsed_s)
-    start = thermal_sensor.start(sensor, float(drive[0, 1]))
-    made = thermal_sensor.simulate(sensor, start, drive, true, (rng, rng))
+    start = ft_sensor.start(sensor, float(drive[0, 1]))
+    made = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
     measured = np.ones(made.temperature_c.shape, dtype=bool)
     name = f'run {run}'
     return Recording(name, NANOSECONDS, 0, made.temperature_c, measured, made.wrench, true)

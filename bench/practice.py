@@ -19,9 +19,9 @@ from scipy.signal import butter, lfilter
 from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings
 from wrist_ft_comp.model.offline import simulate_drift
 from wrist_ft_comp.model.signals import FloatArray, Recording
-from wrist_ft_comp.simulation import ft_sensor as thermal_sensor
+from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation import run as simulated_run
-from wrist_ft_comp.simulation.heat_flow import ThermalSensorSettings
+from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
 
 CONTACT_N = 20.0
 DURATION_S = 9000
@@ -45,7 +45,7 @@ def contacts() -> FloatArray:
 def day(seed: int) -> Recording:
     """Work for a day with contacts; the reference is the true force."""
     rng = np.random.default_rng([seed, 99])
-    sensor = thermal_sensor.build_sensor(ThermalSensorSettings(), seed)
+    sensor = ft_sensor.build_sensor(FtSensorSettings(), seed)
     starts = np.arange(0.0, DURATION_S, 1200.0)
     levels = rng.uniform(0, 1, len(starts)) * (rng.random(len(starts)) > 0.35)
     settings = simulated_run.RunSettings(
@@ -56,8 +56,8 @@ def day(seed: int) -> Recording:
     true = simulated_run.true_wrench(drawn, elapsed_s)
     true[:, Z] += contacts()
     drive = simulated_run.drive(drawn, elapsed_s)
-    start = thermal_sensor.start(sensor, float(drive[0, 1]))
-    result = thermal_sensor.simulate(sensor, start, drive, true, (rng, rng))
+    start = ft_sensor.start(sensor, float(drive[0, 1]))
+    result = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
     return recording(result.temperature_c, result.wrench[:, Z], true[:, Z])
 
 

@@ -55,7 +55,7 @@ def undisturbed(model: Any, celsius: list[float], first: int) -> dict[int, float
     found = {}
     for second in range(first, len(celsius)):
         twin.add_temperature(0, START_NS + second * NANOSECONDS, celsius[second])
-        found[second] = float(twin.drift.zero[2])
+        found[second] = float(twin.compensation.zero[2])
     return found
 
 

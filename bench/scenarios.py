@@ -12,9 +12,9 @@ import numpy as np
 from wrist_ft_comp.model.arx import free_run, relaxation
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS, Recording, Samples
-from wrist_ft_comp.simulation import ft_sensor as thermal_sensor
+from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation import run as simulated_run
-from wrist_ft_comp.simulation.heat_flow import ThermalSensorSettings
+from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
 
 Z = AXES.index('force_z')
 #: From a seed to recordings to learn from, one to be judged on, and the drift behind its noise.
@@ -56,8 +56,8 @@ def wrist(
 ) -> Recording:
     """Warm the heat-conducting wrist up for 2.5 h, with duty cycles that change every 20 min."""
     rng = np.random.default_rng([seed, run])
-    usual = ThermalSensorSettings()
-    sensor = thermal_sensor.build_sensor(
+    usual = FtSensorSettings()
+    sensor = ft_sensor.build_sensor(
         replace(usual, force_noise_n=noise * usual.force_noise_n), seed
     )
     starts = np.arange(0.0, 9000.0, 1200.0)
@@ -72,8 +72,8 @@ def wrist(
     elapsed_s: FloatArray = np.arange(9000, dtype=float) + 0.5
     true = simulated_run.true_wrench(drawn, elapsed_s)
     drive = simulated_run.drive(drawn, elapsed_s)
-    start = thermal_sensor.start(sensor, float(drive[0, 1]))
-    result = thermal_sensor.simulate(sensor, start, drive, true, (rng, rng))
+    start = ft_sensor.start(sensor, float(drive[0, 1]))
+    result = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
     return recording(result.temperature_c[:, :thermometers], result.wrench[:, Z], true[:, Z])
 
 

@@ -11,7 +11,7 @@ from wrist_ft_comp.calibration.candidates import time_constant_grid
 from wrist_ft_comp.calibration.settings import build_features, IdentificationSettings, METHODS
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.identification.problem import cross_validation_blocks, pose_problem
-from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.signals import AXES, Recording
 from wrist_ft_comp.report.evaluation import evaluate
 
@@ -74,8 +74,8 @@ def simulate(
 def drift_of(calibration: Calibration, recording: Recording) -> tuple[Array, Array]:
     """Zero and sensitivity drift of force z over a recording."""
     temperature_c = recording.temperature_c
-    first = drift.start(calibration.model, temperature_c[0])
-    _, found = drift.run(calibration.model, first, temperature_c)
+    first = drift_model.start(calibration.model, temperature_c[0])
+    _, found = drift_model.run(calibration.model, first, temperature_c)
     return found.zero[:, Z], found.sensitivity[:, Z]
 
 
@@ -306,7 +306,9 @@ class TestEveryMethod:
         fit = calibration.fits['force_z'].model
         assert fit is not None
         at = fit.features.reference_c
-        _, found = drift.step(calibration.model, drift.start(calibration.model, at), at)
+        _, found = drift_model.step(
+            calibration.model, drift_model.start(calibration.model, at), at
+        )
         np.testing.assert_allclose(found.zero, 0, atol=1e-9)
 
 

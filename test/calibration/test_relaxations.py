@@ -12,7 +12,7 @@ from wrist_ft_comp.calibration.result import anchor, AxisFit, OUTPUTS
 from wrist_ft_comp.calibration.settings import build_features, IdentificationSettings
 from wrist_ft_comp.identification import output_error as oe
 from wrist_ft_comp.identification.problem import AxisProblem, cross_validation_blocks, pose_problem
-from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.features import Features
@@ -66,10 +66,10 @@ def running(problem: AxisProblem, axis: AxisModel) -> list[Array]:
     model = DriftModel(round(problem.period_s * 1e9), thermometers, {'force_z': axis})
     found = []
     for temperature_c in problem.temperature_c:
-        state = drift.start(model, temperature_c[0])
+        state = drift_model.start(model, temperature_c[0])
         rows = []
         for row in temperature_c:
-            state, now = drift.step(model, state, row)
+            state, now = drift_model.step(model, state, row)
             rows.append([now.zero[Z], now.sensitivity[Z]][: axis.outputs])
         found.append(np.array(rows))
     return found

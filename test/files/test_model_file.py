@@ -15,7 +15,7 @@ from wrist_ft_comp.calibration.calibrate import Calibration
 from wrist_ft_comp.calibration.result import AxisFit, Candidate, Term
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.files.model_file import FORMAT, load_model, MAX_BYTES, save_model, VERSION
-from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.arx import Arx, relaxation
 from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
@@ -128,7 +128,9 @@ def load(tmp_path: Path) -> Callable[[object], DriftModel]:
 
 def run(model: DriftModel) -> tuple[Array, Array]:
     temperature_c = 25 + np.cumsum(np.random.default_rng(0).standard_normal((300, 2)), axis=0)
-    return tuple(drift.run(model, drift.start(model, temperature_c[0]), temperature_c)[1])
+    return tuple(
+        drift_model.run(model, drift_model.start(model, temperature_c[0]), temperature_c)[1]
+    )
 
 
 def places(node: object, path: tuple[object, ...] = ()) -> Iterator[tuple[object, ...]]:

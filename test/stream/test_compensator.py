@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.drift_model import Drift, DriftModel
 from wrist_ft_comp.model.offline import correct_many, track_drift
@@ -82,7 +82,7 @@ def test_before_the_first_cell_is_complete_the_wrench_passes(model: DriftModel) 
     assert compensator.correct(1, LOAD.tolist()) == LOAD.tolist()
     compensator.add_temperature(0, SECOND, 30.0)
     assert compensator.compensating
-    assert compensator.drift.zero[2] == pytest.approx(0.4 * 10.0)  # soaked at 30 °C
+    assert compensator.compensation.zero[2] == pytest.approx(0.4 * 10.0)  # soaked at 30 °C
 
 
 def test_the_output_is_the_equation_with_the_drift_of_its_time(model: DriftModel) -> None:
@@ -173,7 +173,7 @@ def test_the_force_path_has_no_memory(
         compensator.add_temperature(0, 10 * SECOND, 25.0)
     for stamp in (10 * SECOND, 10 * SECOND + SECOND // 3, 12 * SECOND):
         assert quiet.correct(stamp, LOAD.tolist()) == busy.correct(stamp, LOAD.tolist())
-    for part_quiet, part_busy in zip(quiet.drift, busy.drift, strict=True):
+    for part_quiet, part_busy in zip(quiet.compensation, busy.compensation, strict=True):
         np.testing.assert_array_equal(part_quiet, part_busy)
 
 
@@ -197,10 +197,10 @@ class TestLimits:
             1, StreamSettings(max_drift_n=30.0, max_drift_rate_n_s=10.0), model
         )
         stream(compensator, (0, 10), temperature=lambda _: 22.0)
-        np.testing.assert_allclose(compensator.drift.zero, [0, 0, 20, -3, 0, 0], atol=1e-9)
+        np.testing.assert_allclose(compensator.compensation.zero, [0, 0, 20, -3, 0, 0], atol=1e-9)
         assert compensator.limits.too_large == ('torque_x',)
         stream(compensator, (10, 20), temperature=lambda _: 30.0)
-        np.testing.assert_allclose(compensator.drift.zero, [0, 0, 30, -3, 0, 0], atol=1e-9)
+        np.testing.assert_allclose(compensator.compensation.zero, [0, 0, 30, -3, 0, 0], atol=1e-9)
         assert compensator.limits.too_large == ('force_z', 'torque_x')
         _, outputs = stream(compensator, (20, 60), temperature=lambda _: 20.0)
         assert compensator.limits.too_large == ()
@@ -215,17 +215,17 @@ class TestLimits:
         stream(compensator, (0, 10), ZEROS, temperature=lambda _: 20.0)
         _, outputs = stream(compensator, (10, 30), ZEROS, temperature=lambda _: 60.0)
         assert compensator.limits.too_fast == ('force_z', 'torque_x')
-        gain = 1.0 + compensator.drift.sensitivity[2]
+        gain = 1.0 + compensator.compensation.sensitivity[2]
         assert 1.9 / 50 < (steps(outputs) * gain).max() <= 2.0 / 50 * 1.1
         assert steps(outputs)[3] <= 0.2 / 50 * 1.01
         _, outputs = stream(compensator, (30, 90), ZEROS, temperature=lambda _: 60.0)
         assert compensator.limits.too_fast == ()
-        np.testing.assert_allclose(compensator.drift.zero, [0, 0, 80, 4, 0, 0], atol=1e-6)
+        np.testing.assert_allclose(compensator.compensation.zero, [0, 0, 80, 4, 0, 0], atol=1e-6)
 
     def test_sensitivity_beyond_any_sensors_is_limited(self, make_model: MakeModel) -> None:
         compensator = Compensator(1, StreamSettings(), make_model({'force_y': (0.0, -0.2, 1.0)}))
         stream(compensator, (0, 10), temperature=lambda _: 25.0)
-        assert compensator.drift.sensitivity[1] == -MAX_SENSITIVITY
+        assert compensator.compensation.sensitivity[1] == -MAX_SENSITIVITY
         assert compensator.limits.too_large == ('force_y',)
         assert np.isfinite(compensator.correct(10 * SECOND, LOAD.tolist())).all()
 
@@ -299,12 +299,12 @@ class TestModelSwap:
         stream(late, (0, live_s))
         late.go_live(model)
         assert late.compensating
-        for expected, found in zip(early.drift, late.drift, strict=True):
+        for expected, found in zip(early.compensation, late.compensation, strict=True):
             np.testing.assert_allclose(found, expected, atol=1e-9)
         stamps, expected_outputs = stream(early, (live_s, live_s + 60))
         _, outputs = stream(late, (live_s, live_s + 60))
         settled = stamps > (live_s + 2) * SECOND
-        gain = 1.0 + early.drift.sensitivity
+        gain = 1.0 + early.compensation.sensitivity
         offset = (outputs - expected_outputs)[settled] * gain
         np.testing.assert_allclose(offset, np.tile(-late.tare, (len(offset), 1)), atol=0.3)
         # Without sensitivity drift the two differ by the tare alone, whatever happens.
@@ -399,9 +399,9 @@ class TestTrouble:
         compensator.add_temperature(0, far, 50.0)
         *_, held, _ = compensator.add_temperature(0, far + SECOND, 50.0)
         assert held.count > 10**8
-        assert np.isfinite(compensator.drift.zero).all()
+        assert np.isfinite(compensator.compensation.zero).all()
         assert len(compensator.tracker._history) <= 60
-        assert 0.4 * 0.0 < compensator.drift.zero[2] < 0.4 * 30.0
+        assert 0.4 * 0.0 < compensator.compensation.zero[2] < 0.4 * 30.0
 
     def test_a_gap_within_the_history_is_run_with_the_held_temperature(
         self, model: DriftModel
@@ -410,18 +410,18 @@ class TestTrouble:
         for second, temperature in ((0, 20.0), (1, 40.0), (2, 40.0)):
             compensator.add_temperature(0, second * SECOND, temperature)
         compensator.add_temperature(0, 92 * SECOND, 40.0)
-        assert compensator.drift.zero[2] < 0.5, 'one sample that leaps is not believed'
+        assert compensator.compensation.zero[2] < 0.5, 'one sample that leaps is not believed'
         compensator.add_temperature(0, 92 * SECOND + 1, 40.0)
         # 20 °C for one cell, then 91 cells of 40 °C.
-        assert compensator.drift.zero[2] == pytest.approx(0.4 * 20 * (1 - np.exp(-91 / 30)))
+        assert compensator.compensation.zero[2] == pytest.approx(0.4 * 20 * (1 - np.exp(-91 / 30)))
 
     def test_time_that_ran_back_goes_on_from_where_the_drift_was(self, model: DriftModel) -> None:
         compensator = Compensator(1, StreamSettings(), model)
         _, before = stream(compensator, (1000, 1060))
-        held = compensator.drift
+        held = compensator.compensation
         _, after = stream(compensator, (0, 3), temperature=lambda _: warming(1060 * SECOND))
         assert compensator.tracker.grid.restarts == 1
-        np.testing.assert_allclose(compensator.drift.zero, held.zero, atol=2.0)
+        np.testing.assert_allclose(compensator.compensation.zero, held.zero, atol=2.0)
         assert np.abs(after[-1] - before[-1])[2] < 2.0
 
     def test_several_thermometers_move_the_drift_together(self, make_model: MakeModel) -> None:
@@ -430,7 +430,7 @@ class TestTrouble:
         for second in range(5):
             compensator.add_temperature(0, second * SECOND, 30.0)
             compensator.add_temperature(1, second * SECOND, 24.0)
-        assert compensator.drift.zero[2] == pytest.approx((10.0 + 4.0) / 2)
+        assert compensator.compensation.zero[2] == pytest.approx((10.0 + 4.0) / 2)
 
 
 def test_arguments_are_not_modified(model: DriftModel) -> None:
@@ -451,11 +451,11 @@ def test_the_drift_of_the_stream_is_the_run_over_its_cells(model: DriftModel) ->
         if completed:
             assert compensator.tracker.temperature_c is not None
             seen.append(compensator.tracker.temperature_c)
-            moved.append(compensator.drift)
+            moved.append(compensator.compensation)
 
     for second in range(100):
         take(compensator.add_temperature(0, second * SECOND, warming(second * SECOND)))
     temperature_c = np.array(seen)
-    _, expected = drift.run(model, drift.start(model, temperature_c[0]), temperature_c)
+    _, expected = drift_model.run(model, drift_model.start(model, temperature_c[0]), temperature_c)
     np.testing.assert_allclose([d.zero for d in moved], expected.zero, atol=1e-12)
     np.testing.assert_allclose([d.sensitivity for d in moved], expected.sensitivity, atol=1e-12)

@@ -6,7 +6,7 @@ import numpy as np
 
 from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
-from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.drift_model import Drift, DriftModel
 from wrist_ft_comp.model.offline import simulate_drift
@@ -370,7 +370,9 @@ def compensate_table(table: ChamberTable, model: DriftModel) -> ChamberTable:
 
     """
     at_readings = _drift_at_readings(table, model)
-    return table.with_output(drift.correct(table.output, at_readings, _tare(table, at_readings)))
+    return table.with_output(
+        drift_model.correct(table.output, at_readings, _tare(table, at_readings))
+    )
 
 
 def table_tare(table: ChamberTable, model: DriftModel) -> FloatArray:

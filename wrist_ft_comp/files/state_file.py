@@ -139,8 +139,8 @@ def _document(state: SavedState) -> Document:
         'period_ns': memory.period_ns,
         'temperature_c': memory.temperature_c.tolist(),
         'filters': {axis: filters.tolist() for axis, filters in memory.filters.items()},
-        'zero': memory.drift.zero.tolist(),
-        'sensitivity': memory.drift.sensitivity.tolist(),
+        'zero': memory.compensation.zero.tolist(),
+        'sensitivity': memory.compensation.sensitivity.tolist(),
         'history': [
             {'cells': count, 'temperature_c': block.tolist()} for block, count in memory.history
         ],

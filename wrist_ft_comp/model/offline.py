@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.drift_model import Drift, DriftModel
 from wrist_ft_comp.model.signals import FloatArray, IntArray, Recording
 
@@ -81,7 +81,7 @@ def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
     """
     check_fits(model, recording)
     temperature_c = recording.temperature_c
-    return drift.run(model, drift.start(model, temperature_c[0]), temperature_c)[1]
+    return drift_model.run(model, drift_model.start(model, temperature_c[0]), temperature_c)[1]
 
 
 def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:
@@ -143,4 +143,4 @@ def correct_many(
         np.stack([np.interp(at, knots, column) for column in part.T], axis=1)
         for part in track.drift
     )
-    return drift.correct(raw, Drift(zero, sensitivity), tare)
+    return drift_model.correct(raw, Drift(zero, sensitivity), tare)

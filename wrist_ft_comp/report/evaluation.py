@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.drift_model import Drift, DriftModel
 from wrist_ft_comp.model.offline import simulate_drift
 from wrist_ft_comp.model.signals import AXES, FloatArray, Recording, Reference
@@ -140,7 +140,7 @@ def tared_errors(
     true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
     nothing = Drift(np.zeros_like(simulated.zero), np.zeros_like(simulated.sensitivity))
     before, after = (
-        drift.correct(recording.wrench, part, _tare(recording, true, part, tare_s)) - true
+        drift_model.correct(recording.wrench, part, _tare(recording, true, part, tare_s)) - true
         for part in (nothing, simulated)
     )
     return before, after

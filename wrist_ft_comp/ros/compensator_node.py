@@ -182,7 +182,7 @@ class CompensatorNode(Node):
             self._output.publish(wire.replace(layout, data, corrected))
             self.counts.published += 1
         if self.recording.current is not None:
-            self.recording.current.reducer.add_raw(stamp_ns, raw)
+            self.recording.current.averager.add_raw(stamp_ns, raw)
         if self.tare.collector is not None:
             self.tare.add(stamp_ns, raw)
         self._newest = data
@@ -213,7 +213,7 @@ class CompensatorNode(Node):
         if not math.isfinite(sum(reference)):
             self.counts.bad_references += 1
         elif self.recording.current is not None:
-            self.recording.current.reducer.add_reference(stamp_ns or self._now_ns(), reference)
+            self.recording.current.averager.add_reference(stamp_ns or self._now_ns(), reference)
 
     def _on_temperature(self, thermometer: int, data: bytes) -> None:
         """Give one temperature to the thermal grid; the drift moves when a cell is complete."""
@@ -234,7 +234,7 @@ class CompensatorNode(Node):
             self.recording.add_cells(cells)
             self.watch.cells(cells)
             if self.compensator.compensating:
-                zero = self.compensator.drift.zero
+                zero = self.compensator.compensation.zero
                 self._drift.publish(wrench_message(stamp_ns, self.frame_id, zero))
 
     def _now_ns(self) -> int:

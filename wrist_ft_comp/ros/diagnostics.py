@@ -268,8 +268,8 @@ def temperature_concern(node: 'CompensatorNode', period: Period) -> Concern:
         'state': node.keeping.outcome,
         'rate_hz': f'{period.warm_hz:.1f}',
         'rejected': str(compensator.tracker.grid.rejected),
-        'stray_stamps': str(compensator.tracker.guard.strays),
-        'stamps_leapt': str(compensator.tracker.guard.leaps),
+        'stray_stamps': str(compensator.tracker.timestamp_filter.strays),
+        'stamps_leapt': str(compensator.tracker.timestamp_filter.leaps),
         'stamps_restarted': str(compensator.tracker.grid.restarts),
         'unusable': str(counts.bad_temperatures),
         'jumps': str(sum(node.watch.thermometers.jumps)),
@@ -409,7 +409,7 @@ def concerns(node: 'CompensatorNode') -> list[Concern]:
     """
     compensator = node.compensator
     period = node.counts.period(
-        compensator.tracker.grid.rejected + compensator.tracker.guard.strays
+        compensator.tracker.grid.rejected + compensator.tracker.timestamp_filter.strays
     )
     return [
         input_concern(node, period),
@@ -497,7 +497,7 @@ def _axis_numbers(node: 'CompensatorNode') -> dict[str, str]:
         deviations = compensator.model.uncertainty(compensator.tracker.temperature_c)
     numbers: dict[str, str] = {}
     for axis, zero, sensitivity, tare, deviation in zip(
-        AXES, *compensator.drift, compensator.tare, deviations, strict=True
+        AXES, *compensator.compensation, compensator.tare, deviations, strict=True
     ):
         unit = axis_unit(axis)
         numbers[f'{axis}_drift'] = f'{zero:.4g} {unit}'

@@ -150,8 +150,8 @@ class InputWatch:
             'ran_back': self.sensor.ran_back,
             'leapt': self.sensor.leapt,
             'jump': sum(self.thermometers.jumps),
-            'stray temperature': tracker.guard.strays,
-            'temperature leapt': tracker.guard.leaps + tracker.grid.restarts,
+            'stray temperature': tracker.timestamp_filter.strays,
+            'temperature leapt': tracker.timestamp_filter.leaps + tracker.grid.restarts,
         }
         for kind, count in counts.items():
             before, at = self._events.get(kind, (0, -math.inf))

@@ -34,7 +34,7 @@ from wrist_ft_comp.simulation.ft_sensor import (
     ThermalState,
     trajectory,
 )
-from wrist_ft_comp.simulation.heat_flow import ThermalSensorSettings
+from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
 from wrist_ft_comp.simulation.run import (
     draw_run,
     drive,
@@ -156,7 +156,7 @@ class SimulatedSensor(Node):
         random = np.random.SeedSequence([chosen['seed'], chosen['run']]).spawn(3)
         draws, self._wrench_rng, self._temperature_rng = map(np.random.default_rng, random)
         self._run = draw_run(run_settings(chosen), draws)
-        self._sensor = build_sensor(ThermalSensorSettings(), chosen['seed'])
+        self._sensor = build_sensor(FtSensorSettings(), chosen['seed'])
         self._state = start(self._sensor, float(room_temperature(self._run, 0.0)))
         self._step = 0
         self._speed: float = chosen['speed']

@@ -146,7 +146,7 @@ class StateKeeping:
         self._due = time.monotonic() + self._period_s
         self._saved, self._saved_end_ns = self._key(), self._end_ns()
         # What was loaded and is not yet in use is as old as it was.
-        waiting = compensator.tracker.crossing and self._loaded is not None
+        waiting = compensator.tracker.awaiting_gap and self._loaded is not None
         saved_ns = self._loaded.saved_ns if waiting and self._loaded else time.time_ns()
         self._writer.put(
             SavedState(saved_ns, self._model_sha256(), compensator.tare, compensator.memory())

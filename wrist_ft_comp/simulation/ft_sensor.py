@@ -13,21 +13,21 @@ from numpy.typing import ArrayLike
 from wrist_ft_comp.model.signals import FloatArray
 from wrist_ft_comp.simulation.heat_flow import (
     build_heat_flow,
+    FtSensorSettings,
     HeatFlow,
     interpolation,
-    ThermalSensorSettings,
 )
 from wrist_ft_comp.simulation.strain_gauges import bridge_wrench, draw_gauges, Gauges, per_axis
 
 
 @dataclass(frozen=True, eq=False)
-class ThermalSensor:
+class FtSensor:
     """
     One specimen: settings, and the gauges that a seed has drawn.
 
     Attributes
     ----------
-    settings : ThermalSensorSettings
+    settings : FtSensorSettings
         What it was built from.
     heat : HeatFlow
         Between its M nodes.
@@ -38,7 +38,7 @@ class ThermalSensor:
 
     """
 
-    settings: ThermalSensorSettings
+    settings: FtSensorSettings
     heat: HeatFlow = field(repr=False)
     gauges: Gauges = field(repr=False)
     thermometer_weights: FloatArray = field(repr=False)
@@ -80,24 +80,24 @@ class ThermalRun:
     state: ThermalState
 
 
-def build_sensor(settings: ThermalSensorSettings, seed: int) -> ThermalSensor:
+def build_sensor(settings: FtSensorSettings, seed: int) -> FtSensor:
     """
     Build one specimen of a sensor.
 
     Parameters
     ----------
-    settings : ThermalSensorSettings
+    settings : FtSensorSettings
         Physical constants.
     seed : int
         Draws places and mismatches of the gauges; another seed is another specimen.
 
     Returns
     -------
-    ThermalSensor
+    FtSensor
         Matrices of heat flow, and the gauges' constants.
 
     """
-    return ThermalSensor(
+    return FtSensor(
         settings,
         build_heat_flow(settings),
         draw_gauges(settings, np.random.default_rng(seed)),
@@ -105,13 +105,13 @@ def build_sensor(settings: ThermalSensorSettings, seed: int) -> ThermalSensor:
     )
 
 
-def steady_state(sensor: ThermalSensor, duty_cycle: float, room_c: float) -> ThermalState:
+def steady_state(sensor: FtSensor, duty_cycle: float, room_c: float) -> ThermalState:
     """
     Find the state that duty cycle and room temperature end in.
 
     Parameters
     ----------
-    sensor : ThermalSensor
+    sensor : FtSensor
         A specimen.
     duty_cycle : float
         Of the motor, 0 to 1.
@@ -129,20 +129,20 @@ def steady_state(sensor: ThermalSensor, duty_cycle: float, room_c: float) -> The
     return ThermalState(nodes_c)
 
 
-def start(sensor: ThermalSensor, room_c: float) -> ThermalState:
+def start(sensor: FtSensor, room_c: float) -> ThermalState:
     """Give the state of a robot that was off for long: everything at room temperature."""
     return steady_state(sensor, 0.0, room_c)
 
 
 def advance(
-    sensor: ThermalSensor, state: ThermalState, duty_cycle: float, room_c: float
+    sensor: FtSensor, state: ThermalState, duty_cycle: float, room_c: float
 ) -> ThermalState:
     """
     Let heat flow for one time step.
 
     Parameters
     ----------
-    sensor : ThermalSensor
+    sensor : FtSensor
         A specimen.
     state : ThermalState
         State before the step.
@@ -161,13 +161,13 @@ def advance(
     return ThermalState(sensor.heat.transition @ state.nodes_c + drive)
 
 
-def trajectory(sensor: ThermalSensor, state: ThermalState, drive: FloatArray) -> FloatArray:
+def trajectory(sensor: FtSensor, state: ThermalState, drive: FloatArray) -> FloatArray:
     """
     Fold ``advance``.
 
     Parameters
     ----------
-    sensor : ThermalSensor
+    sensor : FtSensor
         A specimen.
     state : ThermalState
         State before the first step.
@@ -188,32 +188,32 @@ def trajectory(sensor: ThermalSensor, state: ThermalState, drive: FloatArray) ->
     return nodes_c
 
 
-def gauge_temperatures(sensor: ThermalSensor, nodes_c: FloatArray) -> FloatArray:
+def gauge_temperatures(sensor: FtSensor, nodes_c: FloatArray) -> FloatArray:
     """Temperature of every gauge, °C, shape (..., 6, 4), from nodes_c, shape (..., M)."""
     temperatures: FloatArray = np.einsum('agm,...m->...ag', sensor.gauges.weights, nodes_c)
     return temperatures
 
 
-def thermometer_temperatures(sensor: ThermalSensor, nodes_c: FloatArray) -> FloatArray:
+def thermometer_temperatures(sensor: FtSensor, nodes_c: FloatArray) -> FloatArray:
     """Temperature where the thermometers sit, °C, shape (..., 2), from nodes_c, (..., M)."""
     temperatures: FloatArray = np.einsum('jm,...m->...j', sensor.thermometer_weights, nodes_c)
     return temperatures
 
 
-def measured_wrench(sensor: ThermalSensor, nodes_c: FloatArray, wrench: ArrayLike) -> FloatArray:
+def measured_wrench(sensor: FtSensor, nodes_c: FloatArray, wrench: ArrayLike) -> FloatArray:
     """Show ``wrench``, shape (..., 6), at nodes_c, (..., M), without noise and quantisation."""
     return bridge_wrench(sensor.settings, sensor.gauges, nodes_c, wrench)
 
 
 def read_wrench(
-    sensor: ThermalSensor, state: ThermalState, wrench: ArrayLike, rng: np.random.Generator
+    sensor: FtSensor, state: ThermalState, wrench: ArrayLike, rng: np.random.Generator
 ) -> FloatArray:
     """
     Read the sensor once.
 
     Parameters
     ----------
-    sensor : ThermalSensor
+    sensor : FtSensor
         A specimen.
     state : ThermalState
         Its present state.
@@ -232,7 +232,7 @@ def read_wrench(
 
 
 def digitised_wrench(
-    sensor: ThermalSensor, measured: FloatArray, rng: np.random.Generator
+    sensor: FtSensor, measured: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Add noise and quantisation to ``measured_wrench``, shape (..., 6)."""
     s = sensor.settings
@@ -241,14 +241,14 @@ def digitised_wrench(
 
 
 def read_thermometers(
-    sensor: ThermalSensor, state: ThermalState, rng: np.random.Generator
+    sensor: FtSensor, state: ThermalState, rng: np.random.Generator
 ) -> FloatArray:
     """
     Read both thermometers once.
 
     Parameters
     ----------
-    sensor : ThermalSensor
+    sensor : FtSensor
         A specimen.
     state : ThermalState
         Its present state.
@@ -265,7 +265,7 @@ def read_thermometers(
 
 
 def digitised_temperatures(
-    sensor: ThermalSensor, nodes_c: FloatArray, rng: np.random.Generator
+    sensor: FtSensor, nodes_c: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Read the thermometers for any number of states, shape (..., M) to (..., 2)."""
     true = thermometer_temperatures(sensor, nodes_c)
@@ -274,7 +274,7 @@ def digitised_temperatures(
 
 
 def simulate(
-    sensor: ThermalSensor,
+    sensor: FtSensor,
     state: ThermalState,
     drive: FloatArray,
     wrench: FloatArray,
@@ -285,7 +285,7 @@ def simulate(
 
     Parameters
     ----------
-    sensor : ThermalSensor
+    sensor : FtSensor
         A specimen.
     state : ThermalState
         State at the first reading.

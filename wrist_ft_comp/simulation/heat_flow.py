@@ -21,7 +21,7 @@ from wrist_ft_comp.model.signals import FloatArray
 
 
 @dataclass(frozen=True)
-class ThermalSensorSettings:
+class FtSensorSettings:
     """
     Physical constants of a simulated wrist.
 
@@ -132,13 +132,13 @@ class HeatFlow:
     step_inputs: FloatArray
 
 
-def build_heat_flow(settings: ThermalSensorSettings) -> HeatFlow:
+def build_heat_flow(settings: FtSensorSettings) -> HeatFlow:
     """
     Build the matrices of heat flow.
 
     Parameters
     ----------
-    settings : ThermalSensorSettings
+    settings : FtSensorSettings
         Physical constants.
 
     Returns
@@ -151,7 +151,7 @@ def build_heat_flow(settings: ThermalSensorSettings) -> HeatFlow:
     return HeatFlow(rates, inputs, *_one_step(rates, inputs, settings.step_s))
 
 
-def _balance(settings: ThermalSensorSettings) -> tuple[FloatArray, FloatArray]:
+def _balance(settings: FtSensorSettings) -> tuple[FloatArray, FloatArray]:
     """Balance the heat of every node: capacity · dT/dt = conduction + convection + motor."""
     s, n = settings, settings.cells
     half_cell = 2 * n * s.body_w_per_k  # from a cell's centre to its border

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray
-from wrist_ft_comp.simulation.heat_flow import interpolation, ThermalSensorSettings
+from wrist_ft_comp.simulation.heat_flow import FtSensorSettings, interpolation
 
 #: Temperature at which the gauges' nominal values and the gain hold, °C.
 NOMINAL_C = 25.0
@@ -44,13 +44,13 @@ class Gauges:
     per_k2: FloatArray
 
 
-def draw_gauges(settings: ThermalSensorSettings, rng: np.random.Generator) -> Gauges:
+def draw_gauges(settings: FtSensorSettings, rng: np.random.Generator) -> Gauges:
     """
     Draw places and coefficients.
 
     Parameters
     ----------
-    settings : ThermalSensorSettings
+    settings : FtSensorSettings
         Nominal values and tolerances.
     rng : numpy.random.Generator
         Source of the draws; it is moved on.
@@ -69,7 +69,7 @@ def draw_gauges(settings: ThermalSensorSettings, rng: np.random.Generator) -> Ga
     return Gauges(interpolation(s.cells, places), per_k, per_k2)
 
 
-def _gauge_coefficients(settings: ThermalSensorSettings, rng: np.random.Generator) -> FloatArray:
+def _gauge_coefficients(settings: FtSensorSettings, rng: np.random.Generator) -> FloatArray:
     """Draw the linear temperature coefficients, 1/K, shape (6, 4), sorted into bridges."""
     drawn = settings.gauge_mismatch_per_k * rng.standard_normal((6, 4))
     smallest, largest = settings.zero_coefficient_per_k
@@ -104,14 +104,14 @@ def bridge_output(resistances: FloatArray, changes: FloatArray) -> FloatArray:
 
 
 def bridge_wrench(
-    settings: ThermalSensorSettings, gauges: Gauges, nodes_c: FloatArray, wrench: ArrayLike
+    settings: FtSensorSettings, gauges: Gauges, nodes_c: FloatArray, wrench: ArrayLike
 ) -> FloatArray:
     """
     Compute what the bridges show, without noise and quantisation.
 
     Parameters
     ----------
-    settings : ThermalSensorSettings
+    settings : FtSensorSettings
         Piezoresistive coefficient and stiffness.
     gauges : Gauges
         Of one specimen.

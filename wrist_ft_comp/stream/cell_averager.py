@@ -73,7 +73,7 @@ class _CellMeans:
             del self._cells[old]
 
 
-class StreamReducer:
+class CellAverager:
     """
     Collects wrenches and completed thermal cells into rows.
 

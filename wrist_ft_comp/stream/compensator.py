@@ -173,7 +173,7 @@ class Compensator:
         self.limits = Limits(settings.max_drift_n, settings.max_drift_rate_n_s)
         self.tare: FloatArray = np.zeros(len(AXES))
         #: What is subtracted when the present ramp ends: the model's drift, within the limits.
-        self.drift = self.tracker.drift
+        self.compensation = self.tracker.drift
         self._ramp = Ramp()
         self._last: tuple[int, Sequence[float]] | None = None
         #: Whether the first cell may move the output: not after a tare or a change of model.
@@ -218,13 +218,15 @@ class Compensator:
         resting = not self.compensating
         cells = self.tracker.add(thermometer, stamp_ns, temperature_c)
         if cells and self.compensating:
-            target = self.limits.bounded(self.tracker.drift)
+            target = self.limits.saturate(self.tracker.drift)
             if resting:
                 self._settle(target, self._reading() if self._keep_output else None)
             share = self._share(stamp_ns)
             period_s = self.tracker.grid.period_ns / NANOSECONDS
-            self.drift = self.limits.slowed(target, self._ramp.drift_at(share), period_s)
-            self._ramp.restart(stamp_ns, share, self.drift)
+            self.compensation = self.limits.rate_limit(
+                target, self._ramp.drift_at(share), period_s
+            )
+            self._ramp.restart(stamp_ns, share, self.compensation)
             self._refresh_correction()
         return cells
 
@@ -238,7 +240,7 @@ class Compensator:
             None while there is nothing to go on from.
 
         """
-        return self.tracker.memory(self.drift)
+        return self.tracker.memory(self.compensation)
 
     def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
         """
@@ -255,7 +257,7 @@ class Compensator:
 
         """
         self.tracker.resume(memory, at_least_s)
-        self._settle(self.limits.bounded(self.tracker.drift), None)
+        self._settle(self.limits.saturate(self.tracker.drift), None)
 
     def _share(self, stamp_ns: int) -> float:
         """Share of the ramp that is done at a stamp, 0 to 1."""
@@ -322,7 +324,7 @@ class Compensator:
         reading = self._reading()
         self.tracker.use(model)
         self._keep_output = reading is not None
-        self._settle(self.limits.bounded(self.tracker.drift), reading)
+        self._settle(self.limits.saturate(self.tracker.drift), reading)
 
     def _reading(self) -> tuple[FloatArray, FloatArray] | None:
         """Newest raw wrench and what it is corrected to; what is not finite counts as unloaded."""
@@ -335,7 +337,7 @@ class Compensator:
 
     def _settle(self, target: Drift, reading: tuple[FloatArray, FloatArray] | None) -> None:
         """Stand at a drift at once; the tare takes up what this would move the reading by."""
-        self.drift = target
+        self.compensation = target
         self._ramp.settle(target)
         if reading is not None:
             raw, corrected = reading

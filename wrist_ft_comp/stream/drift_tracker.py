@@ -10,12 +10,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.drift_model import Drift, DriftModel, DriftState
 from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
 from wrist_ft_comp.model.stream_grid import CompletedCells, ThermalGrid
-from wrist_ft_comp.stream.timestamp_filter import LeapGuard
-from wrist_ft_comp.stream.warm_restart import BLOCK_S, bridge, ThermalMemory
+from wrist_ft_comp.stream.timestamp_filter import TimestampFilter
+from wrist_ft_comp.stream.warm_restart import BLOCK_S, fill_gap, ThermalMemory
 
 
 class Blocks:
@@ -99,7 +99,7 @@ class DriftTracker:
         self.temperature_c: FloatArray | None = None
         #: What the model says now, arrays of shape (6,).
         self.drift = Drift(np.zeros(len(AXES)), np.zeros(len(AXES)))
-        self.guard = LeapGuard(thermometers)
+        self.timestamp_filter = TimestampFilter(thermometers)
         #: How the drift came to be where it is, a sentence; changes when it starts or goes on.
         self.origin = 'no temperatures yet'
         #: Whether another stream's memory was of no use.
@@ -120,7 +120,7 @@ class DriftTracker:
         return self._state is not None
 
     @property
-    def crossing(self) -> bool:
+    def awaiting_gap(self) -> bool:
         """Whether a restarted stream still waits for the temperatures behind its gap."""
         return self._awaited is not None
 
@@ -155,7 +155,7 @@ class DriftTracker:
             Cells that this sample completed; the drift has moved when there are any.
 
         """
-        samples = self.guard.admit(thermometer, stamp_ns, temperature_c)
+        samples = self.timestamp_filter.admit(thermometer, stamp_ns, temperature_c)
         cells = [completed for sample in samples for completed in self.grid.add(*sample)]
         for completed in cells:
             self._advance(completed)
@@ -176,10 +176,12 @@ class DriftTracker:
             # Nothing known before, or a gap longer than any memory: the robot has soaked.
             if resting:
                 self.origin = 'the drift started at the steady state of the first temperatures'
-            self._state = drift.start(self.model, cells.temperature_c)
+            self._state = drift_model.start(self.model, cells.temperature_c)
             count = 1
         if count == 1:
-            self._state, self.drift = drift.step(self.model, self._state, cells.temperature_c)
+            self._state, self.drift = drift_model.step(
+                self.model, self._state, cells.temperature_c
+            )
         else:
             self._hold(self.model, cells.temperature_c, count)
 
@@ -195,7 +197,7 @@ class DriftTracker:
     def _run(self, model: DriftModel, temperature_c: FloatArray) -> None:
         """Move the state on by cells, shape (N, J)."""
         assert self._state is not None  # noqa: S101 -- the caller has started it
-        self._state, track = drift.run(model, self._state, temperature_c)
+        self._state, track = drift_model.run(model, self._state, temperature_c)
         self.drift = Drift(track.zero[-1], track.sensitivity[-1])
 
     def _cross_gap(
@@ -203,7 +205,7 @@ class DriftTracker:
     ) -> None:
         """Take the state over the gap behind a restart, or give it up."""
         self._awaited = None
-        temperature_c, self.origin = bridge(
+        temperature_c, self.origin = fill_gap(
             model, memory, cells.first_cell, cells.temperature_c, at_least_s
         )
         self.forgot = temperature_c is None
@@ -233,7 +235,7 @@ class DriftTracker:
         self.drift = Drift(np.zeros(len(AXES)), np.zeros(len(AXES)))
         if model is not None and self._history:
             temperature_c = np.array(self._history)
-            self._state = drift.start(model, temperature_c[0])
+            self._state = drift_model.start(model, temperature_c[0])
             self._run(model, temperature_c)
             self.origin = f'the drift was found from {len(temperature_c)} thermal cells before'
 
@@ -282,12 +284,12 @@ class DriftTracker:
         if self.model is None:
             return
         self._awaited = memory, at_least_s
-        self.guard.expect(memory.end_ns)
+        self.timestamp_filter.expect(memory.end_ns)
         for temperature_c, count in memory.history:
             self._remember(temperature_c, count)
         # A model that is swapped in before the first temperature starts from these, too.
         self.temperature_c, self.end_ns = memory.temperature_c, memory.end_ns
-        self._state, self.drift = memory.filters, memory.drift
+        self._state, self.drift = memory.filters, memory.compensation
         cells = round(at_least_s * NANOSECONDS / memory.period_ns)
         if cells > 0:
             self._hold(self.model, memory.temperature_c, cells)

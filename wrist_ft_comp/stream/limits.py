@@ -63,7 +63,7 @@ class Limits:
         self._sizes = Drift(axis_limits(max_drift_n), np.full(len(AXES), MAX_SENSITIVITY))
         self._rates = Drift(axis_limits(max_rate_n_s), np.full(len(AXES), MAX_SENSITIVITY_RATE))
 
-    def bounded(self, target: Drift) -> Drift:
+    def saturate(self, target: Drift) -> Drift:
         """
         Keep a drift from being too large.
 
@@ -88,7 +88,7 @@ class Limits:
         self.too_large = _differing(target, result)
         return result
 
-    def slowed(self, target: Drift, here: Drift, seconds: float) -> Drift:
+    def rate_limit(self, target: Drift, here: Drift, seconds: float) -> Drift:
         """
         Keep a drift from moving too fast.
 

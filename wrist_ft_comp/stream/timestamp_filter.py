@@ -20,7 +20,7 @@ _LEAP_NS = 60 * NANOSECONDS
 _STEPS = 4
 
 
-class LeapGuard:
+class TimestampFilter:
     """
     Looks at the stamps of several thermometers.
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.drift_model import Drift, DriftModel, DriftState
 from wrist_ft_comp.model.signals import FloatArray, NANOSECONDS
 
@@ -51,7 +51,7 @@ class ThermalMemory:
         Of the last cell, °C.
     filters : DriftState
         Filter state of each modelled axis after that cell.
-    drift : Drift
+    compensation : Drift
         What was being subtracted, arrays of shape (6,).
     history : tuple of tuples of ndarray, shape (J,), and int
         Mean temperatures of consecutive blocks of cells, °C, and how many cells each has; oldest
@@ -63,11 +63,11 @@ class ThermalMemory:
     period_ns: int
     temperature_c: FloatArray
     filters: DriftState
-    drift: Drift
+    compensation: Drift
     history: tuple[tuple[FloatArray, int], ...]
 
 
-class Bridge(NamedTuple):
+class GapFill(NamedTuple):
     """
     How a gap is crossed.
 
@@ -148,7 +148,7 @@ def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
         return False
     if any(block.shape != (model.thermometers,) for block, _ in memory.history):
         return False
-    form = drift.start(model, memory.temperature_c)
+    form = drift_model.start(model, memory.temperature_c)
     if (
         memory.period_ns != model.period_ns
         or memory.filters.keys() != form.keys()
@@ -156,17 +156,17 @@ def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
     ):
         return False
     with np.errstate(all='ignore'):
-        _, target = drift.step(model, memory.filters, memory.temperature_c)
+        _, target = drift_model.step(model, memory.filters, memory.temperature_c)
     return bool(np.isfinite(target).all())
 
 
-def bridge(
+def fill_gap(
     model: DriftModel,
     memory: ThermalMemory,
     first_cell: int,
     temperature_c: FloatArray,
     at_least_s: float,
-) -> Bridge:
+) -> GapFill:
     """
     Judge the gap between a memory and the first thermal cell after a restart.
 
@@ -186,7 +186,7 @@ def bridge(
 
     Returns
     -------
-    Bridge
+    GapFill
         The temperatures in the gap, or why there are none.
 
     """
@@ -194,23 +194,23 @@ def bridge(
     gap_s = cells * model.period_ns / NANOSECONDS
     soaked = 'so the drift starts at the steady state of the present temperatures'
     if gap_s < -_SLIP_S:
-        return Bridge(
+        return GapFill(
             None,
             f'the saved thermal state is {-gap_s:.0f} s ahead of the temperatures: their stamps '
             f'are of another clock, or time ran back; {soaked}',
         )
     if gap_s < at_least_s - _SLIP_S:
-        return Bridge(
+        return GapFill(
             None,
             f'the stamps of the temperatures moved on by {gap_s:.0f} s while {at_least_s:.0f} s '
             f'passed since the thermal state was saved: their clock was set; {soaked}',
         )
     if gap_s > longest_gap_s(model):
-        return Bridge(None, f'{too_old(model, gap_s)}; {soaked}')
+        return GapFill(None, f'{too_old(model, gap_s)}; {soaked}')
     # The way from the last cell (share 0) to the first one (share 1), ends excluded.
     shares = np.arange(1, max(cells, 0) + 1)[:, np.newaxis] / (max(cells, 0) + 1)
     between = memory.temperature_c + shares * (temperature_c - memory.temperature_c)
-    return Bridge(between, f'the drift goes on from the thermal state saved {gap_s:.0f} s before')
+    return GapFill(between, f'the drift goes on from the thermal state saved {gap_s:.0f} s before')
 
 
 def too_old(model: DriftModel, gap_s: float) -> str:

@@ -56,7 +56,7 @@ def warm(rig, make_model):
         node = rig(thermometers=thermometers, **options)
         for second in range(20):
             node.warm(START + second * SECOND, *[30.0] * thermometers)
-        assert node.node.compensator.drift.zero[2] == pytest.approx(5.0)
+        assert node.node.compensator.compensation.zero[2] == pytest.approx(5.0)
         return node
 
     return start
@@ -272,7 +272,7 @@ class TestTemperature:
         status = node.diagnosis('output')
         assert 'drift of force_z moves at its limit (max_drift_rate)' in status.message
         log(node, 'output: drift of force_z moves at its limit')
-        assert node.node.compensator.drift.zero[2] == pytest.approx(5.05, abs=0.011)
+        assert node.node.compensator.compensation.zero[2] == pytest.approx(5.05, abs=0.011)
         unharmed(node)
 
     def test_in_fahrenheit_is_clamped_and_the_unit_is_guessed(self, warm, log):
@@ -287,7 +287,7 @@ class TestTemperature:
         log(node, 'In degrees Fahrenheit it would be inside')
         for second in range(26, 3000):
             node.node.compensator.add_temperature(0, START + second * SECOND, 86.0)
-        zero = node.node.compensator.drift.zero[2]
+        zero = node.node.compensator.compensation.zero[2]
         # A fifth of 15 to 45 °C beyond the range, and no further.
         assert zero == pytest.approx(0.5 * (45.0 + 6.0 - 20.0), abs=0.01)
         found = node.ask_output(START + 3000 * SECOND, RAW)
@@ -300,7 +300,7 @@ class TestTemperature:
         node.warm(START + 20 * SECOND + leap, 44.0)
         for second in range(20, 23):
             node.warm(START + second * SECOND, 30.0)
-        assert node.node.compensator.tracker.guard.strays == 1
+        assert node.node.compensator.tracker.timestamp_filter.strays == 1
         status = node.diagnosis('temperature', lambda each: 'was dropped' in each.message)
         assert (status.level, numbers(status)['stray_stamps']) == (WARN, '1')
         log(node, 'temperature: a temperature was dropped, because its stamp was far from those')

@@ -41,9 +41,9 @@ def test_rows_are_the_means_per_cell(rig, executor):
     for k in range(8):
         send_reference(START + k * SECOND, [float(k)] * 6)
         send_reference(START + k * SECOND + 5, [k + 1.0] * 6)
-    reducer = node.node.recording.current.reducer
+    averager = node.node.recording.current.averager
     newest = START // SECOND + 7
-    node.bench.wait_until(lambda: reducer._reference.latest == newest, 'the references')
+    node.bench.wait_until(lambda: averager._reference.latest == newest, 'the references')
     sent = feed(node, 8, celsius=(20.0, 40.0))
     answer = node.call('record', False)
     assert answer.success
@@ -113,8 +113,8 @@ def test_unusable_references_are_counted_and_left_out(rig):
     send_reference = node.reference()
     send_reference(START, [math.nan] * 6)
     send_reference(START + 1, [3.0] * 6)
-    counts, reducer = node.node.counts, node.node.recording.current.reducer
-    node.bench.wait_until(lambda: reducer._reference.latest > 0, 'the reference')
+    counts, averager = node.node.counts, node.node.recording.current.averager
+    node.bench.wait_until(lambda: averager._reference.latest > 0, 'the reference')
     assert counts.bad_references == 1
     feed(node, 2)
     node.call('record', False)

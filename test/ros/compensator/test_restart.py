@@ -55,7 +55,7 @@ def origin(node):
 
 def test_drift_and_tare_are_subtracted_from_the_first_wrench_on(restart, warm, capfd):
     node = restart(warm)
-    held = warm.thermal.drift.zero[2]
+    held = warm.thermal.compensation.zero[2]
     assert held > 5.0
     assert node.ask_output(START, LOAD)[2] == pytest.approx(50.0 - held - 7.0, abs=0.1)
     assert 'the tare from before the restart is active' in capfd.readouterr().err
@@ -70,8 +70,8 @@ def test_the_first_cell_tells_how_long_the_gap_was(restart, warm, capfd):
     status = node.diagnosis('temperature', lambda each: sentence in str(each.values))
     assert status.level == b'\0'
     assert sentence in capfd.readouterr().err
-    assert node.node.compensator.drift.zero[2] == pytest.approx(
-        warm.thermal.drift.zero[2], rel=0.05
+    assert node.node.compensator.compensation.zero[2] == pytest.approx(
+        warm.thermal.compensation.zero[2], rel=0.05
     )
 
 
@@ -85,7 +85,7 @@ def test_stamps_that_make_no_sense_start_at_the_steady_state(restart, warm, capf
     status = node.diagnosis('temperature', lambda each: 'steady state' in str(each.values))
     assert 'so the drift starts at the steady state' in str(status.values)
     assert 'so the drift starts at the steady state' in capfd.readouterr().err
-    assert node.node.compensator.drift.zero[2] == pytest.approx(20.0)
+    assert node.node.compensator.compensation.zero[2] == pytest.approx(20.0)
     np.testing.assert_array_equal(node.node.compensator.tare, TARE, 'the tare survives')
 
 
@@ -130,7 +130,7 @@ def test_a_broken_state_is_said_and_replaced(rig, stored, tmp_path, capfd, conte
 
 def test_simulated_time_is_not_judged_by_the_system_s_clock(restart, warm):
     node = restart(replace(warm, saved_ns=10**18), use_sim_time=True)
-    assert node.node.compensator.tracker.crossing
+    assert node.node.compensator.tracker.awaiting_gap
 
 
 def test_what_is_saved_is_what_the_stream_remembers(rig, stored):

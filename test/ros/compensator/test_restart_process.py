@@ -34,7 +34,7 @@ def drifts_of(model, seconds):
     twin, found = Compensator(1, StreamSettings(), model), []
     for second in range(seconds):
         twin.add_temperature(0, START + second * SECOND, warming(second))
-        found.append(twin.drift.zero[2])
+        found.append(twin.compensation.zero[2])
     return found
 
 

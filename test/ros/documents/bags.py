@@ -11,7 +11,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
-from wrist_ft_comp.simulation import ft_sensor as thermal_sensor
+from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation import run as simulated_run
 
 PREFIX = '/bus0/ft_sensor0/ft_sensor_readings'
@@ -27,7 +27,7 @@ DAYS = {
 def simulate(number, duty):
     """Wrench and temperatures of a day, once a second."""
     rng = np.random.default_rng([1, number])
-    sensor = thermal_sensor.build_sensor(thermal_sensor.ThermalSensorSettings(), 1)
+    sensor = ft_sensor.build_sensor(ft_sensor.FtSensorSettings(), 1)
     settings = simulated_run.RunSettings(
         duty_start_s=tuple(float(start) for start, _ in duty),
         duty_level=tuple(level for _, level in duty),
@@ -37,9 +37,9 @@ def simulate(number, duty):
     run = simulated_run.draw_run(settings, rng)
     elapsed_s = np.arange(SECONDS) + 0.5
     drive = simulated_run.drive(run, elapsed_s)
-    start = thermal_sensor.start(sensor, float(drive[0, 1]))
+    start = ft_sensor.start(sensor, float(drive[0, 1]))
     true = simulated_run.true_wrench(run, elapsed_s)
-    result = thermal_sensor.simulate(sensor, start, drive, true, (rng, rng))
+    result = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
     return result.wrench, result.temperature_c
 
 

@@ -12,7 +12,7 @@ from wrist_ft_comp.files.csv_file import CsvRecordingWriter
 from wrist_ft_comp.model.signals import NANOSECONDS
 from wrist_ft_comp.model.stream_grid import CompletedCells
 from wrist_ft_comp.ros import messages as qos
-from wrist_ft_comp.stream.cell_averager import row_channels, StreamReducer
+from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
 
 if TYPE_CHECKING:
     from wrist_ft_comp.ros.compensator_node import CompensatorNode
@@ -42,7 +42,7 @@ class OwnRecording:
         self.path = path
         self.period_ns = period_ns
         self.rows = 0
-        self.reducer = StreamReducer(period_ns)
+        self.averager = CellAverager(period_ns)
         self._writer = CsvRecordingWriter(path, row_channels(thermometers))
 
     def write(self, *, final: bool = False) -> None:
@@ -60,7 +60,7 @@ class OwnRecording:
             When the disk refuses.
 
         """
-        for stamp_ns, values in self.reducer.rows(final=final):
+        for stamp_ns, values in self.averager.rows(final=final):
             self._writer.append(stamp_ns, values)
             self.rows += 1
 
@@ -179,7 +179,7 @@ class RecordingControl:
         recording = self.current
         if recording is None:
             return
-        recording.reducer.add_cells(cells)
+        recording.averager.add_cells(cells)
         try:
             recording.write()
         except RecordingError as error:

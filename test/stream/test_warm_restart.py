@@ -14,7 +14,7 @@ from wrist_ft_comp.model.signals import AXES as AXES_ORDER
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.warm_restart import (
     belongs_to,
-    bridge,
+    fill_gap,
     LEAST_GAP_S,
     longest_gap_s,
     MOST_GAP_S,
@@ -75,7 +75,7 @@ def test_a_restarted_stream_stays_within_2_percent_of_one_that_never_stopped(
     again = restarted(model, killed, gap_s)
     expected = feed(never, killed_s + gap_s + offset, killed_s + 300, rate_hz)
     found = feed(again, killed_s + gap_s + offset, killed_s + 300, rate_hz)
-    assert not again.tracker.crossing
+    assert not again.tracker.awaiting_gap
     size = np.abs([each.zero for each in expected]).max(axis=0)
     apart = np.abs([a.zero - b.zero for a, b in zip(expected, found, strict=True)])
     assert size[2] > 2.0
@@ -100,13 +100,13 @@ def test_the_drift_is_subtracted_before_the_first_temperature(model: DriftModel)
     feed(killed, 0, 400)
     again = restarted(model, killed)
     assert again.compensating
-    assert again.tracker.crossing
+    assert again.tracker.awaiting_gap
     assert again.tracker.origin.startswith('the drift saved before the restart is held')
     raw = [10.0, 20.0, 50.0, 1.0, 2.0, 3.0]
     far = START + 10**6 * SECOND
     assert again.correct(0, raw) == pytest.approx(killed.correct(far, raw))
     assert again.memory() is not None
-    assert restarted(model, again).drift.zero[2] == again.drift.zero[2]
+    assert restarted(model, again).drift.zero[2] == again.compensation.zero[2]
 
 
 def test_a_gap_without_length_changes_nothing(model: DriftModel) -> None:
@@ -119,7 +119,7 @@ def test_a_gap_without_length_changes_nothing(model: DriftModel) -> None:
     for second in range(199, 260):
         for compensator in (never, again) if second >= 200 else (again,):
             compensator.add_temperature(0, START + second * SECOND, warming(second))
-    np.testing.assert_allclose(again.drift.zero, never.drift.zero, rtol=1e-12)
+    np.testing.assert_allclose(again.compensation.zero, never.compensation.zero, rtol=1e-12)
     memories = again.memory(), never.memory()
     assert memories[0] is not None
     assert memories[1] is not None
@@ -156,8 +156,8 @@ class TestGap:
         assert again.tracker.origin.endswith(
             'so the drift starts at the steady state of the present temperatures'
         )
-        assert again.drift.zero[2] == pytest.approx(2.0 * 10.0)
-        assert not again.tracker.crossing
+        assert again.compensation.zero[2] == pytest.approx(2.0 * 10.0)
+        assert not again.tracker.awaiting_gap
 
     def test_that_is_refused_moves_the_output_no_faster_than_the_rate(
         self, model: DriftModel
@@ -165,10 +165,10 @@ class TestGap:
         killed = Compensator(1, SETTINGS, model)
         feed(killed, 0, 400)
         again = restarted(model, killed)
-        held = again.drift.zero[2]
+        held = again.compensation.zero[2]
         for second in range(3):
             again.add_temperature(0, second * SECOND, 60.0)
-        assert again.drift.zero[2] == pytest.approx(held + 2.0)
+        assert again.compensation.zero[2] == pytest.approx(held + 2.0)
         assert again.limits.too_fast
 
     def test_is_crossed_on_a_straight_line(self, model: DriftModel) -> None:
@@ -177,7 +177,7 @@ class TestGap:
         memory = killed.memory()
         assert memory is not None
         first = memory.end_ns // SECOND + 3
-        found = bridge(model, memory, first, memory.temperature_c + 4.0, 0.0)
+        found = fill_gap(model, memory, first, memory.temperature_c + 4.0, 0.0)
         assert found.temperature_c is not None
         expected = memory.temperature_c + np.array([[1.0], [2.0], [3.0]])
         np.testing.assert_allclose(found.temperature_c, expected)
@@ -227,7 +227,7 @@ def test_a_model_that_goes_live_ends_the_wait_for_the_gap(
     feed(killed, 0, 100)
     again = restarted(model, killed)
     again.go_live(make_model({'force_z': (1.0, 0.0, 30.0)}))
-    assert not again.tracker.crossing
+    assert not again.tracker.awaiting_gap
     assert again.compensating
 
 
@@ -241,7 +241,7 @@ def test_a_model_that_goes_live_before_the_first_temperature_is_remembered(
     other = make_model({'force_z': (-1.0, 0.0, 900.0)})
     again.go_live(other)
     once_more = restarted(other, again)
-    assert once_more.drift.zero[2] == again.drift.zero[2] != 0.0
+    assert once_more.compensation.zero[2] == again.compensation.zero[2] != 0.0
     memories = killed.memory(), once_more.memory()
     assert memories[0] is not None
     assert memories[1] is not None
@@ -261,8 +261,8 @@ def test_a_model_that_goes_live_after_a_restart_knows_what_was_before_it(
     feed(again, 710, 800)
     for compensator in (never, again):
         compensator.go_live(other)
-    expected = never.drift.zero[2]
-    assert again.drift.zero[2] == pytest.approx(expected, rel=0.03)
+    expected = never.compensation.zero[2]
+    assert again.compensation.zero[2] == pytest.approx(expected, rel=0.03)
     assert -1.0 * (warming(800) - 20.0) < 1.3 * expected, 'the steady state would be far off'
 
 
@@ -311,4 +311,4 @@ def test_a_stray_stamp_right_after_the_restart_does_not_cost_the_memory(
     again.add_temperature(0, START + (705 + leap_s) * SECOND, 25.0)
     feed(again, 706, 710)
     assert not again.tracker.forgot
-    assert again.drift.zero[2] == pytest.approx(killed.drift.zero[2], rel=0.02)
+    assert again.compensation.zero[2] == pytest.approx(killed.compensation.zero[2], rel=0.02)

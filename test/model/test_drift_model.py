@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import ModelFileError
-from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import Drift, DriftModel
 from wrist_ft_comp.model.features import Features
@@ -39,7 +39,7 @@ def temperature_c() -> Array:
 def test_the_drift_is_the_textbook_lag_on_its_axes_and_zero_on_the_others(
     model: DriftModel, temperature_c: Array, lagged: Lagged
 ) -> None:
-    _, found = drift.run(model, drift.start(model, temperature_c[0]), temperature_c)
+    _, found = drift_model.run(model, drift_model.start(model, temperature_c[0]), temperature_c)
     mean_theta = temperature_c.mean(axis=1) - 20
     for i, axis in enumerate(AXES):
         zero, sensitivity, tau = TRUTH.get(axis, (0.0, 0.0, 1.0))
@@ -53,12 +53,12 @@ def test_the_drift_is_the_textbook_lag_on_its_axes_and_zero_on_the_others(
 def test_run_is_the_fold_of_step_wherever_it_is_split(
     model: DriftModel, temperature_c: Array, cut: int
 ) -> None:
-    first = drift.start(model, temperature_c[0])
-    end, whole = drift.run(model, first, temperature_c)
-    state, head = drift.run(model, first, temperature_c[:cut])
+    first = drift_model.start(model, temperature_c[0])
+    end, whole = drift_model.run(model, first, temperature_c)
+    state, head = drift_model.run(model, first, temperature_c[:cut])
     rows = []
     for row in temperature_c[cut:]:
-        state, one = drift.step(model, state, row)
+        state, one = drift_model.step(model, state, row)
         rows.append(one)
     for k, part in enumerate(whole):
         joined = np.concatenate((head[k], [row[k] for row in rows]))
@@ -70,7 +70,7 @@ def test_run_is_the_fold_of_step_wherever_it_is_split(
 
 def test_a_soaked_sensor_does_not_drift(model: DriftModel) -> None:
     soaked = np.tile([31.0, 25.0], (50, 1))
-    _, found = drift.run(model, drift.start(model, soaked[0]), soaked)
+    _, found = drift_model.run(model, drift_model.start(model, soaked[0]), soaked)
     np.testing.assert_allclose(found.zero, np.tile(found.zero[0], (50, 1)), atol=1e-12)
     assert found.zero[0, 0] == pytest.approx(0.5 * 8.0)
 
@@ -90,9 +90,11 @@ def test_correct_inverts_the_measurement(
     wrench: Array, zero: Array, tare: Array, sensitivity: Array
 ) -> None:
     raw = (1 + sensitivity) * wrench + zero
-    found = drift.correct(raw + tare, Drift(zero, sensitivity), tare)
+    found = drift_model.correct(raw + tare, Drift(zero, sensitivity), tare)
     np.testing.assert_allclose(found, wrench, atol=1e-9)
-    np.testing.assert_allclose(drift.correct(raw, Drift(zero, sensitivity)), wrench, atol=1e-9)
+    np.testing.assert_allclose(
+        drift_model.correct(raw, Drift(zero, sensitivity)), wrench, atol=1e-9
+    )
 
 
 def test_thermometers_outside_the_calibrated_range_are_named(
@@ -109,7 +111,7 @@ def test_beyond_the_calibrated_range_the_drift_goes_on_for_a_fifth_of_it(
     model = make_model({'force_x': (0.5, 0.0, 10.0)}, range_c=(10.0, 40.0))
     for celsius, followed in ((39.0, 39.0), (44.0, 44.0), (90.0, 46.0), (-50.0, 4.0)):
         at = np.array([celsius])
-        _, found = drift.step(model, drift.start(model, at), at)
+        _, found = drift_model.step(model, drift_model.start(model, at), at)
         assert found.zero[0] == pytest.approx(0.5 * (followed - 20.0))
 
 

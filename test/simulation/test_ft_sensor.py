@@ -21,8 +21,8 @@ from wrist_ft_comp.simulation.ft_sensor import (
 )
 from wrist_ft_comp.simulation.heat_flow import (
     build_heat_flow,
+    FtSensorSettings,
     interpolation,
-    ThermalSensorSettings,
 )
 from wrist_ft_comp.simulation.run import (
     draw_run,
@@ -34,7 +34,7 @@ from wrist_ft_comp.simulation.run import (
 )
 from wrist_ft_comp.simulation.strain_gauges import bridge_output, NOMINAL_C
 
-SETTINGS = ThermalSensorSettings()
+SETTINGS = FtSensorSettings()
 CLEAN = replace(
     SETTINGS,
     thermometer_noise_k=0.0,
@@ -297,7 +297,7 @@ def test_seed_makes_the_specimen():
 @pytest.mark.parametrize('wrong', [{'step_s': 0.0}, {'cells': 1}, {'body_w_per_k': -1.0}])
 def test_settings_without_meaning_are_refused(wrong):
     with pytest.raises(SettingsError, match=next(iter(wrong))):
-        ThermalSensorSettings(**wrong)
+        FtSensorSettings(**wrong)
 
 
 # What drives it

@@ -5,29 +5,29 @@ import pytest
 
 from wrist_ft_comp.model.signals import AXES, REFERENCE_CHANNELS
 from wrist_ft_comp.model.stream_grid import ThermalGrid
-from wrist_ft_comp.stream.cell_averager import row_channels, StreamReducer
+from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
 
 SECOND = 1_000_000_000
 NAN = math.nan
 
 
 class Node:
-    """Feeds a grid and a reducer as the node does."""
+    """Feeds a grid and a averager as the node does."""
 
     def __init__(self, thermometers=1, patience_s=3.0):
         self.grid = ThermalGrid(SECOND, thermometers, patience_s)
-        self.reducer = StreamReducer(SECOND)
+        self.averager = CellAverager(SECOND)
 
     def heat(self, at_s, *celsius):
         for j, value in enumerate(celsius):
             if value is not None:
-                self.reducer.add_cells(self.grid.add(j, round(at_s * SECOND), value))
+                self.averager.add_cells(self.grid.add(j, round(at_s * SECOND), value))
 
     def raw(self, at_s, value):
-        self.reducer.add_raw(round(at_s * SECOND), [value] * 6)
+        self.averager.add_raw(round(at_s * SECOND), [value] * 6)
 
     def reference(self, at_s, value):
-        self.reducer.add_reference(round(at_s * SECOND), [value] * 6)
+        self.averager.add_reference(round(at_s * SECOND), [value] * 6)
 
 
 def cells(rows):
@@ -47,11 +47,11 @@ def test_a_row_holds_the_means_of_its_cell():
     rows = []
     for k in range(300):
         stamp = 5 * SECOND + k * 10_000_000
-        node.reducer.add_reference(stamp, reference[k])
-        node.reducer.add_raw(stamp, raw[k])
-        node.reducer.add_cells(node.grid.add(0, stamp, float(celsius[k])))
-        rows += node.reducer.rows()
-    rows += node.reducer.rows(final=True)
+        node.averager.add_reference(stamp, reference[k])
+        node.averager.add_raw(stamp, raw[k])
+        node.averager.add_cells(node.grid.add(0, stamp, float(celsius[k])))
+        rows += node.averager.rows()
+    rows += node.averager.rows(final=True)
     assert [stamp for stamp, _ in rows] == [5_500_000_000, 6_500_000_000]
     for row, first in zip(rows, (0, 100), strict=True):
         part = slice(first, first + 100)
@@ -64,11 +64,11 @@ def test_a_row_waits_for_wrenches_of_a_later_cell():
     node.raw(0.2, 1.0)
     node.heat(0.5, 20.0)
     node.heat(1.5, 21.0)
-    assert node.reducer.rows() == []
+    assert node.averager.rows() == []
     node.raw(0.9, 3.0)
-    assert node.reducer.rows() == []
+    assert node.averager.rows() == []
     node.raw(1.0, 9.0)
-    np.testing.assert_equal(cells(node.reducer.rows()), [(0, 2.0, NAN, 20.0)])
+    np.testing.assert_equal(cells(node.averager.rows()), [(0, 2.0, NAN, 20.0)])
 
 
 def test_a_reference_is_waited_for_once_there_is_one():
@@ -78,17 +78,17 @@ def test_a_reference_is_waited_for_once_there_is_one():
     node.heat(0.5, 20.0)
     node.heat(1.5, 21.0)
     node.raw(1.5, 2.0)
-    assert node.reducer.rows() == []
+    assert node.averager.rows() == []
     node.reference(0.9, 7.0)
     node.reference(1.1, 0.0)
-    np.testing.assert_equal(cells(node.reducer.rows()), [(0, 1.0, 6.0, 20.0)])
+    np.testing.assert_equal(cells(node.averager.rows()), [(0, 1.0, 6.0, 20.0)])
 
 
 def test_without_wrenches_rows_come_after_all():
     node = Node()
     for second in range(60):
         node.heat(second + 0.5, 20.0 + second)
-    rows = cells(node.reducer.rows())
+    rows = cells(node.averager.rows())
     assert [row[0] for row in rows] == list(range(len(rows)))
     assert 0 < len(rows) < 60
     assert all(math.isnan(row[1]) for row in rows)
@@ -101,7 +101,7 @@ def test_a_held_temperature_is_not_written_as_measured(other):
     for second in range(1, 12):
         node.raw(second, 1.0)
         node.heat(second + 0.5, 20.0, other)
-    rows = cells(node.reducer.rows(final=True))
+    rows = cells(node.averager.rows(final=True))
     expected = NAN if other is None else other
     np.testing.assert_equal(rows[1], (1, 1.0, NAN, 20.0, expected))
 
@@ -112,7 +112,7 @@ def test_wrenches_in_a_gap_of_the_thermometer_are_kept():
         node.raw(second + 0.1, float(second))
         if not 3 <= second < 15:
             node.heat(second + 0.2, 20.0)
-    rows = cells(node.reducer.rows(final=True))
+    rows = cells(node.averager.rows(final=True))
     assert [row[0] for row in rows] == list(range(19))
     assert [row[1] for row in rows] == list(range(19))
     assert [row[0] for row in rows if math.isnan(row[3])] == list(range(3, 15))
@@ -123,7 +123,7 @@ def test_a_gap_in_everything_leaves_no_empty_rows():
     for second in (0, 1, 100_000, 100_001):
         node.raw(second + 0.1, 1.0)
         node.heat(second + 0.2, 20.0)
-    rows = cells(node.reducer.rows(final=True))
+    rows = cells(node.averager.rows(final=True))
     assert [row[0] for row in rows] == [0, 1, 100_000]
 
 
@@ -133,5 +133,5 @@ def test_late_wrenches_are_dropped_and_do_not_pile_up():
         node.heat(second + 0.5, 20.0)
         node.raw(second + 0.1, 1.0)
         node.raw(max(second - 30, 0), 99.0)
-        node.reducer.rows()
-    assert len(node.reducer._raw._cells) < 35
+        node.averager.rows()
+    assert len(node.averager._raw._cells) < 35
