@@ -3,6 +3,7 @@
 import ast
 from collections.abc import Iterator
 from pathlib import Path
+import subprocess
 import sys
 
 import pytest
@@ -179,3 +180,24 @@ def test_nothing_leaves_the_process_but_the_command_line(module: str) -> None:
         and id(node) not in guarded
     ]
     assert not exits or room_of(module) in {'cli', 'ros'}
+
+
+def test_what_runs_live_loads_no_submodule_of_scipy() -> None:
+    """Nor any room that only fits or reports: the node that holds it has to be light."""
+    rooms = 'identification|calibration|report|files|simulation'
+    program = f"""
+import re, sys, numpy
+before = set(sys.modules)
+import {', '.join(f'wrist_ft_comp.{m}' for m in MODULES if room_of(m) in {'model', 'stream'})}
+from wrist_ft_comp.model.arx import relaxation
+from wrist_ft_comp.model.arx_pls import from_gains
+one = numpy.ones(1)
+model = from_gains([relaxation(9.0, 1.0)], one.reshape(1, 1, 1), one, one, one)
+model.run(model.start(one), numpy.ones((9, 1)))
+heavy = re.compile(r'scipy|matplotlib|rosbags|wrist_ft_comp[.]({rooms})')
+sys.exit(' '.join(filter(heavy.match, set(sys.modules) - before)) or 0)
+"""
+    finished = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True, check=False
+    )
+    assert (finished.returncode, finished.stderr) == (0, '')

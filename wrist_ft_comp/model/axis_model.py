@@ -22,8 +22,6 @@ from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import FloatArray
 
 _UNIT_GAIN_TOLERANCE = 1e-6
-
-
 #: The slope at the edge of the calibrated range is taken over this share of the range.
 _SLOPE_SHARE = 0.1
 
@@ -76,7 +74,7 @@ class AxisModel:
 
     @property
     def thermometers(self) -> int:
-        """Number of thermometers J."""
+        """J."""
         return self.features.thermometers // max(len(self.filters), 1)
 
     @property
@@ -96,7 +94,7 @@ class AxisModel:
 
     @property
     def outputs(self) -> int:
-        """M: 1 with zero drift only, 2 with sensitivity drift."""
+        """M: 1 is zero drift only, 2 is sensitivity drift, too."""
         return len(self.dynamics.output_mean)
 
     @property
@@ -107,7 +105,7 @@ class AxisModel:
 
     @cached_property
     def _thermometer_features(self) -> Features:
-        """Features of the thermometers themselves, for the range."""
+        """Features of the thermometers themselves, to clamp them before a filter remembers."""
         return replace(
             self.features,
             reference_c=self.reference_c,
@@ -133,21 +131,8 @@ class AxisModel:
         )
 
     def start(self, temperature_c: FloatArray) -> FloatArray:
-        """
-        State of a sensor that has soaked at these temperatures.
-
-        Parameters
-        ----------
-        temperature_c : ndarray, shape (J,)
-            Temperatures, °C.
-
-        Returns
-        -------
-        ndarray, shape (S,)
-            Filter states: those of the filters, then those of the latents.
-
-        """
-        clamped = self._clamp(temperature_c)
+        """State of a soaked sensor, shape (S,): that of the filters, then that of the latents."""
+        clamped = self._thermometer_features.clamp(temperature_c)
         if self._filter_bank is None:
             return self.dynamics.start(self.features.expand_within(clamped)).ravel()
         before = self._filter_bank.start(clamped)
@@ -168,55 +153,27 @@ class AxisModel:
         Returns
         -------
         tuple of ndarrays, shapes (S,) and (M,)
-            New state, and the drift of the cell.
+            New state, and the drift of the cell, N or N m and without unit.
 
         """
         before, behind = self._split(state)
-        filtered = self._clamp(temperature_c)
+        filtered = self._thermometer_features.clamp(temperature_c)
         if self._filter_bank is not None:
             before, filtered = self._filter_bank.step(before, filtered)
         behind, outputs = self.dynamics.step(behind, self.features.expand_within(filtered))
         return np.concatenate((before.ravel(), behind.ravel())), outputs
 
     def run(self, state: FloatArray, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """
-        Advance by many thermal cells: the fold of step, faster.
-
-        Parameters
-        ----------
-        state : ndarray, shape (S,)
-            From start or the last run; not modified.
-        temperature_c : ndarray, shape (N, J)
-            Mean temperatures of consecutive cells, °C.
-
-        Returns
-        -------
-        tuple of ndarrays, shapes (S,) and (N, M)
-            State after the last cell, and the drift of every cell.
-
-        """
+        """Advance by N cells, temperatures (N, J), drift (N, M): the fold of step, faster."""
         before, behind = self._split(state)
-        filtered = self._clamp(temperature_c)
+        filtered = self._thermometer_features.clamp(temperature_c)
         if self._filter_bank is not None:
             before, filtered = self._filter_bank.run(before, filtered)
         behind, outputs = self.dynamics.run(behind, self.features.expand_within(filtered))
         return np.concatenate((before.ravel(), behind.ravel())), outputs
 
     def drift_beyond_range(self, temperature_c: FloatArray) -> float:
-        """
-        Extrapolate, from the edge of the calibrated range, what zero drift lies beyond it.
-
-        Parameters
-        ----------
-        temperature_c : ndarray, shape (J,)
-            Temperatures, °C.
-
-        Returns
-        -------
-        float
-            Sum of the sizes over thermometers, N or N m, when soaked; 0 within the range.
-
-        """
+        """Sum up the zero drift, N or N m, that each thermometer's excess over its range gives."""
         inside = np.clip(temperature_c, self.lower_c, self.upper_c)
         total = 0.0
         for j in np.flatnonzero(temperature_c != inside):
@@ -232,10 +189,6 @@ class AxisModel:
     def _soaked(self, temperature_c: FloatArray) -> float:
         """Zero drift of a sensor that has soaked at these temperatures, N or N m."""
         return float(self.step(self.start(temperature_c), temperature_c)[1][0])
-
-    def _clamp(self, temperature_c: FloatArray) -> FloatArray:
-        """Hold temperatures near the calibrated range, before a filter remembers them."""
-        return self._thermometer_features.clamp(temperature_c)
 
     def _split(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Divide the state into that of the filters and that of the latents, shapes (R, L)."""

@@ -1,9 +1,9 @@
 """
-Irregular streams onto the thermal grid: as a batch (GridBuilder) and as a stream (ThermalGrid).
+Samples of a recording onto the thermal grid, as a batch.
 
 Drift moves over minutes, wrenches come at kilohertz. Everything dynamic therefore runs on cells of
 period h: samples are averaged per cell by their stamps, and a cell without a sample holds the last
-value, because a stream cannot know the next one. Both classes give the same temperatures.
+value, because a stream (``stream_grid``) cannot know the next one.
 """
 
 from collections import defaultdict
@@ -26,12 +26,8 @@ from wrist_ft_comp.model.signals import (
 
 #: More cells than this in one recording (58 days at 1 s) can only be a broken stamp.
 MAX_CELLS = 5_000_000
-
-
 #: Longer cells than this would average a warm-up away, s.
 MAX_PERIOD_S = 600
-
-
 #: Losing more than this of a recording's beginning, where a warm-up moves most, is said, s.
 _LATE_S = 60
 
@@ -51,17 +47,7 @@ class GridBuilder:
     Reduces blocks of samples to means per thermal cell while a recording is being read.
 
     Memory grows with the number of cells that hold samples, not with the number of samples.
-
-    Parameters
-    ----------
-    name : str
-        Where the samples come from, for messages.
-    period_s : float
-        Cell length h, s.
-    max_bad_share : float
-        Largest share of samples of a channel, 0 to 1, that may be unusable (not finite, or a
-        stamp that does not increase). They are dropped and reported; beyond it, build refuses.
-
+    Arguments are those of ``grid_samples``.
     """
 
     def __init__(self, name: str, period_s: float = 1.0, max_bad_share: float = 0.01) -> None:
@@ -79,15 +65,7 @@ class GridBuilder:
         self._counts: defaultdict[str, list[IntArray]] = defaultdict(list)
 
     def add(self, samples: Samples) -> None:
-        """
-        Add a block of samples.
-
-        Parameters
-        ----------
-        samples : Samples
-            Blocks of the same channels must come in order of time.
-
-        """
+        """Add a block of samples; blocks of the same channels must come in order of time."""
         if not len(samples.stamps_ns):
             return
         tally = self._tallies[samples.channels]
@@ -101,10 +79,10 @@ class GridBuilder:
         tally.out_of_order += int(np.count_nonzero(~in_order))
         tally.not_finite += int(np.count_nonzero(in_order & ~finite))
         usable = in_order & finite
+        if not usable.any():
+            return
         if not usable.all():
             stamps_ns, values = stamps_ns[usable], values[usable]
-        if not len(stamps_ns):
-            return
         cells = stamps_ns // self._period_ns
         starts = np.flatnonzero(np.diff(cells, prepend=cells[0] - 1))
         sums = np.add.reduceat(values, starts, axis=0)
@@ -115,21 +93,7 @@ class GridBuilder:
             self._counts[channel].append(counts)
 
     def build(self) -> Recording:
-        """
-        Make the recording from everything that was added.
-
-        Returns
-        -------
-        Recording
-            On the grid, from the first cell by whose end all thermometers have reported.
-
-        Raises
-        ------
-        RecordingError
-            When a thermometer or every axis is missing, too many samples are unusable, or the
-            stamps span more cells than any recording has.
-
-        """
+        """Make the recording from everything that was added; raises as ``grid_samples``."""
         warnings = self._judge_tallies()
         thermometers = self._count_thermometers()
         wanted = [temperature_channel(j) for j in range(thermometers)]
@@ -239,7 +203,7 @@ def grid_samples(
     max_bad_share: float = 0.01,
 ) -> Recording:
     """
-    Average blocks of samples onto the thermal grid: GridBuilder as one call.
+    Average blocks of samples onto the thermal grid: GridBuilder in one call.
 
     Parameters
     ----------
@@ -250,17 +214,19 @@ def grid_samples(
     period_s : float
         Cell length h, s.
     max_bad_share : float
-        As in GridBuilder.
+        Largest share of samples of a channel, 0 to 1, that may be unusable (not finite, or a
+        stamp that does not increase). They are dropped and reported; beyond it, it refuses.
 
     Returns
     -------
     Recording
-        On the grid.
+        On the grid, from the first cell by whose end all thermometers have reported.
 
     Raises
     ------
     RecordingError
-        As GridBuilder.build.
+        When a thermometer or every axis is missing, too many samples are unusable, or the stamps
+        span more cells than any recording has.
 
     """
     builder = GridBuilder(name, period_s, max_bad_share)

@@ -1,5 +1,5 @@
 """
-The drift of all six axes: settings of the fit left behind, this is what runs.
+The drift of all six axes: the model that runs, and what runs it.
 
     r_i = (1 + s_i) w_i + o_i           measurement: s sensitivity drift, o zero drift
     ŵ_i = (r_i - o_i - tare_i) / (1 + s_i)
@@ -17,6 +17,8 @@ from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.signals import AXES, FloatArray
 
 Document = dict[str, Any]
+#: Filter state of each modelled axis, by name: what the last cell left.
+DriftState = Mapping[str, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,29 +62,12 @@ class DriftModel:
                 )
 
     def outside(self, temperature_c: FloatArray) -> list[int]:
-        """
-        Tell which thermometers read outside the calibrated range.
-
-        Parameters
-        ----------
-        temperature_c : ndarray, shape (J,)
-            Temperatures, °C.
-
-        Returns
-        -------
-        list of int
-            Their numbers, counted from 0.
-
-        """
-        return sorted(
-            {
-                int(j)
-                for axis in self.axes.values()
-                for j in np.flatnonzero(
-                    (temperature_c < axis.lower_c) | (temperature_c > axis.upper_c)
-                )
-            }
-        )
+        """List the thermometers, counted from 0, that read outside an axis's calibrated range."""
+        beyond = [
+            (temperature_c < axis.lower_c) | (temperature_c > axis.upper_c)
+            for axis in self.axes.values()
+        ]
+        return [j for j in range(self.thermometers) if any(axis[j] for axis in beyond)]
 
     def uncertainty(self, temperature_c: FloatArray) -> FloatArray:
         """
@@ -102,17 +87,25 @@ class DriftModel:
             Standard deviation, N and N m; NaN for axes that were not calibrated.
 
         """
-        found = np.full(len(AXES), np.nan)
+        deviations = np.full(len(AXES), np.nan)
         for name, deviation in self.deviation.items():
-            beyond = 0.0
-            if name in self.axes:
-                beyond = self.axes[name].drift_beyond_range(temperature_c)
-            found[AXES.index(name)] = np.hypot(deviation, beyond)
-        return found
+            axis = self.axes.get(name)
+            beyond = 0.0 if axis is None else axis.drift_beyond_range(temperature_c)
+            deviations[AXES.index(name)] = np.hypot(deviation, beyond)
+        return deviations
 
 
-#: Filter state of each modelled axis, by name: what the last cell left.
-DriftState = Mapping[str, FloatArray]
+@dataclass(frozen=True, eq=False)
+class StoredModel:
+    """A model as it lies on disk."""
+
+    path: Path
+    #: Of the file's bytes.
+    sha256: str
+    #: Ready to run.
+    model: DriftModel
+    #: Everything in the file, as plain values.
+    document: Document
 
 
 class Drift(NamedTuple):
@@ -132,23 +125,14 @@ class Drift(NamedTuple):
     sensitivity: FloatArray
 
 
+def no_drift(cells: int | None = None) -> Drift:
+    """Make a drift of zeros, shape (6,) or (cells, 6)."""
+    shape = (len(AXES),) if cells is None else (cells, len(AXES))
+    return Drift(np.zeros(shape), np.zeros(shape))
+
+
 def start(model: DriftModel, temperature_c: FloatArray) -> DriftState:
-    """
-    State of a sensor that has soaked at these temperatures.
-
-    Parameters
-    ----------
-    model : DriftModel
-        The model.
-    temperature_c : ndarray, shape (J,)
-        Temperatures, °C.
-
-    Returns
-    -------
-    DriftState
-        For step and run.
-
-    """
+    """State of a sensor that has soaked at temperatures, °C, shape (J,)."""
     return {name: axis.start(temperature_c) for name, axis in model.axes.items()}
 
 
@@ -174,7 +158,7 @@ def step(
 
     """
     after: dict[str, FloatArray] = {}
-    drift = Drift(np.zeros(len(AXES)), np.zeros(len(AXES)))
+    drift = no_drift()
     for name, axis in model.axes.items():
         after[name], outputs = axis.step(state[name], temperature_c)
         for part, value in zip(drift, outputs, strict=False):
@@ -185,27 +169,9 @@ def step(
 def run(
     model: DriftModel, state: DriftState, temperature_c: FloatArray
 ) -> tuple[DriftState, Drift]:
-    """
-    Advance the drift by many thermal cells: the fold of step, faster.
-
-    Parameters
-    ----------
-    model : DriftModel
-        The model.
-    state : DriftState
-        From start or the last run; not modified.
-    temperature_c : ndarray, shape (N, J)
-        Mean temperatures of consecutive cells, °C.
-
-    Returns
-    -------
-    tuple of DriftState and Drift
-        State after the last cell, and the drift of every cell, arrays of shape (N, 6).
-
-    """
+    """Advance by N cells, temperatures (N, J), drift (N, 6): the fold of step, faster."""
     after: dict[str, FloatArray] = {}
-    shape = (len(temperature_c), len(AXES))
-    drift = Drift(np.zeros(shape), np.zeros(shape))
+    drift = no_drift(len(temperature_c))
     for name, axis in model.axes.items():
         after[name], outputs = axis.run(state[name], temperature_c)
         for part, values in zip(drift, outputs.T, strict=False):
@@ -214,47 +180,6 @@ def run(
 
 
 def correct(raw: FloatArray, drift: Drift, tare: FloatArray | float = 0.0) -> FloatArray:
-    """
-    Remove drift and tare from raw wrenches.
-
-    Parameters
-    ----------
-    raw : ndarray, shape (..., 6)
-        Raw wrench, N and N m.
-    drift : Drift
-        Of the same times.
-    tare : float or ndarray that broadcasts against raw
-        Raw offset to subtract, N and N m.
-
-    Returns
-    -------
-    ndarray, shape (..., 6)
-        Compensated wrench ŵ, N and N m.
-
-    """
+    """Remove drift and tare from raw wrenches, shapes (..., 6), N and N m."""
     corrected: FloatArray = (raw - drift.zero - tare) / (1.0 + drift.sensitivity)
     return corrected
-
-
-@dataclass(frozen=True, eq=False)
-class StoredModel:
-    """
-    A model as it lies on disk.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    sha256 : str
-        Of its bytes.
-    model : DriftModel
-        Ready to run.
-    document : dict
-        Everything in the file, as plain values.
-
-    """
-
-    path: Path
-    sha256: str
-    model: DriftModel
-    document: Document

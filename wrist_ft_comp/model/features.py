@@ -17,7 +17,6 @@ from wrist_ft_comp.model.signals import FloatArray
 #: morning that was recorded, but how it goes on is a guess that must stay small.
 MARGIN = 0.2
 
-
 FeatureKind = Literal['powers', 'hats']
 
 
@@ -96,20 +95,7 @@ class Features:
         )
 
     def clamp(self, temperature_c: FloatArray) -> FloatArray:
-        """
-        Hold temperatures near the calibrated range.
-
-        Parameters
-        ----------
-        temperature_c : ndarray, shape (..., J)
-            Temperatures, °C.
-
-        Returns
-        -------
-        ndarray, shape (..., J)
-            At most MARGIN of the calibrated span beyond it, °C.
-
-        """
+        """Hold temperatures, °C, shape (..., J), within MARGIN of the calibrated range."""
         margin = MARGIN * (self.upper_c - self.lower_c)
         clamped: FloatArray = np.clip(temperature_c, self.lower_c - margin, self.upper_c + margin)
         return clamped
@@ -133,20 +119,7 @@ class Features:
         return self.expand_within(self.clamp(temperature_c))
 
     def expand_within(self, temperature_c: FloatArray) -> FloatArray:
-        """
-        Compute the features of temperatures that need no clamping, as ``expand``.
-
-        Parameters
-        ----------
-        temperature_c : ndarray, shape (..., J)
-            Temperatures, °C.
-
-        Returns
-        -------
-        ndarray, shape (..., F)
-            As expand.
-
-        """
+        """Compute the features of temperatures that need no clamping, as ``expand``."""
         if self.kind == 'powers':
             theta = temperature_c - self.reference_c
             return np.concatenate([theta**p for p in range(1, self.degree + 1)], axis=-1)

@@ -1,4 +1,4 @@
-"""The drift of a whole recording at once, offline."""
+"""The drift of a whole recording at once, offline, and the correction of its wrenches."""
 
 from typing import NamedTuple
 
@@ -11,50 +11,12 @@ from wrist_ft_comp.model.signals import FloatArray, IntArray, Recording
 
 
 class DriftTrack(NamedTuple):
-    """
-    Drift over a recording, known at the ends of thermal cells and linear between them.
+    """Drift over a recording, known at the ends of thermal cells and linear between them."""
 
-    Attributes
-    ----------
-    stamps_ns : ndarray of int64, shape (N + 1,)
-        Ends of the cells, and of the one after the last.
-    drift : Drift
-        At these stamps, arrays of shape (N + 1, 6).
-
-    """
-
+    #: Ends of the cells, and of the one after the last, shape (N + 1,).
     stamps_ns: IntArray
+    #: At these stamps, arrays of shape (N + 1, 6).
     drift: Drift
-
-
-def check_fits(model: DriftModel, recording: Recording) -> None:
-    """
-    Refuse a recording that the model cannot be run on.
-
-    Parameters
-    ----------
-    model : DriftModel
-        The model.
-    recording : Recording
-        On the model's thermal grid.
-
-    Raises
-    ------
-    RecordingError
-        When thermometers or period differ.
-
-    """
-    if recording.thermometers != model.thermometers:
-        raise RecordingError(
-            f'{recording.name} has {recording.thermometers} thermometers, the model expects '
-            f'{model.thermometers}. Name the topics, or keep the columns, that it was calibrated '
-            'with.'
-        )
-    if recording.period_ns != model.period_ns:
-        raise RecordingError(
-            f'{recording.name} is on thermal cells of {recording.period_s} s, the model runs on '
-            f'{model.period_ns / 1e9} s. Read it with the period of the model.'
-        )
 
 
 def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
@@ -76,33 +38,29 @@ def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
     Raises
     ------
     RecordingError
-        When the recording does not fit the model.
+        When thermometers or thermal period differ.
 
     """
-    check_fits(model, recording)
+    if recording.thermometers != model.thermometers:
+        raise RecordingError(
+            f'{recording.name} has {recording.thermometers} thermometers, the model expects '
+            f'{model.thermometers}. Name the topics, or keep the columns, that it was calibrated '
+            'with.'
+        )
+    if recording.period_ns != model.period_ns:
+        raise RecordingError(
+            f'{recording.name} is on thermal cells of {recording.period_s} s, the model runs on '
+            f'{model.period_ns / 1e9} s. Read it with the period of the model.'
+        )
     temperature_c = recording.temperature_c
     return drift_model.run(model, drift_model.start(model, temperature_c[0]), temperature_c)[1]
 
 
 def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:
     """
-    Lay the drift out over time as the stream does: a cell's drift is reached one cell later.
+    Lay ``simulate_drift`` out over time as the stream does: a cell's drift comes one cell later.
 
-    Parameters
-    ----------
-    model, recording
-        As for simulate_drift.
-
-    Returns
-    -------
-    DriftTrack
-        Before its first stamp the first value holds, after the last the last one.
-
-    Raises
-    ------
-    RecordingError
-        When the recording does not fit the model.
-
+    Before the first stamp the first value holds, after the last the last one.
     """
     simulated = simulate_drift(model, recording)
     cells = recording.first_cell + 1 + np.arange(len(recording) + 1)

@@ -14,25 +14,15 @@ from numpy.typing import NDArray
 
 from wrist_ft_comp.errors import RecordingError
 
-Reference = Literal['unloaded', 'constant', 'recorded']
-
-
 FloatArray = NDArray[np.float64]
-
-
 IntArray = NDArray[np.int64]
-
-
 BoolArray = NDArray[np.bool_]
-
+#: What is known of the true wrench in a recording.
+Reference = Literal['unloaded', 'constant', 'recorded']
 
 #: Axis order of every wrench array in this package.
 AXES = ('force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z')
-
-
 REFERENCE_CHANNELS = tuple(f'reference_{axis}' for axis in AXES)
-
-
 NANOSECONDS = 1_000_000_000
 
 
@@ -42,41 +32,19 @@ def axis_unit(axis: str) -> str:
 
 
 def temperature_channel(thermometer: int) -> str:
-    """
-    Name the channel of a thermometer.
-
-    Parameters
-    ----------
-    thermometer : int
-        Counted from 0; 0 is the one inside the sensor.
-
-    Returns
-    -------
-    str
-        ``temperature_c`` for 0, else ``temperature_2_c``, ``temperature_3_c`` …
-
-    """
+    """Name the channel of a thermometer, counted from 0, which is the one inside the sensor."""
     return 'temperature_c' if thermometer == 0 else f'temperature_{thermometer + 1}_c'
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """
-    A block of samples that share their stamps, in the order in which they were recorded.
+    """A block of samples that share their stamps, in the order in which they were recorded."""
 
-    Attributes
-    ----------
-    channels : tuple of str, length C
-        Channel names as in the module's docstring.
-    stamps_ns : ndarray of int64, shape (n,)
-        Time of measurement.
-    values : ndarray, shape (n, C)
-        N, N m or °C. Not finite where the source held no number; such values are counted.
-
-    """
-
+    #: C names, as in the module's docstring.
     channels: tuple[str, ...]
+    #: Time of measurement, shape (n,).
     stamps_ns: IntArray
+    #: N, N m or °C, shape (n, C); not finite where the source held no number.
     values: FloatArray
 
     def __post_init__(self) -> None:
@@ -153,13 +121,13 @@ class Recording:
         if not np.isfinite(self.temperature_c).all():
             raise RecordingError(f'Temperatures of {self.name} must be finite on the grid.')
 
+    def __len__(self) -> int:
+        """N."""
+        return len(self.temperature_c)
+
     def unit_of(self, axis: str) -> str:
         """Return the unit of an axis."""
         return self.unit or axis_unit(axis)
-
-    def __len__(self) -> int:
-        """Count the cells."""
-        return len(self.temperature_c)
 
     @property
     def period_s(self) -> float:
@@ -173,12 +141,12 @@ class Recording:
 
     @property
     def elapsed_s(self) -> FloatArray:
-        """Time of each cell's centre since the recording's first cell began, shape (N,)."""
+        """Time from the start of the first cell to the centre of each, shape (N,)."""
         return np.asarray((np.arange(len(self)) + 0.5) * self.period_s, dtype=float)
 
     @property
     def thermometers(self) -> int:
-        """Number of thermometers J."""
+        """J."""
         return int(self.temperature_c.shape[1])
 
     @property
@@ -192,16 +160,7 @@ def noise_level(series: Sequence[FloatArray]) -> float:
     """
     Estimate the noise of slowly moving series from the differences of neighbouring samples.
 
-    Parameters
-    ----------
-    series : sequence of ndarrays, shape (N_i,)
-        NaN where there is no sample.
-
-    Returns
-    -------
-    float
-        Standard deviation, robust against steps; 0 when there are no two samples.
-
+    Robust against steps; NaN stands where there is no sample, and 0 comes of less than two.
     """
     steps = np.concatenate([np.diff(values[np.isfinite(values)]) for values in series])
     if not len(steps):

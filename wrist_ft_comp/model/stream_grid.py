@@ -16,25 +16,14 @@ from wrist_ft_comp.model.signals import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class CompletedCells:
-    """
-    Consecutive cells with the same temperatures: one that was measured, or held ones after a gap.
+    """Consecutive cells with the same temperatures: one that was measured, or held after a gap."""
 
-    Attributes
-    ----------
-    first_cell : int
-        Number of the first cell.
-    count : int
-        How many cells.
-    temperature_c : ndarray, shape (J,)
-        Mean or held temperatures, °C.
-    measured : tuple of J bool
-        Which thermometers had a sample of their own.
-
-    """
-
+    #: Number of the first cell, and how many they are.
     first_cell: int
     count: int
+    #: Mean or held temperatures, °C, shape (J,).
     temperature_c: FloatArray
+    #: Which thermometers had a sample of their own.
     measured: tuple[bool, ...]
 
 
@@ -55,37 +44,30 @@ class ThermalGrid:
 
     def __init__(self, period_ns: int, thermometers: int, patience_s: float) -> None:
         self.period_ns = period_ns
-        self.rejected = 0
-        self.restarts = 0
+        #: Samples that were dropped, and how often time ran back.
+        self.rejected = self.restarts = 0
         self._thermometers = thermometers
         self._patience = max(1, math.ceil(patience_s * 1e9 / period_ns))
-        self._latest: list[int | None] = [None] * thermometers
-        self._last_stamp_ns: list[int | None] = [None] * thermometers
         self._held: list[float] = [math.nan] * thermometers
-        self._first: list[int | None] = [None] * thermometers
+        self._begin()
+
+    def _begin(self) -> None:
+        """Wait for all thermometers; the last values stay held."""
+        self._first: list[int | None] = [None] * self._thermometers
+        self._latest: list[int | None] = [None] * self._thermometers
+        self._last_stamp_ns: list[int | None] = [None] * self._thermometers
+        #: The cell that is emitted next, and while there is none, before which nothing is kept.
         self._next: int | None = None
-        self._forgotten: int | None = None  # cells before it are only held, while _next is None
+        self._forgotten: int | None = None
+        #: Sums and counts by cell.
         self._open: dict[int, tuple[list[float], list[int]]] = {}
 
     def add(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[CompletedCells]:
         """
-        Take one sample.
+        Take one sample of a thermometer, counted from 0; give the cells that it completed.
 
-        Parameters
-        ----------
-        thermometer : int
-            Which one, counted from 0.
-        stamp_ns : int
-            Its stamp, ns. A stamp that does not increase is dropped and counted; one that is
-            behind by more than the patience restarts the grid there.
-        temperature_c : float
-            °C; a value that is not finite is dropped and counted.
-
-        Returns
-        -------
-        list of CompletedCells
-            Often empty, usually at most one.
-
+        What is not finite or has a stamp that does not increase is dropped and counted; a stamp
+        that is behind by more than the patience restarts the grid there.
         """
         if not math.isfinite(temperature_c):
             self.rejected += 1
@@ -96,7 +78,8 @@ class ThermalGrid:
             if cell >= last // self.period_ns - self._patience:
                 self.rejected += 1
                 return []
-            self._restart()
+            self.restarts += 1
+            self._begin()
         self._last_stamp_ns[thermometer] = stamp_ns
         if self._next is not None and cell < self._next:
             self.rejected += 1
@@ -110,15 +93,6 @@ class ThermalGrid:
         sums[thermometer] += temperature_c
         counts[thermometer] += 1
         return self._complete()
-
-    def _restart(self) -> None:
-        """Begin anew after time ran back; the last values stay held."""
-        self.restarts += 1
-        self._latest = [None] * self._thermometers
-        self._last_stamp_ns = [None] * self._thermometers
-        self._first = [None] * self._thermometers
-        self._next = self._forgotten = None
-        self._open.clear()
 
     def _complete(self) -> list[CompletedCells]:
         """Emit all cells that no sample can be expected for any more."""
