@@ -390,6 +390,22 @@ class TestTare:
         assert compensator.compensating
         np.testing.assert_allclose(outputs, 0, atol=1e-9)
 
+    def test_a_tare_that_was_reset_before_the_first_temperature_leaves_no_trace(
+        self, model: DriftModel
+    ) -> None:
+        untouched, tared = (Compensator(1, StreamSettings(), model) for _ in range(2))
+        for compensator in (untouched, tared):
+            compensator.correct(0, LOAD.tolist())
+        tared.set_tare(LOAD, 0)
+        tared.reset_tare()
+        outputs = [
+            stream(compensator, (1, 10), temperature=lambda _: 35.0)[1]
+            for compensator in (untouched, tared)
+        ]
+        assert not tared.tare.any()
+        np.testing.assert_array_equal(outputs[1], outputs[0])
+        assert abs(outputs[0][-1, 2] - LOAD[2]) > 1
+
 
 class TestTrouble:
     def test_a_gap_longer_than_the_history_counts_as_soaked(self, model: DriftModel) -> None:

@@ -287,4 +287,5 @@ class Compensator:
 
         """
         self.tare = tare
+        self._keep_output = False
         self._refresh_correction()
