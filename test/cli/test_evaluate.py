@@ -5,6 +5,7 @@ import pytest
 import yaml
 
 from wrist_ft_comp.cli.main import main
+from wrist_ft_comp.core import drift
 from wrist_ft_comp.core.evaluation import AxisEvaluation
 from wrist_ft_comp.core.pooling import pool
 
@@ -187,6 +188,19 @@ def test_a_report_tells_what_was_printed(done, make, model, tmp_path):
     for number in out.splitlines()[1].split()[2:6]:
         assert f'<td>{number}</td>' in text
     assert 'first 5\N{NO-BREAK SPACE}s' in text
+
+
+def test_every_recording_is_simulated_once(done, make, model, tmp_path, monkeypatch):
+    paths = [make.csv(tmp_path / f'{seed}.csv', make.drifting(seed=seed)) for seed in (1, 2)]
+    runs, run_once = [], drift.run
+
+    def counted(*arguments):
+        runs.append(arguments)
+        return run_once(*arguments)
+
+    monkeypatch.setattr(drift, 'run', counted)
+    done('evaluate', model, *paths, '--report', tmp_path / 'r.html')
+    assert len(runs) == len(paths)
 
 
 @pytest.mark.parametrize('victim', ['model', 'recording'])

@@ -16,7 +16,12 @@ from wrist_ft_comp.cli.tables import (
 )
 from wrist_ft_comp.cli.warning_lines import print_warnings, range_warnings
 from wrist_ft_comp.core.chamber_fit import chamber_figures, ChamberFigures, compensate_table
-from wrist_ft_comp.core.evaluation import AxisEvaluation, evaluate
+from wrist_ft_comp.core.evaluation import (
+    AxisEvaluation,
+    judge_errors,
+    tared_errors,
+    TaredErrors,
+)
 from wrist_ft_comp.core.pooling import pool
 from wrist_ft_comp.core.problem import Reference
 from wrist_ft_comp.core.recording import NANOSECONDS, Recording
@@ -46,6 +51,8 @@ class _Judged:
         On the model's grid.
     reference : {'unloaded', 'constant', 'recorded'}
         What it was compared with.
+    errors : TaredErrors
+        Of every cell.
     axes : dict of str to AxisEvaluation
         By axis.
     figures : dict of str to ChamberFigures
@@ -56,6 +63,7 @@ class _Judged:
     path: Path
     recording: Recording
     reference: Reference
+    errors: TaredErrors
     axes: dict[str, AxisEvaluation]
     figures: dict[str, ChamberFigures]
 
@@ -100,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
             for number, path in enumerate(arguments.recordings)
         ]
     pooled = pool([each.axes for each in judged], [len(each.recording) for each in judged])
-    shown = [EvaluatedRecording(e.recording, e.reference, e.figures) for e in judged]
+    shown = [EvaluatedRecording(e.recording, e.reference, e.errors, e.figures) for e in judged]
     view = evaluation_view(stored, shown, arguments.tare)
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
     if arguments.json:
@@ -144,14 +152,15 @@ def _judge(
     )
     is_table = path.is_file() and is_chamber_table(path)
     reference: Reference = arguments.reference or ('recorded' if is_table else 'unloaded')
-    axes = evaluate(stored.model, recording, reference, arguments.tare)
+    errors = tared_errors(stored.model, recording, reference, arguments.tare)
     warnings = (*recording.warnings, *range_warnings(stored, recording))
     figures = {}
     if is_table:
         table = read_chamber_table(path, keep_copied_columns=keep)
         figures['raw'] = chamber_figures(table)
         figures['compensated'] = chamber_figures(compensate_table(table, stored.model))
-    return _Judged(path, replace(recording, warnings=warnings), reference, axes, figures)
+    recording = replace(recording, warnings=warnings)
+    return _Judged(path, recording, reference, errors, judge_errors(errors), figures)
 
 
 def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]) -> str:

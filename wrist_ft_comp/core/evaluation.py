@@ -49,6 +49,21 @@ class AxisEvaluation:
     max_after: float
 
 
+class TaredErrors(NamedTuple):
+    """
+    What is left of the drift in every cell of a recording, tared and against the reference.
+
+    Attributes
+    ----------
+    before, after : ndarray, shape (N, 6)
+        Raw and compensated, N and N m, axis order AXES; NaN where there is nothing to compare.
+
+    """
+
+    before: FloatArray
+    after: FloatArray
+
+
 def check_fits(model: DriftModel, recording: Recording) -> None:
     """
     Refuse a recording that the model cannot be run on.
@@ -176,14 +191,8 @@ def evaluate(
 
     Parameters
     ----------
-    model : DriftModel
-        The model.
-    recording : Recording
-        On the model's thermal grid.
-    reference : {'unloaded', 'constant', 'recorded'}
-        What the true wrench was; the first two compare with zero after taring.
-    tare_s : float
-        Both are tared on the first seconds that hold wrenches, s.
+    model, recording, reference, tare_s
+        As for tared_errors.
 
     Returns
     -------
@@ -193,26 +202,38 @@ def evaluate(
     Raises
     ------
     RecordingError
-        When the recording does not fit the model, or holds nothing to compare with.
+        As tared_errors.
 
     """
-    before, after = tared_errors(model, recording, reference, tare_s)
-    found = {}
+    return judge_errors(tared_errors(model, recording, reference, tare_s))
+
+
+def judge_errors(errors: TaredErrors) -> dict[str, AxisEvaluation]:
+    """
+    Put errors into figures, over the cells in which both are known.
+
+    Parameters
+    ----------
+    errors : TaredErrors
+        From tared_errors.
+
+    Returns
+    -------
+    dict of str to AxisEvaluation
+        By axis, those that can be compared.
+
+    """
+    judged = {}
     for column, axis in enumerate(AXES):
-        errors = np.stack((before[:, column], after[:, column]))
-        errors = errors[:, np.isfinite(errors).all(axis=0)]
-        if errors.shape[1]:
-            rms = np.sqrt(np.mean(errors**2, axis=1))
-            peak = np.max(np.abs(errors), axis=1)
-            found[axis] = AxisEvaluation(
+        both = np.stack((errors.before[:, column], errors.after[:, column]))
+        both = both[:, np.isfinite(both).all(axis=0)]
+        if both.shape[1]:
+            rms = np.sqrt(np.mean(both**2, axis=1))
+            peak = np.max(np.abs(both), axis=1)
+            judged[axis] = AxisEvaluation(
                 float(rms[0]), float(rms[1]), float(peak[0]), float(peak[1])
             )
-    if not found:
-        raise RecordingError(
-            f'{recording.name} holds no cell with both wrench and reference. Declare the '
-            'reference unloaded or constant, or record it.'
-        )
-    return found
+    return judged
 
 
 def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> FloatArray:
@@ -251,25 +272,31 @@ def _tare(recording: Recording, true: FloatArray, simulated: Drift, tare_s: floa
 
 
 def tared_errors(
-    model: DriftModel, recording: Recording, reference: Reference, tare_s: float
-) -> tuple[FloatArray, FloatArray]:
+    model: DriftModel, recording: Recording, reference: Reference, tare_s: float = 60.0
+) -> TaredErrors:
     """
     Subtract the reference from raw and compensated means of cells, both tared.
 
     Parameters
     ----------
-    model, recording, reference, tare_s
-        As for evaluate.
+    model : DriftModel
+        The model.
+    recording : Recording
+        On the model's thermal grid.
+    reference : {'unloaded', 'constant', 'recorded'}
+        What the true wrench was; the first two compare with zero after taring.
+    tare_s : float
+        Both are tared on the first seconds that hold wrenches, s.
 
     Returns
     -------
-    tuple of ndarrays, shape (N, 6)
-        Errors before and after, N and N m; NaN where there is nothing to compare.
+    TaredErrors
+        Of every cell.
 
     Raises
     ------
     RecordingError
-        When the recording does not fit the model.
+        When the recording does not fit the model, or holds nothing to compare with.
 
     """
     simulated = simulate_drift(model, recording)
@@ -279,4 +306,9 @@ def tared_errors(
         drift.correct(recording.wrench, part, _tare(recording, true, part, tare_s)) - true
         for part in (nothing, simulated)
     )
-    return before, after
+    if not (np.isfinite(before) & np.isfinite(after)).any():
+        raise RecordingError(
+            f'{recording.name} holds no cell with both wrench and reference. Declare the '
+            'reference unloaded or constant, or record it.'
+        )
+    return TaredErrors(before, after)
