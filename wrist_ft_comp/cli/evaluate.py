@@ -22,7 +22,6 @@ from wrist_ft_comp.core.evaluation import (
     tared_errors,
     TaredErrors,
 )
-from wrist_ft_comp.core.pooling import pool
 from wrist_ft_comp.core.problem import Reference
 from wrist_ft_comp.core.recording import NANOSECONDS, Recording
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
@@ -107,7 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
             _judge(arguments, stored, path, partial(_report_part, progress, number, count))
             for number, path in enumerate(arguments.recordings)
         ]
-    pooled = pool([each.axes for each in judged], [len(each.recording) for each in judged])
+    pooled = judge_errors([each.errors for each in judged])
     shown = [EvaluatedRecording(e.recording, e.reference, e.errors, e.figures) for e in judged]
     view = evaluation_view(stored, shown, arguments.tare)
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
@@ -160,7 +159,7 @@ def _judge(
         figures['raw'] = chamber_figures(table)
         figures['compensated'] = chamber_figures(compensate_table(table, stored.model))
     recording = replace(recording, warnings=warnings)
-    return _Judged(path, recording, reference, errors, judge_errors(errors), figures)
+    return _Judged(path, recording, reference, errors, judge_errors([errors]), figures)
 
 
 def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]) -> str:

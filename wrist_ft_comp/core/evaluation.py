@@ -1,5 +1,6 @@
 """Using a model on whole recordings: correcting every wrench, and judging what is left."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -205,27 +206,28 @@ def evaluate(
         As tared_errors.
 
     """
-    return judge_errors(tared_errors(model, recording, reference, tare_s))
+    return judge_errors([tared_errors(model, recording, reference, tare_s)])
 
 
-def judge_errors(errors: TaredErrors) -> dict[str, AxisEvaluation]:
+def judge_errors(recordings: Sequence[TaredErrors]) -> dict[str, AxisEvaluation]:
     """
-    Put errors into figures, over the cells in which both are known.
+    Put the errors of recordings into figures: all cells alike in which both are known.
 
     Parameters
     ----------
-    errors : TaredErrors
-        From tared_errors.
+    recordings : sequence of TaredErrors
+        From tared_errors, at least one.
 
     Returns
     -------
     dict of str to AxisEvaluation
-        By axis, those that can be compared.
+        By axis, those that any recording has.
 
     """
+    before, after = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
     judged = {}
     for column, axis in enumerate(AXES):
-        both = np.stack((errors.before[:, column], errors.after[:, column]))
+        both = np.stack((before[:, column], after[:, column]))
         both = both[:, np.isfinite(both).all(axis=0)]
         if both.shape[1]:
             rms = np.sqrt(np.mean(both**2, axis=1))

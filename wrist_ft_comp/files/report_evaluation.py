@@ -14,7 +14,6 @@ from wrist_ft_comp.core.chamber_fit import ChamberFigures
 from wrist_ft_comp.core.coverage import cover
 from wrist_ft_comp.core.evaluation import AxisEvaluation, judge_errors, TaredErrors
 from wrist_ft_comp.core.held_out import BlockErrors
-from wrist_ft_comp.core.pooling import pool
 from wrist_ft_comp.core.problem import noise_level, Reference
 from wrist_ft_comp.core.recording import AXES, Recording
 from wrist_ft_comp.core.verdict import Evidence, judge
@@ -85,9 +84,9 @@ def evaluation_view(
             'These recordings are in different units. Evaluate chamber tables and other '
             'recordings apart.'
         )
-    judged = [judge_errors(each.errors) for each in evaluated]
+    judged = [judge_errors([each.errors]) for each in evaluated]
     each = tuple(zip(recordings, judged, strict=True))
-    pooled = pool(judged, [len(recording) for recording in recordings])
+    pooled = judge_errors([each.errors for each in evaluated])
     coverage = cover(recordings)
     series = _series(evaluated, coverage.leading)
     ranges_c = [tuple(each['range_c']) for each in stored.document['thermometers']]
