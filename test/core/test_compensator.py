@@ -222,6 +222,18 @@ class TestLimits:
         assert compensator.limits.too_fast == ()
         np.testing.assert_allclose(compensator.drift.zero, [0, 0, 80, 4, 0, 0], atol=1e-6)
 
+    def test_limits_that_held_one_model_back_are_not_told_of_the_next(
+        self, make_model: MakeModel
+    ) -> None:
+        hasty, calm = make_model({'force_z': (20.0, 0.0, 0.1)}), make_model(TRUTH)
+        for following in (None, calm):
+            compensator = Compensator(1, StreamSettings(), hasty)
+            stream(compensator, (0, 10), temperature=lambda _: 20.0)
+            stream(compensator, (10, 13), temperature=lambda _: 60.0)
+            assert compensator.limits.too_fast == compensator.limits.too_large == ('force_z',)
+            compensator.go_live(following)
+            assert compensator.limits.too_fast == compensator.limits.too_large == ()
+
     def test_sensitivity_beyond_any_sensors_is_limited(self, make_model: MakeModel) -> None:
         compensator = Compensator(1, StreamSettings(), make_model({'force_y': (0.0, -0.2, 1.0)}))
         stream(compensator, (0, 10), temperature=lambda _: 25.0)

@@ -244,6 +244,7 @@ class Compensator:
         """Stand at a drift at once; the tare takes up what this would move the reading by."""
         self.drift = target
         self._ramp.settle(target)
+        self.limits.too_fast = ()
         if reading is not None:
             raw, corrected = reading
             self.tare = raw - target.zero - (1.0 + target.sensitivity) * corrected
