@@ -66,6 +66,27 @@ def steps(outputs: Array) -> Array:
     return np.abs(np.diff(outputs, axis=0)).max(axis=0)
 
 
+@pytest.mark.parametrize(
+    ('name', 'values'),
+    [
+        ('thermal_period_s', (0.0, 0.09, 600.1, -1.0)),
+        ('temperature_timeout_s', (0.0, -1.0)),
+        ('max_drift_n', (-5.0,)),
+        ('max_drift_rate_n_s', (0.0, -1.0)),
+        ('history_s', (0.0, -1.0)),
+    ],
+)
+def test_settings_outside_their_range_are_refused(name: str, values: tuple[float, ...]) -> None:
+    for value in (*values, np.nan, np.inf, -np.inf):
+        with pytest.raises(SettingsError, match=f'^{name} must be a number .*; got {value}'):
+            StreamSettings(**{name: value})
+
+
+def test_settings_at_the_ends_of_their_ranges_are_taken() -> None:
+    for period_s in (0.1, 600.0):
+        Compensator(1, StreamSettings(thermal_period_s=period_s, max_drift_n=0.0))
+
+
 def test_without_a_model_the_wrench_passes() -> None:
     compensator = Compensator(1, StreamSettings())
     _, outputs = stream(compensator, (0, 20))

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 import math
 import re
 
-#: What the node's parameter thermal_period allows, too.
-_PERIODS_S = (0.1, 600.0)
+from wrist_ft_comp.core.ranges import PERIODS_S
 
 
 def with_negative_values(argv: Sequence[str]) -> list[str]:
@@ -98,7 +97,7 @@ def period(text: str) -> float:
     Returns
     -------
     float
-        0.1 to 600 s.
+        Within PERIODS_S.
 
     Raises
     ------
@@ -107,9 +106,9 @@ def period(text: str) -> float:
 
     """
     value = _number(text)
-    if not _PERIODS_S[0] <= value <= _PERIODS_S[1]:
+    if not PERIODS_S[0] <= value <= PERIODS_S[1]:
         raise argparse.ArgumentTypeError(
-            f'expected {_PERIODS_S[0]:g} to {_PERIODS_S[1]:g} s, got {text}'
+            f'expected {PERIODS_S[0]:g} to {PERIODS_S[1]:g} s, got {text}'
         )
     return value
 

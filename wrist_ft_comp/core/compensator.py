@@ -17,6 +17,7 @@ from wrist_ft_comp.core.drift import Drift, DriftModel
 from wrist_ft_comp.core.drift_tracker import DriftTracker
 from wrist_ft_comp.core.limits import Limits
 from wrist_ft_comp.core.ramp import Ramp
+from wrist_ft_comp.core.ranges import check_range, PERIODS_S
 from wrist_ft_comp.core.recording import AXES, FloatArray, NANOSECONDS
 from wrist_ft_comp.core.resumption import ThermalMemory
 from wrist_ft_comp.core.thermal_grid import CompletedCells
@@ -49,6 +50,13 @@ class StreamSettings:
     max_drift_n: float = 200.0
     max_drift_rate_n_s: float = 1.0
     history_s: float = 6 * 3600.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_range('thermal_period_s', self.thermal_period_s, *PERIODS_S)
+        check_range('max_drift_n', self.max_drift_n, 0.0)
+        for name in ('temperature_timeout_s', 'max_drift_rate_n_s', 'history_s'):
+            check_range(name, getattr(self, name), 0.0, above=True)
 
 
 class Compensator:

@@ -3,6 +3,7 @@
 from wrist_ft_comp.core.calibration import CalibrationSettings
 from wrist_ft_comp.core.compensator import StreamSettings
 from wrist_ft_comp.core.identification import METHODS
+from wrist_ft_comp.core.ranges import PERIODS_S
 from wrist_ft_comp.ros.parameter_table import Parameter
 from wrist_ft_comp.ros.running import EXECUTOR_PARAMETER
 
@@ -60,8 +61,8 @@ PARAMETERS = (
         _STREAM.thermal_period_s,
         'Length of a thermal cell while no model says otherwise, and in recordings.',
         unit='s',
-        minimum=0.1,
-        maximum=600.0,
+        minimum=PERIODS_S[0],
+        maximum=PERIODS_S[1],
         read_only=True,
     ),
     Parameter(
