@@ -15,6 +15,7 @@ from wrist_ft_comp.core.channel_checks import (
 from wrist_ft_comp.core.drift import DriftModel
 from wrist_ft_comp.core.identification import AxisFit, IdentificationSettings, identify_axis
 from wrist_ft_comp.core.problem import cross_validation_blocks, pose_problem, Reference
+from wrist_ft_comp.core.ranges import check_range
 from wrist_ft_comp.core.recording import AXES, FloatArray, Recording
 from wrist_ft_comp.core.recording_checks import (
     check_alike,
@@ -66,6 +67,7 @@ class CalibrationSettings:
                 'The minimum temperature span must be a number of at least 0 K; got '
                 f'{self.min_temperature_span_k}.'
             )
+        check_range('max_gap_s', self.max_gap_s, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

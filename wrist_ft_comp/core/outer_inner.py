@@ -12,12 +12,14 @@ from typing import Literal
 
 import numpy as np
 
+from wrist_ft_comp import SettingsError
 from wrist_ft_comp.core.arx import Arx, fit_one_step, free_run, relaxation, stabilise, static_gain
 from wrist_ft_comp.core.arx_pls import ArxPls
 from wrist_ft_comp.core.features import Features
 from wrist_ft_comp.core.observation import observe_drift
 from wrist_ft_comp.core.pls import fit_pcr, fit_pls, Pls
 from wrist_ft_comp.core.problem import AxisProblem
+from wrist_ft_comp.core.ranges import check_range
 from wrist_ft_comp.core.recording import BoolArray, FloatArray
 
 OuterInnerMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']
@@ -46,6 +48,15 @@ class Orders:
     inputs: int = 2
     first_lag: int = 1
     time_constants_s: tuple[float, ...] = (0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name, least in (('latents', 1), ('outputs', 0), ('inputs', 1), ('first_lag', 0)):
+            check_range(name, getattr(self, name), least)
+        if not self.time_constants_s:
+            raise SettingsError('time_constants_s must hold at least one filter; got none.')
+        for tau in self.time_constants_s:
+            check_range('Each of time_constants_s', tau, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

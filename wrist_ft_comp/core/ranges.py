@@ -34,7 +34,9 @@ def check_range(
     inside = least < value <= most if above else least <= value <= most
     if math.isfinite(value) and inside:
         return
-    if math.isfinite(most):
+    if least == -math.inf:
+        words = 'that is finite'
+    elif math.isfinite(most):
         words = f'from {least:g} to {most:g}'
     else:
         words = f'above {least:g}' if above else f'of at least {least:g}'
