@@ -254,6 +254,7 @@ class CompensatorNode(Node):
     def _keep_house(self) -> None:
         """Look after what does not come by message."""
         self.calibration.poll()
+        self.recording.poll()
         self.tare.poll()
         self.keeping.poll()
         self.watch.poll()

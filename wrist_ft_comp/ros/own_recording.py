@@ -32,7 +32,7 @@ class OwnRecording:
         self.path = path
         self.period_ns = period_ns
         self.rows = 0
-        self.reducer = StreamReducer(period_ns)
+        self.reducer = StreamReducer(period_ns, thermometers)
         self._writer = CsvRecordingWriter(path, row_channels(thermometers))
 
     def write(self, *, final: bool = False) -> None:

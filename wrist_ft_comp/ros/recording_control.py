@@ -101,10 +101,17 @@ class RecordingControl:
             From the thermal grid.
 
         """
-        recording = self.current
-        if recording is None:
-            return
-        recording.reducer.add_cells(cells)
+        if self.current is not None:
+            self.current.reducer.add_cells(cells)
+            self._write(self.current)
+
+    def poll(self) -> None:
+        """Append rows of wrenches whose temperatures stay away."""
+        if self.current is not None:
+            self._write(self.current)
+
+    def _write(self, recording: OwnRecording) -> None:
+        """Append what is complete, or end the recording."""
         try:
             recording.write()
         except RecordingError as error:
