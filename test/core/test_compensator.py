@@ -343,6 +343,33 @@ class TestModelSwap:
         # Without sensitivity drift the two differ by the tare alone, whatever happens.
         np.testing.assert_allclose(offset[:, 3], -late.tare[3], atol=1e-9)
 
+    @pytest.mark.parametrize('period_s', [0.5, 1.0, 2.0])
+    def test_what_was_counted_stays_counted(
+        self, make_model: MakeModel, model: DriftModel, period_s: float
+    ) -> None:
+        compensator = Compensator(1, StreamSettings(), model)
+        stream(compensator, (1000, 1010))
+        stream(compensator, (0, 10))
+        compensator.add_temperature(0, 9 * SECOND, 20.0)
+        grid = compensator.tracker.grid
+        assert (grid.rejected, grid.restarts) == (1, 1)
+        compensator.go_live(make_model(OTHER, period_s=period_s))
+        grid = compensator.tracker.grid
+        assert (grid.rejected, grid.restarts) == (1, 1)
+
+    def test_without_a_model_nothing_is_told_of_the_one_before(
+        self, make_model: MakeModel, model: DriftModel
+    ) -> None:
+        compensator = Compensator(1, StreamSettings(), model)
+        stream(compensator, (0, 10))
+        assert compensator.tracker.origin.startswith('the drift started')
+        compensator.go_live(None)
+        assert compensator.tracker.origin == 'no model is live'
+        compensator.go_live(make_model(TRUTH, period_s=0.5))
+        assert compensator.tracker.origin == 'no temperatures yet'
+        stream(compensator, (10, 20))
+        assert compensator.tracker.origin.startswith('the drift started')
+
     def test_history_is_as_long_as_it_is_said_to_be(self) -> None:
         compensator = Compensator(1, StreamSettings(history_s=20.0))
         stream(compensator, (0, 100))

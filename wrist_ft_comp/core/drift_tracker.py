@@ -17,6 +17,8 @@ from wrist_ft_comp.core.recording import AXES, FloatArray, NANOSECONDS
 from wrist_ft_comp.core.resumption import BLOCK_S, bridge, ThermalMemory
 from wrist_ft_comp.core.thermal_grid import CompletedCells, ThermalGrid
 
+_NOT_YET = 'no temperatures yet'
+
 
 class DriftTracker:
     """
@@ -45,7 +47,7 @@ class DriftTracker:
         self.drift = Drift(np.zeros(len(AXES)), np.zeros(len(AXES)))
         self.guard = LeapGuard(thermometers)
         #: How the drift came to be where it is, a sentence; changes when it starts or goes on.
-        self.origin = 'no temperatures yet'
+        self.origin = _NOT_YET
         #: Whether another stream's memory was of no use.
         self.forgot = False
         #: End of the last completed cell, ns.
@@ -172,8 +174,12 @@ class DriftTracker:
 
         """
         if model is not None and model.period_ns != self.grid.period_ns:
+            counted = self.grid.rejected, self.grid.restarts
             self._use_period(model.period_ns)
+            self.grid.rejected, self.grid.restarts = counted
         self.model, self._state, self._awaited = model, None, None
+        self.origin = 'no model is live' if model is None else _NOT_YET
+        self.forgot = False
         self.drift = Drift(np.zeros(len(AXES)), np.zeros(len(AXES)))
         if model is not None and self._history:
             temperature_c = np.array(self._history)
