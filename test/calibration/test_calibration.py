@@ -214,6 +214,11 @@ class TestSettings:
         with pytest.raises(SettingsError, match='at least 0 K; got'):
             CalibrationSettings(min_temperature_span_k=span)
 
+    @pytest.mark.parametrize('gap', [-0.1, np.nan, np.inf])
+    def test_a_gap_that_is_no_gap(self, gap: float) -> None:
+        with pytest.raises(SettingsError, match='max_gap_s must be a number of at least 0; got'):
+            CalibrationSettings(max_gap_s=gap)
+
 
 class TestWarnings:
     def test_what_was_dropped_while_reading_is_passed_on(self, good: list[Recording]) -> None:

@@ -12,6 +12,7 @@ from wrist_ft_comp.calibration.settings import build_features, IdentificationSet
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.identification.problem import cross_validation_blocks, pose_problem
 from wrist_ft_comp.model import drift_model
+from wrist_ft_comp.model.arx import Orders
 from wrist_ft_comp.model.signals import AXES, Recording
 from wrist_ft_comp.report.evaluation import evaluate
 
@@ -356,7 +357,15 @@ class TestFeaturesAndGrid:
         ({'features': 'hat'}, "Unknown features 'hat'"),
         ({'degree': 0}, 'between 1 and 4; got 0'),
         ({'degree': 5}, 'between 1 and 4; got 5'),
+        ({'degree': 2.5}, 'between 1 and 4; got 2.5'),
+        ({'degree': np.nan}, 'between 1 and 4; got nan'),
         ({'latents': 0}, 'At least 1 latent is needed; got 0'),
+        ({'latents': np.nan}, 'At least 1 latent is needed; got nan'),
+        ({'latents': np.inf}, 'At least 1 latent is needed; got inf'),
+        ({'hat_temperatures_c': (20.0,)}, r'at least 2 temperatures that ascend; got \[20.0\]'),
+        ({'hat_temperatures_c': (30.0, 20.0)}, 'that ascend; got'),
+        ({'hat_temperatures_c': (20.0, np.nan)}, 'that ascend; got'),
+        ({'hat_temperatures_c': (20.0, np.inf)}, 'that ascend; got'),
     ],
 )
 def test_settings_outside_their_range_are_refused(
@@ -364,3 +373,19 @@ def test_settings_outside_their_range_are_refused(
 ) -> None:
     with pytest.raises(SettingsError, match=sentence):
         IdentificationSettings(**change)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ('name', 'values'),
+    [
+        ('latents', (0, -1)),
+        ('outputs', (-1,)),
+        ('inputs', (0, -1)),
+        ('first_lag', (-1,)),
+        ('time_constants_s', ((-1.0,), (), (np.nan,), (30.0, np.inf))),
+    ],
+)
+def test_orders_outside_their_range_are_refused(name: str, values: tuple[object, ...]) -> None:
+    for value in (*values, *(() if isinstance(values[0], tuple) else (np.nan, np.inf))):
+        with pytest.raises(SettingsError, match=name):
+            Orders(**{name: value})  # type: ignore[arg-type]

@@ -240,7 +240,7 @@ def test_one_stamp_of_another_century_is_refused_without_the_memory_for_it() -> 
         grid_samples(blocks)
 
 
-@pytest.mark.parametrize('period_s', [0.0, -1.0, 1e-10, 1e30])
+@pytest.mark.parametrize('period_s', [0.0, -1.0, 1e-10, 1e30, math.nan, math.inf])
 def test_a_period_out_of_range_is_refused(period_s: float) -> None:
     with pytest.raises(RecordingError, match='thermal period must be above 0'):
         GridBuilder('a.csv', period_s)

@@ -15,6 +15,7 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.signals import AXES, Recording, Samples
+from wrist_ft_comp.model import offline
 from wrist_ft_comp.report import evaluation
 
 Array = np.ndarray
@@ -113,8 +114,8 @@ class TestEvaluate:
         other = make_model({'force_z': (0.4, 0.0, 50.0)}, **{'period_s': 10.0, **change})
         for use in (
             lambda: evaluation.evaluate(other, loaded, 'unloaded'),
-            lambda: evaluation.simulate_drift(other, loaded),
-            lambda: evaluation.track_drift(other, loaded),
+            lambda: offline.simulate_drift(other, loaded),
+            lambda: offline.track_drift(other, loaded),
         ):
             with pytest.raises(RecordingError, match=sentence):
                 use()
@@ -124,14 +125,14 @@ class TestTrack:
     def test_a_cells_drift_is_reached_one_cell_after_its_end_and_ramped_to(
         self, model: DriftModel, loaded: Recording
     ) -> None:
-        track = evaluation.track_drift(model, loaded)
-        simulated = evaluation.simulate_drift(model, loaded)
+        track = offline.track_drift(model, loaded)
+        simulated = offline.simulate_drift(model, loaded)
         raw = np.ones((1, 6))
 
         def zero_at(cell: float) -> float:
             stamp = np.array([round(cell * loaded.period_ns)])
-            found = evaluation.correct_many(track, stamp, raw)[0, Z]
-            gain_free = evaluation.correct_many(track, stamp, 0 * raw)[0, Z]
+            found = offline.correct_many(track, stamp, raw)[0, Z]
+            gain_free = offline.correct_many(track, stamp, 0 * raw)[0, Z]
             return float(-gain_free / (found - gain_free))  # -(0 - o)/(1 + s) over 1/(1 + s)
 
         first = loaded.first_cell
@@ -147,9 +148,9 @@ class TestTrack:
         late = replace(loaded, first_cell=loaded.first_cell + shift)
         stamps = (loaded.first_cell * 10**10) + np.arange(1, 500) * 1_234_567_891
         raw = np.full((len(stamps), 6), 10.0)
-        early = evaluation.correct_many(evaluation.track_drift(model, loaded), stamps, raw)
-        found = evaluation.correct_many(
-            evaluation.track_drift(model, late), stamps + shift * 10**10, raw
+        early = offline.correct_many(offline.track_drift(model, loaded), stamps, raw)
+        found = offline.correct_many(
+            offline.track_drift(model, late), stamps + shift * 10**10, raw
         )
         np.testing.assert_allclose(found, early, atol=1e-9)
         assert np.ptp(early[:, Z]) > 1
@@ -189,7 +190,7 @@ def test_a_real_load_cell_creeps_less_than_raw_and_than_behind_a_straight_line(
     )
     calibration = calibrate([record(learnt)], settings)
     new = record(~learnt)
-    simulated = evaluation.simulate_drift(calibration.model, new)
+    simulated = offline.simulate_drift(calibration.model, new)
     compensated = (new.wrench - simulated.zero)[:, Z]
     spread = float(np.nanstd(compensated))
     slope, offset = np.polyfit(temperature_c[learnt], kilograms[learnt], 1)

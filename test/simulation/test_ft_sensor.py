@@ -294,7 +294,24 @@ def test_seed_makes_the_specimen():
     assert (np.abs(drifts[0] - drifts[2]) > 1e-3).all()
 
 
-@pytest.mark.parametrize('wrong', [{'step_s': 0.0}, {'cells': 1}, {'body_w_per_k': -1.0}])
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        {'step_s': 0.0},
+        {'cells': 1},
+        {'body_w_per_k': -1.0},
+        {'body_w_per_k': np.inf},
+        {'max_motor_power_w': -1.0},
+        {'tool_convection_w_per_k': np.nan},
+        {'thermometer_positions': (0.9, 1.1)},
+        {'thermometer_positions': (np.nan, 0.1)},
+        {'thermometer_noise_k': -0.01},
+        {'gauge_coefficient_per_k': np.nan},
+        {'zero_coefficient_per_k': (65e-6, 45e-6)},
+        {'zero_coefficient_per_k': (45e-6, np.inf)},
+        {'torque_quantum_nm': -1.0},
+    ],
+)
 def test_settings_without_meaning_are_refused(wrong):
     with pytest.raises(SettingsError, match=next(iter(wrong))):
         FtSensorSettings(**wrong)
@@ -339,7 +356,15 @@ def test_no_load_is_exactly_zero():
         ({'duty_start_s': (0.0,), 'duty_level': (0.1, 0.2)}, 'as many start times'),
         ({'duty_start_s': (5.0, 5.0), 'duty_level': (0.1, 0.2)}, 'ascend'),
         ({'duty_start_s': (0.0,), 'duty_level': (1.1,)}, 'between 0 and 1'),
+        ({'duty_start_s': (0.0,), 'duty_level': (np.nan,)}, 'between 0 and 1'),
         ({'load_period_s': 0.0}, 'load_period_s'),
+        ({'load_period_s': np.inf}, 'load_period_s'),
+        ({'room_swing_period_s': np.nan}, 'room_swing_period_s'),
+        ({'room_c': np.nan}, 'room_c'),
+        ({'room_c': -300.0}, 'room_c'),
+        ({'room_swing_k': -1.0}, 'room_swing_k'),
+        ({'force_n': -1.0}, 'force_n'),
+        ({'torque_nm': np.inf}, 'torque_nm'),
     ],
 )
 def test_run_that_cannot_be_followed_is_refused(wrong, word):

@@ -3,7 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from wrist_ft_comp.model.signals import AXES, REFERENCE_CHANNELS
+from wrist_ft_comp.model.batch_grid import grid_samples
+from wrist_ft_comp.model.signals import AXES, REFERENCE_CHANNELS, Samples
 from wrist_ft_comp.model.stream_grid import ThermalGrid
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
 
@@ -16,7 +17,7 @@ class Node:
 
     def __init__(self, thermometers=1, patience_s=3.0):
         self.grid = ThermalGrid(SECOND, thermometers, patience_s)
-        self.averager = CellAverager(SECOND)
+        self.averager = CellAverager(SECOND, thermometers)
 
     def heat(self, at_s, *celsius):
         for j, value in enumerate(celsius):
@@ -135,3 +136,76 @@ def test_late_wrenches_are_dropped_and_do_not_pile_up():
         node.raw(max(second - 30, 0), 99.0)
         node.averager.rows()
     assert len(node.averager._raw._cells) < 35
+
+
+def as_read(rows):
+    """The recording that a reader makes of one axis, its reference and the temperature."""
+    stamps = np.array([stamp for stamp, _ in rows])
+    table = np.array([values for _, values in rows])
+    blocks = []
+    for channel, column in (('force_x', 0), ('reference_force_x', 6), ('temperature_c', 12)):
+        filled = ~np.isnan(table[:, column])
+        blocks.append(Samples((channel,), stamps[filled], table[filled, column : column + 1]))
+    return grid_samples(blocks)
+
+
+@pytest.mark.parametrize('silent', [(300, 2500), (300, 2000)])
+def test_nothing_is_lost_and_nothing_piles_up_while_a_thermometer_is_silent(silent):
+    node, rows, expected, kept = Node(), [], [], []
+    for second in range(2600):
+        wrench, reference = float(second % 7), float(second % 11)
+        celsius = 20.0 + second / 100
+        heard = not silent[0] <= second < silent[1]
+        stamp = second * SECOND + SECOND // 2
+        node.raw(second + 0.1, wrench)
+        node.reference(second + 0.1, reference)
+        if heard:
+            node.heat(second + 0.2, celsius)
+        rows += node.averager.rows()
+        kept.append(len(node.averager._raw._cells))
+        expected.append((stamp, [wrench] * 6 + [reference] * 6 + [celsius if heard else NAN]))
+    assert max(kept) <= 600
+    rows += node.averager.rows(final=True)
+    found, whole = as_read(rows), as_read(expected[:-1])
+    np.testing.assert_array_equal(found.wrench, whole.wrench)
+    np.testing.assert_array_equal(found.reference, whole.reference)
+    np.testing.assert_array_equal(found.temperature_c, whole.temperature_c)
+    np.testing.assert_array_equal(found.measured, whole.measured)
+    assert found.warnings == ()
+
+
+@pytest.mark.parametrize('sent', [('raw',), ('reference',), ('raw', 'reference')])
+def test_wrenches_without_any_temperature_do_not_pile_up(sent):
+    node, rows = Node(), []
+    for second in range(2000):
+        for each in sent:
+            getattr(node, each)(second + 0.1, float(second))
+        rows += node.averager.rows()
+        assert len(node.averager._raw._cells) + len(node.averager._reference._cells) <= 1200
+    written = cells(rows)
+    assert [row[0] for row in written] == list(range(2000 - 600))
+    for column, name in ((1, 'raw'), (2, 'reference')):
+        values = [row[column] for row in written]
+        expected = range(1400) if name in sent else [NAN] * 1400
+        np.testing.assert_equal(values, list(expected))
+    assert [row[0] for row in cells(node.averager.rows(final=True))] == list(range(1400, 2000))
+
+
+def test_a_wrench_that_comes_after_its_row_is_dropped():
+    node = Node()
+    for second in range(700):
+        node.raw(second + 0.1, 1.0)
+    first = node.averager.rows()
+    node.raw(3.5, 9.0)
+    node.raw(700.5, 1.0)
+    stamps = [stamp for stamp, _ in first + node.averager.rows()]
+    assert stamps == sorted(set(stamps))
+
+
+def test_one_stray_stamp_of_a_wrench_holds_no_later_one_back():
+    node, rows = Node(), []
+    for second in range(2000):
+        node.raw(second + 0.1 if second != 50 else 1e6, 1.0)
+        rows += node.averager.rows()
+    assert len(rows) == 2000 - 600
+    assert max(row[0] for row in cells(rows)) < 2000

@@ -66,6 +66,27 @@ def steps(outputs: Array) -> Array:
     return np.abs(np.diff(outputs, axis=0)).max(axis=0)
 
 
+@pytest.mark.parametrize(
+    ('name', 'values'),
+    [
+        ('thermal_period_s', (0.0, 0.09, 600.1, -1.0)),
+        ('temperature_timeout_s', (0.0, -1.0)),
+        ('max_drift_n', (-5.0,)),
+        ('max_drift_rate_n_s', (0.0, -1.0)),
+        ('history_s', (0.0, -1.0)),
+    ],
+)
+def test_settings_outside_their_range_are_refused(name: str, values: tuple[float, ...]) -> None:
+    for value in (*values, np.nan, np.inf, -np.inf):
+        with pytest.raises(SettingsError, match=f'^{name} must be a number .*; got {value}'):
+            StreamSettings(**{name: value})
+
+
+def test_settings_at_the_ends_of_their_ranges_are_taken() -> None:
+    for period_s in (0.1, 600.0):
+        Compensator(1, StreamSettings(thermal_period_s=period_s, max_drift_n=0.0))
+
+
 def test_without_a_model_the_wrench_passes() -> None:
     compensator = Compensator(1, StreamSettings())
     _, outputs = stream(compensator, (0, 20))
@@ -222,6 +243,18 @@ class TestLimits:
         assert compensator.limits.too_fast == ()
         np.testing.assert_allclose(compensator.compensation.zero, [0, 0, 80, 4, 0, 0], atol=1e-6)
 
+    def test_limits_that_held_one_model_back_are_not_told_of_the_next(
+        self, make_model: MakeModel
+    ) -> None:
+        hasty, calm = make_model({'force_z': (20.0, 0.0, 0.1)}), make_model(TRUTH)
+        for following in (None, calm):
+            compensator = Compensator(1, StreamSettings(), hasty)
+            stream(compensator, (0, 10), temperature=lambda _: 20.0)
+            stream(compensator, (10, 13), temperature=lambda _: 60.0)
+            assert compensator.limits.too_fast == compensator.limits.too_large == ('force_z',)
+            compensator.go_live(following)
+            assert compensator.limits.too_fast == compensator.limits.too_large == ()
+
     def test_sensitivity_beyond_any_sensors_is_limited(self, make_model: MakeModel) -> None:
         compensator = Compensator(1, StreamSettings(), make_model({'force_y': (0.0, -0.2, 1.0)}))
         stream(compensator, (0, 10), temperature=lambda _: 25.0)
@@ -310,6 +343,33 @@ class TestModelSwap:
         # Without sensitivity drift the two differ by the tare alone, whatever happens.
         np.testing.assert_allclose(offset[:, 3], -late.tare[3], atol=1e-9)
 
+    @pytest.mark.parametrize('period_s', [0.5, 1.0, 2.0])
+    def test_what_was_counted_stays_counted(
+        self, make_model: MakeModel, model: DriftModel, period_s: float
+    ) -> None:
+        compensator = Compensator(1, StreamSettings(), model)
+        stream(compensator, (1000, 1010))
+        stream(compensator, (0, 10))
+        compensator.add_temperature(0, 9 * SECOND, 20.0)
+        grid = compensator.tracker.grid
+        assert (grid.rejected, grid.restarts) == (1, 1)
+        compensator.go_live(make_model(OTHER, period_s=period_s))
+        grid = compensator.tracker.grid
+        assert (grid.rejected, grid.restarts) == (1, 1)
+
+    def test_without_a_model_nothing_is_told_of_the_one_before(
+        self, make_model: MakeModel, model: DriftModel
+    ) -> None:
+        compensator = Compensator(1, StreamSettings(), model)
+        stream(compensator, (0, 10))
+        assert compensator.tracker.origin.startswith('the drift started')
+        compensator.go_live(None)
+        assert compensator.tracker.origin == 'no model is live'
+        compensator.go_live(make_model(TRUTH, period_s=0.5))
+        assert compensator.tracker.origin == 'no temperatures yet'
+        stream(compensator, (10, 20))
+        assert compensator.tracker.origin.startswith('the drift started')
+
     def test_history_is_as_long_as_it_is_said_to_be(self) -> None:
         compensator = Compensator(1, StreamSettings(history_s=20.0))
         stream(compensator, (0, 100))
@@ -389,6 +449,22 @@ class TestTare:
         _, outputs = stream(compensator, (1, 10), temperature=lambda _: 35.0)
         assert compensator.compensating
         np.testing.assert_allclose(outputs, 0, atol=1e-9)
+
+    def test_a_tare_that_was_reset_before_the_first_temperature_leaves_no_trace(
+        self, model: DriftModel
+    ) -> None:
+        untouched, tared = (Compensator(1, StreamSettings(), model) for _ in range(2))
+        for compensator in (untouched, tared):
+            compensator.correct(0, LOAD.tolist())
+        tared.set_tare(LOAD, 0)
+        tared.reset_tare()
+        outputs = [
+            stream(compensator, (1, 10), temperature=lambda _: 35.0)[1]
+            for compensator in (untouched, tared)
+        ]
+        assert not tared.tare.any()
+        np.testing.assert_array_equal(outputs[1], outputs[0])
+        assert abs(outputs[0][-1, 2] - LOAD[2]) > 1
 
 
 class TestTrouble:

@@ -47,6 +47,39 @@ def test_a_slow_thermometer_is_heard_sample_by_sample() -> None:
     timestamps = TimestampFilter(1)
     heard = [len(timestamps.admit(0, k * 100 * SECOND, 20.0)) for k in range(10)]
     assert heard == [1, 0, 2, 1, 1, 1, 1, 1, 1, 1]
+    assert (timestamps.strays, timestamps.leaps) == (0, 0)
+
+
+@pytest.mark.parametrize('gap_s', [10, 100, 5000])
+def test_a_slow_thermometer_does_not_leap_after_a_restart(gap_s: int) -> None:
+    timestamps = TimestampFilter(1)
+    timestamps.expect(HOUR)
+    stamps = [HOUR + (gap_s + 100 * k) * SECOND for k in range(10)]
+    assert feed(timestamps, stamps) == stamps
+    assert (timestamps.strays, timestamps.leaps) == (0, 0)
+
+
+def test_two_rising_strays_are_no_new_clock() -> None:
+    timestamps = TimestampFilter(1)
+    stamps = [k * SECOND for k in range(10)]
+    assert feed(timestamps, [*stamps[:5], 5 * HOUR, 9 * HOUR, *stamps[5:]]) == stamps
+    assert (timestamps.strays, timestamps.leaps) == (2, 0)
+
+
+def test_a_stray_ahead_of_a_leap_is_dropped() -> None:
+    timestamps = TimestampFilter(1)
+    stamps = [*(k * SECOND for k in range(5)), *(9 * HOUR + k * SECOND for k in range(5))]
+    assert feed(timestamps, [*stamps[:5], 5 * HOUR, *stamps[5:]]) == stamps
+    assert (timestamps.strays, timestamps.leaps) == (1, 1)
+
+
+@pytest.mark.parametrize('step_s', [100, 1000])
+def test_a_thermometer_that_becomes_slow_is_heard_with_all_its_samples(step_s: int) -> None:
+    timestamps = TimestampFilter(1)
+    stamps = [k * SECOND for k in range(5)]
+    stamps += [(4 + k * step_s) * SECOND for k in range(1, 10)]
+    assert feed(timestamps, stamps) == stamps
+    assert (timestamps.strays, timestamps.leaps) == (0, 1)
 
 
 def test_thermometers_do_not_confirm_each_other() -> None:

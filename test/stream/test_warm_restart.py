@@ -290,6 +290,19 @@ def test_a_memory_that_is_refused_leaves_no_history(model: DriftModel) -> None:
     assert len(again.tracker._history) < 12
 
 
+def test_that_a_memory_was_refused_is_not_told_of_the_next_model(
+    make_model: MakeModel, model: DriftModel
+) -> None:
+    killed = Compensator(1, SETTINGS, model)
+    feed(killed, 0, 700)
+    for following in (None, make_model({'force_z': (1.0, 0.0, 60.0)})):
+        again = restarted(model, killed)
+        feed(again, -5000, -4990)
+        assert again.tracker.forgot
+        again.go_live(following)
+        assert not again.tracker.forgot
+
+
 def test_blocks_are_means_of_cells(model: DriftModel) -> None:
     compensator = Compensator(1, SETTINGS, model)
     feed(compensator, 0, 151, 1.0)

@@ -22,6 +22,7 @@ from wrist_ft_comp.calibration.settings import IdentificationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError, SettingsError
 from wrist_ft_comp.identification.problem import AxisProblem, cross_validation_blocks, pose_problem
 from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.model.ranges import check_range
 from wrist_ft_comp.model.signals import AXES, FloatArray, Recording, Reference
 
 
@@ -103,6 +104,7 @@ class CalibrationSettings:
                 'The minimum temperature span must be a number of at least 0 K; got '
                 f'{self.min_temperature_span_k}.'
             )
+        check_range('max_gap_s', self.max_gap_s, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

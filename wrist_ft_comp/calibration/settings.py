@@ -62,10 +62,16 @@ class IdentificationSettings:
             )
         if self.features not in get_args(FeatureKind):
             raise SettingsError(f'Unknown features {self.features!r}; expected powers or hats.')
-        if not 1 <= self.degree <= 4:
+        if self.degree not in {1, 2, 3, 4}:
             raise SettingsError(f'The degree must be between 1 and 4; got {self.degree}.')
-        if self.latents is not None and self.latents < 1:
+        if self.latents is not None and not 1 <= self.latents < np.inf:
             raise SettingsError(f'At least 1 latent is needed; got {self.latents}.')
+        knots = np.array(self.hat_temperatures_c, dtype=float)
+        if len(knots) == 1 or not (np.isfinite(knots).all() and (np.diff(knots) > 0).all()):
+            raise SettingsError(
+                f'hat_temperatures_c needs at least 2 temperatures that ascend; got '
+                f'{knots.tolist()}.'
+            )
 
 
 def build_features(

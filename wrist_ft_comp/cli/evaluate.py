@@ -23,7 +23,7 @@ from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import NANOSECONDS, Recording, Reference
-from wrist_ft_comp.report.evaluation import AxisEvaluation, evaluate, pool
+from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors, TaredErrors
 from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
 from wrist_ft_comp.report.page import write_report
 
@@ -47,6 +47,8 @@ class _Judged:
         On the model's grid.
     reference : {'unloaded', 'constant', 'recorded'}
         What it was compared with.
+    errors : TaredErrors
+        Of every cell.
     axes : dict of str to AxisEvaluation
         By axis.
     figures : dict of str to ChamberFigures
@@ -57,6 +59,7 @@ class _Judged:
     path: Path
     recording: Recording
     reference: Reference
+    errors: TaredErrors
     axes: dict[str, AxisEvaluation]
     figures: dict[str, ChamberFigures]
 
@@ -100,8 +103,8 @@ def run(arguments: argparse.Namespace) -> int:
             _judge(arguments, stored, path, partial(_report_part, progress, number, count))
             for number, path in enumerate(arguments.recordings)
         ]
-    pooled = pool([each.axes for each in judged], [len(each.recording) for each in judged])
-    shown = [EvaluatedRecording(e.recording, e.reference, e.figures) for e in judged]
+    pooled = judge_errors([each.errors for each in judged])
+    shown = [EvaluatedRecording(e.recording, e.reference, e.errors, e.figures) for e in judged]
     view = evaluation_view(stored, shown, arguments.tare)
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
     if arguments.json:
@@ -145,14 +148,15 @@ def _judge(
     )
     is_table = path.is_file() and is_chamber_table(path)
     reference: Reference = arguments.reference or ('recorded' if is_table else 'unloaded')
-    axes = evaluate(stored.model, recording, reference, arguments.tare)
+    errors = tared_errors(stored.model, recording, reference, arguments.tare)
     warnings = (*recording.warnings, *range_warnings(stored, recording))
     figures = {}
     if is_table:
         table = read_chamber_table(path, keep_copied_columns=keep)
         figures['raw'] = chamber_figures(table)
         figures['compensated'] = chamber_figures(compensate_table(table, stored.model))
-    return _Judged(path, replace(recording, warnings=warnings), reference, axes, figures)
+    recording = replace(recording, warnings=warnings)
+    return _Judged(path, recording, reference, errors, judge_errors([errors]), figures)
 
 
 def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]) -> str:

@@ -15,10 +15,8 @@ from tqdm import tqdm
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.files.bag import Topics
+from wrist_ft_comp.model.ranges import PERIODS_S
 from wrist_ft_comp.model.signals import Reference
-
-#: What the node's parameter thermal_period allows, too.
-_PERIODS_S = (0.1, 600.0)
 
 
 def with_negative_values(argv: Sequence[str]) -> list[str]:
@@ -110,7 +108,7 @@ def period(text: str) -> float:
     Returns
     -------
     float
-        0.1 to 600 s.
+        Within PERIODS_S.
 
     Raises
     ------
@@ -119,9 +117,9 @@ def period(text: str) -> float:
 
     """
     value = _number(text)
-    if not _PERIODS_S[0] <= value <= _PERIODS_S[1]:
+    if not PERIODS_S[0] <= value <= PERIODS_S[1]:
         raise argparse.ArgumentTypeError(
-            f'expected {_PERIODS_S[0]:g} to {_PERIODS_S[1]:g} s, got {text}'
+            f'expected {PERIODS_S[0]:g} to {PERIODS_S[1]:g} s, got {text}'
         )
     return value
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.errors import TooShortError
+from wrist_ft_comp.errors import SettingsError, TooShortError
+from wrist_ft_comp.model.ranges import check_range
 from wrist_ft_comp.model.signals import FloatArray
 
 #: Poles are kept inside this radius: at h = 1 s, a time constant of 28 h.
@@ -33,6 +34,15 @@ class Orders:
     first_lag: int = 1
     #: Filters before PLS, s, for filtered_pls; 0 passes the input as it is.
     time_constants_s: tuple[float, ...] = (0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name, least in (('latents', 1), ('outputs', 0), ('inputs', 1), ('first_lag', 0)):
+            check_range(name, getattr(self, name), least)
+        if not self.time_constants_s:
+            raise SettingsError('time_constants_s must hold at least one filter; got none.')
+        for tau in self.time_constants_s:
+            check_range('Each of time_constants_s', tau, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

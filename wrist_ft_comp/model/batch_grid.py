@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model.ranges import PERIODS_S
 from wrist_ft_comp.model.signals import (
     AXES,
     FloatArray,
@@ -26,8 +27,6 @@ from wrist_ft_comp.model.signals import (
 
 #: More cells than this in one recording (58 days at 1 s) can only be a broken stamp.
 MAX_CELLS = 5_000_000
-#: Longer cells than this would average a warm-up away, s.
-MAX_PERIOD_S = 600
 #: Losing more than this of a recording's beginning, where a warm-up moves most, is said, s.
 _LATE_S = 60
 
@@ -52,12 +51,13 @@ class GridBuilder:
 
     def __init__(self, name: str, period_s: float = 1.0, max_bad_share: float = 0.01) -> None:
         self._name = name
-        self._period_ns = round(period_s * NANOSECONDS)
-        if not 0 < self._period_ns <= MAX_PERIOD_S * NANOSECONDS:
+        # NaN is outside every range.
+        if not 1 / NANOSECONDS <= period_s <= PERIODS_S[1]:
             raise RecordingError(
-                f'The thermal period must be above 0 and at most {MAX_PERIOD_S} s; got '
+                f'The thermal period must be above 0 and at most {PERIODS_S[1]:g} s; got '
                 f'{period_s} s.'
             )
+        self._period_ns = round(period_s * NANOSECONDS)
         self._max_bad_share = max_bad_share
         self._tallies: defaultdict[tuple[str, ...], _Tally] = defaultdict(_Tally)
         self._cells: defaultdict[str, list[IntArray]] = defaultdict(list)

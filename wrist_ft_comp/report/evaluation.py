@@ -1,7 +1,8 @@
-"""One evaluation of several recordings."""
+"""Using a model on whole recordings: correcting every wrench, and judging what is left."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,21 @@ class AxisEvaluation:
     max_after: float
 
 
+class TaredErrors(NamedTuple):
+    """
+    What is left of the drift in every cell of a recording, tared and against the reference.
+
+    Attributes
+    ----------
+    before, after : ndarray, shape (N, 6)
+        Raw and compensated, N and N m, axis order AXES; NaN where there is nothing to compare.
+
+    """
+
+    before: FloatArray
+    after: FloatArray
+
+
 def evaluate(
     model: DriftModel, recording: Recording, reference: Reference, tare_s: float = 60.0
 ) -> dict[str, AxisEvaluation]:
@@ -40,14 +56,8 @@ def evaluate(
 
     Parameters
     ----------
-    model : DriftModel
-        The model.
-    recording : Recording
-        On the model's thermal grid.
-    reference : {'unloaded', 'constant', 'recorded'}
-        What the true wrench was; the first two compare with zero after taring.
-    tare_s : float
-        Both are tared on the first seconds that hold wrenches, s.
+    model, recording, reference, tare_s
+        As for tared_errors.
 
     Returns
     -------
@@ -57,26 +67,39 @@ def evaluate(
     Raises
     ------
     RecordingError
-        When the recording does not fit the model, or holds nothing to compare with.
+        As tared_errors.
 
     """
-    before, after = tared_errors(model, recording, reference, tare_s)
-    found = {}
+    return judge_errors([tared_errors(model, recording, reference, tare_s)])
+
+
+def judge_errors(recordings: Sequence[TaredErrors]) -> dict[str, AxisEvaluation]:
+    """
+    Put the errors of recordings into figures: all cells alike in which both are known.
+
+    Parameters
+    ----------
+    recordings : sequence of TaredErrors
+        From tared_errors, at least one.
+
+    Returns
+    -------
+    dict of str to AxisEvaluation
+        By axis, those that any recording has.
+
+    """
+    before, after = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
+    judged = {}
     for column, axis in enumerate(AXES):
-        errors = np.stack((before[:, column], after[:, column]))
-        errors = errors[:, np.isfinite(errors).all(axis=0)]
-        if errors.shape[1]:
-            rms = np.sqrt(np.mean(errors**2, axis=1))
-            peak = np.max(np.abs(errors), axis=1)
-            found[axis] = AxisEvaluation(
+        both = np.stack((before[:, column], after[:, column]))
+        both = both[:, np.isfinite(both).all(axis=0)]
+        if both.shape[1]:
+            rms = np.sqrt(np.mean(both**2, axis=1))
+            peak = np.max(np.abs(both), axis=1)
+            judged[axis] = AxisEvaluation(
                 float(rms[0]), float(rms[1]), float(peak[0]), float(peak[1])
             )
-    if not found:
-        raise RecordingError(
-            f'{recording.name} holds no cell with both wrench and reference. Declare the '
-            'reference unloaded or constant, or record it.'
-        )
-    return found
+    return judged
 
 
 def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> FloatArray:
@@ -115,25 +138,31 @@ def _tare(recording: Recording, true: FloatArray, simulated: Drift, tare_s: floa
 
 
 def tared_errors(
-    model: DriftModel, recording: Recording, reference: Reference, tare_s: float
-) -> tuple[FloatArray, FloatArray]:
+    model: DriftModel, recording: Recording, reference: Reference, tare_s: float = 60.0
+) -> TaredErrors:
     """
     Subtract the reference from raw and compensated means of cells, both tared.
 
     Parameters
     ----------
-    model, recording, reference, tare_s
-        As for evaluate.
+    model : DriftModel
+        The model.
+    recording : Recording
+        On the model's thermal grid.
+    reference : {'unloaded', 'constant', 'recorded'}
+        What the true wrench was; the first two compare with zero after taring.
+    tare_s : float
+        Both are tared on the first seconds that hold wrenches, s.
 
     Returns
     -------
-    tuple of ndarrays, shape (N, 6)
-        Errors before and after, N and N m; NaN where there is nothing to compare.
+    TaredErrors
+        Of every cell.
 
     Raises
     ------
     RecordingError
-        When the recording does not fit the model.
+        When the recording does not fit the model, or holds nothing to compare with.
 
     """
     simulated = simulate_drift(model, recording)
@@ -143,43 +172,9 @@ def tared_errors(
         drift_model.correct(recording.wrench, part, _tare(recording, true, part, tare_s)) - true
         for part in (nothing, simulated)
     )
-    return before, after
-
-
-def pool(
-    results: Sequence[dict[str, AxisEvaluation]], cells: Sequence[int]
-) -> dict[str, AxisEvaluation]:
-    """
-    Pool the evaluations of several recordings: mean squares by length, largest of the largest.
-
-    Parameters
-    ----------
-    results : sequence of dict of str to AxisEvaluation
-        One per recording.
-    cells : sequence of int
-        Length of each.
-
-    Returns
-    -------
-    dict of str to AxisEvaluation
-        By axis, those that any recording has.
-
-    """
-    pooled = {}
-    for axis in AXES:
-        of_axis = [result.get(axis) for result in results]
-        found = [(e, n) for e, n in zip(of_axis, cells, strict=True) if e is not None]
-        if found:
-            weights = [n for _, n in found]
-            pooled[axis] = AxisEvaluation(
-                _root_mean_square([e.rms_before for e, _ in found], weights),
-                _root_mean_square([e.rms_after for e, _ in found], weights),
-                max(e.max_before for e, _ in found),
-                max(e.max_after for e, _ in found),
-            )
-    return pooled
-
-
-def _root_mean_square(values: Sequence[float], weights: Sequence[int]) -> float:
-    """Pool root mean squares."""
-    return float(np.sqrt(np.average(np.square(values), weights=weights)))
+    if not (np.isfinite(before) & np.isfinite(after)).any():
+        raise RecordingError(
+            f'{recording.name} holds no cell with both wrench and reference. Declare the '
+            'reference unloaded or constant, or record it.'
+        )
+    return TaredErrors(before, after)

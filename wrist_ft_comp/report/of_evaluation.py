@@ -15,7 +15,7 @@ from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import AXES, noise_level, Recording, Reference
 from wrist_ft_comp.report.advice import what_was_not_learnt
 from wrist_ft_comp.report.coverage import cover
-from wrist_ft_comp.report.evaluation import AxisEvaluation, evaluate, pool, tared_errors
+from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, TaredErrors
 from wrist_ft_comp.report.verdict import Evidence, judge
 from wrist_ft_comp.report.view import (
     AxisView,
@@ -33,7 +33,7 @@ from wrist_ft_comp.report.view import (
 @dataclass(frozen=True, eq=False)
 class EvaluatedRecording:
     """
-    A recording and what to compare it with.
+    A recording, what it was compared with, and what came out.
 
     Attributes
     ----------
@@ -41,6 +41,8 @@ class EvaluatedRecording:
         On the model's grid.
     reference : {'unloaded', 'constant', 'recorded'}
         What the true wrench was.
+    errors : TaredErrors
+        What the model leaves of the drift in it.
     figures : mapping of str to ChamberFigures
         Of a chamber table, by title.
 
@@ -48,6 +50,7 @@ class EvaluatedRecording:
 
     recording: Recording
     reference: Reference
+    errors: TaredErrors
     figures: Mapping[str, ChamberFigures] = field(default_factory=dict)
 
 
@@ -64,7 +67,7 @@ def evaluation_view(
     evaluated : sequence of EvaluatedRecording
         At least one.
     tare_s : float
-        As for evaluate, s.
+        How long they were tared, s.
 
     Returns
     -------
@@ -74,8 +77,7 @@ def evaluation_view(
     Raises
     ------
     RecordingError
-        When a recording does not fit the model, holds nothing to compare with, or is in another
-        unit than the others.
+        When a recording is in another unit than the others.
 
     """
     recordings = [each.recording for each in evaluated]
@@ -84,11 +86,11 @@ def evaluation_view(
             'These recordings are in different units. Evaluate chamber tables and other '
             'recordings apart.'
         )
-    judged = [evaluate(stored.model, e.recording, e.reference, tare_s) for e in evaluated]
+    judged = [judge_errors([each.errors]) for each in evaluated]
     each = tuple(zip(recordings, judged, strict=True))
-    pooled = pool(judged, [len(recording) for recording in recordings])
+    pooled = judge_errors([each.errors for each in evaluated])
     coverage = cover(recordings)
-    series = _series(stored, evaluated, tare_s, coverage.leading)
+    series = _series(evaluated, coverage.leading)
     ranges_c = [tuple(each['range_c']) for each in stored.document['thermometers']]
     return ReportView(
         kind='evaluation',
@@ -129,18 +131,15 @@ def _explanation(evaluated: Sequence[EvaluatedRecording], tare_s: float) -> str:
     )
 
 
-def _series(
-    stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float, leading: int
-) -> dict[str, ErrorSeries]:
+def _series(evaluated: Sequence[EvaluatedRecording], leading: int) -> dict[str, ErrorSeries]:
     """Lay errors of all recordings out over time and temperature, by axis."""
     starts = recording_starts_h([each.recording for each in evaluated])
     parts = []
     for number, each in enumerate(evaluated):
         recording = each.recording
-        before, after = tared_errors(stored.model, recording, each.reference, tare_s)
         hours = starts[number] + recording.elapsed_s / 3600
         at = recording.temperature_c[:, leading]
-        parts.append((hours, at, before, after, np.full(len(recording), number)))
+        parts.append((hours, at, *each.errors, np.full(len(recording), number)))
     hours, at, before, after, part = (
         np.concatenate(columns) for columns in zip(*parts, strict=True)
     )

@@ -256,6 +256,7 @@ class CompensatorNode(Node):
     def _keep_house(self) -> None:
         """Look after what does not come by message."""
         self.calibration.poll()
+        self.recording.poll()
         self.tare.poll()
         self.keeping.poll()
         self.watch.poll()

@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter as RosParameter
 from wrist_ft_comp.calibration.calibrate import CalibrationSettings
 from wrist_ft_comp.calibration.settings import METHODS
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.model.ranges import PERIODS_S
 from wrist_ft_comp.stream.compensator import StreamSettings
 
 Value: TypeAlias = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
@@ -404,8 +405,8 @@ PARAMETERS = (
         _STREAM.thermal_period_s,
         'Length of a thermal cell while no model says otherwise, and in recordings.',
         unit='s',
-        minimum=0.1,
-        maximum=600.0,
+        minimum=PERIODS_S[0],
+        maximum=PERIODS_S[1],
         read_only=True,
     ),
     Parameter(

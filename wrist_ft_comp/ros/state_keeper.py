@@ -45,6 +45,7 @@ class StateKeeping:
         self._due = time.monotonic() + period_s
         self._told = node.compensator.tracker.origin
         self._complained = ''
+        #: The saved state, until the first thermal cell tells what is made of it.
         self._loaded: SavedState | None = None
         self._restore()
         self._saved, self._saved_end_ns = self._key(), self._end_ns()
@@ -71,7 +72,6 @@ class StateKeeping:
         if state.model_sha256 != self._model_sha256():
             self._begin_anew('the saved state belongs to another model, and so does its tare')
             return
-        self._loaded = state
         if state.tare.any():
             self._node.compensator.restore_tare(state.tare)
             self._node.console.info('the tare from before the restart is active')
@@ -93,6 +93,7 @@ class StateKeeping:
         elif gap_s > longest_gap_s(model):
             self._begin_anew(too_old(model, gap_s))
         else:
+            self._loaded = state
             node.compensator.resume(memory, max(gap_s, 0.0))
             self.outcome = node.compensator.tracker.origin
 
@@ -129,6 +130,8 @@ class StateKeeping:
         self._told = compensator.tracker.origin
         if self._loaded is not None:
             self.outcome = self._told
+            if not compensator.tracker.awaiting_gap:
+                self._loaded = None
         # One call site each: rclpy insists that a call site keeps its severity.
         if compensator.tracker.forgot:
             self._node.console.warning(self._told)

@@ -11,12 +11,12 @@ Each node of this chain has one temperature (finite volumes), so the state is li
 and room temperature, and a time step is exact.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.linalg import expm
 
-from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.model.ranges import check_range
 from wrist_ft_comp.model.signals import FloatArray
 
 
@@ -105,11 +105,19 @@ class FtSensorSettings:
             'contact_w_per_k', 'body_w_per_k', 'tool_contact_w_per_k', 'motor_convection_w_per_k',
             'force_stiffness_n', 'torque_stiffness_nm', 'piezoresistive_coefficient',
         )  # fmt: skip
-        for name in positive:
-            if not getattr(self, name) > 0:
-                raise SettingsError(f'{name} must be above 0; got {getattr(self, name)}.')
-        if self.cells < 2:
-            raise SettingsError(f'cells must be at least 2; got {self.cells}.')
+        coefficients = (
+            'gauge_coefficient_per_k', 'gauge_coefficient_per_k2', 'piezoresistive_per_k',
+            'piezoresistive_per_k2',
+        )  # fmt: skip
+        for field in fields(self):
+            values = getattr(self, field.name)
+            for value in values if isinstance(values, tuple) else (values,):
+                least = -np.inf if field.name in coefficients else 0.0
+                check_range(field.name, value, least, above=field.name in positive)
+        check_range('cells', self.cells, 2)
+        for position in self.thermometer_positions:
+            check_range('Each of thermometer_positions', position, 0.0, 1.0)
+        check_range('The larger of zero_coefficient_per_k', *reversed(self.zero_coefficient_per_k))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.model.ranges import check_range
 from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray
 
 #: Sines that make up the load of an axis.
@@ -65,9 +66,11 @@ class RunSettings:
                 'The levels of the duty schedule must lie between 0 and 1; got '
                 f'{list(self.duty_level)}.'
             )
+        check_range('room_c', self.room_c, -273.15)
+        for name in ('room_swing_k', 'force_n', 'torque_nm'):
+            check_range(name, getattr(self, name), 0.0)
         for name in ('room_swing_period_s', 'load_period_s'):
-            if not getattr(self, name) > 0:
-                raise SettingsError(f'{name} must be above 0 s; got {getattr(self, name)}.')
+            check_range(name, getattr(self, name), 0.0, above=True)
 
 
 @dataclass(frozen=True, eq=False)

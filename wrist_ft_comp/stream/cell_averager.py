@@ -2,7 +2,8 @@
 Reducing a running stream to one row per thermal cell: what the node's own recording holds.
 
 The fit works on cell means, so a row per cell loses nothing that it would use, and an hour at
-1 kHz is 3600 rows.
+1 kHz is 3600 rows. Wrenches wait for the temperatures of their cell; when those stay away, both
+get rows of their own, and memory does not grow.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,6 +17,10 @@ _NAN = float('nan')
 
 #: Rows wait at most this many cells for wrenches that are late.
 _PATIENCE_CELLS = 50
+
+
+#: So many cells of wrenches wait for temperatures.
+_HELD_CELLS = 600
 
 
 Row = tuple[int, list[float]]
@@ -46,10 +51,14 @@ class _CellMeans:
     def __init__(self) -> None:
         self.latest = -1
         self._cells: dict[int, list[float]] = {}
+        #: Cells before it have their row; what comes for them is too late.
+        self._begin: int | None = None
 
     def add(self, cell: int, wrench: Sequence[float]) -> None:
         """Add one wrench to its cell."""
         self.latest = max(self.latest, cell)
+        if self._begin is not None and cell < self._begin:
+            return
         sums = self._cells.get(cell)
         if sums is None:
             self._cells[cell] = [1.0, *wrench]
@@ -57,6 +66,15 @@ class _CellMeans:
         sums[0] += 1.0
         for i, value in enumerate(wrench, start=1):
             sums[i] += value
+
+    def overdue(self, held: int) -> list[int]:
+        """List the oldest cells, those that are more than may be held."""
+        too_many = len(self._cells) - held
+        return sorted(self._cells)[:too_many] if too_many > 0 else []
+
+    def end_at(self, cell: int) -> None:
+        """Take nothing more for a cell and those before it."""
+        self._begin = cell + 1
 
     def between(self, first: int, end: int) -> list[int]:
         """List the cells from first to end, end excluded, that have a wrench."""
@@ -81,14 +99,19 @@ class CellAverager:
     ----------
     period_ns : int
         Cell length h, ns.
+    thermometers : int
+        Number of thermometers J.
 
     """
 
-    def __init__(self, period_ns: int) -> None:
+    def __init__(self, period_ns: int, thermometers: int) -> None:
         self._period_ns = period_ns
+        self._thermometers = thermometers
         self._raw = _CellMeans()
         self._reference = _CellMeans()
         self._waiting: list[tuple[int, list[float]]] = []
+        #: Whether wrenches got rows of their own since the last temperature.
+        self._silent = False
 
     def add_raw(self, stamp_ns: int, wrench: Sequence[float]) -> None:
         """Take a raw wrench, N and N m, axis order AXES."""
@@ -101,6 +124,7 @@ class CellAverager:
     def add_cells(self, completed: Sequence[CompletedCells]) -> None:
         """Take cells whose temperatures are complete; held values are not written as measured."""
         for cells in completed:
+            self._silent = False
             temperatures = [
                 float(value) if measured else _NAN
                 for value, measured in zip(cells.temperature_c, cells.measured, strict=True)
@@ -112,6 +136,9 @@ class CellAverager:
     def rows(self, *, final: bool = False) -> list[Row]:
         """
         Take the rows that are complete: later wrenches have come, or they are overdue.
+
+        A temperature that comes later than its wrenches could wait gets a row of its own, whose
+        stamp may lie before those of rows that were taken.
 
         Parameters
         ----------
@@ -129,6 +156,17 @@ class CellAverager:
 
     def _complete(self, *, final: bool) -> Iterator[Row]:
         """Take complete cells, those without any sample included."""
+        yield from self._complete_with_temperatures(final=final)
+        absent = [_NAN] * self._thermometers
+        held = 0 if final and self._silent else _HELD_CELLS
+        for cell in sorted({*self._raw.overdue(held), *self._reference.overdue(held)}):
+            self._silent = True
+            yield self._row(cell, absent)
+            self._raw.end_at(cell)
+            self._reference.end_at(cell)
+
+    def _complete_with_temperatures(self, *, final: bool) -> Iterator[Row]:
+        """Take cells whose temperatures are complete, too."""
         while self._waiting:
             cell, temperatures = self._waiting[0]
             overdue = self._waiting[-1][0] - cell > _PATIENCE_CELLS
@@ -137,7 +175,11 @@ class CellAverager:
             if behind and not overdue and not final:
                 return
             del self._waiting[0]
-            values = [*self._raw.pop(cell), *self._reference.pop(cell), *temperatures]
-            yield cell * self._period_ns + self._period_ns // 2, values
+            yield self._row(cell, temperatures)
             self._raw.forget_before(cell)
             self._reference.forget_before(cell)
+
+    def _row(self, cell: int, temperatures: list[float]) -> Row:
+        """Make a cell's row of its temperatures, °C, and its means."""
+        values = [*self._raw.pop(cell), *self._reference.pop(cell), *temperatures]
+        return cell * self._period_ns + self._period_ns // 2, values

@@ -14,6 +14,7 @@ import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.drift_model import Drift, DriftModel
+from wrist_ft_comp.model.ranges import check_range, PERIODS_S
 from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
 from wrist_ft_comp.model.stream_grid import CompletedCells
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
@@ -142,6 +143,13 @@ class StreamSettings:
     max_drift_n: float = 200.0
     max_drift_rate_n_s: float = 1.0
     history_s: float = 6 * 3600.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_range('thermal_period_s', self.thermal_period_s, *PERIODS_S)
+        check_range('max_drift_n', self.max_drift_n, 0.0)
+        for name in ('temperature_timeout_s', 'max_drift_rate_n_s', 'history_s'):
+            check_range(name, getattr(self, name), 0.0, above=True)
 
 
 class Compensator:
@@ -339,6 +347,7 @@ class Compensator:
         """Stand at a drift at once; the tare takes up what this would move the reading by."""
         self.compensation = target
         self._ramp.settle(target)
+        self.limits.too_fast = ()
         if reading is not None:
             raw, corrected = reading
             self.tare = raw - target.zero - (1.0 + target.sensitivity) * corrected
@@ -382,4 +391,5 @@ class Compensator:
 
         """
         self.tare = tare
+        self._keep_output = False
         self._refresh_correction()

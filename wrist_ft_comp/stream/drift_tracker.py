@@ -74,6 +74,9 @@ class Blocks:
             yield self._sum / self._count, self._count
 
 
+_NOT_YET = 'no temperatures yet'
+
+
 class DriftTracker:
     """
     Follows the temperatures with a model, cell by cell.
@@ -101,7 +104,7 @@ class DriftTracker:
         self.drift = Drift(np.zeros(len(AXES)), np.zeros(len(AXES)))
         self.timestamp_filter = TimestampFilter(thermometers)
         #: How the drift came to be where it is, a sentence; changes when it starts or goes on.
-        self.origin = 'no temperatures yet'
+        self.origin = _NOT_YET
         #: Whether another stream's memory was of no use.
         self.forgot = False
         #: End of the last completed cell, ns.
@@ -230,8 +233,12 @@ class DriftTracker:
 
         """
         if model is not None and model.period_ns != self.grid.period_ns:
+            counted = self.grid.rejected, self.grid.restarts
             self._use_period(model.period_ns)
+            self.grid.rejected, self.grid.restarts = counted
         self.model, self._state, self._awaited = model, None, None
+        self.origin = 'no model is live' if model is None else _NOT_YET
+        self.forgot = False
         self.drift = Drift(np.zeros(len(AXES)), np.zeros(len(AXES)))
         if model is not None and self._history:
             temperature_c = np.array(self._history)

@@ -2,9 +2,10 @@
 Temperatures whose stamps leap: one stray stamp must not cost an hour of thermal memory.
 
 A stamp that is hours off would let the drift run through hours that never were. So a sample far
-from the one before is kept back until the next one of its thermometer tells: goes it on from
-there, time did leap (a long silence, a clock that was set, a simulation that began anew) and both
-count; goes it on from before, the stray one is dropped.
+from the one before is kept back until the next ones of its thermometer tell. When one goes on from
+there, as two neighbours do or with a third in their order, time did leap (a long silence, a clock
+that was set, a simulation that began anew), and they count. When one goes on from before, what was
+kept back is dropped.
 """
 
 from wrist_ft_comp.model.signals import NANOSECONDS
@@ -18,6 +19,10 @@ _LEAP_NS = 60 * NANOSECONDS
 
 #: A slow thermometer's samples are that far apart always; a leap is several times as far.
 _STEPS = 4
+
+
+#: So many samples in their order are a time of their own, however far apart they are.
+_ENOUGH = 3
 
 
 class TimestampFilter:
@@ -37,9 +42,11 @@ class TimestampFilter:
         #: Times that time did leap.
         self.leaps = 0
         self._last: list[int | None] = [None] * thermometers
-        #: Step between the last two samples, ns; None before the first was taken.
+        self._expected: int | None = None
+        #: Step between the last two samples, ns; None before the second was taken.
         self._step: list[int | None] = [None] * thermometers
-        self._kept: list[Sample | None] = [None] * thermometers
+        #: What is kept back, in the order of their stamps.
+        self._kept: list[list[Sample]] = [[] for _ in range(thermometers)]
 
     def expect(self, stamp_ns: int) -> None:
         """
@@ -52,7 +59,7 @@ class TimestampFilter:
             on from there is no leap: it may have ended long ago.
 
         """
-        self._last = [stamp_ns] * len(self._last)
+        self._expected = stamp_ns
 
     def admit(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[Sample]:
         """
@@ -70,30 +77,42 @@ class TimestampFilter:
         Returns
         -------
         list of tuples of int, int and float
-            The samples that count now, in their order: none, this one, or the one that was kept
+            The samples that count now, in their order: none, this one, or those that were kept
             back and this one.
 
         """
         sample = (thermometer, stamp_ns, temperature_c)
         last, kept = self._last[thermometer], self._kept[thermometer]
-        if last is None or not self._leaps(thermometer, stamp_ns - last):
-            self.strays += kept is not None
-            return self._take(sample)
-        if kept is None or stamp_ns <= kept[1]:
-            self.strays += kept is not None
-            self._kept[thermometer] = sample
+        before = self._expected if last is None else last
+        if before is None or not self._leaps(thermometer, stamp_ns - before):
+            self.strays += len(kept)
+            return self._take([sample])
+        if kept and stamp_ns <= kept[-1][1]:
+            self.strays += len(kept)
+            kept.clear()
+        kept.append(sample)
+        return self._follow(thermometer, kept) if len(kept) > 1 else []
+
+    def _follow(self, thermometer: int, kept: list[Sample]) -> list[Sample]:
+        """Let those that were kept back count, if time goes on from there."""
+        step = self._step[thermometer]
+        if not self._leaps(thermometer, kept[-1][1] - kept[-2][1]):
+            self.strays += len(kept) - 2
+            kept = kept[-2:]
+        elif step is not None and len(kept) < _ENOUGH:
             return []
-        self.leaps += self._step[thermometer] is not None
-        return self._take(kept) + self._take(sample)
+        self.leaps += step is not None
+        return self._take(kept)
 
     def _leaps(self, thermometer: int, step_ns: int) -> bool:
         """Tell whether a step between stamps is a leap."""
         return abs(step_ns) > max(_LEAP_NS, _STEPS * (self._step[thermometer] or 0))
 
-    def _take(self, sample: Sample) -> list[Sample]:
-        """Let a sample count."""
-        thermometer, stamp_ns, _ = sample
-        last = self._last[thermometer]
-        self._step[thermometer] = 0 if last is None else stamp_ns - last
-        self._last[thermometer], self._kept[thermometer] = stamp_ns, None
-        return [sample]
+    def _take(self, samples: list[Sample]) -> list[Sample]:
+        """Let samples of a thermometer count."""
+        for thermometer, stamp_ns, _ in samples:
+            last = self._last[thermometer]
+            self._step[thermometer] = None if last is None else stamp_ns - last
+            self._last[thermometer] = stamp_ns
+        self._kept[samples[0][0]] = []
+        return samples

@@ -12,6 +12,7 @@ from wrist_ft_comp.calibration.settings import IdentificationSettings
 from wrist_ft_comp.files.chamber_table import read_chamber_table
 from wrist_ft_comp.files.model_file import save_model
 from wrist_ft_comp.model.signals import Recording
+from wrist_ft_comp.report.evaluation import tared_errors
 from wrist_ft_comp.report.of_calibration import calibration_view
 from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
 from wrist_ft_comp.report.page import page
@@ -59,12 +60,19 @@ def learn(recordings, folder, reference='unloaded', **identification):
     return found, save_model(folder / '<i>model.yaml', found, provenance)
 
 
+def evaluated(stored, recording, reference):
+    """Compare a recording with its reference."""
+    errors = tared_errors(stored.model, recording, reference)
+    return EvaluatedRecording(recording, reference, errors)
+
+
 @pytest.fixture(scope='session')
 def make() -> object:
     """The builders above, for tests."""
 
     class Make:
         recording = staticmethod(make_recording)
+        evaluated = staticmethod(evaluated)
         learn = staticmethod(learn)
         name = NAME
         table = TABLE
@@ -93,8 +101,8 @@ def view(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], ReportView
         if kind == 'evaluation':
             _, stored = learn([make_recording('monday.csv')], folder, method='pls')
             shown = [
-                EvaluatedRecording(make_recording(), 'unloaded'),
-                EvaluatedRecording(make_recording('second.csv', 1), 'constant'),
+                evaluated(stored, make_recording(), 'unloaded'),
+                evaluated(stored, make_recording('second.csv', 1), 'constant'),
             ]
             return evaluation_view(stored, shown, 60.0)
         drifts = {'good': (1.0, 0.0), 'weak': (0.05, 0.1), 'none': (0.0, 0.0)}

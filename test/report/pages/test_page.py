@@ -13,7 +13,7 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files import documents as atomic
 from wrist_ft_comp.report.evaluation import evaluate
 from wrist_ft_comp.report.of_calibration import calibration_view
-from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
+from wrist_ft_comp.report.of_evaluation import evaluation_view
 from wrist_ft_comp.report.page import headline, number, page, write_report
 
 VOID = {'meta', 'br', 'hr', 'img', 'link', 'input'}
@@ -71,7 +71,7 @@ def test_long_recordings_make_no_larger_page(make, tmp_path):
     """Ten hours at one cell a second, which is what a node sees."""
     long = make.recording(cells=36_000)
     _, stored = make.learn([make.recording()], tmp_path, method='pls')
-    view = evaluation_view(stored, [EvaluatedRecording(long, 'unloaded')], 60.0)
+    view = evaluation_view(stored, [make.evaluated(stored, long, 'unloaded')], 60.0)
     assert len(page(view).encode()) < MAX_BYTES
 
 
@@ -186,7 +186,7 @@ def test_the_numbers_of_an_evaluation_are_its_own(make, tmp_path):
     _, stored = make.learn([make.recording()], tmp_path, method='pls')
     other = make.recording('other.csv', 5)
     judged = evaluate(stored.model, other, 'unloaded', 60.0)
-    view = evaluation_view(stored, [EvaluatedRecording(other, 'unloaded')], 60.0)
+    view = evaluation_view(stored, [make.evaluated(stored, other, 'unloaded')], 60.0)
     for axis in view.axes:
         assert axis.rms_after == judged[axis.axis].rms_after
         assert axis.peak_before == judged[axis.axis].max_before
@@ -214,16 +214,16 @@ def test_a_chamber_table_is_in_units_of_its_own(text):
 def test_an_evaluation_on_what_was_learnt_is_no_proof(make, tmp_path):
     _, stored = make.learn([make.recording('a.csv')], tmp_path, method='pls')
     same, other = make.recording('a.csv'), make.recording('b.csv', 1)
-    said = evaluation_view(stored, [EvaluatedRecording(same, 'unloaded')], 60.0).warnings
+    said = evaluation_view(stored, [make.evaluated(stored, same, 'unloaded')], 60.0).warnings
     assert said[0].startswith('By its name, a.csv is among')
-    said = evaluation_view(stored, [EvaluatedRecording(other, 'unloaded')], 60.0).warnings
+    said = evaluation_view(stored, [make.evaluated(stored, other, 'unloaded')], 60.0).warnings
     assert said == other.warnings
 
 
 def test_what_cannot_be_compared_is_a_sentence(make, tmp_path):
     _, stored = make.learn([make.recording()], tmp_path, method='pls')
     with pytest.raises(RecordingError, match='no cell with both'):
-        evaluation_view(stored, [EvaluatedRecording(make.recording(), 'recorded')], 60.0)
+        make.evaluated(stored, make.recording(), 'recorded')
 
 
 def test_loads_are_shown_where_they_are_known(make, tmp_path):
@@ -265,7 +265,7 @@ def test_where_it_comes_from_is_said(text, view):
 def test_names_that_are_no_text_do_not_stop_the_report(make, tmp_path):
     _, stored = make.learn([make.recording()], tmp_path, method='pls')
     path = tmp_path / 'r.html'
-    shown = [EvaluatedRecording(make.recording('\udcff.csv'), 'unloaded')]
+    shown = [make.evaluated(stored, make.recording('\udcff.csv'), 'unloaded')]
     write_report(path, evaluation_view(stored, shown, 60.0))
     assert '?.csv' in path.read_text(encoding='utf-8')
 

@@ -70,6 +70,15 @@ def test_a_recording_is_readable_while_it_runs(rig, executor):
     assert recording.warnings == ()
 
 
+def test_wrenches_are_written_while_the_temperatures_stay_away(rig):
+    node = rig()
+    path = start_recording(node)
+    node.stream(START + np.arange(700) * SECOND, np.ones((700, 6)))
+    node.bench.wait_until(lambda: node.node.recording.current.rows == 100, 'a hundred rows')
+    assert len(node.node.recording.current.reducer._raw._cells) == 600
+    assert len(path.read_text().splitlines()) == 101
+
+
 def test_starting_twice_and_ending_twice_are_refused(rig):
     node = rig()
     answer = node.call('record', False)

@@ -75,6 +75,20 @@ def test_the_first_cell_tells_how_long_the_gap_was(restart, warm, capfd):
     )
 
 
+def test_what_became_of_the_state_is_still_told_after_a_change_of_model(restart, warm):
+    node = restart(warm)
+    for second in range(410, 413):
+        node.warm(START + second * SECOND, warming(second))
+    sentence = 'the drift goes on from the thermal state saved 11 s before'
+    node.diagnosis('temperature', lambda each: sentence in str(each.values))
+    model = node.node.compensator.model
+    for following in (None, model):
+        node.node.compensator.go_live(following)
+        told = node.node.compensator.tracker.origin
+        node.bench.wait_until(lambda told=told: node.node.keeping._told == told, 'the log')
+    assert origin(node) == sentence
+
+
 @pytest.mark.parametrize('shift_s', [-100, -1e9, 1e9, 2000])
 def test_stamps_that_make_no_sense_start_at_the_steady_state(restart, warm, capfd, shift_s):
     """Time that ran back, a simulation begun anew, hours ahead: said in log and diagnostics."""

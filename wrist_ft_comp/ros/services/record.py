@@ -42,7 +42,7 @@ class OwnRecording:
         self.path = path
         self.period_ns = period_ns
         self.rows = 0
-        self.averager = CellAverager(period_ns)
+        self.averager = CellAverager(period_ns, thermometers)
         self._writer = CsvRecordingWriter(path, row_channels(thermometers))
 
     def write(self, *, final: bool = False) -> None:
@@ -176,10 +176,17 @@ class RecordingControl:
             From the thermal grid.
 
         """
-        recording = self.current
-        if recording is None:
-            return
-        recording.averager.add_cells(cells)
+        if self.current is not None:
+            self.current.averager.add_cells(cells)
+            self._write(self.current)
+
+    def poll(self) -> None:
+        """Append rows of wrenches whose temperatures stay away."""
+        if self.current is not None:
+            self._write(self.current)
+
+    def _write(self, recording: OwnRecording) -> None:
+        """Append what is complete, or end the recording."""
         try:
             recording.write()
         except RecordingError as error:
