@@ -14,7 +14,8 @@ os.environ.update(ONE_THREAD)  # as the command and the node's calibration do, b
 
 import numpy as np
 
-from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings
+from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.settings import CalibrationSettings
 from wrist_ft_comp.model.signals import FloatArray, NANOSECONDS, Recording, Reference
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation import run as simulated_run

@@ -16,7 +16,8 @@ from peers import polynomial
 from scenarios import recording, wrist, Z
 from scipy.signal import butter, lfilter
 
-from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings
+from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.settings import CalibrationSettings
 from wrist_ft_comp.model.offline import simulate_drift
 from wrist_ft_comp.model.signals import FloatArray, Recording
 from wrist_ft_comp.simulation import ft_sensor

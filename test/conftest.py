@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pytest
 
-from wrist_ft_comp.identification.problem import AxisProblem, cross_validation_blocks, pose_problem
+from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
 from wrist_ft_comp.model.arx import Arx
 from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
@@ -135,7 +135,7 @@ def noisy_problem(
     request: pytest.FixtureRequest,
     make_recording: Callable[..., Recording],
     warm_up: Callable[..., Array],
-) -> AxisProblem:
+) -> AxisData:
     """Three recordings with gaps, offsets and much noise, so that no fit is perfect."""
     rng = np.random.default_rng(0)
     recordings = []
@@ -147,8 +147,8 @@ def noisy_problem(
         raw[rng.uniform(size=len(raw)) < 0.1] = np.nan
         recordings.append(make_recording(temperature_c, {'force_z': raw}, {'force_z': load}))
     reference = 'recorded' if request.param else 'unloaded'
-    blocks = cross_validation_blocks(recordings)
-    problem = pose_problem(recordings, 'force_z', reference, blocks)
+    blocks = assign_folds(recordings)
+    problem = build_axis_data(recordings, 'force_z', reference, blocks)
     assert (problem.load is not None) == request.param
     return problem
 
@@ -157,7 +157,7 @@ def noisy_problem(
 def textbook_bank(lagged: Callable[..., Array]) -> Callable[..., list[Array]]:
     """Relax one thermometer's temperatures by the loop, then take powers of T - 30 °C."""
 
-    def make(problem: AxisProblem, time_constants_s: Array, degree: int = 2) -> list[Array]:
+    def make(problem: AxisData, time_constants_s: Array, degree: int = 2) -> list[Array]:
         banked = []
         for temperature_c in problem.temperature_c:
             relaxed = [
@@ -176,12 +176,12 @@ def stack_samples() -> Callable[..., tuple[Array, Array, Array]]:
     """Stack the samples of some blocks: columns beside the load, r - w, and recordings."""
 
     def make(
-        problem: AxisProblem, banked: list[Array], blocks: set[int]
+        problem: AxisData, banked: list[Array], blocks: set[int]
     ) -> tuple[Array, Array, Array]:
         rows, targets, recordings = [], [], []
         for i, columns in enumerate(banked):
             for k, value in enumerate(problem.residual[i]):
-                if np.isnan(value) or problem.blocks[i][k] not in blocks:
+                if np.isnan(value) or problem.folds[i][k] not in blocks:
                     continue
                 row = list(columns[k])
                 if problem.load is not None:

@@ -6,11 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.calibrate import calibrate, Calibration, CalibrationSettings
+from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.calibration.candidates import time_constant_grid
-from wrist_ft_comp.calibration.settings import build_features, IdentificationSettings, METHODS
+from wrist_ft_comp.calibration.features import build_features
+from wrist_ft_comp.calibration.result import Calibration
+from wrist_ft_comp.calibration.settings import (
+    CalibrationSettings,
+    IdentificationSettings,
+    METHODS,
+)
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.identification.problem import cross_validation_blocks, pose_problem
+from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.arx import Orders
 from wrist_ft_comp.model.signals import AXES, Recording
@@ -341,7 +347,7 @@ class TestFeaturesAndGrid:
         self, simulate: Callable[..., Recording]
     ) -> None:
         runs = [simulate(0, {}), simulate(1, {}, cells=200)]
-        problem = pose_problem(runs, 'force_z', 'unloaded', cross_validation_blocks(runs))
+        problem = build_axis_data(runs, 'force_z', 'unloaded', assign_folds(runs))
         grid = time_constant_grid(problem)
         assert grid[0] == 0
         assert (np.diff(grid) > 0).all()

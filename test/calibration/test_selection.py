@@ -5,8 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.result import anchor, AxisFit, finish, Fitted, simplest_good, Term
-from wrist_ft_comp.identification.problem import AxisProblem, cross_validation_blocks, pose_problem
+from wrist_ft_comp.calibration.cross_validation import simplest_good
+from wrist_ft_comp.calibration.result import AxisFit, Term
+from wrist_ft_comp.calibration.selection import anchor, finish, Fitted
+from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
 from wrist_ft_comp.model.arx import relaxation, static_gain
 from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
@@ -20,18 +22,18 @@ CELLS = 200
 @pytest.fixture(scope='module')
 def make_problem(
     make_recording: Callable[..., Recording], warm_up: Callable[..., Array]
-) -> Callable[..., AxisProblem]:
+) -> Callable[..., AxisData]:
     """One axis, loaded as asked, with a gain error at the reference temperature."""
 
-    def make(axis: str = 'torque_x', load: Array | None = None, error: float = 0.0) -> AxisProblem:
+    def make(axis: str = 'torque_x', load: Array | None = None, error: float = 0.0) -> AxisData:
         recordings = []
         for i in range(2):
             w = np.zeros(CELLS) if load is None else load
             raw = (1 + error) * w + 3.0 * i
             recordings.append(make_recording(warm_up(CELLS, i), {axis: raw}, {axis: w}))
-        blocks = cross_validation_blocks(recordings)
+        blocks = assign_folds(recordings)
         reference = 'unloaded' if load is None else 'recorded'
-        return pose_problem(recordings, axis, reference, blocks)
+        return build_axis_data(recordings, axis, reference, blocks)
 
     return make
 
@@ -82,7 +84,7 @@ class TestChoice:
 
 class TestReasons:
     @pytest.fixture
-    def choose(self, make_problem: Callable[..., AxisProblem]) -> Callable[..., AxisFit]:
+    def choose(self, make_problem: Callable[..., AxisData]) -> Callable[..., AxisFit]:
         def finished(
             errors: dict[str, Array], chosen: str, axis: str = 'torque_x', **more: object
         ) -> AxisFit:
@@ -148,7 +150,7 @@ class TestReasons:
 
 
 class TestFinish:
-    def test_what_was_found_is_handed_on(self, make_problem: Callable[..., AxisProblem]) -> None:
+    def test_what_was_found_is_handed_on(self, make_problem: Callable[..., AxisData]) -> None:
         term = Term('zero', 300.0, 'θ1', 0.5, 0.1)
         winner = Fitted(lag(), (300.0,), (9.0,), (term,), ('mended',), ('doubtful',))
         errors = {'none': np.ones(4), 'lag': np.full(4, 0.1)}
@@ -161,7 +163,7 @@ class TestFinish:
         )  # fmt: skip
 
     def test_time_constants_that_were_not_searched_are_read_from_the_poles(
-        self, make_problem: Callable[..., AxisProblem]
+        self, make_problem: Callable[..., AxisData]
     ) -> None:
         errors = {'none': np.ones(4), 'lag': np.full(4, 0.1)}
         fit = finish(make_problem(), Fitted(lag()), 'lag', errors, list(errors))
@@ -172,7 +174,7 @@ class TestFinish:
 
 class TestAnchor:
     def test_a_sensor_soaked_at_the_reference_has_no_zero_drift(
-        self, make_problem: Callable[..., AxisProblem]
+        self, make_problem: Callable[..., AxisData]
     ) -> None:
         at = np.array([30.0])
         anchored = anchor(make_problem(), lag(mean=5.0))
@@ -180,7 +182,7 @@ class TestAnchor:
 
     @pytest.mark.parametrize('error', [0.0, 0.03, -0.2])
     def test_the_gain_error_there_is_that_of_least_squares(
-        self, make_problem: Callable[..., AxisProblem], error: float
+        self, make_problem: Callable[..., AxisData], error: float
     ) -> None:
         load = 50 + 30 * np.random.default_rng(0).standard_normal(CELLS)
         anchored = anchor(make_problem('force_z', load, error), lag(outputs=2, mean=5.0))

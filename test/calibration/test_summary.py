@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.calibrate import Calibration, summarise
-from wrist_ft_comp.calibration.result import AxisFit
+from wrist_ft_comp.calibration.calibrate import summarise
+from wrist_ft_comp.calibration.result import AxisFit, Calibration
 from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.signals import AXES
 

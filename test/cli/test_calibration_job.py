@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import wrist_ft_comp
-from wrist_ft_comp.calibration.calibrate import CalibrationSettings
-from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.cli.calibration_job import hash_recording, run_job
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.files.bag import Topics

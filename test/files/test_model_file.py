@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from wrist_ft_comp.calibration.calibrate import Calibration
-from wrist_ft_comp.calibration.result import AxisFit, Candidate, Term
+from wrist_ft_comp.calibration.result import AxisFit, Calibration, Candidate, Term
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.files.model_file import FORMAT, load_model, MAX_BYTES, save_model, VERSION
 from wrist_ft_comp.model import drift_model

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.identification.bins import bin_problem
+from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
+from wrist_ft_comp.identification.bins import bin_axis_data
 from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
-from wrist_ft_comp.identification.problem import AxisProblem, cross_validation_blocks, pose_problem
 from wrist_ft_comp.identification.regression import least_squares
 from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import Recording
@@ -21,26 +21,26 @@ FEATURES = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), d
 GRID = np.array([0.0, 50.0, 150.0, 400.0, 1200.0])
 
 
-def moments_of(problem: AxisProblem, parts: int = 1) -> Moments:
-    cells = bin_problem(problem, 1)
+def moments_of(problem: AxisData, parts: int = 1) -> Moments:
+    cells = bin_axis_data(problem, 1)
     return accumulate(cells, bank_inputs(cells, FEATURES, GRID), GRID, parts)
 
 
 def test_the_bank_is_the_textbook_loop_and_powers_are_taken_behind_it(
-    noisy_problem: AxisProblem, textbook_bank: Bank
+    noisy_problem: AxisData, textbook_bank: Bank
 ) -> None:
-    cells = bin_problem(noisy_problem, 1)
+    cells = bin_axis_data(noisy_problem, 1)
     found = bank_inputs(cells, FEATURES, GRID)
     for one, expected in zip(found, textbook_bank(noisy_problem, GRID), strict=True):
         np.testing.assert_allclose(one, expected, atol=1e-9)
 
 
 def test_entries_are_sums_over_the_samples_of_each_block(
-    noisy_problem: AxisProblem, textbook_bank: Bank, stack_samples: Stack
+    noisy_problem: AxisData, textbook_bank: Bank, stack_samples: Stack
 ) -> None:
     moments = moments_of(noisy_problem)
     banked = textbook_bank(noisy_problem, GRID)
-    np.testing.assert_array_equal(moments.block, [0, 1, 2])
+    np.testing.assert_array_equal(moments.fold, [0, 1, 2])
     for entry in range(3):
         x, y, _ = stack_samples(noisy_problem, banked, {entry})
         both = np.column_stack((x, y))
@@ -49,30 +49,30 @@ def test_entries_are_sums_over_the_samples_of_each_block(
         assert moments.counts[entry] == len(y)
 
 
-def test_parts_divide_a_block_in_time(noisy_problem: AxisProblem) -> None:
+def test_parts_divide_a_block_in_time(noisy_problem: AxisData) -> None:
     whole, parts = moments_of(noisy_problem), moments_of(noisy_problem, 4)
-    np.testing.assert_array_equal(parts.block, np.repeat([0, 1, 2], 4))
+    np.testing.assert_array_equal(parts.fold, np.repeat([0, 1, 2], 4))
     assert np.ptp(parts.counts[:4]) <= 1
     for block in range(3):
-        own = parts.block == block
+        own = parts.fold == block
         np.testing.assert_allclose(parts.products[own].sum(axis=0), whole.products[block])
     # The first feature, T - 30 °C, rises during a warm-up.
     means = parts.sums[:4, 0] / parts.counts[:4]
     assert (np.diff(means) > 0).all()
 
 
-def test_more_parts_than_samples_are_as_many_as_samples(noisy_problem: AxisProblem) -> None:
+def test_more_parts_than_samples_are_as_many_as_samples(noisy_problem: AxisData) -> None:
     residual = tuple(np.full_like(values, np.nan) for values in noisy_problem.residual)
     residual[0][[5, 50]] = 1.0
     residual[2][7] = 2.0
     parts = moments_of(replace(noisy_problem, residual=residual), 4)
-    np.testing.assert_array_equal(parts.block, [0, 0, 2])
+    np.testing.assert_array_equal(parts.fold, [0, 0, 2])
     np.testing.assert_array_equal(parts.counts, [1, 1, 1])
 
 
 @pytest.mark.parametrize('kept', [{0, 1, 2}, {0, 2}, {1}])
 def test_centring_takes_a_constant_out_of_every_recording(
-    noisy_problem: AxisProblem,
+    noisy_problem: AxisData,
     textbook_bank: Bank,
     stack_samples: Stack,
     centre: Centre,
@@ -85,7 +85,7 @@ def test_centring_takes_a_constant_out_of_every_recording(
     assert count == len(y)
 
 
-def test_columns_are_numbered_by_relaxation_then_feature(noisy_problem: AxisProblem) -> None:
+def test_columns_are_numbered_by_relaxation_then_feature(noisy_problem: AxisData) -> None:
     moments = moments_of(noisy_problem)
     zero = [1 * 2, 3 * 2]
     expected = zero if noisy_problem.load is None else [*zero, 10 + 2, 10 + 6, 20]
@@ -94,27 +94,27 @@ def test_columns_are_numbered_by_relaxation_then_feature(noisy_problem: AxisProb
 
 class TestScores:
     @pytest.fixture
-    def thetas(self, noisy_problem: AxisProblem) -> Array:
+    def thetas(self, noisy_problem: AxisData) -> Array:
         width = moments_of(noisy_problem).sums.shape[1]
         thetas = np.random.default_rng(0).standard_normal((3, width)) * 0.1
         thetas[:, -1] = 1.0
         return thetas
 
     def left(
-        self, problem: AxisProblem, bank: Bank, stack: Stack, thetas: Array, blocks: set[int]
+        self, problem: AxisData, bank: Bank, stack: Stack, thetas: Array, blocks: set[int]
     ) -> tuple[Array, Array]:
         x, y, recordings = stack(problem, bank(problem, GRID), blocks)
         return np.column_stack((x, y)) @ thetas.T, recordings
 
     def test_a_held_out_recording_is_scored_around_its_own_mean_part_by_part(
         self,
-        noisy_problem: AxisProblem,
+        noisy_problem: AxisData,
         textbook_bank: Bank,
         stack_samples: Stack,
         thetas: Array,
     ) -> None:
         moments = moments_of(noisy_problem, 4)
-        found = moments.mean_squares(moments.block == 1, thetas)
+        found = moments.mean_squares(moments.fold == 1, thetas)
         left, _ = self.left(noisy_problem, textbook_bank, stack_samples, thetas, {1})
         parts = np.array_split((left - left.mean(axis=0)) ** 2, 4)
         expected = np.stack([part.mean(axis=0) for part in parts], axis=1)
@@ -123,17 +123,17 @@ class TestScores:
 
     def test_a_plateau_is_scored_around_the_mean_of_the_others(
         self,
-        noisy_problem: AxisProblem,
+        noisy_problem: AxisData,
         textbook_bank: Bank,
         stack_samples: Stack,
         thetas: Array,
     ) -> None:
         """Chamber tests are not tared: what differs between plateaus is the drift."""
-        blocks = tuple(np.arange(len(values)) // 60 for values in noisy_problem.blocks)
-        chamber = replace(noisy_problem, blocks=blocks, tared=False)
+        blocks = tuple(np.arange(len(values)) // 60 for values in noisy_problem.folds)
+        chamber = replace(noisy_problem, folds=blocks, tared=False)
         moments = moments_of(chamber)
         assert not moments.tared
-        found = moments.mean_squares(moments.block == 1, thetas)
+        found = moments.mean_squares(moments.fold == 1, thetas)
         inside, of = self.left(chamber, textbook_bank, stack_samples, thetas, {1})
         others, of_others = self.left(chamber, textbook_bank, stack_samples, thetas, {0, 2, 3})
         for i in range(3):
@@ -146,49 +146,49 @@ class TestSlowTrend:
     """Cells of 200 s make these recordings longer than 8 h."""
 
     @pytest.fixture
-    def long(self, noisy_problem: AxisProblem) -> AxisProblem:
+    def long(self, noisy_problem: AxisData) -> AxisData:
         return replace(noisy_problem, period_s=200.0)
 
     @pytest.fixture
-    def by_hand(self, long: AxisProblem, stack_samples: Stack) -> tuple[Array, Array]:
+    def by_hand(self, long: AxisData, stack_samples: Stack) -> tuple[Array, Array]:
         """Static columns and r - w of recording 1, and time from -1 to 1 where it is present."""
         powers = [np.column_stack((t - 30, (t - 30) ** 2)) for t in long.temperature_c]
         x, y, _ = stack_samples(long, powers, {1})
         time = np.linspace(-1, 1, len(long.residual[1]))
         return np.column_stack((x, y)), time[np.isfinite(long.residual[1])]
 
-    def static(self, problem: AxisProblem, parts: int = 1) -> Moments:
-        cells, taus = bin_problem(problem, 1), np.zeros(1)
+    def static(self, problem: AxisData, parts: int = 1) -> Moments:
+        cells, taus = bin_axis_data(problem, 1), np.zeros(1)
         return accumulate(cells, bank_inputs(cells, FEATURES, taus), taus, parts)
 
     def test_it_is_taken_out_of_long_recordings_beside_the_constant(
-        self, long: AxisProblem, by_hand: tuple[Array, Array]
+        self, long: AxisData, by_hand: tuple[Array, Array]
     ) -> None:
         both, time = by_hand
         nuisance = np.column_stack((np.ones(len(time)), time))
         left = both - nuisance @ np.linalg.lstsq(nuisance, both, rcond=None)[0]
         moments = self.static(long, 3)
-        found, _ = moments.centred(moments.block == 1)
+        found, _ = moments.centred(moments.fold == 1)
         np.testing.assert_allclose(found, left.T @ left, rtol=1e-8, atol=1e-6)
-        squares = moments.mean_squares(moments.block == 1, np.eye(both.shape[1])[-1:])
+        squares = moments.mean_squares(moments.fold == 1, np.eye(both.shape[1])[-1:])
         parts = [np.mean(part**2) for part in np.array_split(left[:, -1], 3)]
         np.testing.assert_allclose(squares[0], parts, rtol=1e-8)
 
-    def test_it_can_be_kept(self, long: AxisProblem, by_hand: tuple[Array, Array]) -> None:
+    def test_it_can_be_kept(self, long: AxisData, by_hand: tuple[Array, Array]) -> None:
         both, _ = by_hand
         centred = both - both.mean(axis=0)
-        cells, taus = bin_problem(long, 1).without_trend(), np.zeros(1)
+        cells, taus = bin_axis_data(long, 1).without_trend(), np.zeros(1)
         summed = accumulate(cells, bank_inputs(cells, FEATURES, taus), taus)
         for moments in (summed, self.static(long).without_trend()):
-            found, _ = moments.centred(moments.block == 1)
+            found, _ = moments.centred(moments.fold == 1)
             np.testing.assert_allclose(found, centred.T @ centred, rtol=1e-8, atol=1e-6)
 
     def test_short_recordings_and_plateaus_have_none(
-        self, noisy_problem: AxisProblem, long: AxisProblem
+        self, noisy_problem: AxisData, long: AxisData
     ) -> None:
         for problem in (noisy_problem, replace(long, tared=False)):
-            assert not self.static(problem).time[:, 1].any()
-        assert self.static(long).time[:, 1, 1].all()
+            assert not self.static(problem).nuisance_gram[:, 1].any()
+        assert self.static(long).nuisance_gram[:, 1, 1].all()
 
 
 def test_a_column_that_only_differs_between_recordings_holds_nothing(
@@ -200,10 +200,10 @@ def test_a_column_that_only_differs_between_recordings_holds_nothing(
         temperature_c = np.stack([warm_up(150, i), np.full(150, room)], axis=1)
         raw = 0.5 * temperature_c[:, 0] + 7.0 * i
         recordings.append(make_recording(temperature_c, {'force_z': raw}))
-    problem = pose_problem(recordings, 'force_z', 'unloaded', cross_validation_blocks(recordings))
+    problem = build_axis_data(recordings, 'force_z', 'unloaded', assign_folds(recordings))
     features = Features('powers', np.full(2, 23.0), np.zeros(2), np.full(2, 99.0))
     taus = np.array([0.0, 300.0])
-    cells = bin_problem(problem, 1)
+    cells = bin_axis_data(problem, 1)
     moments = accumulate(cells, bank_inputs(cells, features, taus), taus)
     products, _ = moments.centred(np.ones(3, dtype=bool))
     room = [1, 3]

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from wrist_ft_comp.identification.bins import bin_problem
-from wrist_ft_comp.identification.problem import AxisProblem, cross_validation_blocks, pose_problem
-from wrist_ft_comp.identification.standard_errors import by_relaxation, fit_free, FreeFit
+from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
+from wrist_ft_comp.identification.bins import bin_axis_data
+from wrist_ft_comp.identification.standard_errors import by_relaxation, fit_gains, GainFit
 from wrist_ft_comp.identification.time_constants import search_time_constants
 from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import Recording
@@ -31,7 +31,7 @@ def clean(
     make_recording: Callable[..., Recording],
     warm_up: Callable[..., Array],
     lagged: Callable[..., Array],
-) -> AxisProblem:
+) -> AxisData:
     """Three recordings of 2 h of one lag, with a load that changes quickly, without noise."""
     rng = np.random.default_rng(0)
     recordings = []
@@ -41,8 +41,8 @@ def clean(
         load = 40 * rng.standard_normal(CELLS) * (request.param == 'recorded')
         raw = (1 + SENSITIVITY * theta) * load + GAIN * theta + 7 * i
         recordings.append(make_recording(temperature_c, {'force_z': raw}, {'force_z': load}))
-    blocks = cross_validation_blocks(recordings)
-    return pose_problem(recordings, 'force_z', request.param, blocks)
+    blocks = assign_folds(recordings)
+    return build_axis_data(recordings, 'force_z', request.param, blocks)
 
 
 def noise(rng: np.random.Generator, correlated_s: float) -> Array:
@@ -54,14 +54,14 @@ def noise(rng: np.random.Generator, correlated_s: float) -> Array:
     return SIGMA * np.sqrt(1 - pole**2) * signal.lfilter([1.0], [1.0, -pole], white)[200:]
 
 
-def fit_noisy(clean: AxisProblem, seed: int, correlated_s: float) -> FreeFit:
+def fit_noisy(clean: AxisData, seed: int, correlated_s: float) -> GainFit:
     rng = np.random.default_rng([seed, 1])
     residual = tuple(values + noise(rng, correlated_s) for values in clean.residual)
-    cells = bin_problem(replace(clean, residual=residual), 1)
-    return fit_free(cells, LINE, search_time_constants(cells, LINE, np.array([300.0])))
+    cells = bin_axis_data(replace(clean, residual=residual), 1)
+    return fit_gains(cells, LINE, search_time_constants(cells, LINE, np.array([300.0])))
 
 
-def scatter(clean: AxisProblem, correlated_s: float) -> tuple[Array, Array, Array]:
+def scatter(clean: AxisData, correlated_s: float) -> tuple[Array, Array, Array]:
     """Deviation of z-scores of τ and gains, of the estimates, and the mean stated errors."""
     truth = np.array([TAU_S, GAIN, SENSITIVITY])
     found, stated = [], []
@@ -74,7 +74,7 @@ def scatter(clean: AxisProblem, correlated_s: float) -> tuple[Array, Array, Arra
     return np.sqrt(np.mean(z**2, axis=0)), np.std(found, axis=0), np.mean(stated, axis=0)
 
 
-def naive_errors(clean: AxisProblem, lagged: Callable[..., Array]) -> Array:
+def naive_errors(clean: AxisData, lagged: Callable[..., Array]) -> Array:
     """The textbook's for white noise of deviation SIGMA: σ² (JᵀJ)⁻¹, of τ and zero gain."""
     information = np.zeros((2, 2))
     for temperature_c in clean.temperature_c:
@@ -87,7 +87,7 @@ def naive_errors(clean: AxisProblem, lagged: Callable[..., Array]) -> Array:
     return SIGMA * np.sqrt(np.diagonal(np.linalg.inv(information)))
 
 
-def test_with_white_noise_estimates_scatter_as_stated(clean: AxisProblem) -> None:
+def test_with_white_noise_estimates_scatter_as_stated(clean: AxisData) -> None:
     z, _, _ = scatter(clean, 0.0)
     assert len(z) == (2 if clean.load is None else 3)
     assert (z > 0.75).all()
@@ -95,7 +95,7 @@ def test_with_white_noise_estimates_scatter_as_stated(clean: AxisProblem) -> Non
 
 
 def test_with_correlated_noise_they_scatter_by_little_more_where_the_textbook_fails(
-    clean: AxisProblem, lagged: Callable[..., Array]
+    clean: AxisData, lagged: Callable[..., Array]
 ) -> None:
     z, scattered, _ = scatter(clean, CORRELATED_S)
     assert (z > 0.75).all()
@@ -105,7 +105,7 @@ def test_with_correlated_noise_they_scatter_by_little_more_where_the_textbook_fa
 
 
 def test_with_white_noise_they_are_the_textbooks_on_average(
-    clean: AxisProblem, lagged: Callable[..., Array]
+    clean: AxisData, lagged: Callable[..., Array]
 ) -> None:
     stated = [fit_noisy(clean, seed, 0.0) for seed in range(8)]
     found = np.mean(
@@ -118,28 +118,28 @@ def test_with_white_noise_they_are_the_textbooks_on_average(
 
 
 class TestWhatCannotBeSaid:
-    def test_a_static_part_has_no_error_of_its_time_constant(self, clean: AxisProblem) -> None:
-        fit = fit_free(bin_problem(clean, 1), LINE, np.zeros(1))
+    def test_a_static_part_has_no_error_of_its_time_constant(self, clean: AxisData) -> None:
+        fit = fit_gains(bin_axis_data(clean, 1), LINE, np.zeros(1))
         assert np.isnan(fit.time_constant_errors_s).all()
         assert np.isfinite(fit.gain_errors).all()
         assert (fit.gain_errors > 0).all()
         assert fit.gain_errors.shape == fit.gains.shape == (1, 1, 1 + (clean.load is not None))
 
-    def test_too_few_stretches_give_no_errors(self, clean: AxisProblem) -> None:
+    def test_too_few_stretches_give_no_errors(self, clean: AxisData) -> None:
         """Six cells for three constants, two gains and a time constant leave nothing over."""
         short = replace(
             clean,
             temperature_c=tuple(values[:2] for values in clean.temperature_c),
             residual=tuple(values[:2] for values in clean.residual),
             load=None if clean.load is None else tuple(values[:2] for values in clean.load),
-            blocks=tuple(values[:2] for values in clean.blocks),
+            folds=tuple(values[:2] for values in clean.folds),
         )
-        fit = fit_free(bin_problem(short, 1), replace(LINE, degree=2), np.array([TAU_S]))
+        fit = fit_gains(bin_axis_data(short, 1), replace(LINE, degree=2), np.array([TAU_S]))
         assert np.isnan(fit.time_constant_errors_s).all()
         assert np.isnan(fit.gain_errors).all()
         assert np.isfinite(fit.gains).all()
 
-    def test_a_thermometer_that_stands_still_has_no_error(self, clean: AxisProblem) -> None:
+    def test_a_thermometer_that_stands_still_has_no_error(self, clean: AxisData) -> None:
         rng = np.random.default_rng(0)
         both = replace(
             clean,
@@ -149,7 +149,7 @@ class TestWhatCannotBeSaid:
             residual=tuple(values + noise(rng, 0.0) for values in clean.residual),
         )
         features = Features('powers', np.array([30.0, 20.0]), np.zeros(2), np.full(2, 99.0))
-        fit = fit_free(bin_problem(both, 1), features, np.array([TAU_S]))
+        fit = fit_gains(bin_axis_data(both, 1), features, np.array([TAU_S]))
         alone = fit_noisy_at(clean, both.residual)
         assert np.isnan(fit.gain_errors[0, 1, 0])
         assert fit.gains[0, 1, 0] == 0
@@ -157,9 +157,9 @@ class TestWhatCannotBeSaid:
         np.testing.assert_allclose(fit.gain_errors[0, 0], alone.gain_errors[0, 0], rtol=0.02)
 
 
-def fit_noisy_at(clean: AxisProblem, residual: tuple[Array, ...]) -> FreeFit:
-    problem = bin_problem(replace(clean, residual=residual), 1)
-    return fit_free(problem, LINE, np.array([TAU_S]))
+def fit_noisy_at(clean: AxisData, residual: tuple[Array, ...]) -> GainFit:
+    problem = bin_axis_data(replace(clean, residual=residual), 1)
+    return fit_gains(problem, LINE, np.array([TAU_S]))
 
 
 @pytest.mark.parametrize('loaded', [False, True])

@@ -5,15 +5,18 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from wrist_ft_comp.identification.bins import bin_problem, BinnedProblem
-from wrist_ft_comp.identification.problem import AxisProblem, cross_validation_blocks, pose_problem
-from wrist_ft_comp.identification.standard_errors import fit_free
-from wrist_ft_comp.identification.time_constants import differentiate, search_time_constants
+from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
+from wrist_ft_comp.identification.bins import bin_axis_data, BinnedData
+from wrist_ft_comp.identification.standard_errors import fit_gains
+from wrist_ft_comp.identification.time_constants import (
+    residual_and_gradient,
+    search_time_constants,
+)
 from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import Recording
 
 Array = np.ndarray
-Pose = Callable[..., BinnedProblem]
+Pose = Callable[..., BinnedData]
 LINE = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0))
 SQUARE = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), degree=2)
 CELLS = 360
@@ -30,13 +33,13 @@ def temperatures(warm_up: Callable[..., Array]) -> list[Array]:
 def pose(make_recording: Callable[..., Recording], temperatures: list[Array]) -> Pose:
     """Pose the problem of a drift for each recording, in N, in single cells."""
 
-    def make(drifts: Sequence[Array]) -> BinnedProblem:
+    def make(drifts: Sequence[Array]) -> BinnedData:
         recordings = [
             make_recording(temperature_c, {'force_z': drift_n + 50.0 * i})
             for i, (temperature_c, drift_n) in enumerate(zip(temperatures, drifts, strict=True))
         ]
-        blocks = cross_validation_blocks(recordings)
-        return bin_problem(pose_problem(recordings, 'force_z', 'unloaded', blocks), 1)
+        blocks = assign_folds(recordings)
+        return bin_axis_data(build_axis_data(recordings, 'force_z', 'unloaded', blocks), 1)
 
     return make
 
@@ -45,30 +48,30 @@ class TestTangent:
     @pytest.mark.parametrize('taus', [(0.0,), (250.0,), (90.0, 700.0)], ids=str)
     def test_what_is_left_is_that_of_least_squares_on_the_samples(
         self,
-        noisy_problem: AxisProblem,
+        noisy_problem: AxisData,
         textbook_bank: Callable[..., list[Array]],
         stack_samples: Callable[..., tuple[Array, Array, Array]],
         centre: Callable[[Array, Array], Array],
         taus: tuple[float, ...],
     ) -> None:
-        found = differentiate(bin_problem(noisy_problem, 1), SQUARE, np.array(taus))
+        found = residual_and_gradient(bin_axis_data(noisy_problem, 1), SQUARE, np.array(taus))
         banked = textbook_bank(noisy_problem, np.array(taus))
         x, y, recordings = stack_samples(noisy_problem, banked, {0, 1, 2})
         x, y = centre(x, recordings), centre(y, recordings)
         theta, (left,), _, _ = np.linalg.lstsq(x, y, rcond=None)
-        assert found.left == pytest.approx(left, rel=1e-8)
+        assert found.rss == pytest.approx(left, rel=1e-8)
         np.testing.assert_allclose(found.gains, theta, rtol=1e-3, atol=1e-6)
         assert found.residual[-1] == 1.0
 
     @pytest.mark.parametrize('taus', [(250.0,), (90.0, 700.0), (60.0, 200.0, 1500.0)], ids=str)
     def test_slopes_are_finite_differences_of_what_is_left(
-        self, noisy_problem: AxisProblem, taus: tuple[float, ...]
+        self, noisy_problem: AxisData, taus: tuple[float, ...]
     ) -> None:
-        cells, log_tau = bin_problem(noisy_problem, 1), np.log(taus)
-        slopes = differentiate(cells, SQUARE, np.exp(log_tau)).slopes
+        cells, log_tau = bin_axis_data(noisy_problem, 1), np.log(taus)
+        slopes = residual_and_gradient(cells, SQUARE, np.exp(log_tau)).gradient
         for step, slope in zip(1e-3 * np.eye(len(taus)), slopes, strict=True):
             up, down = (
-                differentiate(cells, SQUARE, np.exp(log_tau + sign * step)).left
+                residual_and_gradient(cells, SQUARE, np.exp(log_tau + sign * step)).rss
                 for sign in (1, -1)
             )
             assert slope == pytest.approx((up - down) / 2e-3, rel=1e-3)
@@ -83,7 +86,7 @@ def test_a_noise_free_one_is_found_with_its_gains(
     problem = pose([0.5 * theta + 0.02 * theta**2 for theta in relaxed])
     found = search_time_constants(problem, SQUARE, np.array(start))
     np.testing.assert_allclose(found, [300.0], rtol=1e-3)
-    gains = fit_free(problem, SQUARE, found).gains
+    gains = fit_gains(problem, SQUARE, found).gains
     np.testing.assert_allclose(gains[0, :, 0], [0.5, 0.02], rtol=1e-3)
 
 
@@ -93,7 +96,7 @@ def test_two_noise_free_ones_are_found_with_their_gains(
     problem = pose([0.5 * lagged(t, 200.0) - 0.8 * lagged(t, 1300.0) for t in temperatures])
     found = search_time_constants(problem, LINE, np.array([120.0, 900.0]))
     np.testing.assert_allclose(found, [200.0, 1300.0], rtol=5e-3)
-    gains = fit_free(problem, LINE, found).gains
+    gains = fit_gains(problem, LINE, found).gains
     np.testing.assert_allclose(gains[:, 0, 0], [0.5, -0.8], rtol=2e-2)
 
 
@@ -149,10 +152,10 @@ def test_they_keep_apart_within_their_bounds_wherever_they_start(
 
 
 def test_a_search_never_ends_worse_than_it_began(
-    noisy_problem: AxisProblem,
+    noisy_problem: AxisData,
 ) -> None:
-    cells = bin_problem(noisy_problem, 1)
+    cells = bin_axis_data(noisy_problem, 1)
     for start in ((40.0,), (900.0,), (40.0, 900.0), (30.0, 200.0, 1200.0)):
         found = search_time_constants(cells, SQUARE, np.array(start))
-        before = differentiate(cells, SQUARE, np.array(start)).left
-        assert differentiate(cells, SQUARE, found).left <= before * (1 + 1e-9)
+        before = residual_and_gradient(cells, SQUARE, np.array(start)).rss
+        assert residual_and_gradient(cells, SQUARE, found).rss <= before * (1 + 1e-9)

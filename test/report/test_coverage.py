@@ -55,6 +55,32 @@ def test_holes_between_are_unseen_too(seen):
     assert holes == [(25.0, 30.0)]
 
 
+def test_time_without_a_wrench_is_not_counted(make_recording):
+    raw = np.zeros(3 * HOUR)
+    raw[:HOUR] = raw[-HOUR // 2 :] = np.nan
+    coverage = cover([make_recording(ramp(10, 40, 3 * HOUR), {'force_z': raw})])
+    assert coverage.seconds.sum() == pytest.approx(1.5 * HOUR * 10)
+    assert coverage.range_c[0] == pytest.approx([20, 35], abs=0.1)
+    assert coverage.risen_k == pytest.approx(15, abs=1)
+    unseen = unseen_temperatures(coverage)
+    np.testing.assert_allclose(unseen, [(15, 20), (35, 50)], atol=0.1)
+
+
+def test_time_between_wrenches_that_come_seldom_is_counted(make_recording):
+    raw = np.where(np.arange(HOUR) % 20 == 0, 0.0, np.nan)
+    raw[100:200] = np.nan
+    coverage = cover([make_recording(ramp(20, 30), {'force_z': raw}, period_s=1.0)])
+    assert coverage.seconds.sum() == pytest.approx(341)
+
+
+def test_a_gap_between_wrenches_is_not_counted(make_recording):
+    raw = np.zeros(HOUR)
+    raw[100:200] = np.nan
+    coverage = cover([make_recording(ramp(20, 56), {'force_z': raw})])
+    assert coverage.seconds.sum() == pytest.approx(260 * 10)
+    assert (30.0, 40.0) in unseen_temperatures(coverage)
+
+
 def test_the_thermometer_that_spans_most_leads(seen):
     flat, hot = np.full(HOUR, 21.0), ramp(21, 45)
     coverage = seen(np.stack((flat, hot), axis=1))

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings
-from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model import offline
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.signals import AXES, Recording, Samples
-from wrist_ft_comp.model import offline
 from wrist_ft_comp.report import evaluation
 
 Array = np.ndarray

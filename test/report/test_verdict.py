@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.cross_validation import BlockErrors
+from wrist_ft_comp.calibration.result import FoldErrors
 from wrist_ft_comp.report.verdict import Evidence, judge, THRESHOLDS
 
 FINE = Evidence('N', before=10.0, after=1.0, noise=0.01, compensated=True)
@@ -38,14 +38,14 @@ def test_every_level_begins_where_the_table_says(changes, expected):
 
 def test_a_block_that_got_worse_makes_an_axis_weak():
     before = np.array([1.0, 1.0, 1.0])
-    worse = judge(replace(FINE, blocks=BlockErrors(before, np.array([0.1, 1.2, 0.1]))))
+    worse = judge(replace(FINE, blocks=FoldErrors(before, np.array([0.1, 1.2, 0.1]))))
     assert worse.level == 'weak'
     assert 'in 1 of 3 held-out blocks' in worse.sentence
-    assert level(blocks=BlockErrors(before, np.array([0.1, 1.0, 0.1]))) == 'good'
+    assert level(blocks=FoldErrors(before, np.array([0.1, 1.0, 0.1]))) == 'good'
 
 
 def test_a_block_within_the_noise_is_not_worse():
-    small = BlockErrors(np.array([0.01, 1.0]), np.array([0.014, 0.1]))
+    small = FoldErrors(np.array([0.01, 1.0]), np.array([0.014, 0.1]))
     assert level(blocks=small, noise=0.01) == 'good'
     assert level(blocks=small, noise=0.009) == 'weak'
 

@@ -1,3 +1,5 @@
+"""The simulated sensor: heat, gauges, readings, and what drives it."""
+
 from dataclasses import replace
 
 import numpy as np
@@ -6,21 +8,15 @@ from scipy.integrate import solve_ivp
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.simulation.ft_sensor import (
-    advance,
     build_sensor,
-    gauge_temperatures,
     measured_wrench,
-    read_thermometers,
-    read_wrench,
     simulate,
     start,
     steady_state,
-    ThermalState,
     thermometer_temperatures,
     trajectory,
 )
 from wrist_ft_comp.simulation.heat_flow import (
-    build_heat_flow,
     FtSensorSettings,
     interpolation,
 )
@@ -65,29 +61,23 @@ def random_drive(steps, seed=0):
 # Heat
 
 
-def test_without_heat_everything_stays_at_room_temperature(sensor):
-    state = start(sensor, 19.0)
-    np.testing.assert_allclose(state.nodes_c, 19.0, atol=1e-9)
-    idle = np.tile([0.0, 19.0], (5000, 1))
-    np.testing.assert_allclose(trajectory(sensor, state, idle), 19.0, atol=1e-9)
-
-
-def test_steady_state_does_not_change(sensor):
-    state = steady_state(sensor, 0.6, 23.0)
-    np.testing.assert_allclose(
-        advance(sensor, state, 0.6, 23.0).nodes_c, state.nodes_c, rtol=1e-12
-    )
+@pytest.mark.parametrize('duty_cycle', [0.0, 0.6])
+def test_a_steady_state_does_not_change_and_without_heat_it_is_the_room(sensor, duty_cycle):
+    steady = steady_state(sensor, duty_cycle, 19.0)
+    later = trajectory(sensor, steady, np.tile([duty_cycle, 19.0], (5000, 1)))
+    np.testing.assert_allclose(later, np.tile(steady, (5001, 1)), rtol=1e-9)
+    np.testing.assert_allclose(start(sensor, 19.0), 19.0, rtol=1e-9)
 
 
 def test_long_run_ends_in_the_steady_state(sensor):
     held = np.tile([0.6, 23.0], (100_000, 1))
     end = trajectory(sensor, start(sensor, 10.0), held)[-1]
-    np.testing.assert_allclose(end, steady_state(sensor, 0.6, 23.0).nodes_c, atol=1e-6)
+    np.testing.assert_allclose(end, steady_state(sensor, 0.6, 23.0), atol=1e-6)
 
 
 def test_steady_heat_of_the_motor_leaves_into_the_room(sensor):
     s, n = SETTINGS, SETTINGS.cells
-    excess = steady_state(sensor, 1.0, 20.0).nodes_c - 20.0
+    excess = steady_state(sensor, 1.0, 20.0) - 20.0
     convection = np.full(n + 2, s.body_convection_w_per_k / n)
     convection[[0, -1]] = s.motor_convection_w_per_k, s.tool_convection_w_per_k
     assert convection @ excess == pytest.approx(s.max_motor_power_w)
@@ -105,45 +95,29 @@ def test_stored_energy_is_the_heat_that_came_in_without_convection():
     capacity = np.full(n + 2, s.body_capacity_j_per_k / n)
     capacity[[0, -1]] = s.motor_capacity_j_per_k, s.tool_capacity_j_per_k
     held = np.tile([0.5, 20.0], (600, 1))
-    rise = trajectory(sensor, ThermalState(np.full(n + 2, 20.0)), held)[-1] - 20.0
+    rise = trajectory(sensor, np.full(n + 2, 20.0), held)[-1] - 20.0
     assert capacity @ rise == pytest.approx(0.5 * s.max_motor_power_w * 600 * s.step_s)
 
 
 def test_temperatures_stay_between_room_and_steady_state_and_fall_away_from_the_motor(sensor):
     warm_up = np.tile([1.0, 20.0], (5400, 1))
     nodes_c = trajectory(sensor, start(sensor, 20.0), warm_up)
-    hottest = steady_state(sensor, 1.0, 20.0).nodes_c
+    hottest = steady_state(sensor, 1.0, 20.0)
     assert (nodes_c >= 20.0 - 1e-9).all()
     assert (nodes_c <= hottest + 1e-9).all()
     assert (np.diff(nodes_c, axis=0) >= -1e-12).all()
     assert (np.diff(nodes_c[600:], axis=1) < 0).all()
 
 
-def test_without_a_motor_no_temperature_leaves_the_range_of_start_and_room(sensor):
-    nodes_c = trajectory(
-        sensor,
-        ThermalState(np.random.default_rng(0).uniform(10, 40, SETTINGS.cells + 2)),
-        np.column_stack((np.zeros(2000), random_drive(2000)[:, 1])),
-    )
-    assert nodes_c.min() >= 10
-    assert nodes_c.max() <= 40
-
-
 def test_step_agrees_with_numerical_integration(sensor):
     heat = sensor.heat
-    cold, inputs = start(sensor, 20.0).nodes_c, np.array([0.7, 26.0])
+    cold, inputs = start(sensor, 20.0), np.array([0.7, 26.0])
     solved = solve_ivp(
         lambda _, nodes: heat.rates @ nodes + heat.inputs @ inputs,
         (0, 100), cold, method='Radau', rtol=1e-10, atol=1e-10,
     ).y[:, -1]  # fmt: skip
-    stepped = trajectory(sensor, ThermalState(cold), np.tile(inputs, (100, 1)))[-1]
+    stepped = trajectory(sensor, cold, np.tile(inputs, (100, 1)))[-1]
     np.testing.assert_allclose(stepped, solved, atol=1e-6)
-
-
-def test_shorter_steps_give_the_same_temperatures():
-    whole = build_heat_flow(SETTINGS)
-    half = build_heat_flow(replace(SETTINGS, step_s=0.5 * SETTINGS.step_s))
-    np.testing.assert_allclose(half.transition @ half.transition, whole.transition, atol=1e-12)
 
 
 def test_time_constants_run_from_minutes_to_an_hour(sensor):
@@ -198,15 +172,10 @@ def test_gain_falls_by_about_four_hundredths_of_a_percent_per_kelvin(sensor):
 
 def test_zero_follows_temperature_and_gradient(sensor):
     even = np.full(SETTINGS.cells + 2, 35.0)
-    graded = even + 20 * (interpolation_ramp() - 0.5)
+    graded = even + 20 * np.linspace(-0.5, 0.5, SETTINGS.cells + 2)
     flat, steep = (measured_wrench(sensor, nodes_c, UNLOADED) for nodes_c in (even, graded))
     assert (np.abs(flat[:3]) > 3.0).all()
     assert np.abs(steep - flat)[:3].max() > 0.5
-
-
-def interpolation_ramp():
-    cells = SETTINGS.cells
-    return np.array([0.0, *(np.arange(cells) + 0.5) / cells, 1.0])
 
 
 def test_identical_gauges_at_one_place_drift_in_gain_only():
@@ -218,7 +187,7 @@ def test_identical_gauges_at_one_place_drift_in_gain_only():
         zero_coefficient_per_k=(0.0, 0.0),
     )
     sensor = build_sensor(ideal, 5)
-    hot = steady_state(sensor, 1.0, 30.0).nodes_c
+    hot = steady_state(sensor, 1.0, 30.0)
     np.testing.assert_allclose(measured_wrench(sensor, hot, UNLOADED), 0, atol=1e-9)
     assert (np.abs(measured_wrench(sensor, hot, LOAD)) < np.abs(LOAD)).all()
 
@@ -242,25 +211,13 @@ def test_batch_equals_the_fold_of_single_steps():
     sensor = replace(sensor, settings=noisy)
     course, wrench = random_drive(300), np.random.default_rng(1).normal(0, 10, (300, 6))
     run = simulate(sensor, start(sensor, 22.0), course, wrench, noise())
-    state, (wrench_rng, thermometer_rng) = start(sensor, 22.0), noise()
-    for k, (duty, room_c) in enumerate(course):
-        read = read_wrench(sensor, state, wrench[k], wrench_rng)
-        np.testing.assert_allclose(run.wrench[k], read, atol=1e-9)
-        read = read_thermometers(sensor, state, thermometer_rng)
-        np.testing.assert_allclose(run.temperature_c[k], read, atol=1e-9)
-        state = advance(sensor, state, duty, room_c)
-    np.testing.assert_allclose(run.state.nodes_c, state.nodes_c, atol=1e-9)
-
-
-def test_split_run_equals_whole_run(sensor):
-    course, wrench, cold = random_drive(200), np.tile(LOAD, (200, 1)), start(sensor, 22.0)
-    whole = simulate(sensor, cold, course, wrench, noise())
-    generators = noise()
-    first = simulate(sensor, cold, course[:77], wrench[:77], generators)
-    second = simulate(sensor, first.state, course[77:], wrench[77:], generators)
-    joined = np.vstack((first.wrench, second.wrench))
-    np.testing.assert_allclose(joined, whole.wrench, atol=SETTINGS.force_quantum_n * 1.01)
-    np.testing.assert_allclose(second.state.nodes_c, whole.state.nodes_c, atol=1e-9)
+    nodes_c, generators = start(sensor, 22.0), noise()
+    for k in range(300):
+        one = simulate(sensor, nodes_c, course[k : k + 1], wrench[k : k + 1], generators)
+        np.testing.assert_allclose(run.wrench[k], one.wrench[0], atol=1e-9)
+        np.testing.assert_allclose(run.temperature_c[k], one.temperature_c[0], atol=1e-9)
+        nodes_c = one.nodes_c
+    np.testing.assert_allclose(run.nodes_c, nodes_c, atol=1e-9)
 
 
 def test_readings_lie_on_the_grid_of_the_converter(sensor):
@@ -279,16 +236,16 @@ def test_noise_has_the_stated_deviation(sensor):
 
 
 def test_thermometers_see_other_temperatures_than_the_gauges(sensor):
-    hot = steady_state(sensor, 1.0, 22.0).nodes_c
+    hot = steady_state(sensor, 1.0, 22.0)
     electronics, flange = thermometer_temperatures(sensor, hot)
-    gauges = gauge_temperatures(sensor, hot)
+    gauges = sensor.gauges.weights @ hot
     assert electronics < gauges.min() - 3
     assert flange > gauges.max() + 3
 
 
 def test_seed_makes_the_specimen():
     one, same, other = (build_sensor(SETTINGS, seed) for seed in (1, 1, 2))
-    hot = steady_state(one, 1.0, 22.0).nodes_c
+    hot = steady_state(one, 1.0, 22.0)
     drifts = [measured_wrench(each, hot, UNLOADED) for each in (one, same, other)]
     np.testing.assert_array_equal(drifts[0], drifts[1])
     assert (np.abs(drifts[0] - drifts[2]) > 1e-3).all()

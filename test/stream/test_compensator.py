@@ -373,7 +373,7 @@ class TestModelSwap:
     def test_history_is_as_long_as_it_is_said_to_be(self) -> None:
         compensator = Compensator(1, StreamSettings(history_s=20.0))
         stream(compensator, (0, 100))
-        assert len(compensator.tracker._history) == 20
+        assert len(compensator.tracker.history.cells) == 20
 
     def test_a_model_with_other_thermometers_is_refused_and_the_running_one_stays(
         self, make_model: MakeModel, model: DriftModel
@@ -476,7 +476,7 @@ class TestTrouble:
         *_, held, _ = compensator.add_temperature(0, far + SECOND, 50.0)
         assert held.count > 10**8
         assert np.isfinite(compensator.compensation.zero).all()
-        assert len(compensator.tracker._history) <= 60
+        assert len(compensator.tracker.history.cells) <= 60
         assert 0.4 * 0.0 < compensator.compensation.zero[2] < 0.4 * 30.0
 
     def test_a_gap_within_the_history_is_run_with_the_held_temperature(

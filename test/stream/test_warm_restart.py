@@ -274,10 +274,10 @@ def test_a_gap_that_was_crossed_is_a_part_of_the_history(model: DriftModel) -> N
     feed(again, 900, 910)
     memory = again.memory()
     assert memory is not None
-    assert sum(count for _, count in memory.history) == len(again.tracker._history) == 909
+    assert sum(count for _, count in memory.history) == len(again.tracker.history.cells) == 909
     between = np.repeat([value for value, _ in memory.history], [n for _, n in memory.history])
     np.testing.assert_allclose(
-        between[400:800], np.array(again.tracker._history)[400:800, 0], atol=0.5
+        between[400:800], np.array(again.tracker.history.cells)[400:800, 0], atol=0.5
     )
 
 
@@ -287,7 +287,7 @@ def test_a_memory_that_is_refused_leaves_no_history(model: DriftModel) -> None:
     again = restarted(model, killed)
     feed(again, -5000, -4990)
     assert again.tracker.forgot
-    assert len(again.tracker._history) < 12
+    assert len(again.tracker.history.cells) < 12
 
 
 def test_that_a_memory_was_refused_is_not_told_of_the_next_model(

@@ -1,8 +1,6 @@
-"""A calibration in a few lines that a person can judge."""
+"""A calibration from recordings to a model and its evidence, and its summary in a few lines."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import get_args
 
 import numpy as np
 
@@ -16,122 +14,17 @@ from wrist_ft_comp.calibration.data_checks import (
     MIN_SAMPLES,
     silent_stretches,
 )
-from wrist_ft_comp.calibration.paper_methods import identify_two_step
-from wrist_ft_comp.calibration.result import AxisFit
-from wrist_ft_comp.calibration.settings import IdentificationSettings
-from wrist_ft_comp.errors import CalibrationRefusedError, SettingsError
-from wrist_ft_comp.identification.problem import AxisProblem, cross_validation_blocks, pose_problem
+from wrist_ft_comp.calibration.paper_methods import identify_paper_method
+from wrist_ft_comp.calibration.result import AxisFit, Calibration
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
 from wrist_ft_comp.model.drift_model import DriftModel
-from wrist_ft_comp.model.ranges import check_range
-from wrist_ft_comp.model.signals import AXES, FloatArray, Recording, Reference
-
-
-def identify_axis(problem: AxisProblem, settings: IdentificationSettings) -> AxisFit:
-    """
-    Identify one axis by the method that was chosen.
-
-    Parameters
-    ----------
-    problem : AxisProblem
-        Drift observations.
-    settings : IdentificationSettings
-        Method and structure.
-
-    Returns
-    -------
-    AxisFit
-        The winner, and everything that was tried.
-
-    Raises
-    ------
-    TooShortError
-        When an ARX does not find enough consecutive samples.
-
-    """
-    method = settings.method
-    if method != 'arx_pls_oe' and method != 'auto':  # noqa: PLR1714 -- mypy narrows only this
-        return identify_two_step(problem, settings, (method,))
-    if method == 'auto' and settings.features == 'hats':
-        # Knots follow the temperatures that are left when a block is held out, so moments that
-        # were summed once cannot serve all candidates.
-        return identify_two_step(problem, settings, ('none', 'pls'))
-    return identify_relaxations(problem, settings)
-
+from wrist_ft_comp.model.signals import AXES, Recording
 
 Progress = Callable[[float], None]
-
-
-#: A model that leaves this many times what no model leaves does harm; less may be chance.
-_HARMFUL = 1.05
-
-
 #: A time constant below this many thermal cells is at its lower bound.
 _AT_BOUND = 1.01
-
-
-@dataclass(frozen=True)
-class CalibrationSettings:
-    """
-    What a person chose for a calibration.
-
-    Attributes
-    ----------
-    reference : {'unloaded', 'constant', 'recorded'}
-        What the true wrench was: zero, an unknown constant, or recorded beside the raw one.
-    min_temperature_span_k : float
-        Refuse when no thermometer spans at least this much, K.
-    max_gap_s : float
-        Warn when temperatures are missing for longer than this, s.
-    identification : IdentificationSettings
-        Method and structure.
-
-    """
-
-    reference: Reference = 'unloaded'
-    min_temperature_span_k: float = 3.0
-    max_gap_s: float = 600.0
-    identification: IdentificationSettings = field(default_factory=IdentificationSettings)
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if self.reference not in get_args(Reference):
-            raise SettingsError(
-                f'Unknown reference {self.reference!r}; expected one of '
-                f'{", ".join(get_args(Reference))}.'
-            )
-        if not (np.isfinite(self.min_temperature_span_k) and self.min_temperature_span_k >= 0):
-            raise SettingsError(
-                'The minimum temperature span must be a number of at least 0 K; got '
-                f'{self.min_temperature_span_k}.'
-            )
-        check_range('max_gap_s', self.max_gap_s, 0.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """
-    What a calibration found.
-
-    Attributes
-    ----------
-    model : DriftModel
-        Ready to run.
-    fits : dict of str to AxisFit
-        By axis: what was chosen and why.
-    temperature_range_c : ndarray, shape (J, 2)
-        Lowest and highest temperature of each thermometer, °C.
-    duration_s : float
-        Time covered by all recordings, s.
-    warnings : tuple of str
-        What a person should know, in sentences.
-
-    """
-
-    model: DriftModel
-    fits: dict[str, AxisFit]
-    temperature_range_c: FloatArray
-    duration_s: float
-    warnings: tuple[str, ...]
 
 
 def calibrate(
@@ -176,17 +69,17 @@ def calibrate(
             'Record wrench and temperature at the same time.'
         )
     check_loads(recordings, axes, settings.reference)
-    recordings, said = drop_stuck_cells(recordings, axes)
-    blocks = cross_validation_blocks(recordings)
+    recordings, dropped = drop_stuck_cells(recordings, axes)
+    folds = assign_folds(recordings)
     fits: dict[str, AxisFit] = {}
     for number, axis in enumerate(axes):
-        problem = pose_problem(recordings, axis, settings.reference, blocks)
-        if problem.samples < MIN_SAMPLES or len(problem.block_numbers) < 2:
+        data = build_axis_data(recordings, axis, settings.reference, folds)
+        if data.samples < MIN_SAMPLES or len(data.fold_numbers) < 2:
             raise CalibrationRefusedError(
-                f'{axis} has {problem.samples} thermal cells with both wrench and reference; at '
+                f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
                 f'least {MIN_SAMPLES} in 2 blocks are needed. Record longer.'
             )
-        fits[axis] = identify_axis(problem, settings.identification)
+        fits[axis] = identify_axis(data, settings.identification)
         if progress is not None:
             progress((number + 1) / len(axes))
     refusals = [fit.refusal for fit in fits.values() if fit.refusal]
@@ -201,7 +94,7 @@ def calibrate(
     duration_s = sum(recording.duration_s for recording in recordings)
     warnings = [
         *(warning for recording in recordings for warning in recording.warnings),
-        *said,
+        *dropped,
         *silent_stretches(recordings, settings.max_gap_s),
         *idle_thermometers(recordings),
         *_doubts(recordings, fits),
@@ -209,9 +102,21 @@ def calibrate(
     return Calibration(model, fits, ranges, duration_s, tuple(warnings))
 
 
+def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
+    """Identify one axis by the method that was chosen."""
+    method = settings.method
+    if method != 'arx_pls_oe' and method != 'auto':  # noqa: PLR1714 -- mypy narrows only this
+        return identify_paper_method(data, settings, (method,))
+    if method == 'auto' and settings.features == 'hats':
+        # Knots follow the temperatures that are left when a fold is held out, so moments that
+        # were summed once cannot serve all candidates.
+        return identify_paper_method(data, settings, ('none', 'pls'))
+    return identify_relaxations(data, settings)
+
+
 def _doubts(recordings: Sequence[Recording], fits: dict[str, AxisFit]) -> list[str]:
     """Say what a person should doubt in the fits."""
-    said = []
+    doubts = []
     longest_s = max(recording.duration_s for recording in recordings)
     period_s = recordings[0].period_s
     searched = [
@@ -222,23 +127,23 @@ def _doubts(recordings: Sequence[Recording], fits: dict[str, AxisFit]) -> list[s
     ]
     slowest_s, axis = max(searched, default=(0.0, ''))
     if slowest_s > longest_s / 2:
-        said.append(
+        doubts.append(
             f'The slowest time constant, {slowest_s:.0f} s of {axis}, is more than half of the '
             f'longest recording ({longest_s:.0f} s); record at least '
             f'{4 * slowest_s / 3600:.1f} h to be sure of it.'
         )
     quickest = [axis for tau, axis in searched if tau <= _AT_BOUND * period_s]
     if quickest:
-        said.append(
+        doubts.append(
             f'The quickest time constant of {", ".join(quickest)} is at its lower bound, one '
             f'thermal cell of {period_s:g} s; drift that is quicker is taken as instantaneous.'
         )
-    said += [f'{fit.refusal}. It is left uncompensated.' for fit in fits.values() if fit.refusal]
-    said += [f'{axis}: {doubt}.' for axis, fit in fits.items() for doubt in fit.doubts]
-    return said + [
+    doubts += [f'{fit.refusal}. It is left uncompensated.' for fit in fits.values() if fit.refusal]
+    doubts += [f'{axis}: {doubt}.' for axis, fit in fits.items() for doubt in fit.doubts]
+    return doubts + [
         f'{axis}: {fit.chosen} leaves more drift than no compensation; choose the method auto.'
         for axis, fit in fits.items()
-        if fit.rms_after > _HARMFUL * fit.rms_before
+        if fit.harmful
     ]
 
 
@@ -272,7 +177,7 @@ def _axis_line(axis: str, fit: AxisFit) -> str:
     outputs = len(fit.model.dynamics.output_mean)
     what = 'zero and sensitivity' if outputs == 2 else 'zero'
     # A method that a person named is kept although it may do harm; it must not do so silently.
-    harm = ': WORSE THAN NONE' if fit.rms_after > fit.rms_before else ''
+    harm = ': WORSE THAN NONE' if fit.harmful else ''
     return (
         f'{axis}: {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit} RMS held out '
         f'({what}; {fit.chosen}){harm}'

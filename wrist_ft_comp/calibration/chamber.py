@@ -1,30 +1,32 @@
-"""Chamber tables as recordings: fitting them, compensating them, and leaving a temperature out."""
+"""Tables of a temperature chamber: their figures, their recording, their compensation."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
-from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.batch_grid import grid_samples
-from wrist_ft_comp.model.drift_model import Drift, DriftModel
+from wrist_ft_comp.model.drift_model import correct, Drift, DriftModel
 from wrist_ft_comp.model.offline import simulate_drift
 from wrist_ft_comp.model.signals import AXES, FloatArray, IntArray, NANOSECONDS, Recording, Samples
 
 #: Residence at each temperature (the paper's 4.2), and the least time a load is held.
 RESIDENCE_S = 1800
-
-
 STEP_S = 30
-
-
 #: T of eq. 23: the column nearest to this is the reference, °C.
 REFERENCE_TEMPERATURE_C = 20.0
-
-
 #: What a table's outputs are in, since tables do not name their unit.
 OUTPUT_UNIT = 'output units'
+#: The figures of a sensor for people, by their names in ChamberFigures.
+FIGURE_TITLES = {
+    'max_sensitivity_drift': 'max |K_s|, %FS/°C (eq. 23)',
+    'zero_spread': 'zero spread, %FS',
+    'max_deviation': 'max deviation, %FS',
+    'accuracy': 'A, %FS (eq. 24)',
+}
+#: The axis a chamber table is read as.
+_COLUMN = AXES.index('force_z')
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +108,7 @@ class ChamberTable:
         """
         Nominal time of each reading, ns, shape (S, P).
 
-        Plateaus follow each other without a break; the readings end one step before a plateau's
-        end, one step apart.
+        One step apart, the last one step before the end of a plateau, without breaks between.
         """
         ends = RESIDENCE_S * np.arange(1, len(self.temperatures_c) + 1)
         before_end = STEP_S * np.arange(len(self.load), 0, -1)
@@ -116,19 +117,10 @@ class ChamberTable:
 
     def samples(self, reference: FloatArray | None = None) -> tuple[Samples, ...]:
         """
-        Lay the table out in time.
+        Lay the table out in time, as force_z in the table's unit and its reference.
 
-        Parameters
-        ----------
-        reference : ndarray, shape (S,), optional
-            Loads in units of output; this table's own ``reference`` by default.
-
-        Returns
-        -------
-        tuple of Samples
-            temperature_c every 30 s along all plateaus; force_z, the output in the table's unit,
-            and reference_force_z at the readings. The gain between them is 1 at the reference.
-
+        Temperatures come every 30 s along all plateaus. Loads are in units of output: the table's
+        own ``reference`` by default, so that the gain is 1 at the reference temperature.
         """
         steps = RESIDENCE_S // STEP_S
         temperature_c = np.repeat(self.temperatures_c, steps)
@@ -152,18 +144,7 @@ def leave_out_copies(table: ChamberTable) -> ChamberTable:
     Leave out columns which repeat an earlier one digit for digit: those were not measured.
 
     Columns stand in the order of measuring, so of two equal ones the earlier can have been
-    measured and the later can only be the copy.
-
-    Parameters
-    ----------
-    table : ChamberTable
-        As read.
-
-    Returns
-    -------
-    ChamberTable
-        left_out says which columns went, and why.
-
+    measured and the later can only be the copy. ``left_out`` says which went, and why.
     """
     keep: list[int] = []
     left_out = list(table.left_out)
@@ -186,20 +167,7 @@ def leave_out_copies(table: ChamberTable) -> ChamberTable:
 
 
 def sensitivity_drift(table: ChamberTable) -> FloatArray:
-    """
-    Compute K_s, the coefficient of thermal sensitivity drift (eq. 23).
-
-    Parameters
-    ----------
-    table : ChamberTable
-        Raw or compensated.
-
-    Returns
-    -------
-    ndarray, shape (P,)
-        % of full scale per °C; NaN at the reference temperature T.
-
-    """
+    """Compute K_s (eq. 23), % of full scale per °C, shape (P,); NaN at the reference."""
     change = table.spans - table.full_scale
     distance = table.temperatures_c - table.temperatures_c[table.reference_column]
     k_s = np.full(len(distance), np.nan)
@@ -213,17 +181,6 @@ def accuracy(table: ChamberTable) -> float:
 
     The error is counted from the straight line through zero and full load at the reference
     temperature, so it holds drift, nonlinearity and hysteresis together.
-
-    Parameters
-    ----------
-    table : ChamberTable
-        Raw or compensated.
-
-    Returns
-    -------
-    float
-        A, %.
-
     """
     line = table.output[0, table.reference_column] + table.reference - table.reference[0]
     largest = np.abs(table.output - line[:, np.newaxis]).max()  # ΔA
@@ -231,53 +188,14 @@ def accuracy(table: ChamberTable) -> float:
 
 
 def zero_spread(table: ChamberTable) -> float:
-    """
-    Compute how far the zero moves: max - min over temperature of the first step's output.
-
-    Parameters
-    ----------
-    table : ChamberTable
-        Raw or compensated.
-
-    Returns
-    -------
-    float
-        % of full scale.
-
-    """
+    """Compute max - min over temperature of the first step's output, % of full scale."""
     return float(100 * np.ptp(table.output[0]) / abs(table.full_scale))
 
 
 def max_deviation(table: ChamberTable) -> float:
-    """
-    Compute the largest difference from the reference temperature's output at the same load step.
-
-    Parameters
-    ----------
-    table : ChamberTable
-        Raw or compensated.
-
-    Returns
-    -------
-    float
-        % of full scale.
-
-    """
+    """Compute the largest difference from the reference temperature's output, % of full scale."""
     at_reference = table.output[:, [table.reference_column]]
     return float(100 * np.abs(table.output - at_reference).max() / abs(table.full_scale))
-
-
-#: The figures of a sensor for people, by their names below.
-FIGURE_TITLES = {
-    'max_sensitivity_drift': 'max |K_s|, %FS/°C (eq. 23)',
-    'zero_spread': 'zero spread, %FS',
-    'max_deviation': 'max deviation, %FS',
-    'accuracy': 'A, %FS (eq. 24)',
-}
-
-
-#: The axis a chamber table is read as.
-_COLUMN = AXES.index('force_z')
 
 
 @dataclass(frozen=True)
@@ -305,20 +223,7 @@ class ChamberFigures:
 
 
 def chamber_figures(table: ChamberTable) -> ChamberFigures:
-    """
-    Compute all figures of a table.
-
-    Parameters
-    ----------
-    table : ChamberTable
-        Raw or compensated.
-
-    Returns
-    -------
-    ChamberFigures
-        In % of full scale.
-
-    """
+    """Compute all figures of a table, raw or compensated."""
     k_s = np.abs(sensitivity_drift(table))
     known = k_s[np.isfinite(k_s)]
     return ChamberFigures(
@@ -330,22 +235,7 @@ def chamber_figures(table: ChamberTable) -> ChamberFigures:
 
 
 def table_recording(table: ChamberTable, period_s: float) -> Recording:
-    """
-    Put a table's nominal course of test onto the thermal grid.
-
-    Parameters
-    ----------
-    table : ChamberTable
-        Any.
-    period_s : float
-        Cell length, s; at most the 30 s between two readings.
-
-    Returns
-    -------
-    Recording
-        force_z, its reference, and one thermometer.
-
-    """
+    """Put a table's nominal course of test onto the thermal grid, of cells of at most 30 s."""
     recording = grid_samples(table.samples(), name=table.name, period_s=period_s)
     return replace(recording, unit=OUTPUT_UNIT)
 
@@ -370,26 +260,11 @@ def compensate_table(table: ChamberTable, model: DriftModel) -> ChamberTable:
 
     """
     at_readings = _drift_at_readings(table, model)
-    return table.with_output(
-        drift_model.correct(table.output, at_readings, _tare(table, at_readings))
-    )
+    return table.with_output(correct(table.output, at_readings, _tare(table, at_readings)))
 
 
 def table_tare(table: ChamberTable, model: DriftModel) -> FloatArray:
-    """
-    Tare a table's sensor as compensate_table does.
-
-    Parameters
-    ----------
-    table, model
-        As for compensate_table.
-
-    Returns
-    -------
-    ndarray, shape (6,)
-        Raw offset, all zero but for the table's axis.
-
-    """
+    """Tare as compensate_table does: raw offset, shape (6,), zero but for the table's axis."""
     tare = np.zeros(len(AXES))
     tare[_COLUMN] = _tare(table, _drift_at_readings(table, model))
     return tare
@@ -410,17 +285,17 @@ def _tare(table: ChamberTable, at_readings: Drift) -> float:
 
 
 def leave_one_temperature_out(
-    table: ChamberTable, settings: CalibrationSettings, period_s: float
+    table: ChamberTable, learn: Callable[[Recording], DriftModel], period_s: float
 ) -> ChamberTable | None:
     """
-    Compensate every column by a model that was fitted to the others.
+    Compensate every column by a model that was learnt from the others.
 
     Parameters
     ----------
     table : ChamberTable
         Raw.
-    settings : CalibrationSettings
-        As for the fit to all columns; hats get their knots at the columns that are left.
+    learn : callable
+        Calibrates a recording; hats get their knots at the columns that are left.
     period_s : float
         Cell length, s.
 
@@ -442,7 +317,7 @@ def leave_one_temperature_out(
             recording = grid_samples(
                 others.samples(table.reference), name=table.name, period_s=period_s
             )
-            model = calibrate([recording], settings).model
+            model = learn(recording)
         except WristFtCompError:
             return None
         output[:, column] = compensate_table(table, model).output[:, column]

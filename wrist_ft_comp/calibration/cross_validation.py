@@ -1,164 +1,200 @@
-"""What a model leaves of an axis' drift, and how much that is on a held-out block."""
+"""
+Where a candidate is scored: on folds that it did not see, in free run, averaged over bins.
+
+Relaxations are scored from sums (``cross_validate``), any other model by refitting and running it
+(``refit_errors``). ``simplest_good`` compares the scores; ``hold_out`` keeps the errors behind
+those of the winner, bin by bin, for pictures.
+"""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.identification.problem import AxisProblem, JUDGED_PARTS
+from wrist_ft_comp.calibration.candidates import CandidateData
+from wrist_ft_comp.calibration.result import HeldOut
+from wrist_ft_comp.identification.axis_data import AxisData, JUDGED_PARTS
+from wrist_ft_comp.identification.bins import Sums
+from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
+from wrist_ft_comp.identification.output_error import fit_columns, Structure
+from wrist_ft_comp.identification.time_constants import search_time_constants
 from wrist_ft_comp.model.axis_model import AxisModel
-from wrist_ft_comp.model.signals import FloatArray, IntArray
+from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
+
+#: Nearer to its optimum, a candidate's errors change by far less than they differ from others'.
+_TOLERANCE = 1e-5
+#: A candidate has to lower the mean square error by this share to be worth its complexity.
+WORTHWHILE = 0.15
 
 
-class BlockBins(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class CvScore:
     """
-    Errors of one recording in one block, averaged over bins.
+    How a candidate did on held-out folds.
 
     Attributes
     ----------
-    recording : int
-        Which recording, counted from 0.
-    cells : ndarray, shape (n,)
-        Mean number of each bin's cells.
-    errors : ndarray, shape (n,)
-        N or N m, around the constant that the block is judged by.
+    structure : Structure
+        The candidate.
+    errors : ndarray, shape (parts,)
+        Mean square error of each part of each fold.
+    strength : int
+        Position of the best strength of a regularised regression.
+    time_constants_s : ndarray, shape (K,), or None
+        Those that were searched, s.
 
     """
+
+    structure: Structure
+    errors: FloatArray
+    strength: int = 0
+    time_constants_s: FloatArray | None = None
+
+
+class FoldBins(NamedTuple):
+    """Mean cell numbers and errors of a recording's bins in a fold, around its constant, (n,)."""
 
     recording: int
     cells: FloatArray
     errors: FloatArray
 
 
-#: Given a block, the errors in it of a model that never saw it, recording by recording.
-LeftOutRun = Callable[[int], Sequence[BlockBins]]
+#: Fits an axis, of which a fold may be held out: a model or None, and what had to be mended.
+Refit = Callable[[AxisData], tuple[AxisModel | None, tuple[str, ...]]]
 
 
-@dataclass(frozen=True, eq=False)
-class HeldOut:
+def cross_validate(data: CandidateData, structure: Structure) -> CvScore:
     """
-    Errors of one axis on held-out blocks, averaged over bins.
-
-    Both errors are counted from the same constant: that of the block, as if the sensor had been
-    tared in it, or, for plateaus of a chamber test, that of the other plateaus.
-
-    Attributes
-    ----------
-    recording : ndarray of int, shape (n,)
-        Which recording, counted from 0.
-    block : ndarray of int, shape (n,)
-        Which block was held out.
-    cell : ndarray, shape (n,)
-        Mean number of the bin's cells, counted from the recording's first.
-    before, after : ndarray, shape (n,)
-        Error without compensation, and of the chosen candidate fitted to the other blocks, N or
-        N m.
-    bin_s : float
-        Length of a bin, s.
-    tared : bool
-        Whether the constant is the block's own.
-    detrended : bool
-        Whether errors are counted from a slow trend, too.
-
-    """
-
-    recording: IntArray
-    block: IntArray
-    cell: FloatArray
-    before: FloatArray
-    after: FloatArray
-    bin_s: float
-    tared: bool
-    detrended: bool
-
-
-class BlockErrors(NamedTuple):
-    """
-    Root mean square errors block by block.
-
-    Attributes
-    ----------
-    before, after : ndarray, shape (blocks,)
-        N or N m.
-
-    """
-
-    before: FloatArray
-    after: FloatArray
-
-
-def hold_out(
-    problem: AxisProblem, before: LeftOutRun, after: LeftOutRun, *, detrended: bool = False
-) -> HeldOut:
-    """
-    Hold every block out in turn and keep the errors on it.
+    Score a candidate on folds that it did not see.
 
     Parameters
     ----------
-    problem : AxisProblem
+    data : CandidateData
         The axis.
-    before, after : callable
-        Errors without compensation, and of the chosen candidate, in the same bins.
-    detrended : bool
-        As in HeldOut.
+    structure : Structure
+        The candidate.
 
     Returns
     -------
-    HeldOut
-        By recording and time.
+    CvScore
+        Its errors, those of its best strength.
 
     """
-    rows: list[FloatArray] = []
-    for block in problem.block_numbers:
-        for raw, compensated in zip(before(block), after(block), strict=True):
-            count = len(raw.cells)
-            number, held = np.full(count, raw.recording), np.full(count, block)
-            rows.append(np.stack((number, held, raw.cells, raw.errors, compensated.errors)))
-    recording, held_out, cell, errors_before, errors_after = np.concatenate(rows, axis=1)
-    order = np.lexsort((cell, recording))
-    return HeldOut(
-        recording=recording[order].astype(np.int64),
-        block=held_out[order].astype(np.int64),
-        cell=cell[order],
-        before=errors_before[order],
-        after=errors_after[order],
-        bin_s=problem.bin_cells[1] * problem.period_s,
-        tared=problem.tared,
-        detrended=detrended,
-    )
+    moments, judged = data.fitted_moments, data.judged_moments
+    inputs = data.inputs(structure)
+    if not structure.free_time_constants:
+        folds = np.unique(moments.fold)
+        tried = [_score_fold(moments, judged, structure, inputs, fold) for fold in folds]
+        errors = np.concatenate(tried, axis=1)
+        best = int(np.argmin(errors.mean(axis=1)))
+        return CvScore(structure, errors[best], best)
+    everything = np.ones(len(moments.counts), dtype=bool)
+    columns, _ = fit_columns(moments, structure, everything, inputs)
+    half = len(moments.time_constants_s) * moments.inputs
+    on_grid = moments.time_constants_s[np.unique(columns[columns < half] // moments.inputs)]
+    # All combinations on the grid were the starts; the best of them is followed.
+    tau_s = search_time_constants(data.fitted, data.features_of(structure), on_grid, _TOLERANCE)
+    return CvScore(structure, _searched_errors(data, structure, tau_s), 0, tau_s)
 
 
-def rms_by_block(held_out: HeldOut) -> BlockErrors:
+def _score_fold(
+    moments: Moments, judged: Moments, structure: Structure, inputs: int, fold: int
+) -> FloatArray:
+    """Fit to all folds but one, score on it: mean squares, shape (S, parts of the fold)."""
+    columns, coefficients = fit_columns(moments, structure, moments.fold != fold, inputs)
+    theta = np.zeros((len(coefficients), moments.sums.shape[1]))
+    theta[:, columns] = coefficients
+    theta[:, -1] = -1.0
+    return judged.mean_squares(judged.fold == fold, theta)
+
+
+def _searched_errors(data: CandidateData, structure: Structure, start_s: FloatArray) -> FloatArray:
+    """Search time constants without each fold in turn and score them there, shape (parts,)."""
+    features = data.features_of(structure)
+    errors = []
+    for fold in np.unique(data.fitted_moments.fold):
+        tau_s = _search_without(data, structure, start_s, fold)
+        fixed = replace(structure, free_time_constants=0, bank_s=tuple(tau_s))
+        moments = accumulate(data.fitted, bank_inputs(data.fitted, features, tau_s), tau_s)
+        banked = bank_inputs(data.judged, features, tau_s)
+        judged = accumulate(data.judged, banked, tau_s, JUDGED_PARTS)
+        errors.append(_score_fold(moments, judged, fixed, moments.inputs, fold)[0])
+    return np.concatenate(errors)
+
+
+def _search_without(
+    data: CandidateData, structure: Structure, start_s: FloatArray, fold: int
+) -> FloatArray:
+    """Search time constants without a fold, s."""
+    kept = data.fitted.without(fold)
+    return search_time_constants(kept, data.features_of(structure), start_s, _TOLERANCE)
+
+
+def uncompensated_errors(judged: Moments) -> FloatArray:
+    """Score doing nothing, as CvScore.errors."""
+    nothing = np.zeros((1, judged.sums.shape[1]))
+    nothing[0, -1] = 1.0
+    folds = np.unique(judged.fold)
+    return np.concatenate([judged.mean_squares(judged.fold == fold, nothing)[0] for fold in folds])
+
+
+def simplest_good(errors: Sequence[FloatArray]) -> int:
     """
-    Sum held-out errors up, block by block.
+    Choose the simplest candidate within one standard error of the best, or within 15 % of it.
+
+    The standard error is that of the difference to the best, part by part: parts differ in
+    difficulty far more than candidates do.
 
     Parameters
     ----------
-    held_out : HeldOut
-        Errors.
+    errors : sequence of ndarrays, shape (parts,)
+        Mean square errors, simplest candidate first.
 
     Returns
     -------
-    BlockErrors
-        In increasing order of the block's number.
+    int
+        Its position.
 
     """
-    blocks = np.unique(held_out.block)
-    before, after = (
-        np.array([np.sqrt(np.mean(errors[held_out.block == block] ** 2)) for block in blocks])
-        for errors in (held_out.before, held_out.after)
+    means = [float(error.mean()) for error in errors]
+    best = int(np.argmin(means))
+    for position, error in enumerate(errors):
+        margin = max(standard_error(error - errors[best]), WORTHWHILE * means[position])
+        if means[position] - means[best] <= margin:
+            return position
+    return best
+
+
+def standard_error(differences: FloatArray) -> float:
+    """Estimate the standard error of a mean; 0 for a single value."""
+    count = len(differences)
+    return float(differences.std(ddof=1)) / np.sqrt(count) if count > 1 else 0.0
+
+
+def refit_errors(data: AxisData, refit: Refit) -> FloatArray:
+    """Refit a model without each fold in turn and score it there: mean squares, shape (parts,)."""
+    return np.array(
+        [
+            error
+            for fold in data.fold_numbers
+            for error in fold_errors(data, unexplained(data, refit(data.without(fold))[0]), fold)
+        ]
     )
-    return BlockErrors(before, after)
 
 
-def unexplained(problem: AxisProblem, model: AxisModel | None) -> list[FloatArray]:
+def refit_bins(data: AxisData, refit: Refit, fold: int) -> list[FoldBins]:
+    """Refit a model without a fold, and keep its errors there."""
+    return fold_bins(data, unexplained(data, refit(data.without(fold))[0]), fold)
+
+
+def unexplained(data: AxisData, model: AxisModel | None) -> list[FloatArray]:
     """
     Subtract a model's free run, from the steady state of the first cell, from r - w.
 
     Parameters
     ----------
-    problem : AxisProblem
+    data : AxisData
         The axis; residuals that are held out stay NaN.
     model : AxisModel or None
         The model; None leaves everything.
@@ -170,15 +206,38 @@ def unexplained(problem: AxisProblem, model: AxisModel | None) -> list[FloatArra
 
     """
     if model is None:
-        return list(problem.residual)
-    left = []
-    for i, temperature_c in enumerate(problem.temperature_c):
+        return list(data.residual)
+    remainders = []
+    for i, temperature_c in enumerate(data.temperature_c):
         _, drift = model.run(model.start(temperature_c[0]), temperature_c)
         explained = drift[:, 0]
-        if problem.load is not None and drift.shape[1] > 1:
-            explained = explained + drift[:, 1] * problem.load[i]
-        left.append(problem.residual[i] - explained)
-    return left
+        if data.load is not None and drift.shape[1] > 1:
+            explained = explained + drift[:, 1] * data.load[i]
+        remainders.append(data.residual[i] - explained)
+    return remainders
+
+
+def fold_errors(data: AxisData, remainders: Sequence[FloatArray], fold: int) -> list[float]:
+    """Score what ``unexplained`` leaves in a fold: mean squares of the fold's parts."""
+    errors = []
+    for bins in fold_bins(data, remainders, fold):
+        parts = np.array_split(bins.errors**2, min(JUDGED_PARTS, len(bins.errors)))
+        errors += [float(part.mean()) for part in parts]
+    return errors
+
+
+def fold_bins(data: AxisData, remainders: Sequence[FloatArray], fold: int) -> list[FoldBins]:
+    """Average what is left in a fold over bins, around each recording's constant."""
+    bins = []
+    for i, (folds, values) in enumerate(zip(data.folds, remainders, strict=True)):
+        finite = np.isfinite(values)
+        rows = np.flatnonzero((folds == fold) & finite)
+        if len(rows):
+            inside = bin_means(values[rows], rows, data.bin_cells[1])
+            constant = (inside if data.tared else values[(folds != fold) & finite]).mean()
+            cells = bin_means(rows.astype(float), rows, data.bin_cells[1])
+            bins.append(FoldBins(i, cells, inside - constant))
+    return bins
 
 
 def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray:
@@ -209,54 +268,87 @@ def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray
     return np.asarray(sums / counts.reshape(-1, *[1] * (values.ndim - 1)))
 
 
-def block_bins(problem: AxisProblem, left: Sequence[FloatArray], block: int) -> list[BlockBins]:
+def hold_out(
+    data: AxisData,
+    before: Callable[[int], Sequence[FoldBins]],
+    after: Callable[[int], Sequence[FoldBins]],
+    *,
+    detrended: bool = False,
+) -> HeldOut:
+    """Keep the errors on every held-out fold, without compensation and of the winner."""
+    rows: list[FloatArray] = []
+    for fold in data.fold_numbers:
+        for raw, compensated in zip(before(fold), after(fold), strict=True):
+            count = len(raw.cells)
+            recordings, folds = np.full(count, raw.recording), np.full(count, fold)
+            rows.append(np.stack((recordings, folds, raw.cells, raw.errors, compensated.errors)))
+    table = np.concatenate(rows, axis=1)
+    recording, held_out, cell, error, remaining = table[:, np.lexsort((table[2], table[0]))]
+    return HeldOut(
+        recording=recording.astype(np.int64),
+        fold=held_out.astype(np.int64),
+        cell=cell,
+        before=error,
+        after=remaining,
+        bin_s=data.bin_cells[1] * data.period_s,
+        tared=data.tared,
+        detrended=detrended,
+    )
+
+
+def left_out_bins(data: CandidateData, score: CvScore | None, fold: int) -> list[FoldBins]:
+    """Fit a candidate to all folds but one, and keep its errors there; None does nothing."""
+    judged = data.judged
+    remainders = [sums.residual for sums in judged.sums]
+    if score is not None:
+        remainders = _remainders(data, score, fold)
+    cells = judged.period_s / data.axis_data.period_s
+    bins = []
+    for i, (errors, sums, folds) in enumerate(
+        zip(remainders, judged.sums, judged.folds, strict=True)
+    ):
+        present = sums.count > 0
+        held = (folds == fold) & present
+        if held.any():
+            basis = held if judged.tared else ~held & present
+            level = _level(errors, sums.time, basis)
+            middles = (np.flatnonzero(held) + 0.5) * cells - 0.5
+            last = len(data.axis_data.residual[i]) - 1
+            bins.append(FoldBins(i, np.minimum(middles, last), (errors - level)[held]))
+    return bins
+
+
+def _level(errors: FloatArray, time: FloatArray, basis: BoolArray) -> FloatArray:
+    """Fit what no temperature has to explain: a constant, and a trend where time is not 0."""
+    one_and_time = np.stack((np.ones_like(time), time), axis=1)
+    level = np.linalg.lstsq(one_and_time[basis], errors[basis], rcond=None)[0]
+    return np.asarray(one_and_time @ level, dtype=float)
+
+
+def _remainders(data: CandidateData, score: CvScore, fold: int) -> list[FloatArray]:
+    """Subtract a fit to the other folds from r - w in bins, shapes (n_i,)."""
+    fitted, judged, structure = data.fitted, data.judged, score.structure
+    features = data.features_of(structure)
+    tau_s = np.array(structure.bank_s or (0.0,))
+    if score.time_constants_s is not None:
+        tau_s = _search_without(data, structure, score.time_constants_s, fold)
+    fixed = replace(structure, free_time_constants=0, bank_s=tuple(tau_s))
+    moments = accumulate(fitted, bank_inputs(fitted, features, tau_s), tau_s)
+    columns, coefficients = fit_columns(moments, fixed, moments.fold != fold, moments.inputs)
+    theta = np.zeros(moments.sums.shape[1] - 1)
+    theta[columns] = coefficients[score.strength]
+    return [
+        sums.residual - _design(x, sums, loaded=judged.loaded) @ theta
+        for x, sums in zip(bank_inputs(judged, features, tau_s), judged.sums, strict=True)
+    ]
+
+
+def _design(x: FloatArray, sums: Sums, *, loaded: bool) -> FloatArray:
     """
-    Average what is left in a block over bins, around each recording's constant.
+    Draw the regressors of the equation in ``output_error``, without the constant.
 
-    Parameters
-    ----------
-    problem : AxisProblem
-        For the block numbers.
-    left : sequence of ndarrays, shape (N_i,)
-        From unexplained.
-    block : int
-        Which block.
-
-    Returns
-    -------
-    list of BlockBins
-        Of the recordings that have samples in the block.
-
+        [ x_f(H_τ T) … | w x_f(H_τ T) … | w ]     with load
+        [ x_f(H_τ T) … ]                          without
     """
-    found = []
-    for i, (number, values) in enumerate(zip(problem.blocks, left, strict=True)):
-        finite = np.isfinite(values)
-        rows = np.flatnonzero((number == block) & finite)
-        if len(rows):
-            inside = bin_means(values[rows], rows, problem.bin_cells[1])
-            constant = (inside if problem.tared else values[(number != block) & finite]).mean()
-            cells = bin_means(rows.astype(float), rows, problem.bin_cells[1])
-            found.append(BlockBins(i, cells, inside - constant))
-    return found
-
-
-def block_errors(problem: AxisProblem, left: Sequence[FloatArray], block: int) -> list[float]:
-    """
-    Score a block: mean squares of bin means around each recording's constant.
-
-    Parameters
-    ----------
-    problem, left, block
-        As for block_bins.
-
-    Returns
-    -------
-    list of float
-        One per part of the block.
-
-    """
-    errors = []
-    for bins in block_bins(problem, left, block):
-        parts = np.array_split(bins.errors**2, min(JUDGED_PARTS, len(bins.errors)))
-        errors += [float(part.mean()) for part in parts]
-    return errors
+    w = sums.load[:, np.newaxis]
+    return np.concatenate((x, w * x, w), axis=1) if loaded else x

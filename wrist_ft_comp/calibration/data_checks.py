@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.identification.problem import has_plateaus, stretches
+from wrist_ft_comp.identification.axis_data import find_plateaus
 from wrist_ft_comp.model.signals import (
     AXES,
     BoolArray,
@@ -14,22 +14,113 @@ from wrist_ft_comp.model.signals import (
     noise_level,
     Recording,
     Reference,
+    stretches,
 )
 
+#: Fewer cells with a wrench than this cannot be divided into folds worth holding out.
+MIN_SAMPLES = 30
+#: A jump between neighbouring cells counts as load when it exceeds this many times the noise …
+_JUMP_TO_NOISE = 12.0
+#: … and this share of the axis' whole range.
+_JUMP_TO_RANGE = 0.2
+#: … and this many steps of its resolution.
+_JUMP_TO_RESOLUTION = 3.5
+#: An axis that moves no more often than this may have been loaded and unloaded, and shows none.
+_FEW_STEPS = 4
 #: A channel is lively when so many of its neighbouring cells differ …
 _LIVELY = 0.9
-
-
 #: … and then stuck when it keeps a value for so many cells.
 _STUCK_CELLS = 30
-
-
 #: Stuck cells up to this share are left out; with more, the recording is refused.
 _STUCK_SHARE = 0.05
-
-
 #: Thermometers say the same when one leaves less than this share of another unexplained.
 _SAME = 0.03
+
+
+def check_alike(recordings: Sequence[Recording]) -> None:
+    """Refuse no recordings, and such whose thermometers, periods or units differ."""
+    if not recordings:
+        raise CalibrationRefusedError('A calibration needs at least one recording; got none.')
+    first = recordings[0]
+    for other in recordings[1:]:
+        if other.thermometers != first.thermometers:
+            raise CalibrationRefusedError(
+                f'{first.name} has {first.thermometers} thermometers and {other.name} has '
+                f'{other.thermometers}; they must be the same. Leave one recording out.'
+            )
+        if other.period_ns != first.period_ns:
+            raise CalibrationRefusedError(
+                f'{first.name} is on thermal cells of {first.period_s} s and {other.name} on '
+                f'{other.period_s} s; they must be the same. Read them with one period.'
+            )
+        if other.unit != first.unit:
+            raise CalibrationRefusedError(
+                f'{first.name} and {other.name} are in different units; they must be the same. '
+                'Calibrate chamber tables and other recordings apart.'
+            )
+
+
+def check_temperatures(recordings: Sequence[Recording], min_span_k: float) -> FloatArray:
+    """Refuse too small a span of temperature; return the range of each thermometer, °C, (J, 2)."""
+    everything = np.concatenate([recording.temperature_c for recording in recordings])
+    ranges = np.stack((everything.min(axis=0), everything.max(axis=0)), axis=1)
+    span = float(np.max(ranges[:, 1] - ranges[:, 0]))
+    if span < min_span_k:
+        names = ', '.join(recording.name for recording in recordings)
+        raise CalibrationRefusedError(
+            f'Temperature in {names} spans {span:.1f} K; at least '
+            f'{min_span_k:.1f} K are needed. Record a warm-up from cold.'
+        )
+    return ranges
+
+
+def check_loads(
+    recordings: Sequence[Recording], axes: Sequence[str], reference: Reference
+) -> None:
+    """Refuse a missing reference, and a load that moves although it was declared not to."""
+    if reference == 'recorded':
+        for recording in recordings:
+            if not np.isfinite(recording.reference).any():
+                raise CalibrationRefusedError(
+                    f'{recording.name} holds no reference wrench, but the reference was declared '
+                    'recorded. Record wrench_reference beside the raw wrench, or declare the '
+                    'reference unloaded or constant.'
+                )
+        return
+    for recording in recordings:
+        for axis in axes:
+            raw = recording.wrench[:, AXES.index(axis)]
+            at = np.flatnonzero(np.isfinite(raw))
+            # A gap is no jump: drift moves on while nothing is recorded.
+            joined = np.diff(stretches(np.isfinite(raw), recording.period_s)[at]) == 0
+            steps = np.abs(np.diff(raw[at])) * joined
+            limit = max(
+                _JUMP_TO_NOISE * noise_level([raw]),
+                _JUMP_TO_RANGE * _range(raw[at]),
+                _JUMP_TO_RESOLUTION * _resolution(raw[at]),
+            )
+            if len(steps) > MIN_SAMPLES and steps.max() > limit > 0:
+                cell = int(at[int(np.argmax(steps)) + 1])
+                raise CalibrationRefusedError(
+                    f'{axis} of {recording.name} jumps by {steps.max():.3g} '
+                    f'{recording.unit_of(axis)} '
+                    f'after {cell * recording.period_s:.0f} s, although the load was declared '
+                    f'{reference}. Record again without contact or payload change, or '
+                    'record the load as reference.'
+                )
+
+
+def _resolution(values: FloatArray) -> float:
+    """Smallest step between neighbours, where there are more than a few; else what rounding is."""
+    steps = np.abs(np.diff(values))
+    rounding = 1e-12 * float(np.max(np.abs(values), initial=0.0))
+    real = steps[steps > rounding]
+    return float(real.min()) if len(real) > _FEW_STEPS else rounding
+
+
+def _range(values: FloatArray) -> float:
+    """Highest minus lowest, 0 when there is nothing."""
+    return float(np.ptp(values)) if len(values) else 0.0
 
 
 @dataclass(frozen=True)
@@ -66,7 +157,7 @@ def drop_stuck_cells(
 
     """
     sound = list(recordings)
-    said: list[str] = []
+    sentences: list[str] = []
     dead = [axis for axis in axes if _is_dead(recordings, AXES.index(axis))]
     if len(dead) == len(axes):
         names = ', '.join(recording.name for recording in recordings)
@@ -78,7 +169,7 @@ def drop_stuck_cells(
         column = AXES.index(axis)
         if axis in dead:
             value = _present(recordings[0].wrench[:, column])[:1]
-            said.append(
+            sentences.append(
                 f'{axis} reads {float(value[0]) if len(value) else 0.0:.6g} '
                 f'{recordings[0].unit_of(axis)} throughout: the channel is dead, or not '
                 'connected. It is left uncompensated.'
@@ -89,11 +180,11 @@ def drop_stuck_cells(
             stuck = _find_stuck(recording.wrench[:, column]) if lively else None
             if stuck is None:
                 continue
-            said.append(_describe_stuck(recording, axis, stuck))
+            sentences.append(_describe_stuck(recording, axis, stuck))
             wrench = recording.wrench.copy()
             wrench[stuck.cells, column] = np.nan
             sound[i] = replace(recording, wrench=wrench)
-    return sound, said
+    return sound, sentences
 
 
 def _present(values: FloatArray) -> FloatArray:
@@ -150,28 +241,13 @@ def _describe_stuck(recording: Recording, axis: str, stuck: _Stuck) -> str:
 
 
 def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[str]:
-    """
-    Name thermometers and wrenches that are silent for long.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Those of one calibration; a chamber test's plateaus are apart by nature.
-    max_gap_s : float
-        Longer silence is named, s.
-
-    Returns
-    -------
-    list of str
-        Sentences.
-
-    """
-    said = []
+    """Name thermometers and wrenches that are silent for long, but not between plateaus."""
+    sentences = []
     for recording in recordings:
         for j in range(recording.thermometers):
             gap_s = _longest_gap(recording.measured[:, j]) * recording.period_s
             if gap_s > max_gap_s:
-                said.append(
+                sentences.append(
                     f'Thermometer {j + 1} of {recording.name} is silent for {gap_s:.0f} s; its '
                     'last value was held.'
                 )
@@ -179,32 +255,19 @@ def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[
             _longest_gap(np.any(np.isfinite(recording.wrench), axis=1, keepdims=True)[:, 0])
             * recording.period_s
         )
-        if gap_s > max_gap_s and not has_plateaus(recordings):
-            said.append(
+        if gap_s > max_gap_s and find_plateaus(recordings) is None:
+            sentences.append(
                 f'The raw wrench of {recording.name} is missing for {gap_s:.0f} s; the drift of '
                 'that time was not learnt.'
             )
-    return said
+    return sentences
 
 
 def idle_thermometers(recordings: Sequence[Recording]) -> list[str]:
-    """
-    Name thermometers that tell the fit nothing of their own.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Those of one calibration.
-
-    Returns
-    -------
-    list of str
-        Sentences.
-
-    """
+    """Name thermometers that tell the fit nothing of their own."""
     centred = np.concatenate([r.temperature_c - r.temperature_c.mean(axis=0) for r in recordings])
     deviation = centred.std(axis=0)
-    said = [
+    sentences = [
         f'Thermometer {j + 1} reads {recordings[0].temperature_c[0, j]:.1f} °C throughout; it '
         'tells nothing. Check its topic.'
         for j in np.flatnonzero(deviation == 0)
@@ -215,172 +278,16 @@ def idle_thermometers(recordings: Sequence[Recording]) -> list[str]:
             slope = float(centred[:, k] @ centred[:, j] / (centred[:, k] @ centred[:, k]))
             apart_k = float(np.std(centred[:, j] - slope * centred[:, k]))
             if apart_k < _SAME * deviation[j]:
-                said.append(
+                sentences.append(
                     f'Thermometers {k + 1} and {j + 1} say the same: apart from a factor and a '
                     f'constant they differ by {apart_k:.2g} K, while they move by '
                     f'{deviation[j]:.2g} K (standard deviations). A second thermometer helps '
                     'where it sees another source of heat.'
                 )
-    return said
+    return sentences
 
 
 def _longest_gap(measured: BoolArray) -> int:
     """Longest run of False, in cells."""
     edges = np.flatnonzero(np.diff(np.concatenate(([True], measured, [True])).astype(int)))
     return int(np.max(edges[1::2] - edges[::2], initial=0))
-
-
-#: Fewer cells with a wrench than this cannot be divided into blocks worth holding out.
-MIN_SAMPLES = 30
-
-
-#: A jump between neighbouring cells counts as load when it exceeds this many times the noise …
-_JUMP_TO_NOISE = 12.0
-
-
-#: … and this share of the axis' whole range.
-_JUMP_TO_RANGE = 0.2
-
-
-#: … and this many steps of its resolution.
-_JUMP_TO_RESOLUTION = 3.5
-
-
-#: An axis that moves no more often than this may have been loaded and unloaded, and shows none.
-_FEW_STEPS = 4
-
-
-def check_alike(recordings: Sequence[Recording]) -> None:
-    """
-    Refuse recordings that cannot be fitted together.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Those of one calibration.
-
-    Raises
-    ------
-    CalibrationRefusedError
-        When there is none, or thermometers, periods or units differ.
-
-    """
-    if not recordings:
-        raise CalibrationRefusedError('A calibration needs at least one recording; got none.')
-    first = recordings[0]
-    for other in recordings[1:]:
-        if other.thermometers != first.thermometers:
-            raise CalibrationRefusedError(
-                f'{first.name} has {first.thermometers} thermometers and {other.name} has '
-                f'{other.thermometers}; they must be the same. Leave one recording out.'
-            )
-        if other.period_ns != first.period_ns:
-            raise CalibrationRefusedError(
-                f'{first.name} is on thermal cells of {first.period_s} s and {other.name} on '
-                f'{other.period_s} s; they must be the same. Read them with one period.'
-            )
-        if other.unit != first.unit:
-            raise CalibrationRefusedError(
-                f'{first.name} and {other.name} are in different units; they must be the same. '
-                'Calibrate chamber tables and other recordings apart.'
-            )
-
-
-def check_temperatures(recordings: Sequence[Recording], min_span_k: float) -> FloatArray:
-    """
-    Refuse too small a span of temperature.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Of the same thermometers.
-    min_span_k : float
-        What at least one thermometer must span, K.
-
-    Returns
-    -------
-    ndarray, shape (J, 2)
-        Lowest and highest temperature of each thermometer, °C.
-
-    Raises
-    ------
-    CalibrationRefusedError
-        When no thermometer spans enough.
-
-    """
-    everything = np.concatenate([recording.temperature_c for recording in recordings])
-    ranges = np.stack((everything.min(axis=0), everything.max(axis=0)), axis=1)
-    span = float(np.max(ranges[:, 1] - ranges[:, 0]))
-    if span < min_span_k:
-        names = ', '.join(recording.name for recording in recordings)
-        raise CalibrationRefusedError(
-            f'Temperature in {names} spans {span:.1f} K; at least '
-            f'{min_span_k:.1f} K are needed. Record a warm-up from cold.'
-        )
-    return ranges
-
-
-def check_loads(
-    recordings: Sequence[Recording], axes: Sequence[str], reference: Reference
-) -> None:
-    """
-    Refuse a missing reference, and a load that moves although it was declared not to.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Those of one calibration.
-    axes : sequence of str
-        Axes that are calibrated.
-    reference : {'unloaded', 'constant', 'recorded'}
-        What was declared.
-
-    Raises
-    ------
-    CalibrationRefusedError
-        With the axis, the recording, the time and the size of the jump.
-
-    """
-    if reference == 'recorded':
-        for recording in recordings:
-            if not np.isfinite(recording.reference).any():
-                raise CalibrationRefusedError(
-                    f'{recording.name} holds no reference wrench, but the reference was declared '
-                    'recorded. Record wrench_reference beside the raw wrench, or declare the '
-                    'reference unloaded or constant.'
-                )
-        return
-    for recording in recordings:
-        for axis in axes:
-            raw = recording.wrench[:, AXES.index(axis)]
-            at = np.flatnonzero(np.isfinite(raw))
-            # A gap is no jump: drift moves on while nothing is recorded.
-            joined = np.diff(stretches(np.isfinite(raw), recording.period_s)[at]) == 0
-            steps = np.abs(np.diff(raw[at])) * joined
-            limit = max(
-                _JUMP_TO_NOISE * noise_level([raw]),
-                _JUMP_TO_RANGE * _range(raw[at]),
-                _JUMP_TO_RESOLUTION * _resolution(raw[at]),
-            )
-            if len(steps) > MIN_SAMPLES and steps.max() > limit > 0:
-                cell = int(at[int(np.argmax(steps)) + 1])
-                raise CalibrationRefusedError(
-                    f'{axis} of {recording.name} jumps by {steps.max():.3g} '
-                    f'{recording.unit_of(axis)} '
-                    f'after {cell * recording.period_s:.0f} s, although the load was declared '
-                    f'{reference}. Record again without contact or payload change, or '
-                    'record the load as reference.'
-                )
-
-
-def _resolution(values: FloatArray) -> float:
-    """Smallest step between neighbours, where there are more than a few; else what rounding is."""
-    steps = np.abs(np.diff(values))
-    rounding = 1e-12 * float(np.max(np.abs(values), initial=0.0))
-    real = steps[steps > rounding]
-    return float(real.min()) if len(real) > _FEW_STEPS else rounding
-
-
-def _range(values: FloatArray) -> float:
-    """Highest minus lowest, 0 when there is nothing."""
-    return float(np.ptp(values)) if len(values) else 0.0

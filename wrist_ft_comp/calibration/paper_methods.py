@@ -1,6 +1,6 @@
-"""The two-step methods in competition: held-out blocks choose the number of latents."""
+"""The paper's methods by name; held-out folds choose their number of latents."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Literal
@@ -8,37 +8,35 @@ from typing import Literal
 import numpy as np
 
 from wrist_ft_comp.calibration.cross_validation import (
-    block_bins,
-    block_errors,
-    BlockBins,
     hold_out,
-    unexplained,
+    Refit,
+    refit_bins,
+    refit_errors,
+    simplest_good,
 )
-from wrist_ft_comp.calibration.result import AxisFit, finish, Fitted, simplest_good
-from wrist_ft_comp.calibration.settings import build_features, IdentificationSettings
-from wrist_ft_comp.identification.pls_arx import identify, OuterInnerMethod
-from wrist_ft_comp.identification.problem import AxisProblem
+from wrist_ft_comp.calibration.features import build_features
+from wrist_ft_comp.calibration.result import AxisFit
+from wrist_ft_comp.calibration.selection import finish, Fitted
+from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.identification.axis_data import AxisData
+from wrist_ft_comp.identification.pls_arx import identify, PaperMethod
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import FloatArray
 
 _MAX_LATENTS = 8
 
 
-_Fit = Callable[[AxisProblem], Fitted]
-
-
-def identify_two_step(
-    problem: AxisProblem,
+def identify_paper_method(
+    data: AxisData,
     settings: IdentificationSettings,
-    methods: Sequence[OuterInnerMethod | Literal['none']],
+    methods: Sequence[PaperMethod | Literal['none']],
 ) -> AxisFit:
     """
-    Let held-out blocks choose among two-step methods and their numbers of latents.
+    Let held-out folds choose among the paper's methods and their numbers of latents.
 
     Parameters
     ----------
-    problem : AxisProblem
+    data : AxisData
         Drift observations.
     settings : IdentificationSettings
         Features and orders.
@@ -56,41 +54,42 @@ def identify_two_step(
         When an ARX does not find enough consecutive samples.
 
     """
-    candidates: dict[str, _Fit] = {'none': lambda _: Fitted(None)}
+    refits: dict[str, Refit] = {'none': lambda _: (None, ())}
     for method in methods:
         if method != 'none':
-            for r in _latents_to_try(settings, _features(problem, settings), method):
+            for r in _latents_to_try(settings, _features(data, settings), method):
                 name = f'{method}, {r} latent{"s" * (r > 1)}'
-                candidates[name] = partial(_fit_two_step, settings, method, r)
-    errors = {name: _held_out(problem, fit) for name, fit in candidates.items()}
-    competing = [name for name in candidates if name != 'none' or 'none' in methods]
+                refits[name] = partial(_fit, settings, method, r)
+    errors = {name: refit_errors(data, refit) for name, refit in refits.items()}
+    competing = [name for name in refits if name != 'none' or 'none' in methods]
     chosen = competing[simplest_good([errors[name] for name in competing])]
-    fit = finish(problem, candidates[chosen](problem), chosen, errors, competing)
-    before, after = (partial(_bins, problem, candidates[name]) for name in ('none', chosen))
-    return replace(fit, held_out=hold_out(problem, before, after))
+    model, notes = refits[chosen](data)
+    result = finish(data, Fitted(model, notes=notes), chosen, errors, competing)
+    before, after = (partial(refit_bins, data, refits[name]) for name in ('none', chosen))
+    return replace(result, held_out=hold_out(data, before, after))
 
 
-def _features(problem: AxisProblem, settings: IdentificationSettings) -> Features:
-    """Build the features of a problem, with knots only where there are samples."""
+def _features(data: AxisData, settings: IdentificationSettings) -> Features:
+    """Build the features of an axis, with knots only where there are samples."""
     observed = [
         temperature_c[np.isfinite(residual)]
-        for temperature_c, residual in zip(problem.temperature_c, problem.residual, strict=True)
+        for temperature_c, residual in zip(data.temperature_c, data.residual, strict=True)
     ]
-    return build_features(problem.temperature_c, settings, observed)
+    return build_features(data.temperature_c, settings, observed)
 
 
-def _fit_two_step(
-    settings: IdentificationSettings, method: OuterInnerMethod, latents: int, part: AxisProblem
-) -> Fitted:
+def _fit(
+    settings: IdentificationSettings, method: PaperMethod, latents: int, part: AxisData
+) -> tuple[AxisModel | None, tuple[str, ...]]:
     """Fit one candidate to what is not held out."""
     features = _features(part, settings)
     orders = replace(settings.orders, latents=latents)
     dynamics, notes = identify(method, part, features, orders)
-    return Fitted(None if dynamics is None else AxisModel(features, dynamics), notes=notes)
+    return None if dynamics is None else AxisModel(features, dynamics), notes
 
 
 def _latents_to_try(
-    settings: IdentificationSettings, features: Features, method: OuterInnerMethod
+    settings: IdentificationSettings, features: Features, method: PaperMethod
 ) -> Sequence[int]:
     """List numbers of latents; hats take all, so that every knot keeps its own coefficients."""
     if settings.latents is not None:
@@ -100,21 +99,3 @@ def _latents_to_try(
         # Hats behind a bank of filters are too many and too alike for each to keep its own.
         return range(1, min(width * len(settings.orders.time_constants_s), _MAX_LATENTS) + 1)
     return [width] if features.kind == 'hats' else range(1, min(width, _MAX_LATENTS) + 1)
-
-
-def _held_out(problem: AxisProblem, fit: _Fit) -> FloatArray:
-    """Fit without each block in turn and score it there: mean square errors, shape (parts,)."""
-    errors: list[float] = []
-    for block in problem.block_numbers:
-        errors += block_errors(problem, _left(problem, fit, block), block)
-    return np.array(errors)
-
-
-def _left(problem: AxisProblem, fit: _Fit, block: int) -> list[FloatArray]:
-    """Leave of r - w what a fit to the other blocks does not explain, shapes (N_i,)."""
-    return unexplained(problem, fit(problem.without(block)).model)
-
-
-def _bins(problem: AxisProblem, fit: _Fit, block: int) -> list[BlockBins]:
-    """Return the errors on a block of a fit to the others."""
-    return block_bins(problem, _left(problem, fit, block), block)

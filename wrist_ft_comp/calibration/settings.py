@@ -1,28 +1,18 @@
-"""What a person chose about the structure of the model."""
+"""What a person may choose for a calibration, checked once where it is chosen."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import get_args, Literal
 
 import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.identification.pls_arx import OuterInnerMethod
 from wrist_ft_comp.model.arx import Orders
-from wrist_ft_comp.model.features import FeatureKind, Features
-from wrist_ft_comp.model.signals import FloatArray
+from wrist_ft_comp.model.features import FeatureKind
+from wrist_ft_comp.model.ranges import check_range
+from wrist_ft_comp.model.signals import Reference
 
-Method = OuterInnerMethod | Literal['arx_pls_oe', 'auto']
-
-
-METHODS: tuple[Method, ...] = (*get_args(OuterInnerMethod), 'arx_pls_oe', 'auto')
-
-
-#: More distinct temperatures than this are no plateaus; hats then get evenly spaced knots.
-_MAX_PLATEAUS = 12
-
-
-_EVEN_KNOTS = 6
+Method = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls', 'arx_pls_oe', 'auto']
+METHODS: tuple[Method, ...] = get_args(Method)
 
 
 @dataclass(frozen=True)
@@ -41,9 +31,9 @@ class IdentificationSettings:
     hat_temperatures_c : tuple of float
         Knots of the hats, °C, for every thermometer; empty takes the plateaus that were seen.
     latents : int or None
-        Number of latents of the two-step methods; None lets held-out blocks choose.
+        Number of latents of the paper's methods; None lets held-out folds choose.
     orders : Orders
-        Orders of the two-step methods.
+        Orders of the paper's methods.
 
     """
 
@@ -74,52 +64,39 @@ class IdentificationSettings:
             )
 
 
-def build_features(
-    temperature_c: Sequence[FloatArray],
-    settings: IdentificationSettings,
-    observed: Sequence[FloatArray] | None = None,
-) -> Features:
+@dataclass(frozen=True)
+class CalibrationSettings:
     """
-    Choose reference, range and knots of the features from the recorded temperatures.
+    What a person chose for a calibration.
 
-    Parameters
+    Attributes
     ----------
-    temperature_c : sequence of ndarrays, shape (N_i, J)
-        Temperatures of all recordings, °C.
-    settings : IdentificationSettings
-        Kind, degree, knots.
-    observed : sequence of ndarrays, shape (n_i, J), optional
-        The temperatures at which there are samples; knots are laid there. All by default.
-
-    Returns
-    -------
-    Features
-        T_ref is the mean temperature of each thermometer.
+    reference : {'unloaded', 'constant', 'recorded'}
+        What the true wrench was: zero, an unknown constant, or recorded beside the raw one.
+    min_temperature_span_k : float
+        Refuse when no thermometer spans at least this much, K.
+    max_gap_s : float
+        Warn when temperatures are missing for longer than this, s.
+    identification : IdentificationSettings
+        Method and structure.
 
     """
-    everything = np.concatenate(list(temperature_c))
-    lower, upper = everything.min(axis=0), everything.max(axis=0)
-    knots: tuple[FloatArray, ...] = ()
-    if settings.features == 'hats':
-        where = everything if observed is None else np.concatenate(list(observed))
-        knots = tuple(_knots(column, settings) for column in where.T)
-    return Features(
-        kind=settings.features,
-        reference_c=everything.mean(axis=0),
-        lower_c=lower,
-        upper_c=upper,
-        degree=settings.degree if settings.features == 'powers' else 1,
-        knots_c=knots,
-    )
 
+    reference: Reference = 'unloaded'
+    min_temperature_span_k: float = 3.0
+    max_gap_s: float = 600.0
+    identification: IdentificationSettings = field(default_factory=IdentificationSettings)
 
-def _knots(temperature_c: FloatArray, settings: IdentificationSettings) -> FloatArray:
-    """Knots of one thermometer, °C."""
-    if settings.hat_temperatures_c:
-        return np.array(settings.hat_temperatures_c, dtype=float)
-    plateaus = np.unique(temperature_c)
-    if len(plateaus) == 1:
-        return np.array([plateaus[0], plateaus[0] + 1.0])  # a constant needs a hat, too
-    if len(plateaus) <= _MAX_PLATEAUS:
-        return plateaus
-    return np.linspace(plateaus[0], plateaus[-1], _EVEN_KNOTS)
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.reference not in get_args(Reference):
+            raise SettingsError(
+                f'Unknown reference {self.reference!r}; expected one of '
+                f'{", ".join(get_args(Reference))}.'
+            )
+        if not (np.isfinite(self.min_temperature_span_k) and self.min_temperature_span_k >= 0):
+            raise SettingsError(
+                'The minimum temperature span must be a number of at least 0 K; got '
+                f'{self.min_temperature_span_k}.'
+            )
+        check_range('max_gap_s', self.max_gap_s, 0.0)

@@ -5,8 +5,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
 
-from wrist_ft_comp.calibration.calibrate import CalibrationSettings, summarise
-from wrist_ft_comp.calibration.settings import IdentificationSettings, METHODS
+from wrist_ft_comp.calibration.calibrate import summarise
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings, METHODS
 from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli import options as values
 from wrist_ft_comp.cli.calibration_job import (

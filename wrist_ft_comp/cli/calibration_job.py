@@ -104,7 +104,9 @@ def judge_chamber_tables(job: CalibrationJob, stored: StoredModel) -> dict[str, 
             'raw': chamber_figures(table),
             'fitted': chamber_figures(compensate_table(table, stored.model)),
         }
-        left_out = leave_one_temperature_out(table, job.settings, job.period_s)
+        left_out = leave_one_temperature_out(
+            table, lambda recording: calibrate([recording], job.settings).model, job.period_s
+        )
         if left_out is not None:
             columns['left out'] = chamber_figures(left_out)
         tables[str(path)] = columns

@@ -5,8 +5,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from wrist_ft_comp.calibration.calibrate import Calibration, CalibrationSettings
-from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.calibration.result import Calibration
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.files.bag import Topics
 from wrist_ft_comp.model.arx import Orders
 from wrist_ft_comp.model.drift_model import StoredModel

@@ -17,8 +17,7 @@ import scipy
 import yaml
 
 import wrist_ft_comp
-from wrist_ft_comp.calibration.calibrate import Calibration
-from wrist_ft_comp.calibration.result import AxisFit
+from wrist_ft_comp.calibration.result import AxisFit, Calibration
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.files.documents import check, Kind, read_bounded, replaced_on_success
 from wrist_ft_comp.model.arx import Arx

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrist_ft_comp.identification.problem import AxisProblem
+from wrist_ft_comp.identification.axis_data import AxisData
 from wrist_ft_comp.model.arx import Arx, mean_relaxation, relaxation
 from wrist_ft_comp.model.signals import FloatArray, IntArray
 
@@ -49,7 +49,7 @@ class Sums:
 
 
 @dataclass(frozen=True, eq=False)
-class BinnedProblem:
+class BinnedData:
     """
     One axis over several recordings, in bins.
 
@@ -63,10 +63,10 @@ class BinnedProblem:
         Mean temperatures of each bin, °C.
     sums : tuple of Sums
         Of each recording.
-    blocks : tuple of ndarrays of int, shape (n_i,)
-        Number of the cross-validation block of each bin.
+    folds : tuple of ndarrays of int, shape (n_i,)
+        Number of the cross-validation fold of each bin.
     loaded, tared : bool
-        Whether there is a load; as AxisProblem.tared.
+        Whether there is a load; as AxisData.tared.
 
     """
 
@@ -74,7 +74,7 @@ class BinnedProblem:
     cells: int
     temperature_c: tuple[FloatArray, ...]
     sums: tuple[Sums, ...]
-    blocks: tuple[IntArray, ...]
+    folds: tuple[IntArray, ...]
     loaded: bool
     tared: bool
 
@@ -83,15 +83,15 @@ class BinnedProblem:
         """Duration of the longest recording, s."""
         return max(len(temperature_c) for temperature_c in self.temperature_c) * self.period_s
 
-    def without(self, block: int) -> 'BinnedProblem':
-        """Hold a block out: its samples no longer count, its temperatures stay."""
+    def without(self, fold: int) -> 'BinnedData':
+        """Hold a fold out: its samples no longer count, its temperatures stay."""
         sums = tuple(
-            replace(each, count=np.where(numbers == block, 0.0, each.count))
-            for numbers, each in zip(self.blocks, self.sums, strict=True)
+            replace(each, count=np.where(folds == fold, 0.0, each.count))
+            for folds, each in zip(self.folds, self.sums, strict=True)
         )
         return replace(self, sums=sums)
 
-    def without_trend(self) -> 'BinnedProblem':
+    def without_trend(self) -> 'BinnedData':
         """Have temperature explain everything but a constant, also in long recordings."""
         sums = tuple(replace(each, time=np.zeros_like(each.time)) for each in self.sums)
         return replace(self, sums=sums)
@@ -103,13 +103,13 @@ class BinnedProblem:
         return mean_relaxation(time_constant_s, self.period_s / self.cells, self.cells)
 
 
-def bin_problem(problem: AxisProblem, cells: int, *, means: bool = False) -> BinnedProblem:
+def bin_axis_data(data: AxisData, cells: int, *, means: bool = False) -> BinnedData:
     """
-    Sum a problem over bins.
+    Sum an axis over bins.
 
     Parameters
     ----------
-    problem : AxisProblem
+    data : AxisData
         The axis.
     cells : int
         Cells per bin.
@@ -118,44 +118,38 @@ def bin_problem(problem: AxisProblem, cells: int, *, means: bool = False) -> Bin
 
     Returns
     -------
-    BinnedProblem
+    BinnedData
         The last bin of a recording may hold fewer cells.
 
     """
     sums = []
-    for i, residual in enumerate(problem.residual):
-        w = np.zeros_like(residual) if problem.load is None else problem.load[i]
+    for i, residual in enumerate(data.residual):
+        w = np.zeros_like(residual) if data.load is None else data.load[i]
         present = np.isfinite(residual) & np.isfinite(w)
         y, w = np.where(present, residual, 0.0), np.where(present, w, 0.0)
         rows = [present.astype(float), w, w * w, y, y * y, w * y]
         if means:
-            count, load, _, total, _, _ = (_binned(row, cells) for row in rows)
+            count, load, _, total, _, _ = (_sum_bins(row, cells) for row in rows)
             some = np.maximum(count, 1.0)
             w, y = load / some, total / some
             rows = [(count > 0).astype(float), w, w * w, y, y * y, w * y]
         else:
-            rows = [_binned(row, cells) for row in rows]
-        time = _time(problem, len(residual), len(rows[0]))
+            rows = [_sum_bins(row, cells) for row in rows]
+        long = data.tared and len(residual) * data.period_s >= _LONG_S
+        time = np.linspace(-1.0, 1.0, len(rows[0]), dtype=float) if long else 0.0 * rows[0]
         sums.append(Sums(time, *rows))
-    return BinnedProblem(
-        period_s=cells * problem.period_s,
+    return BinnedData(
+        period_s=cells * data.period_s,
         cells=cells,
-        temperature_c=tuple(_bin_means(values, cells) for values in problem.temperature_c),
+        temperature_c=tuple(_mean_bins(values, cells) for values in data.temperature_c),
         sums=tuple(sums),
-        blocks=tuple(numbers[::cells] for numbers in problem.blocks),
-        loaded=problem.load is not None,
-        tared=problem.tared,
+        folds=tuple(folds[::cells] for folds in data.folds),
+        loaded=data.load is not None,
+        tared=data.tared,
     )
 
 
-def _time(problem: AxisProblem, cells: int, bins: int) -> FloatArray:
-    """Lay out the time of a recording's bins, shape (n,); 0 where it is too short."""
-    if not problem.tared or cells * problem.period_s < _LONG_S:
-        return np.zeros(bins)
-    return np.asarray(np.linspace(-1.0, 1.0, bins), dtype=float)
-
-
-def _binned(values: FloatArray, cells: int) -> FloatArray:
+def _sum_bins(values: FloatArray, cells: int) -> FloatArray:
     """Sum over bins, shapes (N, …) to (n, …)."""
     if cells == 1:
         return values
@@ -163,9 +157,8 @@ def _binned(values: FloatArray, cells: int) -> FloatArray:
     return sums
 
 
-def _bin_means(values: FloatArray, cells: int) -> FloatArray:
+def _mean_bins(values: FloatArray, cells: int) -> FloatArray:
     """Average over bins, shapes (N, J) to (n, J)."""
-    starts = np.arange(0, len(values), cells)
-    counts = np.diff(starts, append=len(values))
-    means: FloatArray = _binned(values, cells) / counts[:, np.newaxis]
+    counts = np.diff(np.arange(0, len(values), cells), append=len(values))
+    means: FloatArray = _sum_bins(values, cells) / counts[:, np.newaxis]
     return means

@@ -1,7 +1,7 @@
 """
 Sums over samples, all that least squares needs: made once, for every candidate and fold.
 
-A candidate is a choice of columns, a held-out block a difference of sums.
+A candidate is a choice of columns, a held-out fold a difference of sums.
 """
 
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrist_ft_comp.identification.bins import BinnedProblem, Sums
+from wrist_ft_comp.identification.bins import BinnedData, Sums
 from wrist_ft_comp.model.arx import free_run
 from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
@@ -21,38 +21,40 @@ _SILENT = 1e-12
 @dataclass(frozen=True, eq=False)
 class Moments:
     """
-    Sums over the samples of every block, all that least squares needs.
+    Sums over the samples of every fold: B entries, of P columns and, last, r - w.
+
+    What no temperature has to explain, a constant and in long recordings a slow trend, is the
+    nuisance: a one and the time, which is zero in short recordings.
 
     Attributes
     ----------
     time_constants_s : ndarray, shape (K,)
         Grid of τ, s; the first is 0 (static).
     products : ndarray, shape (B, P + 1, P + 1)
-        Sum of products of the columns and, last, of r - w.
-    beside : ndarray, shape (B, 2, P + 1)
-        Sum of each, and of its products with time: what no temperature has to explain is a
-        constant and, in long recordings, a slow trend.
-    time : ndarray, shape (B, 2, 2)
-        Sum of products of a one and the time; zero time in short recordings.
-    group : ndarray of int, shape (B,)
-        Recording of each entry: entries of a group share an unknown constant and trend.
-    block : ndarray of int, shape (B,)
-        Cross-validation block of each entry; a block may have several entries.
+        Sums of products of the columns.
+    nuisance_products : ndarray, shape (B, 2, P + 1)
+        Sums of products of one and time with the columns.
+    nuisance_gram : ndarray, shape (B, 2, 2)
+        Sums of products of one and time.
+    recording : ndarray of int, shape (B,)
+        Recording of each entry: entries of one share an unknown constant and trend.
+    fold : ndarray of int, shape (B,)
+        Cross-validation fold of each entry; a fold may have several entries.
     inputs : int
         F, number of features.
     loaded : bool
         Whether the columns are doubled by the load, and the load itself is a column.
     tared : bool
-        As AxisProblem.tared.
+        As AxisData.tared.
 
     """
 
     time_constants_s: FloatArray
     products: FloatArray
-    beside: FloatArray
-    time: FloatArray
-    group: IntArray
-    block: IntArray
+    nuisance_products: FloatArray
+    nuisance_gram: FloatArray
+    recording: IntArray
+    fold: IntArray
     inputs: int
     loaded: bool
     tared: bool = True
@@ -60,19 +62,19 @@ class Moments:
     @property
     def sums(self) -> FloatArray:
         """Sum of each column, shape (B, P + 1)."""
-        return self.beside[:, 0]
+        return self.nuisance_products[:, 0]
 
     @property
     def counts(self) -> FloatArray:
         """Number of samples, shape (B,)."""
-        return self.time[:, 0, 0]
+        return self.nuisance_gram[:, 0, 0]
 
     def without_trend(self) -> 'Moments':
         """Have temperature explain everything but a constant, also in long recordings."""
-        beside, time = self.beside.copy(), self.time.copy()
-        beside[:, 1] = 0.0
-        time[:, 1] = time[:, :, 1] = 0.0
-        return replace(self, beside=beside, time=time)
+        products, gram = self.nuisance_products.copy(), self.nuisance_gram.copy()
+        products[:, 1] = 0.0
+        gram[:, 1] = gram[:, :, 1] = 0.0
+        return replace(self, nuisance_products=products, nuisance_gram=gram)
 
     def columns(self, grid: Sequence[int], inputs: int) -> IntArray:
         """
@@ -98,56 +100,30 @@ class Moments:
         return np.array([*zero, *(half + column for column in zero), 2 * half])
 
     def centred(self, keep: BoolArray) -> tuple[FloatArray, float]:
-        """
-        Sum the kept entries after removing each group's constant and trend.
-
-        Parameters
-        ----------
-        keep : ndarray of bool, shape (B,)
-            Entries that take part.
-
-        Returns
-        -------
-        tuple of ndarray, shape (P + 1, P + 1), and float
-            Centred products, and the number of samples.
-
-        """
+        """Sum the products of kept entries without each recording's nuisance; count samples."""
         total = self.products[keep].sum(axis=0)
-        for group in np.unique(self.group[keep]):
-            inside = keep & (self.group == group)
-            beside = self.beside[inside].sum(axis=0)
-            total = total - beside.T @ self._inverse_time(inside) @ beside
-        # A column that is constant within every group holds nothing; rounding must not pretend so.
+        for recording in np.unique(self.recording[keep]):
+            inside = keep & (self.recording == recording)
+            crossed = self.nuisance_products[inside].sum(axis=0)
+            total = total - crossed.T @ self._inverse_gram(inside) @ crossed
+        # A column that is constant within each recording holds nothing; rounding must not pretend.
         silent = np.diagonal(total) <= _SILENT * np.diagonal(self.products[keep].sum(axis=0))
         total[silent] = 0.0
         total[:, silent] = 0.0
         return total, float(self.counts[keep].sum())
 
-    def _inverse_time(self, inside: BoolArray) -> FloatArray:
+    def _inverse_gram(self, inside: BoolArray) -> FloatArray:
         """Invert the summed products of one and time, shape (2, 2); no time gives no trend."""
-        inverse: FloatArray = np.linalg.pinv(self.time[inside].sum(axis=0), hermitian=True)
+        inverse: FloatArray = np.linalg.pinv(
+            self.nuisance_gram[inside].sum(axis=0), hermitian=True
+        )
         return inverse
 
-    def what_time_explains(self, inside: BoolArray, thetas: FloatArray) -> FloatArray:
-        """
-        Fit constant and trend to combinations of columns.
-
-        Parameters
-        ----------
-        inside : ndarray of bool, shape (B,)
-            Entries of one group.
-        thetas : ndarray, shape (S, P + 1)
-            Combinations.
-
-        Returns
-        -------
-        ndarray, shape (2, S)
-            Constant, and slope over time.
-
-        """
-        beside = self.beside[inside].sum(axis=0)
-        explained: FloatArray = self._inverse_time(inside) @ (beside @ thetas.T)
-        return explained
+    def fit_nuisance(self, inside: BoolArray, thetas: FloatArray) -> FloatArray:
+        """Fit constant and slope over time, (2, S), to combinations of columns, (S, P + 1)."""
+        crossed = self.nuisance_products[inside].sum(axis=0)
+        level: FloatArray = self._inverse_gram(inside) @ (crossed @ thetas.T)
+        return level
 
     def mean_squares(self, held: BoolArray, thetas: FloatArray) -> FloatArray:
         """
@@ -170,27 +146,27 @@ class Moments:
         # (S, B') = diagonal of θ (P + 1) · products (B', P + 1, P + 1) · θ
         halves = np.tensordot(thetas, self.products[held], axes=(1, 1))  # (S, B', P + 1)
         squares = np.einsum('sp,sbp->sb', thetas, halves)
-        left = np.zeros_like(squares)
-        for group in np.unique(self.group[held]):
-            own = held & (self.group == group)
-            basis = own if self.tared else ~held & (self.group == group)
-            level = self.what_time_explains(basis, thetas)  # (2, S)
-            crossed = np.einsum('qs,bqp,sp->sb', level, self.beside[own], thetas)
-            levels = np.einsum('qs,bqr,rs->sb', level, self.time[own], level)
-            left[:, own[held]] = squares[:, own[held]] - 2 * crossed + levels
-        errors: FloatArray = np.maximum(left, 0.0) / self.counts[held]
+        around = np.zeros_like(squares)
+        for recording in np.unique(self.recording[held]):
+            own = held & (self.recording == recording)
+            basis = own if self.tared else ~held & (self.recording == recording)
+            level = self.fit_nuisance(basis, thetas)  # (2, S)
+            crossed = np.einsum('qs,bqp,sp->sb', level, self.nuisance_products[own], thetas)
+            levels = np.einsum('qs,bqr,rs->sb', level, self.nuisance_gram[own], level)
+            around[:, own[held]] = squares[:, own[held]] - 2 * crossed + levels
+        errors: FloatArray = np.maximum(around, 0.0) / self.counts[held]
         return errors
 
 
 def bank_inputs(
-    problem: BinnedProblem, features: Features, time_constants_s: FloatArray
+    data: BinnedData, features: Features, time_constants_s: FloatArray
 ) -> list[FloatArray]:
     """
     Compute the features of the temperatures behind every relaxation of a grid (eq. 11).
 
     Parameters
     ----------
-    problem : BinnedProblem
+    data : BinnedData
         For temperatures and period.
     features : Features
         Of one relaxation's temperatures.
@@ -203,33 +179,30 @@ def bank_inputs(
         By relaxation, then feature.
 
     """
-    bank = [problem.relaxation(float(tau)) for tau in time_constants_s]
+    bank = [data.relaxation(float(tau)) for tau in time_constants_s]
     # A relaxation stays within the range of its input, from which the features were built.
     return [
         np.concatenate([features.expand_within(free_run(h, temperature_c)) for h in bank], axis=1)
-        for temperature_c in problem.temperature_c
+        for temperature_c in data.temperature_c
     ]
 
 
 def accumulate(
-    problem: BinnedProblem,
-    banked: Sequence[FloatArray],
-    time_constants_s: FloatArray,
-    parts: int = 1,
+    data: BinnedData, banked: Sequence[FloatArray], time_constants_s: FloatArray, parts: int = 1
 ) -> Moments:
     """
-    Sum products of all columns over every block of every recording.
+    Sum products of all columns over every fold of every recording.
 
     Parameters
     ----------
-    problem : BinnedProblem
+    data : BinnedData
         The axis.
     banked : sequence of ndarrays, shape (n_i, K·F)
         From bank_inputs.
     time_constants_s : ndarray, shape (K,)
         What they were made with.
     parts : int
-        Entries that each block is divided into, of about the same number of bins.
+        Entries that each fold is divided into, of about the same number of bins.
 
     Returns
     -------
@@ -237,74 +210,57 @@ def accumulate(
         For all candidates.
 
     """
-    products, beside, time, group, block = [], [], [], [], []
-    for i, (columns, of) in enumerate(zip(banked, problem.sums, strict=True)):
-        for number in np.unique(problem.blocks[i]):
-            rows = np.flatnonzero((problem.blocks[i] == number) & (of.count > 0))
-            for part in np.array_split(rows, min(parts, len(rows))) if len(rows) else ():
-                total, crossed = _sum_bins(columns[part], of, part, loaded=problem.loaded)
-                count, t = of.count[part], of.time[part]
-                products.append(total)
-                beside.append(crossed)
-                time.append([[count.sum(), count @ t], [count @ t, count @ t**2]])
-                group.append(i)
-                block.append(int(number))
+    entries = []
+    for i, (x, sums) in enumerate(zip(banked, data.sums, strict=True)):
+        for fold in np.unique(data.folds[i]):
+            rows = np.flatnonzero((data.folds[i] == fold) & (sums.count > 0))
+            entries += [
+                (*_sum_rows(x[part], sums, part, loaded=data.loaded), i, int(fold))
+                for part in np.array_split(rows, max(min(parts, len(rows)), 1))
+                if len(part)
+            ]
+    products, nuisance_products, nuisance_gram, recording, folds = zip(*entries, strict=True)
     return Moments(
         time_constants_s=time_constants_s,
         products=np.stack(products),
-        beside=np.stack(beside),
-        time=np.array(time),
-        group=np.array(group),
-        block=np.array(block),
+        nuisance_products=np.stack(nuisance_products),
+        nuisance_gram=np.stack(nuisance_gram),
+        recording=np.array(recording),
+        fold=np.array(folds),
         inputs=banked[0].shape[1] // len(time_constants_s),
-        loaded=problem.loaded,
-        tared=problem.tared,
+        loaded=data.loaded,
+        tared=data.tared,
     )
 
 
-def _sum_bins(
-    x: FloatArray, of: Sums, rows: IntArray, *, loaded: bool
-) -> tuple[FloatArray, FloatArray]:
+def _sum_rows(
+    x: FloatArray, sums: Sums, rows: IntArray, *, loaded: bool
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """
-    Sum over some bins the products of the columns of the equation in simulation_error, and them.
+    Sum products, nuisance products and nuisance gram of some bins, x of shape (n, C).
 
         [ x_f(H_τ T) … | w x_f(H_τ T) … | w | y ]     with load, y = r - w
         [ x_f(H_τ T) … | y ]                          without
-
-    Parameters
-    ----------
-    x : ndarray, shape (n, C)
-        Features of the bins.
-    of : Sums
-        Of all bins of the recording.
-    rows : ndarray of int, shape (n,)
-        Which bins these are.
-    loaded : bool
-        Whether there is a load.
-
-    Returns
-    -------
-    tuple of ndarrays, shapes (P + 1, P + 1) and (2, P + 1)
-        Sums of products, of columns, and of columns times time.
-
     """
-    t = np.stack((np.ones(len(rows)), of.time[rows]))
-    count, w, ww = of.count[rows], of.load[rows], of.load_square[rows]
-    y, yy, wy = of.residual[rows], of.residual_square[rows], of.product[rows]
+    time, count = sums.time[rows], sums.count[rows]
+    w, ww, y = sums.load[rows], sums.load_square[rows], sums.residual[rows]
+    yy, wy = sums.residual_square[rows], sums.product[rows]
+    t = np.stack((np.ones(len(rows)), time))
+    gram = np.array([[count.sum(), count @ time], [count @ time, count @ time**2]])
     # Cells with one sample each need no weights, and a symmetric product is twice as quick.
     weighted = x if (count == 1).all() else x * count[:, np.newaxis]
     plain, crossed = weighted.T @ x, y @ x
     if not loaded:
         total = np.block([[plain, crossed[:, np.newaxis]], [crossed, yy.sum()]])
-        return total, np.column_stack(((t * count) @ x, t @ y))
+        return total, np.column_stack(((t * count) @ x, t @ y)), gram
     mixed, doubled = (x * w[:, np.newaxis]).T @ x, (x * ww[:, np.newaxis]).T @ x
-    beside_w = np.concatenate((w @ x, ww @ x))[:, np.newaxis]
-    beside_y = np.concatenate((crossed, wy @ x))[:, np.newaxis]
+    with_w = np.concatenate((w @ x, ww @ x))[:, np.newaxis]
+    with_y = np.concatenate((crossed, wy @ x))[:, np.newaxis]
     total = np.block(
         [
-            [np.block([[plain, mixed], [mixed, doubled]]), beside_w, beside_y],
-            [beside_w.T, ww.sum(), wy.sum()],
-            [beside_y.T, wy.sum(), yy.sum()],
+            [np.block([[plain, mixed], [mixed, doubled]]), with_w, with_y],
+            [with_w.T, ww.sum(), wy.sum()],
+            [with_y.T, wy.sum(), yy.sum()],
         ]
     )
-    return total, np.column_stack(((t * count) @ x, (t * w) @ x, t @ w, t @ y))
+    return total, np.column_stack(((t * count) @ x, (t * w) @ x, t @ w, t @ y)), gram

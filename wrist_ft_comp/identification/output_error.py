@@ -43,7 +43,7 @@ class Structure:
     bank_s : tuple of float
         Fixed time constants, s; empty without any is static.
     regression : {'least squares', 'ridge', 'PLS'}
-        The last two for many of them; held-out blocks choose their strength.
+        The last two for many of them; held-out folds choose their strength.
 
     """
 
@@ -58,7 +58,7 @@ def fit_columns(
     moments: Moments, structure: Structure, keep: BoolArray, inputs: int
 ) -> tuple[IntArray, FloatArray]:
     """
-    Fit a candidate to some of the blocks.
+    Fit a candidate to some of the folds.
 
     Parameters
     ----------
@@ -86,80 +86,6 @@ def fit_columns(
         return columns, _REGRESSIONS[structure.regression](products, columns)
     choices = list(combinations(range(1, len(grid)), structure.free_time_constants))
     candidates = np.stack([moments.columns(choice, inputs) for choice in choices])
-    coefficients, left = least_squares(products, candidates)
-    best = int(np.argmin(left))
+    coefficients, rss = least_squares(products, candidates)
+    best = int(np.argmin(rss))
     return candidates[best], coefficients[best][np.newaxis]
-
-
-def held_out_errors(
-    moments: Moments, judged: Moments, structure: Structure, inputs: int
-) -> FloatArray:
-    """
-    Hold every block out in turn and score the free run on it.
-
-    Parameters
-    ----------
-    moments : Moments
-        Fitted to.
-    judged : Moments
-        Scored on; the same blocks, averaged over bins, in parts.
-    structure, inputs
-        As for fit_columns.
-
-    Returns
-    -------
-    ndarray, shape (S, parts)
-        Mean square error of each part of each block, for every strength of the regression.
-
-    """
-    blocks = np.unique(moments.block)
-    errors = [block_errors(moments, judged, structure, inputs, block) for block in blocks]
-    return np.concatenate(errors, axis=1)
-
-
-def block_errors(
-    moments: Moments, judged: Moments, structure: Structure, inputs: int, block: int
-) -> FloatArray:
-    """
-    Hold one block out and score the free run on it.
-
-    Parameters
-    ----------
-    moments, judged, structure, inputs
-        As for held_out_errors.
-    block : int
-        Its number.
-
-    Returns
-    -------
-    ndarray, shape (S, parts of the block)
-        Mean square errors.
-
-    """
-    columns, coefficients = fit_columns(moments, structure, moments.block != block, inputs)
-    theta = np.zeros((len(coefficients), moments.sums.shape[1]))
-    theta[:, columns] = coefficients
-    theta[:, -1] = -1.0
-    return judged.mean_squares(judged.block == block, theta)
-
-
-def uncompensated_errors(judged: Moments) -> FloatArray:
-    """
-    Score doing nothing.
-
-    Parameters
-    ----------
-    judged : Moments
-        Of the axis.
-
-    Returns
-    -------
-    ndarray, shape (parts,)
-        As held_out_errors.
-
-    """
-    nothing = np.zeros((1, judged.sums.shape[1]))
-    nothing[0, -1] = 1.0
-    blocks = np.unique(judged.block)
-    errors = [judged.mean_squares(judged.block == block, nothing)[0] for block in blocks]
-    return np.concatenate(errors)

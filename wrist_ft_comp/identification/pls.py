@@ -19,8 +19,6 @@ from wrist_ft_comp.model.signals import FloatArray
 
 #: A block whose remaining sum of squares is below this share of the original is exhausted.
 _EXHAUSTED = 1e-24
-
-
 _MAX_ITERATIONS = 2000
 
 
@@ -71,20 +69,7 @@ class Pls:
 
 
 def fix_signs(weights: FloatArray) -> FloatArray:
-    """
-    Resolve the sign freedom of a weight vector: its largest component becomes positive.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (F,)
-        One weight vector.
-
-    Returns
-    -------
-    ndarray, shape (F,)
-        The vector or its negative.
-
-    """
+    """Resolve the sign freedom of a weight vector: its largest component becomes positive."""
     return weights if weights[np.argmax(np.abs(weights))] >= 0 else -weights
 
 
@@ -116,8 +101,8 @@ def fit_pls(x: FloatArray, y: FloatArray, latents: int) -> Pls:
         raise SettingsError(f'PLS needs at least 1 latent; got {latents}.')
     e, f = x.copy(), y.copy()  # E_r and F_r of eq. 3 and 5
     x_limit, y_limit = (_EXHAUSTED * float(np.sum(block**2)) for block in (x, y))
-    found: list[tuple[FloatArray, ...]] = []
-    while len(found) < latents and np.sum(e**2) > x_limit and np.sum(f**2) > y_limit:
+    components: list[tuple[FloatArray, ...]] = []
+    while len(components) < latents and np.sum(e**2) > x_limit and np.sum(f**2) > y_limit:
         w = _dominant_weights(e, f)
         t = e @ w
         tt = float(t @ t)
@@ -130,10 +115,10 @@ def fit_pls(x: FloatArray, y: FloatArray, latents: int) -> Pls:
         b = float(u @ t) / tt  # eq. 9
         e -= np.outer(t, p)  # eq. 3
         f -= b * np.outer(t, q)  # eq. 5 with eq. 10
-        found.append((w, p, np.array(b), q, t, u))
-    if not found:
+        components.append((w, p, np.array(b), q, t, u))
+    if not components:
         return _empty(x, y)
-    w_, p_, b_, q_, t_, u_ = (np.stack(part, axis=-1) for part in zip(*found, strict=True))
+    w_, p_, b_, q_, t_, u_ = (np.stack(part, axis=-1) for part in zip(*components, strict=True))
     return Pls(weights=w_, loadings=p_, inner=b_, output_loadings=q_, scores=t_, output_scores=u_)
 
 
@@ -170,23 +155,10 @@ def _dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
 
 def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
     """
-    Fit principal component regression, the paper's starting point.
+    Fit principal component regression, the paper's starting point, as fit_pls.
 
-    Parameters
-    ----------
-    x, y, latents
-        As for fit_pls.
-
-    Returns
-    -------
-    Pls
-        Its weights and loadings are the leading right singular vectors of x; there is one output
-        direction per latent, as in eq. 8.
-
-    Raises
-    ------
-    SettingsError
-        When latents is below 1.
+    Weights and loadings are the leading right singular vectors of x; there is one output direction
+    per latent, as in eq. 8.
 
     """
     if latents < 1:

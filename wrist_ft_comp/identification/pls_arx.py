@@ -1,5 +1,5 @@
 """
-The two-step methods: an outer model between observed blocks, then an inner model per latent.
+The paper's methods: an outer model between observed blocks, then an inner model per latent.
 
 ``pcr`` and ``pls`` are static (eq. 3 to 10), ``filtered_pls`` puts a dynamic filter before static
 PLS (eq. 11 to 14, Kaspar and Ray), ``arx_pls`` is the paper literally: PLS, then least-squares ARX
@@ -12,8 +12,8 @@ from typing import Literal
 
 import numpy as np
 
+from wrist_ft_comp.identification.axis_data import AxisData
 from wrist_ft_comp.identification.pls import fit_pcr, fit_pls, Pls
-from wrist_ft_comp.identification.problem import AxisProblem, stretches
 from wrist_ft_comp.model.arx import (
     Arx,
     fit_one_step,
@@ -25,13 +25,89 @@ from wrist_ft_comp.model.arx import (
 )
 from wrist_ft_comp.model.arx_pls import ArxPls, from_gains
 from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import BoolArray, FloatArray
+from wrist_ft_comp.model.signals import BoolArray, FloatArray, stretches
 
 #: Longest stretch of constant sensitivity assumed when it is observed directly, s.
 OBSERVATION_WINDOW_S = 300.0
 
+PaperMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']
 
-def observe_drift(problem: AxisProblem) -> list[FloatArray]:
+
+@dataclass(frozen=True, eq=False)
+class XyBlock:
+    """
+    Input and output block of one axis, scaled, and centred within each recording.
+
+    Attributes
+    ----------
+    inputs : tuple of ndarrays, shape (N_i, F)
+        Features of every cell, not centred and not scaled.
+    valid : tuple of ndarrays of bool, shape (N_i,)
+        Cells with an observation.
+    observed : tuple of ndarrays, shape (N_i, M)
+        From observe_drift.
+    output_weight : ndarray, shape (M,)
+        Diagonal of W_y.
+
+    """
+
+    inputs: tuple[FloatArray, ...]
+    valid: tuple[BoolArray, ...]
+    observed: tuple[FloatArray, ...]
+    output_weight: FloatArray
+
+
+def identify(
+    method: PaperMethod, data: AxisData, features: Features, orders: Orders
+) -> tuple[ArxPls | None, tuple[str, ...]]:
+    """
+    Identify one axis by one of the paper's methods.
+
+    Parameters
+    ----------
+    method : {'pcr', 'pls', 'filtered_pls', 'arx_pls'}
+        Which.
+    data : AxisData
+        Drift observations.
+    features : Features
+        The model's inputs.
+    orders : Orders
+        Structure.
+
+    Returns
+    -------
+    tuple of ArxPls or None, and tuple of str
+        The model (None when the inputs explain nothing), and what had to be mended, in sentences.
+
+    """
+    xy_block = _build_xy_block(data, features)
+    if not any(valid.any() for valid in xy_block.valid):
+        return None, ()
+    if method == 'filtered_pls':
+        return _filtered(xy_block, orders, data.period_s), ()
+    mean, weight = _moments(xy_block.inputs, xy_block.valid)
+    fit = fit_pcr if method == 'pcr' else fit_pls
+    x, y = _stack(xy_block, xy_block.inputs, weight)
+    outer = fit(x, y, orders.latents)
+    if not outer.latents:
+        return None, ()
+    notes: tuple[str, ...] = ()
+    latents = tuple(static_gain(gain) for gain in outer.inner)
+    if method == 'arx_pls':
+        latents, notes = _inner_arx(xy_block, outer, mean, weight, orders)
+    model = ArxPls(
+        input_mean=mean,
+        input_weight=weight,
+        rotations=outer.rotations,
+        latents=latents,
+        output_loadings=outer.output_loadings,
+        output_weight=xy_block.output_weight,
+        output_mean=np.zeros(len(xy_block.output_weight)),
+    )
+    return model, notes
+
+
+def observe_drift(data: AxisData) -> list[FloatArray]:
     """
     Turn r - w into direct observations of the outputs, for methods that need them.
 
@@ -41,7 +117,7 @@ def observe_drift(problem: AxisProblem) -> list[FloatArray]:
 
     Parameters
     ----------
-    problem : AxisProblem
+    data : AxisData
         The axis.
 
     Returns
@@ -51,12 +127,12 @@ def observe_drift(problem: AxisProblem) -> list[FloatArray]:
         where either is not known.
 
     """
-    if problem.load is None:
-        return [residual[:, np.newaxis] for residual in problem.residual]
-    deviation = np.std(np.concatenate([w[np.isfinite(w)] for w in problem.load]))
+    if data.load is None:
+        return [residual[:, np.newaxis] for residual in data.residual]
+    deviation = np.std(np.concatenate([w[np.isfinite(w)] for w in data.load]))
     return [
-        _observe_windows(residual, load, problem.period_s, 0.2 * float(deviation))
-        for residual, load in zip(problem.residual, problem.load, strict=True)
+        _observe_windows(residual, load, data.period_s, 0.2 * float(deviation))
+        for residual, load in zip(data.residual, data.load, strict=True)
     ]
 
 
@@ -82,89 +158,9 @@ def _observe_windows(
     return observed
 
 
-OuterInnerMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']
-
-
-@dataclass(frozen=True, eq=False)
-class Blocks:
-    """
-    Input and output block of one axis, scaled, and centred within each recording.
-
-    Attributes
-    ----------
-    features : Features
-        What made the inputs.
-    inputs : tuple of ndarrays, shape (N_i, F)
-        Features of every cell, not centred and not scaled.
-    valid : tuple of ndarrays of bool, shape (N_i,)
-        Cells with an observation.
-    observed : tuple of ndarrays, shape (N_i, M)
-        From observe_drift.
-    output_weight : ndarray, shape (M,)
-        Diagonal of W_y.
-
-    """
-
-    features: Features
-    inputs: tuple[FloatArray, ...]
-    valid: tuple[BoolArray, ...]
-    observed: tuple[FloatArray, ...]
-    output_weight: FloatArray
-
-
-def identify(
-    method: OuterInnerMethod, problem: AxisProblem, features: Features, orders: Orders
-) -> tuple[ArxPls | None, tuple[str, ...]]:
-    """
-    Identify one axis by a two-step method.
-
-    Parameters
-    ----------
-    method : {'pcr', 'pls', 'filtered_pls', 'arx_pls'}
-        Which.
-    problem : AxisProblem
-        Drift observations.
-    features : Features
-        The model's inputs.
-    orders : Orders
-        Structure.
-
-    Returns
-    -------
-    tuple of ArxPls or None, and tuple of str
-        The model (None when the inputs explain nothing), and what had to be mended, in sentences.
-
-    """
-    blocks = _build_blocks(problem, features)
-    if not any(valid.any() for valid in blocks.valid):
-        return None, ()
-    if method == 'filtered_pls':
-        return _filtered(blocks, orders, problem.period_s), ()
-    mean, weight = _moments(blocks.inputs, blocks.valid)
-    fit = fit_pcr if method == 'pcr' else fit_pls
-    x, y = _stack(blocks, blocks.inputs, weight)
-    outer = fit(x, y, orders.latents)
-    if not outer.latents:
-        return None, ()
-    notes: tuple[str, ...] = ()
-    latents = tuple(static_gain(gain) for gain in outer.inner)
-    if method == 'arx_pls':
-        latents, notes = _inner_arx(blocks, outer, mean, weight, orders)
-    model = ArxPls(
-        input_mean=mean,
-        input_weight=weight,
-        rotations=outer.rotations,
-        latents=latents,
-        output_loadings=outer.output_loadings,
-        output_weight=blocks.output_weight,
-        output_mean=np.zeros(len(blocks.output_weight)),
-    )
-    return model, notes
-
-
-def _build_blocks(problem: AxisProblem, features: Features) -> Blocks:
+def _build_xy_block(data: AxisData, features: Features) -> XyBlock:
     """Expand the features and scale the observations."""
-    observed = tuple(observe_drift(problem))
+    observed = tuple(observe_drift(data))
     valid: tuple[BoolArray, ...] = tuple(np.all(np.isfinite(y), axis=1) for y in observed)
     centred = [
         y[rows] - y[rows].mean(axis=0)
@@ -172,9 +168,8 @@ def _build_blocks(problem: AxisProblem, features: Features) -> Blocks:
         if rows.any()
     ]
     deviation = np.std(np.concatenate(centred), axis=0) if centred else np.ones(1)
-    return Blocks(
-        features=features,
-        inputs=tuple(features.expand(temperature_c) for temperature_c in problem.temperature_c),
+    return XyBlock(
+        inputs=tuple(features.expand(temperature_c) for temperature_c in data.temperature_c),
         valid=valid,
         observed=observed,
         output_weight=1.0 / np.where(deviation > 0, deviation, 1.0),
@@ -192,34 +187,26 @@ def _moments(
 
 
 def _stack(
-    blocks: Blocks, inputs: Sequence[FloatArray], weight: FloatArray
+    xy_block: XyBlock, inputs: Sequence[FloatArray], weight: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """
-    Stack all recordings, each centred by itself: its constant offset is unknown.
-
-    Returns
-    -------
-    tuple of ndarrays, shapes (N, F) and (N, M)
-        X and Y of eq. 3 and 5.
-
-    """
+    """Stack all recordings, each centred by itself for its unknown offset: X, Y of eq. 3 and 5."""
     pairs = [
         (x[rows], y[rows])
-        for x, y, rows in zip(inputs, blocks.observed, blocks.valid, strict=True)
+        for x, y, rows in zip(inputs, xy_block.observed, xy_block.valid, strict=True)
         if rows.any()
     ]
     return (
         np.concatenate([x - x.mean(axis=0) for x, _ in pairs]) * weight,
-        np.concatenate([y - y.mean(axis=0) for _, y in pairs]) * blocks.output_weight,
+        np.concatenate([y - y.mean(axis=0) for _, y in pairs]) * xy_block.output_weight,
     )
 
 
 def _inner_arx(
-    blocks: Blocks, outer: Pls, mean: FloatArray, weight: FloatArray, orders: Orders
+    xy_block: XyBlock, outer: Pls, mean: FloatArray, weight: FloatArray, orders: Orders
 ) -> tuple[tuple[Arx, ...], tuple[str, ...]]:
     """Fit H_r of eq. 15 for every latent by eq. 22, and keep its poles inside the unit circle."""
-    scores = [((x - mean) * weight) @ outer.rotations for x in blocks.inputs]
-    remaining = [y * blocks.output_weight for y in blocks.observed]
+    scores = [((x - mean) * weight) @ outer.rotations for x in xy_block.inputs]
+    remaining = [y * xy_block.output_weight for y in xy_block.observed]
     latents: list[Arx] = []
     notes: list[str] = []
     for r in range(outer.latents):
@@ -241,7 +228,7 @@ def _inner_arx(
     return tuple(latents), tuple(notes)
 
 
-def _filtered(blocks: Blocks, orders: Orders, period_s: float) -> ArxPls | None:
+def _filtered(xy_block: XyBlock, orders: Orders, period_s: float) -> ArxPls | None:
     """
     Put a bank of filters H before static PLS (eq. 11 to 14).
 
@@ -251,14 +238,14 @@ def _filtered(blocks: Blocks, orders: Orders, period_s: float) -> ArxPls | None:
     bank = [relaxation(tau, period_s) for tau in orders.time_constants_s]
     banked = [
         np.concatenate([free_run(h, x) for h in bank], axis=1)  # Ẽ = H(E), eq. 11
-        for x in blocks.inputs
+        for x in xy_block.inputs
     ]
-    _, weight = _moments(banked, blocks.valid)
-    x, y = _stack(blocks, banked, weight)
+    _, weight = _moments(banked, xy_block.valid)
+    x, y = _stack(xy_block, banked, weight)
     outer = fit_pls(x, y, orders.latents)  # eq. 12
     if not outer.latents:
         return None
     # C (F·K, M) -> (K, F, M): gains of every filter, back in the units of the inputs
     gains = (weight[:, np.newaxis] * outer.coefficients).reshape(len(bank), -1, y.shape[1])
-    mean, input_weight = _moments(blocks.inputs, blocks.valid)
-    return from_gains(bank, gains, mean, input_weight, blocks.output_weight)
+    mean, input_weight = _moments(xy_block.inputs, xy_block.valid)
+    return from_gains(bank, gains, mean, input_weight, xy_block.output_weight)

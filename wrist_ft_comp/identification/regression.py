@@ -1,5 +1,5 @@
 """
-Regularised regressions from moments: ridge and PLS, each for all its strengths at once.
+Regressions from moments: least squares, ridge and PLS, the last two at all their strengths.
 
 A bank of relaxations has far more columns than a warm-up can tell apart. Both regressions work on
 correlations, so a strength means the same whatever the units of the columns.
@@ -13,39 +13,21 @@ from wrist_ft_comp.model.signals import FloatArray, IntArray
 
 #: Ridge that only keeps equations of collinear columns solvable, relative to their variance.
 TINY_RIDGE = 1e-9
-
-
 #: Ridge strengths tried, relative to the variance of the columns, strongest first.
 RIDGE_STRENGTHS = tuple(float(value) for value in 10.0 ** np.arange(0.0, -8.25, -0.5))
-
-
 MAX_LATENTS = 12
-
-
 #: Below this share of its first value, what is left of the covariance with the target is rounding.
 _EXHAUSTED = 1e-12
-
-
 #: From centred products and columns (p,) to coefficients (S, p), the most regularised first.
 Path = Callable[[FloatArray, IntArray], FloatArray]
 
 
 def correlations(products: FloatArray, columns: IntArray) -> tuple[FloatArray, FloatArray]:
     """
-    Scale centred products so that every column has variance one.
+    Scale centred products so that each column, by the positions (…, p), has variance one.
 
-    Parameters
-    ----------
-    products : ndarray, shape (P + 1, P + 1)
-        From Moments.centred; the last column is the target.
-    columns : ndarray of int, shape (..., p)
-        Which columns explain.
-
-    Returns
-    -------
-    tuple of ndarrays, shapes (..., p + 1, p + 1) and (..., p)
-        Correlations with the target behind the columns, and what turns coefficients of scaled
-        columns into coefficients of columns, for a target that is not scaled.
+    Return correlations with the target behind the columns, (…, p + 1, p + 1), and what turns
+    coefficients of scaled columns into those of columns, for a target that is not scaled, (…, p).
 
     """
     diagonal = np.diagonal(products)

@@ -4,20 +4,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrist_ft_comp.identification.bins import BinnedProblem
-from wrist_ft_comp.identification.time_constants import differentiate, Tangent
+from wrist_ft_comp.identification.bins import BinnedData
+from wrist_ft_comp.identification.time_constants import residual_and_gradient, VarPro
 from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
 
 #: What is left is correlated over about this time; standard errors count it as one sample, s.
 _CLUSTER_S = 600.0
-
-
 _MIN_CLUSTERS = 20
 
 
 @dataclass(frozen=True, eq=False)
-class FreeFit:
+class GainFit:
     """
     Gains for given time constants.
 
@@ -40,7 +38,7 @@ class FreeFit:
     gain_errors: FloatArray
 
 
-def fit_free(problem: BinnedProblem, features: Features, time_constants_s: FloatArray) -> FreeFit:
+def fit_gains(data: BinnedData, features: Features, time_constants_s: FloatArray) -> GainFit:
     """
     Fit all gains for given time constants, with standard errors of both.
 
@@ -49,7 +47,7 @@ def fit_free(problem: BinnedProblem, features: Features, time_constants_s: Float
 
     Parameters
     ----------
-    problem : BinnedProblem
+    data : BinnedData
         The axis.
     features : Features
         Of one relaxation's temperatures.
@@ -58,84 +56,67 @@ def fit_free(problem: BinnedProblem, features: Features, time_constants_s: Float
 
     Returns
     -------
-    FreeFit
+    GainFit
         Gains and errors.
 
     """
-    clustered = replace(problem, blocks=_clusters(problem))
-    tangent = differentiate(clustered, features, time_constants_s)
+    clustered = replace(data, folds=_clusters(data))
+    projection = residual_and_gradient(clustered, features, time_constants_s)
     free = time_constants_s > 0
-    deviations = _standard_errors(tangent, free)
-    count, inputs = len(time_constants_s), tangent.moments.inputs
-    explaining = len(tangent.columns)
+    deviations = _standard_errors(projection, free)
+    count, inputs = len(time_constants_s), projection.moments.inputs
+    explaining = len(projection.columns)
     errors = np.full(count, np.nan)
     errors[free] = deviations[explaining:] * time_constants_s[free]
-    return FreeFit(
+    return GainFit(
         time_constants_s,
-        by_relaxation(tangent.gains, count, inputs, loaded=tangent.moments.loaded),
+        by_relaxation(projection.gains, count, inputs, loaded=projection.moments.loaded),
         errors,
-        by_relaxation(deviations[:explaining], count, inputs, loaded=tangent.moments.loaded),
+        by_relaxation(deviations[:explaining], count, inputs, loaded=projection.moments.loaded),
     )
 
 
 def by_relaxation(values: FloatArray, count: int, inputs: int, *, loaded: bool) -> FloatArray:
-    """
-    Sort values per column by relaxation.
-
-    Parameters
-    ----------
-    values : ndarray, shape (p,)
-        In the order of Moments.columns.
-    count, inputs : int
-        K relaxations, F features of each.
-    loaded : bool
-        Whether there are columns of sensitivity drift.
-
-    Returns
-    -------
-    ndarray, shape (K, F, M)
-        Without that of the load itself.
-
-    """
+    """Sort values of Moments.columns, (p,), by relaxation, (K, F, M), without the load's."""
     outputs = 2 if loaded else 1
     per_output = values[: outputs * count * inputs].reshape(outputs, count, inputs)
     return np.moveaxis(per_output, 0, 2)
 
 
-def _clusters(problem: BinnedProblem) -> tuple[IntArray, ...]:
+def _clusters(data: BinnedData) -> tuple[IntArray, ...]:
     """Divide into stretches that count as one independent sample each, shapes (N_i,)."""
-    whole_s = sum(len(temperature_c) for temperature_c in problem.temperature_c) * problem.period_s
-    bins = max(round(min(_CLUSTER_S, whole_s / _MIN_CLUSTERS) / problem.period_s), 1)
-    return tuple(np.arange(len(temperature_c)) // bins for temperature_c in problem.temperature_c)
+    whole_s = sum(len(temperature_c) for temperature_c in data.temperature_c) * data.period_s
+    bins = max(round(min(_CLUSTER_S, whole_s / _MIN_CLUSTERS) / data.period_s), 1)
+    return tuple(np.arange(len(temperature_c)) // bins for temperature_c in data.temperature_c)
 
 
-def _standard_errors(tangent: Tangent, free: BoolArray) -> FloatArray:
+def _standard_errors(projection: VarPro, free: BoolArray) -> FloatArray:
     """
     Sandwich estimate over clusters, shape (p + free time constants,).
 
         V = B (Σ_c u_c u_cᵀ) B · C / (C - p),   B = (JᵀJ)⁻¹,   u_c = Σ_{k in c} J_kᵀ e_k
 
     """
-    moments = tangent.moments
+    moments = projection.moments
     size = moments.products.shape[1]
     # Columns of J as combinations of the columns that were summed, shape (P + 1, p + K').
-    copied = np.eye(size)[:, tangent.columns]
-    jacobian = np.concatenate((copied, tangent.derivative[free].T), axis=1)
-    residual = tangent.residual
+    copied = np.eye(size)[:, projection.columns]
+    jacobian = np.concatenate((copied, projection.derivative[free].T), axis=1)
+    residual = projection.residual
     everything = np.ones(len(moments.counts), dtype=bool)
     bread = jacobian.T @ moments.centred(everything)[0] @ jacobian
     scores = np.empty((len(moments.counts), jacobian.shape[1]))
-    for group in np.unique(moments.group):
-        own = moments.group == group
-        beside = moments.beside[own]  # (C, 2, P + 1)
-        level = moments.what_time_explains(own, residual[np.newaxis])[:, 0]  # of e, (2,)
-        levels = moments.what_time_explains(own, jacobian.T)  # of J, (2, p + K')
+    for recording in np.unique(moments.recording):
+        own = moments.recording == recording
+        crossed = moments.nuisance_products[own]  # (C, 2, P + 1)
+        level = moments.fit_nuisance(own, residual[np.newaxis])[:, 0]  # of e, (2,)
+        levels = moments.fit_nuisance(own, jacobian.T)  # of J, (2, p + K')
         # Σ (J - its level)ᵀ (e - its level) of every cluster, from its sums of products
         scores[own] = (
             moments.products[own] @ residual @ jacobian
-            - np.einsum('q,cqp->cp', level, beside) @ jacobian
-            - beside @ residual @ levels
-            + np.einsum('q,cqr->cr', level, moments.time[own]) @ levels
+            - np.einsum('q,cqp->cp', level, crossed) @ jacobian
+            - crossed @ residual @ levels
+            + np.einsum('q,cqr->cr', level, moments.nuisance_gram[own]) @ levels
         )
     used = np.diagonal(bread) > 0
     scale = 1.0 / np.sqrt(np.where(used, np.diagonal(bread), 1.0))
@@ -145,7 +126,7 @@ def _standard_errors(tangent: Tangent, free: BoolArray) -> FloatArray:
         * scale
     )
     spread = scores @ inverse
-    clusters, fitted = len(scores), int(used.sum()) + len(np.unique(moments.group))
+    clusters, fitted = len(scores), int(used.sum()) + len(np.unique(moments.recording))
     if clusters <= fitted:
         return np.full(len(bread), np.nan)
     variance = (spread**2).sum(axis=0) * clusters / (clusters - fitted)

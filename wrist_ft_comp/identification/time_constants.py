@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import LinearConstraint, minimize
 
-from wrist_ft_comp.identification.bins import BinnedProblem
+from wrist_ft_comp.identification.bins import BinnedData
 from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
 from wrist_ft_comp.identification.regression import least_squares
 from wrist_ft_comp.model.features import Features
@@ -19,105 +19,19 @@ from wrist_ft_comp.model.signals import FloatArray, IntArray
 
 #: Relative step of τ for the columns of derivatives.
 _STEP = 1e-4
-
-
-@dataclass(frozen=True, eq=False)
-class Tangent:
-    """
-    The moments of a fit and of its derivatives by log τ, at given time constants.
-
-        columns of moments: [ X_1 … X_K | D_1 … D_K | w X … | w D … | w | r - w ]
-        seen as:            [ the p columns that explain | X's change with each log τ | r - w ]
-
-    Attributes
-    ----------
-    moments : Moments
-        As drawn.
-    columns : ndarray of int, shape (p,)
-        Those that explain.
-    gains : ndarray, shape (p,)
-        Their coefficients.
-    left : float
-        Sum of squares of what they leave.
-    slopes : ndarray, shape (K,)
-        Its derivative by each log τ.
-    derivative : ndarray, shape (K, P + 1)
-        What each log τ changes, as a combination of the columns of moments.
-
-    """
-
-    moments: Moments
-    columns: IntArray
-    gains: FloatArray
-    left: float
-    slopes: FloatArray
-    derivative: FloatArray
-
-    @property
-    def residual(self) -> FloatArray:
-        """What the fit leaves of r - w, as a combination of the columns of moments, (P + 1,)."""
-        combination = np.zeros(self.moments.products.shape[1])
-        combination[-1] = 1.0
-        combination[self.columns] = -self.gains
-        return combination
-
-
-def differentiate(
-    problem: BinnedProblem, features: Features, time_constants_s: FloatArray
-) -> Tangent:
-    """
-    Fit the gains for given time constants, and differentiate what they leave.
-
-    Parameters
-    ----------
-    problem : BinnedProblem
-        The axis.
-    features : Features
-        Of one relaxation's temperatures.
-    time_constants_s : ndarray, shape (K,)
-        τ, s.
-
-    Returns
-    -------
-    Tangent
-        With the derivatives by each log τ.
-
-    """
-    count = len(time_constants_s)
-    here, up, down = (
-        bank_inputs(problem, features, time_constants_s * np.exp(step))
-        for step in (0.0, _STEP, -_STEP)
-    )
-    banked = [
-        np.concatenate((x, (a - b) / (2 * _STEP)), axis=1)
-        for x, a, b in zip(here, up, down, strict=True)
-    ]
-    moments = accumulate(problem, banked, np.concatenate((time_constants_s, time_constants_s)))
-    products, _ = moments.centred(np.ones(len(moments.counts), dtype=bool))
-    columns = moments.columns(range(count), moments.inputs)
-    gains, left = least_squares(products, columns)
-    load = 2 * len(moments.time_constants_s) * moments.inputs  # the column w, if there is one
-    derivative = np.zeros((count, len(products)))
-    for k in range(count):
-        own = np.isin(columns, moments.columns([k], moments.inputs)) & (columns != load)
-        derivative[k, columns[own] + count * moments.inputs] = gains[own]
-    tangent = Tangent(moments, columns, gains, float(left), np.zeros(count), derivative)
-    return replace(tangent, slopes=-2.0 * derivative @ products @ tangent.residual)
-
-
 #: Time constants keep this ratio: closer ones cannot be told apart, and their gains would explode.
 _APART = 1.5
 
 
 def search_time_constants(
-    problem: BinnedProblem, features: Features, start_s: FloatArray, tolerance: float = 1e-9
+    data: BinnedData, features: Features, start_s: FloatArray, tolerance: float = 1e-9
 ) -> FloatArray:
     """
     Search the time constants around a start, all gains solved inside.
 
     Parameters
     ----------
-    problem : BinnedProblem
+    data : BinnedData
         The axis.
     features : Features
         Of one relaxation's temperatures.
@@ -133,14 +47,15 @@ def search_time_constants(
 
     """
     # Slower than its longest recording cannot be told from a trend.
-    lower, upper = np.log((problem.period_s, problem.longest_s))
+    lower, upper = np.log((data.period_s, data.longest_s))
     start = np.clip(np.log(start_s), lower, upper)
-    scale = max(differentiate(problem, features, np.exp(start)).left, 1e-300)
+    scale = max(residual_and_gradient(data, features, np.exp(start)).rss, 1e-300)
 
-    def left(log_tau: FloatArray) -> tuple[float, FloatArray]:
+    def scaled(log_tau: FloatArray) -> tuple[float, FloatArray]:
         # The optimiser may leave the bounds by a rounding error, or try far beyond them.
-        tangent = differentiate(problem, features, np.exp(np.clip(log_tau, lower, upper)))
-        return tangent.left / scale, tangent.slopes / scale
+        tau_s = np.exp(np.clip(log_tau, lower, upper))
+        projection = residual_and_gradient(data, features, tau_s)
+        return projection.rss / scale, projection.gradient / scale
 
     count = len(start)
     each = np.eye(count)
@@ -149,12 +64,79 @@ def search_time_constants(
     rows = np.concatenate((each[:1], each[1:] - each[:-1], each[-1:]))
     least = np.concatenate(([lower], np.full(count - 1, np.log(_APART)), [-np.inf]))
     most = np.concatenate((np.full(count, np.inf), [upper]))
-    found = minimize(
-        left,
+    optimum = minimize(
+        scaled,
         start,
         jac=True,
         method='SLSQP',
         constraints=LinearConstraint(rows, least, most),
         options={'ftol': tolerance, 'maxiter': 60},
     )
-    return np.sort(np.exp(np.clip(found.x, lower, upper)))
+    return np.sort(np.exp(np.clip(optimum.x, lower, upper)))
+
+
+@dataclass(frozen=True, eq=False)
+class VarPro:
+    """
+    A fit of the gains at given time constants, and its derivatives by log τ.
+
+        columns of moments: [ X_1 … X_K | D_1 … D_K | w X … | w D … | w | r - w ]
+        seen as:            [ the p columns that explain | X's change with each log τ | r - w ]
+
+    Attributes
+    ----------
+    moments : Moments
+        As drawn.
+    columns : ndarray of int, shape (p,)
+        Those that explain.
+    gains : ndarray, shape (p,)
+        Their coefficients.
+    rss : float
+        Sum of squares of what they leave.
+    gradient : ndarray, shape (K,)
+        Its derivative by each log τ.
+    derivative : ndarray, shape (K, P + 1)
+        What each log τ changes, as a combination of the columns of moments.
+
+    """
+
+    moments: Moments
+    columns: IntArray
+    gains: FloatArray
+    rss: float
+    gradient: FloatArray
+    derivative: FloatArray
+
+    @property
+    def residual(self) -> FloatArray:
+        """What the fit leaves of r - w, as a combination of the columns of moments, (P + 1,)."""
+        combination = np.zeros(self.moments.products.shape[1])
+        combination[-1] = 1.0
+        combination[self.columns] = -self.gains
+        return combination
+
+
+def residual_and_gradient(
+    data: BinnedData, features: Features, time_constants_s: FloatArray
+) -> VarPro:
+    """Fit the gains for given time constants, and differentiate what they leave."""
+    count = len(time_constants_s)
+    here, up, down = (
+        bank_inputs(data, features, time_constants_s * np.exp(step))
+        for step in (0.0, _STEP, -_STEP)
+    )
+    banked = [
+        np.concatenate((x, (a - b) / (2 * _STEP)), axis=1)
+        for x, a, b in zip(here, up, down, strict=True)
+    ]
+    moments = accumulate(data, banked, np.concatenate((time_constants_s, time_constants_s)))
+    products, _ = moments.centred(np.ones(len(moments.counts), dtype=bool))
+    columns = moments.columns(range(count), moments.inputs)
+    gains, rss = least_squares(products, columns)
+    load = 2 * len(moments.time_constants_s) * moments.inputs  # the column w, if there is one
+    derivative = np.zeros((count, len(products)))
+    for k in range(count):
+        own = np.isin(columns, moments.columns([k], moments.inputs)) & (columns != load)
+        derivative[k, columns[own] + count * moments.inputs] = gains[own]
+    projection = VarPro(moments, columns, gains, float(rss), np.zeros(count), derivative)
+    return replace(projection, gradient=-2.0 * derivative @ products @ projection.residual)

@@ -24,6 +24,8 @@ Reference = Literal['unloaded', 'constant', 'recorded']
 AXES = ('force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z')
 REFERENCE_CHANNELS = tuple(f'reference_{axis}' for axis in AXES)
 NANOSECONDS = 1_000_000_000
+#: Samples further apart than this many times the usual distance belong to different stretches.
+_GAP_FACTOR = 10.0
 
 
 def axis_unit(axis: str) -> str:
@@ -167,3 +169,14 @@ def noise_level(series: Sequence[FloatArray]) -> float:
         return 0.0
     # A normal variable's median absolute value is 0.6745 σ; a difference has twice the variance.
     return float(np.median(np.abs(steps)) / 0.6745 / np.sqrt(2))
+
+
+def stretches(present: BoolArray, period_s: float) -> IntArray:
+    """Count the stretches of a channel from 0, shape (N,); a gap belongs to the one before it."""
+    at = np.flatnonzero(present)
+    numbers = np.zeros(len(present), dtype=np.int64)
+    if len(at) > 2:
+        distance = np.diff(at)
+        limit = max(_GAP_FACTOR * float(np.median(distance)), 60.0 / period_s)
+        numbers[at[1:][distance > limit]] = 1
+    return np.cumsum(numbers)

@@ -1,4 +1,8 @@
-"""Which temperatures and loads recordings have covered, and which they have not."""
+"""
+Which temperatures and loads recordings have covered, and which they have not.
+
+Only what was seen together with a wrench counts: elsewhere nothing of the drift was seen.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrist_ft_comp.calibration.cross_validation import bin_means
-from wrist_ft_comp.model.signals import AXES, FloatArray, Recording
+from wrist_ft_comp.model.signals import AXES, FloatArray, IntArray, Recording, stretches
 
 #: What a robot's wrist may meet: from a hall on a cold morning to hours of hard work, °C.
 WORKING_RANGE_C = (15.0, 50.0)
@@ -75,7 +79,7 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
     Parameters
     ----------
     recordings : sequence of Recording
-        At least one, all with the same thermometers.
+        At least one, all with the same thermometers; one of them holds a wrench.
 
     Returns
     -------
@@ -83,15 +87,17 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
         Of all of them together.
 
     """
-    temperature_c = np.concatenate([recording.temperature_c for recording in recordings])
-    period_s = np.concatenate([np.full(len(each), each.period_s) for each in recordings])
+    cells = [_cells_with_wrench(recording) for recording in recordings]
+    pairs = list(zip(recordings, cells, strict=True))
+    temperature_c = np.concatenate([each.temperature_c[at] for each, at in pairs])
+    period_s = np.concatenate([np.full(len(at), each.period_s) for each, at in pairs])
     range_c = np.stack((temperature_c.min(axis=0), temperature_c.max(axis=0)), axis=1)
     lowest = np.floor(min(WORKING_RANGE_C[0], range_c.min()) / BIN_K)
     highest = np.ceil(max(WORKING_RANGE_C[1], range_c.max()) / BIN_K)
     edges = np.arange(lowest, highest + 1) * BIN_K
     seconds = [np.histogram(column, edges, weights=period_s)[0] for column in temperature_c.T]
     leading = int(np.argmax(np.ptp(range_c, axis=1)))
-    moves = np.concatenate([_moves(recording, leading) for recording in recordings])
+    moves = np.concatenate([_moves(each, at, leading) for each, at in pairs])
     return Coverage(
         edges_c=edges,
         seconds=np.array(seconds),
@@ -134,11 +140,21 @@ def unseen_temperatures(coverage: Coverage) -> list[tuple[float, float]]:
     ]
 
 
-def _moves(recording: Recording, thermometer: int) -> FloatArray:
-    """Change between neighbouring means of a thermometer, K."""
-    column = recording.temperature_c[:, thermometer]
+def _cells_with_wrench(recording: Recording) -> IntArray:
+    """Find the cells at and between wrenches, but for gaps."""
+    present = np.any(np.isfinite(recording.wrench), axis=1)
+    at, numbers = np.flatnonzero(present), stretches(present, recording.period_s)
+    inside = [at[numbers[at] == number] for number in np.unique(numbers[at])]
+    ranges = [np.arange(each[0], each[-1] + 1) for each in inside]
+    return np.concatenate([np.arange(0), *ranges])
+
+
+def _moves(recording: Recording, at: IntArray, thermometer: int) -> FloatArray:
+    """Change between neighbouring means of a thermometer over cells, K."""
+    if not len(at):
+        return np.zeros(0)
     cells = max(round(_TREND_S / recording.period_s), 1)
-    return np.diff(bin_means(column, np.arange(len(column)), cells))
+    return np.diff(bin_means(recording.temperature_c[at, thermometer], at, cells))
 
 
 def _loads(recordings: Sequence[Recording]) -> dict[str, LoadRange]:

@@ -4,10 +4,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from wrist_ft_comp.calibration.calibrate import Calibration
 from wrist_ft_comp.calibration.chamber import ChamberFigures
-from wrist_ft_comp.calibration.cross_validation import HeldOut, rms_by_block
-from wrist_ft_comp.calibration.result import AxisFit
+from wrist_ft_comp.calibration.result import AxisFit, Calibration, HeldOut, rms_by_fold
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import noise_level, Recording, Reference
 from wrist_ft_comp.report.advice import what_to_record_next
@@ -134,7 +132,7 @@ def _slowest_s(fit: AxisFit) -> float:
 def _judge(fit: AxisFit, longest_s: float) -> Verdict:
     """Judge one axis."""
     held_out = _held_out(fit)
-    parts = held_out.recording * (held_out.block.max() + 1) + held_out.block
+    parts = held_out.recording * (held_out.fold.max() + 1) + held_out.fold
     tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
     return judge(
         Evidence(
@@ -144,7 +142,7 @@ def _judge(fit: AxisFit, longest_s: float) -> Verdict:
             noise=noise_level([held_out.after[parts == part] for part in np.unique(parts)]),
             compensated=fit.model is not None,
             best_candidate=min(tried, default=None),
-            blocks=rms_by_block(held_out),
+            blocks=rms_by_fold(held_out),
             slowest_s=_slowest_s(fit),
             longest_s=longest_s,
             refusal=fit.refusal,
@@ -189,7 +187,7 @@ def _series(held_out: HeldOut, recordings: Sequence[Recording], leading: int) ->
         temperature_c=np.array(temperature_c),
         before=held_out.before,
         after=held_out.after,
-        part=held_out.recording * (held_out.block.max() + 1) + held_out.block,
+        part=held_out.recording * (held_out.fold.max() + 1) + held_out.fold,
     )
 
 
@@ -198,7 +196,7 @@ def _explanation(
 ) -> str:
     """Say what was held out, and from where errors are counted."""
     held_out = _held_out(next(iter(calibration.fits.values())))
-    count = len(np.unique(held_out.block))
+    count = len(np.unique(held_out.fold))
     if len(recordings) > 1:
         blocks = f'Each of the {count} recordings was held out in turn'
         zero = 'the mean of the recording'

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from wrist_ft_comp.calibration.chamber import ChamberFigures
-from wrist_ft_comp.calibration.cross_validation import BlockErrors
-from wrist_ft_comp.calibration.result import Candidate
+from wrist_ft_comp.calibration.result import Candidate, FoldErrors
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import AXES, noise_level, Recording, Reference
@@ -171,7 +170,7 @@ def _axis_view(
         after=errors.rms_after,
         noise=noise,
         compensated=model is not None,
-        blocks=BlockErrors(
+        blocks=FoldErrors(
             np.array([part.rms_before for _, part in parts]),
             np.array([part.rms_after for _, part in parts]),
         ),

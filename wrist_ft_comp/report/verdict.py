@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from wrist_ft_comp.calibration.cross_validation import BlockErrors
+from wrist_ft_comp.calibration.result import FoldErrors
 
 Level = Literal['good', 'weak', 'harmful', 'uncalibrated']
 
@@ -73,7 +73,7 @@ class Evidence:
         Whether there is a model for the axis.
     best_candidate : float or None
         Smallest error among the candidates that were refused, in the unit.
-    blocks : BlockErrors or None
+    blocks : FoldErrors or None
         The errors block by block.
     block_name : str
         What a block is.
@@ -90,7 +90,7 @@ class Evidence:
     noise: float
     compensated: bool
     best_candidate: float | None = None
-    blocks: BlockErrors | None = None
+    blocks: FoldErrors | None = None
     block_name: str = 'held-out block'
     slowest_s: float = 0.0
     longest_s: float = 0.0

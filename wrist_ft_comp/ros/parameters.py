@@ -15,8 +15,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from wrist_ft_comp.calibration.calibrate import CalibrationSettings
-from wrist_ft_comp.calibration.settings import METHODS
+from wrist_ft_comp.calibration.settings import CalibrationSettings, METHODS
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.ranges import PERIODS_S
 from wrist_ft_comp.stream.compensator import StreamSettings

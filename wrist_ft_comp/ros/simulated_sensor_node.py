@@ -31,7 +31,6 @@ from wrist_ft_comp.simulation.ft_sensor import (
     digitised_wrench,
     measured_wrench,
     start,
-    ThermalState,
     trajectory,
 )
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
@@ -255,7 +254,7 @@ class SimulatedSensor(Node):
         begins_s: FloatArray = np.arange(first, self._step, dtype=np.float64) * step_s
         passed = drive(self._run, begins_s)
         nodes_c = trajectory(self._sensor, self._state, passed)
-        self._state = ThermalState(nodes_c[-1])
+        self._state = nodes_c[-1]
         return [nodes_c[np.maximum(each - first, 0)] for each in steps]
 
     def _stamp(self, message: Any, elapsed_ns: int) -> None:

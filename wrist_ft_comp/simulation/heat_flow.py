@@ -122,39 +122,19 @@ class FtSensorSettings:
 
 @dataclass(frozen=True, eq=False)
 class HeatFlow:
-    """
-    Linear heat flow between M nodes: motor, the body's cells, tool, in this order.
+    """Linear heat flow between M nodes: motor, the body's cells, tool, in this order."""
 
-    Attributes
-    ----------
-    rates, inputs : ndarray, shape (M, M) and (M, 2)
-        dT/dt = rates T + inputs (duty cycle, room temperature), 1/s; inputs in K/s and 1/s.
-    transition, step_inputs : ndarray, shape (M, M) and (M, 2)
-        The same for one time step.
-
-    """
-
+    #: dT/dt = rates T + inputs (duty cycle, room temperature), 1/s, shape (M, M), and K/s and 1/s,
+    #: shape (M, 2).
     rates: FloatArray
     inputs: FloatArray
+    #: The same for one time step.
     transition: FloatArray
     step_inputs: FloatArray
 
 
 def build_heat_flow(settings: FtSensorSettings) -> HeatFlow:
-    """
-    Build the matrices of heat flow.
-
-    Parameters
-    ----------
-    settings : FtSensorSettings
-        Physical constants.
-
-    Returns
-    -------
-    HeatFlow
-        Continuous, and exact for one time step.
-
-    """
+    """Build the matrices of heat flow, continuous and exact for one time step."""
     rates, inputs = _balance(settings)
     return HeatFlow(rates, inputs, *_one_step(rates, inputs, settings.step_s))
 
@@ -200,18 +180,8 @@ def interpolation(cells: int, positions: FloatArray) -> FloatArray:
     """
     Weigh node temperatures so that they give those at positions along the body.
 
-    Parameters
-    ----------
-    cells : int
-        Number of cells of the body.
-    positions : ndarray, shape (...)
-        0 (motor side) to 1 (tool side).
-
-    Returns
-    -------
-    ndarray, shape (..., M)
-        Linear between cell centres, constant beyond the outer ones; rows sum to 1.
-
+    Positions, shape (...), run from 0 (motor side) to 1 (tool side). The weights, shape (..., M),
+    are linear between cell centres and constant beyond the outer ones; rows sum to 1.
     """
     centres = (np.arange(cells) + 0.5) / cells
     rows = np.zeros((*positions.shape, cells + 2))

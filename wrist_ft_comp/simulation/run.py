@@ -75,44 +75,19 @@ class RunSettings:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """
-    A run: settings, and what a seed has drawn.
-
-    Attributes
-    ----------
-    settings : RunSettings
-        What it was drawn for.
-    room_phase : float
-        Phase of the room's swing at time 0, rad.
-    load_rates, load_phases, load_shares : ndarray, shape (6, 4)
-        The sines of every axis: rad/s, rad, and shares of the largest load, which sum to 1.
-
-    """
+    """A run: settings, and what a seed has drawn."""
 
     settings: RunSettings
+    #: Phase of the room's swing at time 0, rad.
     room_phase: float = field(repr=False)
+    #: The sines of every axis, shape (6, 4): rad/s, rad, and shares of the largest load.
     load_rates: FloatArray = field(repr=False)
     load_phases: FloatArray = field(repr=False)
     load_shares: FloatArray = field(repr=False)
 
 
 def draw_run(settings: RunSettings, rng: np.random.Generator) -> Run:
-    """
-    Draw the random part of a run.
-
-    Parameters
-    ----------
-    settings : RunSettings
-        What to draw for.
-    rng : numpy.random.Generator
-        Source of the draws; it is moved on.
-
-    Returns
-    -------
-    Run
-        Everything about the run but the sensor.
-
-    """
+    """Draw the random part of a run: everything but the sensor."""
     shape = (len(AXES), _SINES)
     shares = rng.uniform(0.5, 1.5, shape)
     return Run(
@@ -125,22 +100,7 @@ def draw_run(settings: RunSettings, rng: np.random.Generator) -> Run:
 
 
 def duty_cycle(run: Run, elapsed_s: ArrayLike) -> FloatArray:
-    """
-    Look the duty cycle up.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    elapsed_s : array_like, shape (...)
-        Times, s.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        0 to 1.
-
-    """
+    """Look the duty cycle up, 0 to 1, in the shape of elapsed_s."""
     levels = np.array((0.0, *run.settings.duty_level))
     current: FloatArray = levels[
         np.searchsorted(np.array(run.settings.duty_start_s), elapsed_s, side='right')
@@ -149,22 +109,7 @@ def duty_cycle(run: Run, elapsed_s: ArrayLike) -> FloatArray:
 
 
 def room_temperature(run: Run, elapsed_s: ArrayLike) -> FloatArray:
-    """
-    Compute the room temperature.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    elapsed_s : array_like, shape (...)
-        Times, s.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        °C.
-
-    """
+    """Compute the room temperature, °C, in the shape of elapsed_s."""
     s = run.settings
     angle = 2 * np.pi / s.room_swing_period_s * np.asarray(elapsed_s) + run.room_phase
     temperature: FloatArray = s.room_c + s.room_swing_k * np.sin(angle)
@@ -172,42 +117,12 @@ def room_temperature(run: Run, elapsed_s: ArrayLike) -> FloatArray:
 
 
 def drive(run: Run, elapsed_s: FloatArray) -> FloatArray:
-    """
-    Give what drives the heat.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    elapsed_s : ndarray, shape (N,)
-        Times at which the steps begin, s.
-
-    Returns
-    -------
-    ndarray, shape (N, 2)
-        Duty cycle (0 to 1) and room temperature (°C).
-
-    """
+    """Give what drives the heat: duty cycle and room temperature (°C), shape (N, 2)."""
     return np.column_stack((duty_cycle(run, elapsed_s), room_temperature(run, elapsed_s)))
 
 
 def true_wrench(run: Run, elapsed_s: ArrayLike) -> FloatArray:
-    """
-    Compute the load: smooth, without an end, and never above the largest load.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    elapsed_s : array_like, shape (...)
-        Times, s.
-
-    Returns
-    -------
-    ndarray, shape (..., 6)
-        N and N m, axis order AXES.
-
-    """
+    """Compute the load, N and N m, (..., 6): smooth, endless, never above the largest load."""
     s = run.settings
     largest = np.array([s.force_n if axis_unit(axis) == 'N' else s.torque_nm for axis in AXES])
     angles = np.asarray(elapsed_s)[..., None, None] * run.load_rates + run.load_phases

@@ -16,51 +16,24 @@ from wrist_ft_comp.simulation.heat_flow import FtSensorSettings, interpolation
 
 #: Temperature at which the gauges' nominal values and the gain hold, °C.
 NOMINAL_C = 25.0
-
-
 #: Sign of each gauge's strain, and of its share in the bridge's output.
 GAUGE_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
-
-
 _IS_FORCE = np.array([axis_unit(axis) == 'N' for axis in AXES])
 
 
 @dataclass(frozen=True, eq=False)
 class Gauges:
-    """
-    The gauges that a seed has drawn: six bridges of four.
+    """The gauges that a seed has drawn: six bridges of four."""
 
-    Attributes
-    ----------
-    weights : ndarray, shape (6, 4, M)
-        Their temperatures from the M node temperatures of HeatFlow; rows sum to 1.
-    per_k, per_k2 : ndarray, shape (6, 4)
-        Relative change of resistance with temperature, 1/K and 1/K².
-
-    """
-
+    #: Their temperatures from the M node temperatures of HeatFlow, shape (6, 4, M).
     weights: FloatArray
+    #: Relative change of resistance with temperature, 1/K and 1/K², shape (6, 4).
     per_k: FloatArray
     per_k2: FloatArray
 
 
 def draw_gauges(settings: FtSensorSettings, rng: np.random.Generator) -> Gauges:
-    """
-    Draw places and coefficients.
-
-    Parameters
-    ----------
-    settings : FtSensorSettings
-        Nominal values and tolerances.
-    rng : numpy.random.Generator
-        Source of the draws; it is moved on.
-
-    Returns
-    -------
-    Gauges
-        Of one specimen.
-
-    """
+    """Draw the places and coefficients of one specimen."""
     s = settings
     axes = s.gauge_position + s.axis_position_spread * rng.uniform(-1, 1, (6, 1))
     places = axes + s.gauge_position_spread * rng.uniform(-1, 1, (6, 4))
@@ -82,21 +55,10 @@ def _gauge_coefficients(settings: FtSensorSettings, rng: np.random.Generator) ->
 
 def bridge_output(resistances: FloatArray, changes: FloatArray) -> FloatArray:
     """
-    Compute the output of Wheatstone bridges per supply voltage (eq. 1).
+    Compute the output of Wheatstone bridges per supply voltage, V/V, shape (...) (eq. 1).
 
-    Parameters
-    ----------
-    resistances : ndarray, shape (..., 4)
-        R1 to R4 without load, any unit.
-    changes : ndarray, shape (..., 4)
-        ΔR1 to ΔR4, positive under positive strain; eq. 1 adds those of R1 and R3 and subtracts
-        those of R2 and R4.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        V/V.
-
+    Resistances R1 to R4 without load, shape (..., 4), and their changes ΔR1 to ΔR4, positive under
+    positive strain: eq. 1 adds those of R1 and R3 and subtracts those of R2 and R4.
     """
     r1, r2, r3, r4 = np.moveaxis(resistances + GAUGE_SIGNS * changes, -1, 0)
     output: FloatArray = (r1 * r3 - r2 * r4) / ((r1 + r2) * (r3 + r4))  # eq. 1

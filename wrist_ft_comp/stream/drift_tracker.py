@@ -1,77 +1,66 @@
 """
-From temperatures to drift: the thermal grid, the history of temperatures, and the model's state.
+From temperatures to drift: here the model is stepped, once per thermal cell.
 
-Temperatures move the drift once per thermal cell. What is subtracted of it, and how fast, is the
-compensator's business.
+Samples pass the timestamp filter and the thermal grid; completed cells go into the history, for
+a model that comes later, and move the state of the model that is there. What of its drift is
+subtracted, and how fast, is the compensator's business.
 """
 
 from collections import deque
-from collections.abc import Iterator
 
 import numpy as np
 
 from wrist_ft_comp.model import drift_model
-from wrist_ft_comp.model.drift_model import Drift, DriftModel, DriftState
-from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
+from wrist_ft_comp.model.drift_model import DriftModel, DriftState, no_drift
+from wrist_ft_comp.model.signals import FloatArray, NANOSECONDS
 from wrist_ft_comp.model.stream_grid import CompletedCells, ThermalGrid
 from wrist_ft_comp.stream.timestamp_filter import TimestampFilter
-from wrist_ft_comp.stream.warm_restart import BLOCK_S, fill_gap, ThermalMemory
+from wrist_ft_comp.stream.warm_restart import fill_gap, SPAN_S, ThermalMemory
 
 
-class Blocks:
+class History:
     """
-    Averages temperatures over blocks as cells complete.
+    The temperatures of some hours: cell by cell, and as means over SPAN_S for a restart.
 
     Parameters
     ----------
-    cells : int
-        Cells per block.
-    history_cells : int
-        How many cells are remembered.
+    period_ns : int
+        Cell length h, ns.
+    history_s : float
+        How long they are kept, s.
 
     """
 
-    def __init__(self, cells: int, history_cells: int) -> None:
-        self._cells = cells
-        self._done: deque[tuple[FloatArray, int]] = deque(maxlen=max(history_cells // cells, 1))
+    def __init__(self, period_ns: int, history_s: float) -> None:
+        most = max(round(history_s * NANOSECONDS / period_ns), 1)
+        self.cells: deque[FloatArray] = deque(maxlen=most)
+        self._cells_per_span = max(round(SPAN_S * NANOSECONDS / period_ns), 1)
+        self._full: deque[tuple[FloatArray, int]] = deque(
+            maxlen=max(most // self._cells_per_span, 1)
+        )
         self._sum: FloatArray = np.zeros(0)
         self._count = 0
 
-    def add(self, temperature_c: FloatArray, count: int) -> None:
-        """
-        Take completed cells.
-
-        Parameters
-        ----------
-        temperature_c : ndarray, shape (J,)
-            Their temperatures, °C.
-        count : int
-            How many cells.
-
-        """
-        while count:
-            part = min(count, self._cells - self._count)
+    def add(self, temperature_c: FloatArray, count: int) -> int:
+        """Add cells of the same temperatures, °C, shape (J,); tell how many have room."""
+        count = min(count, self.cells.maxlen or count)
+        self.cells.extend([temperature_c] * count)
+        waiting = count
+        while waiting:
+            part = min(waiting, self._cells_per_span - self._count)
             self._sum = part * temperature_c + (self._sum if self._count else 0.0)
             self._count += part
-            count -= part
+            waiting -= part
             # The very first cell stays alone: it is where a model starts from.
-            if self._count == self._cells or not self._done:
-                self._done.append((self._sum / self._count, self._count))
+            if self._count == self._cells_per_span or not self._full:
+                self._full.append((self._sum / self._count, self._count))
                 self._count = 0
+        return count
 
-    def __iter__(self) -> Iterator[tuple[FloatArray, int]]:
-        """
-        Give the blocks, the one that is being filled included.
-
-        Yields
-        ------
-        tuple of ndarray, shape (J,), and int
-            Mean temperatures, °C, and how many cells they are of; oldest first.
-
-        """
-        yield from self._done
-        if self._count:
-            yield self._sum / self._count, self._count
+    def means(self) -> tuple[tuple[FloatArray, int], ...]:
+        """Mean temperatures, °C, and how many cells they are of; oldest first."""
+        begun = [(self._sum / self._count, self._count)] if self._count else []
+        return (*self._full, *begun)
 
 
 _NOT_YET = 'no temperatures yet'
@@ -98,24 +87,23 @@ class DriftTracker:
         self, thermometers: int, period_ns: int, patience_s: float, history_s: float
     ) -> None:
         self.model: DriftModel | None = None
-        #: Of the last completed cell, °C, shape (J,).
+        #: Of the last completed cell, °C, shape (J,), and where it ended, ns.
         self.temperature_c: FloatArray | None = None
+        self.end_ns = 0
         #: What the model says now, arrays of shape (6,).
-        self.drift = Drift(np.zeros(len(AXES)), np.zeros(len(AXES)))
-        self.timestamp_filter = TimestampFilter(thermometers)
+        self.drift = no_drift()
         #: How the drift came to be where it is, a sentence; changes when it starts or goes on.
         self.origin = _NOT_YET
         #: Whether another stream's memory was of no use.
         self.forgot = False
-        #: End of the last completed cell, ns.
-        self.end_ns = 0
-        self._thermometers = thermometers
-        self._patience_s = patience_s
+        self.timestamp_filter = TimestampFilter(thermometers)
+        self.grid = ThermalGrid(period_ns, thermometers, patience_s)
+        self.history = History(period_ns, history_s)
+        self._thermometers, self._patience_s = thermometers, patience_s
         self._history_s = history_s
         self._state: DriftState | None = None
         #: What to go on from when the first cell is complete, and its age by another clock, s.
         self._awaited: tuple[ThermalMemory, float] | None = None
-        self._use_period(period_ns)
 
     @property
     def following(self) -> bool:
@@ -127,83 +115,38 @@ class DriftTracker:
         """Whether a restarted stream still waits for the temperatures behind its gap."""
         return self._awaited is not None
 
-    def _use_period(self, period_ns: int) -> None:
-        """Start a grid of this period, without history."""
-        self.grid = ThermalGrid(period_ns, self._thermometers, self._patience_s)
-        self._forget()
-
-    def _forget(self) -> None:
-        """Start an empty history."""
-        period_ns = self.grid.period_ns
-        cells = max(round(self._history_s * NANOSECONDS / period_ns), 1)
-        self._history: deque[FloatArray] = deque(maxlen=cells)
-        self._blocks = Blocks(max(round(BLOCK_S * NANOSECONDS / period_ns), 1), cells)
-
     def add(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[CompletedCells]:
-        """
-        Take one temperature.
-
-        Parameters
-        ----------
-        thermometer : int
-            Which one, counted from 0.
-        stamp_ns : int
-            Its stamp, ns.
-        temperature_c : float
-            °C.
-
-        Returns
-        -------
-        list of CompletedCells
-            Cells that this sample completed; the drift has moved when there are any.
-
-        """
+        """Take one temperature, °C; step the model by the cells that it completes."""
         samples = self.timestamp_filter.admit(thermometer, stamp_ns, temperature_c)
-        cells = [completed for sample in samples for completed in self.grid.add(*sample)]
-        for completed in cells:
-            self._advance(completed)
-        return cells
+        completed = [cells for sample in samples for cells in self.grid.add(*sample)]
+        for cells in completed:
+            resting = self._state is None
+            if self.model is not None and self._awaited is not None:
+                self._fill_gap(self.model, *self._awaited, cells)
+            self.temperature_c = cells.temperature_c
+            self.end_ns = (cells.first_cell + cells.count) * self.grid.period_ns
+            count = self.history.add(cells.temperature_c, cells.count)
+            if self.model is None:
+                continue
+            if self._state is None or count < cells.count:
+                # Nothing known before, or a gap longer than any memory: the robot has soaked.
+                if resting:
+                    self.origin = 'the drift started at the steady state of the first temperatures'
+                self._state, count = drift_model.start(self.model, cells.temperature_c), 1
+            if count == 1:
+                self._state, self.drift = drift_model.step(
+                    self.model, self._state, cells.temperature_c
+                )
+            else:
+                self._run(self.model, self._state, np.tile(cells.temperature_c, (count, 1)))
+        return completed
 
-    def _advance(self, cells: CompletedCells) -> None:
-        """Move history, state and drift on by completed cells."""
-        resting = self._state is None
-        if self.model is not None and self._awaited is not None:
-            self._cross_gap(self.model, *self._awaited, cells)
-        self.temperature_c = cells.temperature_c
-        count = min(cells.count, self._history.maxlen or cells.count)
-        self._remember(cells.temperature_c, count)
-        self.end_ns = (cells.first_cell + cells.count) * self.grid.period_ns
-        if self.model is None:
-            return
-        if self._state is None or count < cells.count:
-            # Nothing known before, or a gap longer than any memory: the robot has soaked.
-            if resting:
-                self.origin = 'the drift started at the steady state of the first temperatures'
-            self._state = drift_model.start(self.model, cells.temperature_c)
-            count = 1
-        if count == 1:
-            self._state, self.drift = drift_model.step(
-                self.model, self._state, cells.temperature_c
-            )
-        else:
-            self._hold(self.model, cells.temperature_c, count)
+    def _run(self, model: DriftModel, state: DriftState, temperature_c: FloatArray) -> None:
+        """Go on from a state through cells, shape (N, J)."""
+        self._state, track = drift_model.run(model, state, temperature_c)
+        self.drift = drift_model.Drift(track.zero[-1], track.sensitivity[-1])
 
-    def _remember(self, temperature_c: FloatArray, count: int) -> None:
-        """Add cells of one temperature to the history."""
-        self._history.extend([temperature_c] * count)
-        self._blocks.add(temperature_c, count)
-
-    def _hold(self, model: DriftModel, temperature_c: FloatArray, count: int) -> None:
-        """Move the state on by cells of one temperature."""
-        self._run(model, np.repeat(temperature_c[np.newaxis], count, axis=0))
-
-    def _run(self, model: DriftModel, temperature_c: FloatArray) -> None:
-        """Move the state on by cells, shape (N, J)."""
-        assert self._state is not None  # noqa: S101 -- the caller has started it
-        self._state, track = drift_model.run(model, self._state, temperature_c)
-        self.drift = Drift(track.zero[-1], track.sensitivity[-1])
-
-    def _cross_gap(
+    def _fill_gap(
         self, model: DriftModel, memory: ThermalMemory, at_least_s: float, cells: CompletedCells
     ) -> None:
         """Take the state over the gap behind a restart, or give it up."""
@@ -214,53 +157,32 @@ class DriftTracker:
         self.forgot = temperature_c is None
         if temperature_c is None:
             self._state = None
-            self._forget()
+            self.history = History(self.grid.period_ns, self._history_s)
             return
         self._state = memory.filters
         if len(temperature_c):
-            self._run(model, temperature_c)
+            self._run(model, memory.filters, temperature_c)
             for cell in temperature_c:
-                self._remember(cell, 1)
+                self.history.add(cell, 1)
 
     def use(self, model: DriftModel | None) -> None:
-        """
-        Follow another model; its state is made from the temperatures that are kept.
-
-        Parameters
-        ----------
-        model : DriftModel or None
-            None follows no more.
-
-        """
+        """Follow another model, whose state is made from the history; None follows no more."""
         if model is not None and model.period_ns != self.grid.period_ns:
             counted = self.grid.rejected, self.grid.restarts
-            self._use_period(model.period_ns)
+            self.grid = ThermalGrid(model.period_ns, self._thermometers, self._patience_s)
             self.grid.rejected, self.grid.restarts = counted
+            self.history = History(model.period_ns, self._history_s)
         self.model, self._state, self._awaited = model, None, None
         self.origin = 'no model is live' if model is None else _NOT_YET
         self.forgot = False
-        self.drift = Drift(np.zeros(len(AXES)), np.zeros(len(AXES)))
-        if model is not None and self._history:
-            temperature_c = np.array(self._history)
-            self._state = drift_model.start(model, temperature_c[0])
-            self._run(model, temperature_c)
+        self.drift = no_drift()
+        if model is not None and self.history.cells:
+            temperature_c = np.array(self.history.cells)
+            self._run(model, drift_model.start(model, temperature_c[0]), temperature_c)
             self.origin = f'the drift was found from {len(temperature_c)} thermal cells before'
 
-    def memory(self, subtracted: Drift) -> ThermalMemory | None:
-        """
-        Tell what a restarted stream needs to go on from here.
-
-        Parameters
-        ----------
-        subtracted : Drift
-            What is being subtracted, arrays of shape (6,).
-
-        Returns
-        -------
-        ThermalMemory or None
-            None while there is nothing to go on from.
-
-        """
+    def memory(self, compensation: drift_model.Drift) -> ThermalMemory | None:
+        """Tell, once there is a state, what a restarted stream needs to go on and subtract."""
         if self._awaited is not None:
             return self._awaited[0]
         if self._state is None or self.temperature_c is None:
@@ -270,8 +192,8 @@ class DriftTracker:
             self.grid.period_ns,
             self.temperature_c,
             self._state,
-            subtracted,
-            tuple(self._blocks),
+            compensation,
+            self.history.means(),
         )
 
     def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
@@ -292,12 +214,12 @@ class DriftTracker:
             return
         self._awaited = memory, at_least_s
         self.timestamp_filter.expect(memory.end_ns)
-        for temperature_c, count in memory.history:
-            self._remember(temperature_c, count)
         # A model that is swapped in before the first temperature starts from these, too.
+        for temperature_c, count in memory.history:
+            self.history.add(temperature_c, count)
         self.temperature_c, self.end_ns = memory.temperature_c, memory.end_ns
         self._state, self.drift = memory.filters, memory.compensation
         cells = round(at_least_s * NANOSECONDS / memory.period_ns)
         if cells > 0:
-            self._hold(self.model, memory.temperature_c, cells)
+            self._run(self.model, memory.filters, np.tile(memory.temperature_c, (cells, 1)))
         self.origin = 'the drift saved before the restart is held until a temperature comes'

@@ -1,4 +1,4 @@
-"""Watching thermometers: readings no sensor has, jumps no body makes, and units mixed up."""
+"""Readings that no sensor makes: frozen, saturated, leaping, jumping, or in another unit."""
 
 from collections.abc import Sequence
 
@@ -6,29 +6,18 @@ from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
 
 #: Looks in a row with the same reading after which it counts as frozen.
 LOOKS = 50
-
-
 #: Looks in a row at one stamp after which the stamps count as standing still.
 _STAMP_LOOKS = 5
-
-
 #: Stamps that move by more between two looks have leapt, unless they move that fast always.
-_LEAP_NS = 60 * NANOSECONDS
-
-
-_STEPS = 10
+_LEAP_NS, _STEPS = 60 * NANOSECONDS, 10
+#: A wrist sensor's thermometer reads nothing outside this, °C; 0 K and kelvins are.
+PLAUSIBLE_C = (-100.0, 200.0)
+#: No thermometer in a piece of metal moves by more between two cells: this, K, and this, K/s.
+_JUMP_K, _JUMP_K_S = 2.0, 0.2
 
 
 class SensorWatch:
-    """
-    Remembers what a sensor's readings looked like.
-
-    Parameters
-    ----------
-    looks : int
-        Equal looks in a row that make a reading suspicious.
-
-    """
+    """Remembers what a sensor's readings looked like; ``looks`` equal ones are suspicious."""
 
     def __init__(self, looks: int = LOOKS) -> None:
         #: How often stamps ran back, and leapt ahead.
@@ -47,17 +36,9 @@ class SensorWatch:
 
     def look(self, received: int, stamp_ns: int, raw: Sequence[float]) -> None:
         """
-        Look at the newest wrench.
+        Look at the newest wrench, N and N m, and its stamp, ns; 0 when it has none.
 
-        Parameters
-        ----------
-        received : int
-            How many came so far; without a new one there is nothing to see.
-        stamp_ns : int
-            Its stamp, ns; 0 when it has none.
-        raw : sequence of 6 floats
-            N and N m, axis order AXES.
-
+        Without a new one since the last look, by how many were received, there is nothing to see.
         """
         if received == self._received:
             return
@@ -93,11 +74,7 @@ class SensorWatch:
 
     @property
     def saturated(self) -> tuple[str, ...]:
-        """
-        Axes that stay exactly at their largest or least value so far, while others move.
-
-        An axis that never moved, such as one that a sensor does not have, is not among them.
-        """
+        """Axes that moved once and stay exactly at their largest or least value; others move."""
         if self.frozen:
             return ()
         return tuple(
@@ -109,24 +86,8 @@ class SensorWatch:
         )
 
 
-#: A wrist sensor's thermometer reads nothing outside this, °C; 0 K and kelvins are.
-PLAUSIBLE_C = (-100.0, 200.0)
-
-
-#: No thermometer in a piece of metal moves by more between two cells: this, K, and this, K/s.
-_JUMP_K, _JUMP_K_S = 2.0, 0.2
-
-
 class ThermometerWatch:
-    """
-    Remembers the thermal cells of several thermometers.
-
-    Parameters
-    ----------
-    thermometers : int
-        Number of thermometers J.
-
-    """
+    """Remembers the thermal cells of several thermometers."""
 
     def __init__(self, thermometers: int) -> None:
         #: Jumps of each thermometer.
@@ -136,19 +97,7 @@ class ThermometerWatch:
         self._before: FloatArray | None = None
 
     def look(self, temperature_c: FloatArray, cells: int, period_ns: int) -> None:
-        """
-        Look at completed cells.
-
-        Parameters
-        ----------
-        temperature_c : ndarray, shape (J,)
-            Their temperatures, °C.
-        cells : int
-            How many.
-        period_ns : int
-            Length of one, ns.
-
-        """
+        """Look at completed cells of a period, ns, with temperatures of shape (J,), °C."""
         before, self._before = self._before, temperature_c
         if before is None:
             return
@@ -160,22 +109,7 @@ class ThermometerWatch:
 
 
 def other_unit(value: float, lower_c: float, upper_c: float) -> str:
-    """
-    Guess the unit of a temperature that is far off.
-
-    Parameters
-    ----------
-    value : float
-        As it was read.
-    lower_c, upper_c : float
-        What would be expected, °C.
-
-    Returns
-    -------
-    str
-        The unit in which it would be as expected, or empty.
-
-    """
+    """Guess the unit in which a temperature that is far off would lie as expected, or empty."""
     in_units = {'degrees Fahrenheit': (value - 32.0) / 1.8, 'kelvins': value - 273.15}
     fitting = [unit for unit, celsius in in_units.items() if lower_c <= celsius <= upper_c]
     return fitting[0] if fitting else ''

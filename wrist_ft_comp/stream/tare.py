@@ -10,8 +10,6 @@ from wrist_ft_comp.stream.limits import axis_limits
 
 #: The mean is compared over this many parts of the time: noise averages out, motion does not.
 _PARTS = 5
-
-
 _MIN_SAMPLES = 10
 
 
@@ -36,22 +34,7 @@ class TareCollector:
         self._wrenches: list[Sequence[float]] = []
 
     def add(self, stamp_ns: int, raw: Sequence[float]) -> bool:
-        """
-        Take one wrench.
-
-        Parameters
-        ----------
-        stamp_ns : int
-            Its stamp, ns.
-        raw : sequence of 6 floats
-            Raw wrench, N and N m.
-
-        Returns
-        -------
-        bool
-            Whether the stretch is complete, and holds enough wrenches to average.
-
-        """
+        """Take one raw wrench; tell whether the stretch is complete, with enough to average."""
         self._stamps_ns.append(stamp_ns)
         self._wrenches.append(raw)
         long_enough = stamp_ns - self._stamps_ns[0] >= self._duration_ns

@@ -18,20 +18,12 @@ from wrist_ft_comp.model.signals import FloatArray, NANOSECONDS
 
 #: After this many time constants a twentieth of what was remembered is left.
 TIME_CONSTANTS = 3.0
-
-
 #: A restart is allowed this long, s, however short a model's memory is.
 LEAST_GAP_S = 60.0
-
-
 #: The stream keeps no more cells than these hours hold either.
 MOST_GAP_S = 6 * 3600.0
-
-
-#: Length of a block of history, s.
-BLOCK_S = 60.0
-
-
+#: Temperatures are remembered as means over spans of this, s.
+SPAN_S = 60.0
 #: A clock that lost more than this against another one was not running all the time, s.
 _SLIP_S = 60.0
 
@@ -54,7 +46,7 @@ class ThermalMemory:
     compensation : Drift
         What was being subtracted, arrays of shape (6,).
     history : tuple of tuples of ndarray, shape (J,), and int
-        Mean temperatures of consecutive blocks of cells, °C, and how many cells each has; oldest
+        Mean temperatures of consecutive spans of cells, °C, and how many cells each has; oldest
         first, up to the last cell. For another model that goes live after the restart.
 
     """
@@ -68,85 +60,30 @@ class ThermalMemory:
 
 
 class GapFill(NamedTuple):
-    """
-    How a gap is crossed.
+    """How a gap is crossed."""
 
-    Attributes
-    ----------
-    temperature_c : ndarray, shape (N, J), or None
-        Temperatures of the N cells in it, °C; None when the memory is of no use.
-    sentence : str
-        What is done, and why.
-
-    """
-
+    #: Temperatures of the N cells in it, °C, shape (N, J); None when the memory is of no use.
     temperature_c: FloatArray | None
+    #: What is done, and why.
     sentence: str
 
 
 def slowest_time_constant_s(model: DriftModel) -> float:
-    """
-    Find the time after which a model has forgotten all but 1/e of anything.
-
-    Parameters
-    ----------
-    model : DriftModel
-        The model.
-
-    Returns
-    -------
-    float
-        τ = -h / ln |pole| of the slowest pole, s; 0 without memory.
-
-    """
-    radii = [
-        float(radius)
-        for axis in model.axes.values()
-        for radius in np.abs(axis.poles)
-        if radius > 0
-    ]
+    """Find the time, s, after which a model has forgotten all but 1/e: τ = -h / ln |pole|."""
+    radii = np.concatenate([[0.0], *(np.abs(axis.poles) for axis in model.axes.values())])
     period_s = model.period_ns / NANOSECONDS
-    return max((-period_s / np.log(radius) for radius in radii), default=0.0)
+    return float(-period_s / np.log(radii.max())) if radii.max() > 0 else 0.0
 
 
 def longest_gap_s(model: DriftModel) -> float:
-    """
-    Choose the longest gap after which a model's memory is worth something.
-
-    Parameters
-    ----------
-    model : DriftModel
-        The model.
-
-    Returns
-    -------
-    float
-        TIME_CONSTANTS of the slowest, within bounds, s.
-
-    """
+    """Choose the longest gap, s, after which a model's memory is worth something."""
     return min(max(TIME_CONSTANTS * slowest_time_constant_s(model), LEAST_GAP_S), MOST_GAP_S)
 
 
 def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
-    """
-    Tell whether a memory has the form of a model's.
-
-    Parameters
-    ----------
-    model : DriftModel
-        The model.
-    memory : ThermalMemory
-        From a file, perhaps.
-
-    Returns
-    -------
-    bool
-        Whether period, thermometers, axes and orders are the same, and the model can go on.
-
-    """
-    if memory.temperature_c.shape != (model.thermometers,):
-        return False
-    if any(block.shape != (model.thermometers,) for block, _ in memory.history):
+    """Tell whether a memory, perhaps from a file, has a model's form, so that it can go on."""
+    seen = (memory.temperature_c, *(mean for mean, _ in memory.history))
+    if any(each.shape != (model.thermometers,) for each in seen):
         return False
     form = drift_model.start(model, memory.temperature_c)
     if (
@@ -156,8 +93,8 @@ def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
     ):
         return False
     with np.errstate(all='ignore'):
-        _, target = drift_model.step(model, memory.filters, memory.temperature_c)
-    return bool(np.isfinite(target).all())
+        _, drift = drift_model.step(model, memory.filters, memory.temperature_c)
+    return bool(np.isfinite(drift).all())
 
 
 def fill_gap(
@@ -192,21 +129,22 @@ def fill_gap(
     """
     cells = first_cell - memory.end_ns // model.period_ns
     gap_s = cells * model.period_ns / NANOSECONDS
-    soaked = 'so the drift starts at the steady state of the present temperatures'
+    problem = ''
     if gap_s < -_SLIP_S:
-        return GapFill(
-            None,
+        problem = (
             f'the saved thermal state is {-gap_s:.0f} s ahead of the temperatures: their stamps '
-            f'are of another clock, or time ran back; {soaked}',
+            'are of another clock, or time ran back'
         )
-    if gap_s < at_least_s - _SLIP_S:
-        return GapFill(
-            None,
+    elif gap_s < at_least_s - _SLIP_S:
+        problem = (
             f'the stamps of the temperatures moved on by {gap_s:.0f} s while {at_least_s:.0f} s '
-            f'passed since the thermal state was saved: their clock was set; {soaked}',
+            'passed since the thermal state was saved: their clock was set'
         )
-    if gap_s > longest_gap_s(model):
-        return GapFill(None, f'{too_old(model, gap_s)}; {soaked}')
+    elif gap_s > longest_gap_s(model):
+        problem = too_old(model, gap_s)
+    if problem:
+        soaked = 'so the drift starts at the steady state of the present temperatures'
+        return GapFill(None, f'{problem}; {soaked}')
     # The way from the last cell (share 0) to the first one (share 1), ends excluded.
     shares = np.arange(1, max(cells, 0) + 1)[:, np.newaxis] / (max(cells, 0) + 1)
     between = memory.temperature_c + shares * (temperature_c - memory.temperature_c)
@@ -214,22 +152,7 @@ def fill_gap(
 
 
 def too_old(model: DriftModel, gap_s: float) -> str:
-    """
-    Say that a memory is too old.
-
-    Parameters
-    ----------
-    model : DriftModel
-        The model.
-    gap_s : float
-        The memory's age, s.
-
-    Returns
-    -------
-    str
-        The first half of a sentence.
-
-    """
+    """Say, as the first half of a sentence, that a memory is too old, by its age, s."""
     return (
         f'the saved thermal state is {gap_s:.0f} s old and this model remembers '
         f'{longest_gap_s(model):.0f} s'

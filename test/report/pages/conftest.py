@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings
+from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.calibration.chamber import chamber_figures, table_recording
-from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.files.chamber_table import read_chamber_table
 from wrist_ft_comp.files.model_file import save_model
 from wrist_ft_comp.model.signals import Recording

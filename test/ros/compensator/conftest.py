@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.calibrate import Calibration
-from wrist_ft_comp.calibration.result import AxisFit
+from wrist_ft_comp.calibration.result import AxisFit, Calibration
 from wrist_ft_comp.files.model_file import save_model
 from wrist_ft_comp.model.arx import relaxation
 from wrist_ft_comp.model.arx_pls import ArxPls

@@ -11,8 +11,7 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from wrist_ft_comp import ONE_THREAD
-from wrist_ft_comp.calibration.calibrate import CalibrationSettings
-from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, WristFtCompError
 from wrist_ft_comp.files.bag import Topics
 from wrist_ft_comp.files.job_request import CalibrationJob, encode_job, UNTIL_CLOSED

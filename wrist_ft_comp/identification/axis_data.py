@@ -11,44 +11,30 @@ import numpy as np
 
 from wrist_ft_comp.model.signals import (
     AXES,
-    BoolArray,
     FloatArray,
     IntArray,
     noise_level,
     Recording,
     Reference,
+    stretches,
 )
 
 #: Fits compete on sums over so many cells of this time: features hardly change within it, s.
 FITTED_BIN_S = 10.0
-
-
 #: Errors are averaged over this time before they are judged: drift is slow, noise is not, s.
 JUDGED_BIN_S = 30.0
-
-
-#: … but a block of a short recording still has so many bins.
-_BINS_PER_BLOCK = 8
-
-
-#: Parts that each held-out block is scored in: two recordings alone cannot tell chance from merit.
+#: … but a fold of a short recording still has so many bins.
+_BINS_PER_FOLD = 8
+#: Parts that each held-out fold is scored in: two recordings alone cannot tell chance from merit.
 JUDGED_PARTS = 4
-
-
 #: The load of an axis varies enough when its deviation is this many times the noise.
 MIN_LOAD_TO_NOISE = 10.0
-
-
-#: Blocks of time that a single recording is divided into.
+#: Folds of time that a single recording is divided into.
 FOLDS = 5
 
 
-#: Samples further apart than this many times the usual distance belong to different stretches.
-_GAP_FACTOR = 10.0
-
-
 @dataclass(frozen=True, eq=False)
-class AxisProblem:
+class AxisData:
     """
     One axis over several recordings.
 
@@ -64,12 +50,12 @@ class AxisProblem:
         r - w, N or N m; NaN where there is no sample, or where it is held out.
     load : tuple of ndarrays, shape (N_i,), or None
         w, N or N m; None when sensitivity drift is not to be learnt.
-    blocks : tuple of ndarrays of int, shape (N_i,)
-        Number of the cross-validation block of each cell.
+    folds : tuple of ndarrays of int, shape (N_i,)
+        Number of the cross-validation fold of each cell.
     no_sensitivity : str
         Why sensitivity drift is not learnt; empty when it is.
     tared : bool
-        Whether a held-out block has a constant of its own, because taring removes it. Plateaus of
+        Whether a held-out fold has a constant of its own, because taring removes it. Plateaus of
         a chamber test keep the constant of the others: their difference is the drift.
 
     """
@@ -80,7 +66,7 @@ class AxisProblem:
     temperature_c: tuple[FloatArray, ...]
     residual: tuple[FloatArray, ...]
     load: tuple[FloatArray, ...] | None
-    blocks: tuple[IntArray, ...]
+    folds: tuple[IntArray, ...]
     no_sensitivity: str = ''
     tared: bool = True
 
@@ -92,14 +78,14 @@ class AxisProblem:
     @property
     def bin_cells(self) -> tuple[int, int]:
         """Cells per bin when a model is fitted in competition, and when it is judged."""
-        return _bin_cells([len(residual) for residual in self.residual], self.period_s)
+        return _bin_cells(max(len(residual) for residual in self.residual), self.period_s)
 
     @property
-    def block_numbers(self) -> list[int]:
-        """All cross-validation blocks that hold samples, in increasing order."""
+    def fold_numbers(self) -> list[int]:
+        """All folds that hold samples, in increasing order."""
         used = [
-            np.unique(block[np.isfinite(residual)])
-            for block, residual in zip(self.blocks, self.residual, strict=True)
+            np.unique(fold[np.isfinite(residual)])
+            for fold, residual in zip(self.folds, self.residual, strict=True)
         ]
         return [int(number) for number in np.unique(np.concatenate(used))]
 
@@ -108,20 +94,20 @@ class AxisProblem:
         """Number of cells with a sample."""
         return sum(int(np.isfinite(residual).sum()) for residual in self.residual)
 
-    def without(self, block: int) -> 'AxisProblem':
-        """Hold a block out: its samples become NaN, its temperatures stay for the dynamics."""
+    def without(self, fold: int) -> 'AxisData':
+        """Hold a fold out: its samples become NaN, its temperatures stay for the dynamics."""
         residual = tuple(
-            np.where(number == block, np.nan, values)
-            for number, values in zip(self.blocks, self.residual, strict=True)
+            np.where(folds == fold, np.nan, values)
+            for folds, values in zip(self.folds, self.residual, strict=True)
         )
         return replace(self, residual=residual)
 
 
-def pose_problem(
-    recordings: Sequence[Recording], axis: str, reference: Reference, blocks: Sequence[IntArray]
-) -> AxisProblem:
+def build_axis_data(
+    recordings: Sequence[Recording], axis: str, reference: Reference, folds: Sequence[IntArray]
+) -> AxisData:
     """
-    Build the problem of one axis.
+    Take the reference off one axis.
 
     Parameters
     ----------
@@ -131,12 +117,12 @@ def pose_problem(
         One of AXES.
     reference : {'unloaded', 'constant', 'recorded'}
         What the true wrench was.
-    blocks : sequence of ndarrays of int, shape (N_i,)
-        From cross_validation_blocks.
+    folds : sequence of ndarrays of int, shape (N_i,)
+        From assign_folds.
 
     Returns
     -------
-    AxisProblem
+    AxisData
         With load where the reference was recorded and varied enough.
 
     """
@@ -148,16 +134,16 @@ def pose_problem(
         load = [recording.reference[:, column] for recording in recordings]
         residual = [raw - true for raw, true in zip(residual, load, strict=True)]
         why = _why_no_sensitivity(residual, load)
-    return AxisProblem(
+    return AxisData(
         axis=axis,
         unit=recordings[0].unit_of(axis),
         period_s=recordings[0].period_s,
         temperature_c=tuple(recording.temperature_c for recording in recordings),
         residual=tuple(residual),
         load=None if why or load is None else tuple(load),
-        blocks=tuple(blocks),
+        folds=tuple(folds),
         no_sensitivity=why,
-        tared=_plateaus(recordings) is None,
+        tared=find_plateaus(recordings) is None,
     )
 
 
@@ -167,7 +153,7 @@ def _why_no_sensitivity(residual: Sequence[FloatArray], load: Sequence[FloatArra
     if not len(loads):
         return 'no reference wrench was recorded for this axis'
     deviation = float(np.std(loads))
-    noise = noise_level([_beside_load(r, w) for r, w in zip(residual, load, strict=True)])
+    noise = noise_level([_without_gain_error(r, w) for r, w in zip(residual, load, strict=True)])
     if deviation == 0 or deviation < MIN_LOAD_TO_NOISE * noise:
         return (
             f'its load varied by {deviation:.3g} (standard deviation), less than '
@@ -176,7 +162,7 @@ def _why_no_sensitivity(residual: Sequence[FloatArray], load: Sequence[FloatArra
     return ''
 
 
-def _beside_load(residual: FloatArray, load: FloatArray) -> FloatArray:
+def _without_gain_error(residual: FloatArray, load: FloatArray) -> FloatArray:
     """Take a constant gain error out of r - w, so that a moving load is not mistaken for noise."""
     both = np.isfinite(residual) & np.isfinite(load)
     r, w = residual[both], load[both]
@@ -185,94 +171,47 @@ def _beside_load(residual: FloatArray, load: FloatArray) -> FloatArray:
     return np.asarray(r - (float(centred @ r) / power) * w if power > 0 else r, dtype=float)
 
 
-def stretches(present: BoolArray, period_s: float) -> IntArray:
+def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
     """
-    Count the stretches of a channel that are separated by gaps.
+    Divide the recordings into the folds that are held out in turn.
 
-    Parameters
-    ----------
-    present : ndarray of bool, shape (N,)
-        Whether a cell holds a sample.
-    period_s : float
-        Cell length, s.
-
-    Returns
-    -------
-    ndarray of int, shape (N,)
-        Increasing from 0; a gap belongs to the stretch before it.
-
-    """
-    at = np.flatnonzero(present)
-    numbers = np.zeros(len(present), dtype=np.int64)
-    if len(at) > 2:
-        distance = np.diff(at)
-        limit = max(_GAP_FACTOR * float(np.median(distance)), 60.0 / period_s)
-        numbers[at[1:][distance > limit]] = 1
-    return np.cumsum(numbers)
-
-
-def cross_validation_blocks(recordings: Sequence[Recording], folds: int = FOLDS) -> list[IntArray]:
-    """
-    Divide the recordings into blocks that are held out in turn.
-
-    Whole recordings when there are several; the stretches between gaps when there are 3 to 12 of
-    them (plateaus of a chamber test); else equal blocks of time.
+    Whole recordings when there are several; the plateaus of a chamber test; else equal stretches
+    of time.
 
     Parameters
     ----------
     recordings : sequence of Recording
         At least one.
-    folds : int
-        Number of blocks of time.
 
     Returns
     -------
     list of ndarrays of int, shape (N_i,)
-        Block number of each cell.
+        Number of the fold of each cell.
 
     """
     if len(recordings) > 1:
         return [np.full(len(recording), i) for i, recording in enumerate(recordings)]
-    plateaus = _plateaus(recordings)
+    plateaus = find_plateaus(recordings)
     if plateaus is not None:
         return [plateaus]
-    # Whole bins, so that none of those that are judged holds samples of two blocks.
-    cells = _bin_cells([len(recordings[0])], recordings[0].period_s, folds)[1]
+    # Whole bins, so that none of those that are judged holds samples of two folds.
+    cells = _bin_cells(len(recordings[0]), recordings[0].period_s)[1]
     bins = np.arange(len(recordings[0])) // cells
-    return [bins * folds // (bins[-1] + 1)]
+    return [bins * FOLDS // (bins[-1] + 1)]
 
 
-def _bin_cells(lengths: Sequence[int], period_s: float, folds: int = FOLDS) -> tuple[int, int]:
+def _bin_cells(longest: int, period_s: float) -> tuple[int, int]:
     """Cells per bin that is fitted, and per bin that is judged: a multiple of the former."""
-    room = max(max(lengths) // (folds * _BINS_PER_BLOCK), 1)
+    room = max(longest // (FOLDS * _BINS_PER_FOLD), 1)
     judged = min(max(round(JUDGED_BIN_S / period_s), 1), room)
     fitted = max(min(round(FITTED_BIN_S / period_s), judged // 3), 1)
     return fitted, judged - judged % fitted
 
 
-def has_plateaus(recordings: Sequence[Recording]) -> bool:
-    """
-    Tell whether recordings look like a chamber test: a few stretches with gaps between them.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Those of one calibration.
-
-    Returns
-    -------
-    bool
-        As cross_validation_blocks takes it.
-
-    """
-    return _plateaus(recordings) is not None
-
-
-def _plateaus(recordings: Sequence[Recording]) -> IntArray | None:
-    """Count a chamber test's plateaus, shape (N,); None when it does not look like one."""
+def find_plateaus(recordings: Sequence[Recording]) -> IntArray | None:
+    """Count a chamber test's plateaus, shape (N,); None unless there are 3 to 12 stretches."""
     if len(recordings) > 1:
         return None
-    recording = recordings[0]
-    present = np.any(np.isfinite(recording.wrench), axis=1)
-    parts = stretches(present, recording.period_s)
-    return parts if 3 <= parts[-1] + 1 <= 12 else None
+    present = np.any(np.isfinite(recordings[0].wrench), axis=1)
+    plateaus = stretches(present, recordings[0].period_s)
+    return plateaus if 3 <= plateaus[-1] + 1 <= 12 else None

@@ -6,10 +6,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from wrist_ft_comp.identification.bins import bin_problem
+from wrist_ft_comp.identification.axis_data import AxisData
+from wrist_ft_comp.identification.bins import bin_axis_data
 from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
 from wrist_ft_comp.identification.pls import fit_pls
-from wrist_ft_comp.identification.problem import AxisProblem
 from wrist_ft_comp.identification.regression import (
     least_squares,
     MAX_LATENTS,
@@ -28,8 +28,8 @@ GRID = np.array([0.0, 50.0, 150.0, 400.0, 1200.0])
 
 
 @pytest.fixture(scope='module')
-def moments(noisy_problem: AxisProblem) -> Moments:
-    cells = bin_problem(noisy_problem, 1)
+def moments(noisy_problem: AxisData) -> Moments:
+    cells = bin_axis_data(noisy_problem, 1)
     return accumulate(cells, bank_inputs(cells, FEATURES, GRID), GRID)
 
 
@@ -40,7 +40,7 @@ def products(moments: Moments) -> Array:
 
 @pytest.fixture(scope='module')
 def samples(
-    noisy_problem: AxisProblem,
+    noisy_problem: AxisData,
     textbook_bank: Callable[..., list[Array]],
     stack_samples: Callable[..., tuple[Array, Array, Array]],
     centre: Callable[[Array, Array], Array],

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings
+from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.calibration.chamber import (
     chamber_figures,
     ChamberTable,
@@ -12,7 +12,7 @@ from wrist_ft_comp.calibration.chamber import (
     table_recording,
     table_tare,
 )
-from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.offline import correct_many, track_drift
 from wrist_ft_comp.model.signals import AXES
@@ -28,15 +28,14 @@ def make_table(zero=0.05, gain=0.001, temperatures=TEMPERATURES, bend=0.0):
     return ChamberTable('made.csv', np.array(temperatures), LOAD, 'kpa', output)
 
 
-def settings(**more):
-    defaults = {'method': 'pls', 'features': 'hats'}
-    return CalibrationSettings(
-        reference='recorded', identification=IdentificationSettings(**{**defaults, **more})
-    )
+def learn(min_span_k=3.0, **more):
+    identification = IdentificationSettings(**{'method': 'pls', 'features': 'hats', **more})
+    settings = CalibrationSettings('recorded', min_span_k, identification=identification)
+    return lambda recording: calibrate([recording], settings).model
 
 
 def fit(table, **more):
-    return calibrate([table_recording(table, 1.0)], settings(**more)).model
+    return learn(**more)(table_recording(table, 1.0))
 
 
 @pytest.fixture(scope='module')
@@ -107,13 +106,13 @@ def test_the_tare_leaves_zero_at_the_reference_temperature(table, model):
 def test_arguments_are_not_changed(table, model):
     before = table.output.copy()
     compensate_table(table, model)
-    leave_one_temperature_out(table, settings(), 1.0)
+    leave_one_temperature_out(table, learn(), 1.0)
     np.testing.assert_array_equal(table.output, before)
 
 
 def test_a_left_out_column_is_predicted_by_the_others(table):
     """A straight drift is known everywhere from any two temperatures."""
-    left_out = leave_one_temperature_out(table, settings(features='powers', degree=1), 1.0)
+    left_out = leave_one_temperature_out(table, learn(features='powers', degree=1), 1.0)
     fitted = compensate_table(table, fit(table, features='powers', degree=1))
     raw = chamber_figures(table)
     assert chamber_figures(fitted).max_deviation <= chamber_figures(left_out).max_deviation
@@ -129,7 +128,7 @@ def test_a_left_out_column_does_not_see_itself():
     spoilt = make_table().output.copy()
     spoilt[:, 1] += 30.0
     plain, odd = (
-        leave_one_temperature_out(make_table().with_output(output), settings(), 1.0)
+        leave_one_temperature_out(make_table().with_output(output), learn(), 1.0)
         for output in (make_table().output, spoilt)
     )
     np.testing.assert_allclose(odd.output[:, 1] - plain.output[:, 1], 30.0, rtol=0.1)
@@ -138,12 +137,8 @@ def test_a_left_out_column_does_not_see_itself():
 @pytest.mark.parametrize('temperatures', [(20.0,), (20.0, 60.0)])
 def test_too_few_temperatures_leave_nothing_to_leave_out(temperatures):
     table = make_table(temperatures=temperatures)
-    assert leave_one_temperature_out(table, settings(), 1.0) is None
-    anything = CalibrationSettings(
-        reference='recorded', min_temperature_span_k=0.0,
-        identification=IdentificationSettings(method='pls', features='hats'),
-    )  # fmt: skip
-    assert leave_one_temperature_out(table, anything, 1.0) is None
+    assert leave_one_temperature_out(table, learn(), 1.0) is None
+    assert leave_one_temperature_out(table, learn(min_span_k=0.0), 1.0) is None
 
 
 def test_hats_bend_where_a_line_cannot():

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
 from wrist_ft_comp.identification.pls_arx import identify
-from wrist_ft_comp.identification.problem import AxisProblem, cross_validation_blocks, pose_problem
 from wrist_ft_comp.model.arx import Arx, Orders, relaxation, static_gain
 from wrist_ft_comp.model.arx_pls import ArxPls, from_gains
 from wrist_ft_comp.model.features import Features
@@ -25,12 +25,12 @@ def temperatures(warm_up: Callable[..., Array]) -> list[Array]:
 
 
 @pytest.fixture(scope='module')
-def pose(make_recording: Callable[..., Recording]) -> Callable[..., AxisProblem]:
+def pose(make_recording: Callable[..., Recording]) -> Callable[..., AxisData]:
     """Build a problem from drifts; every recording gets an offset of its own."""
 
     def make(
         temperatures: list[Array], drifts: list[Array], loads: list[Array] | None = None
-    ) -> AxisProblem:
+    ) -> AxisData:
         recordings = [
             make_recording(
                 temperature_c,
@@ -39,11 +39,11 @@ def pose(make_recording: Callable[..., Recording]) -> Callable[..., AxisProblem]
             )
             for i, (temperature_c, drift) in enumerate(zip(temperatures, drifts, strict=True))
         ]
-        return pose_problem(
+        return build_axis_data(
             recordings,
             'force_z',
             'unloaded' if loads is None else 'recorded',
-            cross_validation_blocks(recordings),
+            assign_folds(recordings),
         )
 
     return make
@@ -61,7 +61,7 @@ def centred(values: Array) -> Array:
 
 @pytest.mark.parametrize('method', ['pcr', 'pls'])
 def test_a_static_truth_is_found_exactly(
-    pose: Callable[..., AxisProblem], temperatures: list[Array], method: str
+    pose: Callable[..., AxisData], temperatures: list[Array], method: str
 ) -> None:
     gains = np.array([0.5, -0.3, 0.01, 0.02])
     drifts = [TWO.expand(t) @ gains for t in temperatures]
@@ -73,7 +73,7 @@ def test_a_static_truth_is_found_exactly(
 
 
 def test_filters_before_pls_find_a_truth_within_their_bank(
-    pose: Callable[..., AxisProblem], temperatures: list[Array], lagged: Callable[..., Array]
+    pose: Callable[..., AxisData], temperatures: list[Array], lagged: Callable[..., Array]
 ) -> None:
     one = [t[:, :1] for t in temperatures]
     drifts = [0.5 * lagged(t[:, 0], 300.0) - 0.2 * lagged(t[:, 0], 1000.0) for t in one]
@@ -85,7 +85,7 @@ def test_filters_before_pls_find_a_truth_within_their_bank(
 
 
 def test_the_papers_method_finds_a_noise_free_lag_exactly(
-    pose: Callable[..., AxisProblem], temperatures: list[Array], lagged: Callable[..., Array]
+    pose: Callable[..., AxisData], temperatures: list[Array], lagged: Callable[..., Array]
 ) -> None:
     one = [t[:, :1] for t in temperatures]
     drifts = [0.5 * lagged(t[:, 0], 300.0) for t in one]
@@ -103,7 +103,7 @@ def test_the_papers_method_finds_a_noise_free_lag_exactly(
 
 
 def test_a_pole_that_had_to_be_moved_is_noted(
-    pose: Callable[..., AxisProblem], temperatures: list[Array]
+    pose: Callable[..., AxisData], temperatures: list[Array]
 ) -> None:
     one = [t[:, :1] for t in temperatures[:1]]
     growing = np.zeros(CELLS)
@@ -120,7 +120,7 @@ def test_a_pole_that_had_to_be_moved_is_noted(
 @pytest.mark.parametrize('method', ['pcr', 'pls', 'filtered_pls', 'arx_pls'])
 @pytest.mark.parametrize('loaded', [False, True])
 def test_units_change_nothing(
-    pose: Callable[..., AxisProblem],
+    pose: Callable[..., AxisData],
     temperatures: list[Array],
     lagged: Callable[..., Array],
     method: str,
@@ -156,7 +156,7 @@ def test_units_change_nothing(
 class TestDegenerateData:
     def test_a_constant_thermometer_does_not_matter(
         self,
-        pose: Callable[..., AxisProblem],
+        pose: Callable[..., AxisData],
         temperatures: list[Array],
         lagged: Callable[..., Array],
         method: str,
@@ -174,13 +174,13 @@ class TestDegenerateData:
         )
 
     def test_a_sensor_without_drift_gets_no_model(
-        self, pose: Callable[..., AxisProblem], temperatures: list[Array], method: str
+        self, pose: Callable[..., AxisData], temperatures: list[Array], method: str
     ) -> None:
         still = [np.full(CELLS, 3.0) for _ in temperatures]
         assert identify(method, pose(temperatures, still), TWO, Orders())[0] is None
 
     def test_nothing_observed_gets_no_model(
-        self, pose: Callable[..., AxisProblem], temperatures: list[Array], method: str
+        self, pose: Callable[..., AxisData], temperatures: list[Array], method: str
     ) -> None:
         nothing = [np.full(CELLS, np.nan) for _ in temperatures]
         assert identify(method, pose(temperatures, nothing), TWO, Orders())[0] is None

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.cross_validation import block_errors, unexplained
+from wrist_ft_comp.calibration.cross_validation import fold_errors, unexplained
+from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.identification.pls_arx import OBSERVATION_WINDOW_S, observe_drift
-from wrist_ft_comp.identification.problem import cross_validation_blocks, pose_problem, stretches
 from wrist_ft_comp.model.arx import relaxation
 from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import noise_level, Recording
+from wrist_ft_comp.model.signals import noise_level, Recording, stretches
 
 Array = np.ndarray
 MakeRecording = Callable[..., Recording]
@@ -40,7 +40,7 @@ class TestResidualAndLoad:
         self, make_recording: MakeRecording, temperature_c: Array, load: Array, reference: str
     ) -> None:
         recording = make_recording(temperature_c, {'force_y': load}, {'force_y': load})
-        problem = pose_problem([recording], 'force_y', reference, one_block(recording))
+        problem = build_axis_data([recording], 'force_y', reference, one_block(recording))
         np.testing.assert_array_equal(problem.residual[0], load)
         assert problem.load is None
         assert problem.no_sensitivity == f'the reference was declared {reference}'
@@ -52,7 +52,7 @@ class TestResidualAndLoad:
         raw = 1.02 * load + 5
         raw[7] = np.nan
         recording = make_recording(temperature_c, {'force_y': raw}, {'force_y': load})
-        problem = pose_problem([recording], 'force_y', 'recorded', one_block(recording))
+        problem = build_axis_data([recording], 'force_y', 'recorded', one_block(recording))
         np.testing.assert_allclose(problem.residual[0], 0.02 * load + 5 + 0 * raw, atol=1e-12)
         assert problem.load is not None
         assert problem.no_sensitivity == ''
@@ -64,7 +64,7 @@ class TestResidualAndLoad:
     ) -> None:
         raw = (1 + gain_error) * load + 0.1 * np.random.default_rng(1).standard_normal(CELLS)
         recording = make_recording(temperature_c, {'force_y': raw}, {'force_y': load})
-        problem = pose_problem([recording], 'force_y', 'recorded', one_block(recording))
+        problem = build_axis_data([recording], 'force_y', 'recorded', one_block(recording))
         assert problem.no_sensitivity == ''
 
     def test_a_load_that_hardly_varies_teaches_no_sensitivity(
@@ -75,7 +75,7 @@ class TestResidualAndLoad:
             recording = make_recording(
                 temperature_c, {'force_y': share * load + noise}, {'force_y': share * load}
             )
-            problem = pose_problem([recording], 'force_y', 'recorded', one_block(recording))
+            problem = build_axis_data([recording], 'force_y', 'recorded', one_block(recording))
             assert problem.load is None
             assert why in problem.no_sensitivity
 
@@ -83,7 +83,7 @@ class TestResidualAndLoad:
         self, make_recording: MakeRecording, temperature_c: Array, load: Array
     ) -> None:
         recording = make_recording(temperature_c, {'force_y': load}, {'force_x': load})
-        problem = pose_problem([recording], 'force_y', 'recorded', one_block(recording))
+        problem = build_axis_data([recording], 'force_y', 'recorded', one_block(recording))
         assert problem.no_sensitivity == 'no reference wrench was recorded for this axis'
         assert problem.samples == 0
 
@@ -118,7 +118,7 @@ class TestBlocks:
         self, make_recording: MakeRecording, cells: int, period_s: float
     ) -> None:
         recording = make_recording(np.zeros(cells), {'force_x': 0.0}, period_s=period_s)
-        problem = pose_problem([recording], 'force_x', 'unloaded', one_block(recording))
+        problem = build_axis_data([recording], 'force_x', 'unloaded', one_block(recording))
         fitted, judged = problem.bin_cells
         assert fitted >= 1
         assert judged % fitted == 0
@@ -134,14 +134,14 @@ class TestBlocks:
         self, make_recording: MakeRecording, temperature_c: Array
     ) -> None:
         recordings = [make_recording(temperature_c[:k], {'force_x': 0.0}) for k in (50, 60, 70)]
-        blocks = cross_validation_blocks(recordings)
+        blocks = assign_folds(recordings)
         for number, (block, recording) in enumerate(zip(blocks, recordings, strict=True)):
             np.testing.assert_array_equal(block, np.full(len(recording), number))
 
     def test_one_recording_is_cut_into_equal_times(
         self, make_recording: MakeRecording, temperature_c: Array
     ) -> None:
-        (block,) = cross_validation_blocks([make_recording(temperature_c, {'force_x': 0.0})])
+        (block,) = assign_folds([make_recording(temperature_c, {'force_x': 0.0})])
         np.testing.assert_array_equal(block, np.repeat(range(5), CELLS // 5))
 
     def test_plateaus_are_held_out_whole(
@@ -151,21 +151,21 @@ class TestBlocks:
         for start in (0, 60, 120, 180):
             raw[start : start + 20] = 1.0
         recording = make_recording(temperature_c, {'force_x': raw})
-        (block,) = cross_validation_blocks([recording])
+        (block,) = assign_folds([recording])
         np.testing.assert_array_equal(block[np.isfinite(raw)], np.repeat(range(4), 20))
 
     def test_a_block_that_is_held_out_loses_its_samples_only(
         self, make_recording: MakeRecording, temperature_c: Array, load: Array
     ) -> None:
         recordings = [make_recording(temperature_c, {'force_x': load}) for _ in range(3)]
-        blocks = cross_validation_blocks(recordings)
-        problem = pose_problem(recordings, 'force_x', 'unloaded', blocks)
-        assert problem.block_numbers == [0, 1, 2]
+        blocks = assign_folds(recordings)
+        problem = build_axis_data(recordings, 'force_x', 'unloaded', blocks)
+        assert problem.fold_numbers == [0, 1, 2]
         part = problem.without(1)
         assert np.isnan(part.residual[1]).all()
         np.testing.assert_array_equal(part.residual[2], load)
         assert part.temperature_c is problem.temperature_c
-        assert part.block_numbers == [0, 2]
+        assert part.fold_numbers == [0, 2]
         assert np.isfinite(problem.residual[1]).all()
 
 
@@ -174,7 +174,7 @@ class TestObservedDrift:
         self, make_recording: MakeRecording, temperature_c: Array, load: Array
     ) -> None:
         recording = make_recording(temperature_c, {'force_x': load})
-        problem = pose_problem([recording], 'force_x', 'unloaded', one_block(recording))
+        problem = build_axis_data([recording], 'force_x', 'unloaded', one_block(recording))
         np.testing.assert_array_equal(observe_drift(problem)[0], load[:, np.newaxis])
 
     def test_windows_do_not_cross_gaps(
@@ -188,7 +188,7 @@ class TestObservedDrift:
         gap[before.stop : after.start] = np.nan
         raw = (1 + sensitivity) * load + zero + gap
         recording = make_recording(temperature_c, {'force_x': raw}, {'force_x': load})
-        problem = pose_problem([recording], 'force_x', 'recorded', one_block(recording))
+        problem = build_axis_data([recording], 'force_x', 'recorded', one_block(recording))
         (found,) = observe_drift(problem)
         seen = np.isfinite(found).all(axis=1)
         assert (~seen).sum() <= 10 + 2  # the gap, and at most a window of one or two cells
@@ -202,7 +202,7 @@ class TestObservedDrift:
         theta = temperature_c - 30
         raw = (1 + 1e-3 * theta) * load + 0.2 * theta
         recording = make_recording(temperature_c, {'force_x': raw}, {'force_x': load})
-        problem = pose_problem([recording], 'force_x', 'recorded', one_block(recording))
+        problem = build_axis_data([recording], 'force_x', 'recorded', one_block(recording))
         (found,) = observe_drift(problem)
         error = found - np.stack((0.2 * theta, 1e-3 * theta), axis=1)
         # A window spans 2.5 K: its slope is at most that far behind, plus what 0.2 N/K leaks.
@@ -215,7 +215,7 @@ class TestObservedDrift:
         quiet = load.copy()
         quiet[120:180] = 5.0
         recording = make_recording(temperature_c, {'force_x': 1.1 * quiet}, {'force_x': quiet})
-        problem = pose_problem([recording], 'force_x', 'recorded', one_block(recording))
+        problem = build_axis_data([recording], 'force_x', 'recorded', one_block(recording))
         (found,) = observe_drift(problem)
         np.testing.assert_array_equal(np.isnan(found[:, 1]), (load != quiet))
 
@@ -237,7 +237,7 @@ class TestScores:
         moved = lagged(temperature_c - 20, 300.0)
         raw = (1 + 0.01 + 2e-3 * moved) * load + 0.5 * moved + noise
         recording = make_recording(temperature_c, {'force_x': raw}, {'force_x': load})
-        problem = pose_problem([recording], 'force_x', 'recorded', one_block(recording))
+        problem = build_axis_data([recording], 'force_x', 'recorded', one_block(recording))
         model = AxisModel(features, dynamics)
         np.testing.assert_allclose(unexplained(problem, model)[0], noise, atol=1e-9)
         np.testing.assert_array_equal(unexplained(problem, None)[0], problem.residual[0])
@@ -260,7 +260,7 @@ class TestScores:
         recordings = [make_recording(temperature_c, {'force_x': 0.0}) for _ in range(2)]
         rng = np.random.default_rng(5)
         blocks = [rng.integers(0, 3, CELLS) for _ in range(2)]
-        problem = replace(pose_problem(recordings, 'force_x', 'unloaded', blocks), tared=tared)
+        problem = replace(build_axis_data(recordings, 'force_x', 'unloaded', blocks), tared=tared)
         left = [rng.standard_normal(CELLS) + 100 * i for i in range(2)]
         left[0][::7] = np.nan
         for block in range(3):
@@ -277,14 +277,14 @@ class TestScores:
                 constant = np.mean(inside if tared else others)
                 parts = np.array_split(inside, 4)
                 expected += [np.mean([(v - constant) ** 2 for v in part]) for part in parts]
-            assert block_errors(problem, left, block) == pytest.approx(expected)
+            assert fold_errors(problem, left, block) == pytest.approx(expected)
 
     def test_fewer_bins_than_parts_are_scored_one_by_one(
         self, make_recording: MakeRecording, temperature_c: Array
     ) -> None:
         recording = make_recording(temperature_c, {'force_x': 0.0})
-        problem = pose_problem([recording], 'force_x', 'unloaded', one_block(recording))
+        problem = build_axis_data([recording], 'force_x', 'unloaded', one_block(recording))
         left = np.full(CELLS, np.nan)
         left[[0, 1, 90]] = 1.0, 3.0, 6.0
-        assert block_errors(problem, [left], 0) == [4.0, 4.0]
-        assert block_errors(problem, [np.full(CELLS, np.nan)], 0) == []
+        assert fold_errors(problem, [left], 0) == [4.0, 4.0]
+        assert fold_errors(problem, [np.full(CELLS, np.nan)], 0) == []

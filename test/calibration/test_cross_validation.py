@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings
-from wrist_ft_comp.calibration.cross_validation import rms_by_block
-from wrist_ft_comp.calibration.settings import IdentificationSettings, METHODS
-from wrist_ft_comp.identification.problem import JUDGED_PARTS
+from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.result import rms_by_fold
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings, METHODS
+from wrist_ft_comp.identification.axis_data import JUDGED_PARTS
 
 CELLS = 720
 
@@ -37,8 +37,8 @@ def total(held_out, errors):
     """Add up as a score does: mean squares of the parts of every block."""
     squares = []
     for recording in np.unique(held_out.recording):
-        for block in np.unique(held_out.block):
-            own = errors[(held_out.recording == recording) & (held_out.block == block)]
+        for block in np.unique(held_out.fold):
+            own = errors[(held_out.recording == recording) & (held_out.fold == block)]
             if len(own):
                 squares += [np.mean(part**2) for part in np.array_split(own, JUDGED_PARTS)]
     return np.sqrt(np.mean(squares))
@@ -49,7 +49,7 @@ def total(held_out, errors):
 def test_the_errors_add_up_to_the_figures(method, count, run):
     fit = learn([run(seed) for seed in range(count)], method)
     held_out = fit.held_out
-    assert len(rms_by_block(held_out).before) == (5 if count == 1 else count)
+    assert len(rms_by_fold(held_out).before) == (5 if count == 1 else count)
     assert total(held_out, held_out.before) == pytest.approx(fit.rms_before, rel=1e-6)
     assert total(held_out, held_out.after) == pytest.approx(fit.rms_after, rel=1e-6)
 
@@ -100,9 +100,9 @@ def test_a_block_is_judged_by_a_model_that_never_saw_it(run):
     bump = np.where(last, 2.0 * np.sin(np.arange(CELLS) / 20), 0.0)
     recording.wrench[:, 2] += bump
     held_out = learn([recording], 'pls').held_out
-    after = rms_by_block(held_out).after
+    after = rms_by_fold(held_out).after
     assert after[-1] > 1.0
-    assert held_out.block[-1] == 4
+    assert held_out.fold[-1] == 4
 
 
 def test_plateaus_of_a_chamber_test_keep_the_constant_of_the_others(make_recording):
@@ -110,5 +110,5 @@ def test_plateaus_of_a_chamber_test_keep_the_constant_of_the_others(make_recordi
     temperature = np.repeat([10.0, 20.0, 30.0, 40.0], 60)
     wrench = np.where(np.arange(240) % 60 >= 50, temperature - 20, np.nan)
     held_out = learn([make_recording(temperature, {'force_z': wrench})], 'pls').held_out
-    before = rms_by_block(held_out).before
+    before = rms_by_fold(held_out).before
     np.testing.assert_allclose(before, [20.0, 20 / 3, 20 / 3, 20.0])

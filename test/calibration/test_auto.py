@@ -5,13 +5,16 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.auto import _fit_entry
+from wrist_ft_comp.calibration.auto import _fit, choose_trend
 from wrist_ft_comp.calibration.calibrate import identify_axis
-from wrist_ft_comp.calibration.candidates import enter, open_competition, structures
-from wrist_ft_comp.calibration.result import anchor, AxisFit, OUTPUTS
-from wrist_ft_comp.calibration.settings import build_features, IdentificationSettings
-from wrist_ft_comp.identification import output_error as oe
-from wrist_ft_comp.identification.problem import AxisProblem, cross_validation_blocks, pose_problem
+from wrist_ft_comp.calibration.candidates import build_candidate_data, structures
+from wrist_ft_comp.calibration.cross_validation import cross_validate
+from wrist_ft_comp.calibration.features import build_features
+from wrist_ft_comp.calibration.result import AxisFit, OUTPUTS
+from wrist_ft_comp.calibration.selection import anchor
+from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
+from wrist_ft_comp.identification.output_error import fit_columns
 from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import DriftModel
@@ -20,7 +23,7 @@ from wrist_ft_comp.model.signals import AXES, Recording
 
 Array = np.ndarray
 Lagged = Callable[..., Array]
-MakeProblem = Callable[..., AxisProblem]
+MakeProblem = Callable[..., AxisData]
 Z = AXES.index('force_z')
 CELLS = 300
 CASES = [(loaded, thermometers) for loaded in (False, True) for thermometers in (1, 2)]
@@ -40,7 +43,7 @@ def make_problem(
         thermometers: int = 1,
         noise: float = 0.05,
         cells: int = CELLS,
-    ) -> AxisProblem:
+    ) -> AxisData:
         recordings = []
         for i in range(2):
             rng = np.random.default_rng([i, 5])
@@ -54,13 +57,13 @@ def make_problem(
             raw = (1 + 2e-3 * zero) * load * loaded + zero + noise * rng.standard_normal(cells)
             raw[rng.uniform(size=cells) < 0.05] = np.nan
             recordings.append(make_recording(both, {'force_z': raw}, {'force_z': load}))
-        blocks = cross_validation_blocks(recordings)
-        return pose_problem(recordings, 'force_z', 'recorded' if loaded else 'unloaded', blocks)
+        blocks = assign_folds(recordings)
+        return build_axis_data(recordings, 'force_z', 'recorded' if loaded else 'unloaded', blocks)
 
     return make
 
 
-def running(problem: AxisProblem, axis: AxisModel) -> list[Array]:
+def running(problem: AxisData, axis: AxisModel) -> list[Array]:
     """Zero and sensitivity drift of force z as the node makes them, shapes (N_i, M)."""
     thermometers = problem.temperature_c[0].shape[1]
     model = DriftModel(round(problem.period_s * 1e9), thermometers, {'force_z': axis})
@@ -80,9 +83,7 @@ def features_behind(features: Features, temperature_c: Array, tau: float, lagged
     return features.expand(np.stack(relaxed, axis=1))
 
 
-def of_terms(
-    problem: AxisProblem, features: Features, fit: AxisFit, lagged: Lagged
-) -> list[Array]:
+def of_terms(problem: AxisData, features: Features, fit: AxisFit, lagged: Lagged) -> list[Array]:
     """The fit's columns times its gains, term by term."""
     found = []
     for temperature_c in problem.temperature_c:
@@ -114,24 +115,24 @@ class TestWhatWasFittedIsWhatRuns:
         knots = KNOTS_C if kind == 'hats' else ()
         settings = IdentificationSettings('auto', kind, hat_temperatures_c=knots)
         features = build_features(problem.temperature_c, settings)
-        competition = open_competition(problem, features)
-        moments = competition.fitted_moments
+        data = choose_trend(build_candidate_data(problem, features))
+        moments = data.fitted_moments
         grid = moments.time_constants_s
         names = []
         for structure in structures(settings, features, grid):
-            entry = enter(competition, structure)
-            fitted = _fit_entry(competition, entry)
+            score = cross_validate(data, structure)
+            fitted = _fit(data, score)
             assert fitted.model is not None
             found = running(problem, anchor(problem, fitted.model))
-            of = competition.features_of(structure)
+            of = data.features_of(structure)
             if not structure.bank_s:
                 assert len(fitted.time_constants_s) == structure.free_time_constants
                 expected = of_terms(problem, of, fitted, lagged)  # type: ignore[arg-type]
             else:
-                _, coefficients = oe.fit_columns(
-                    moments, structure, np.ones(2, dtype=bool), competition.inputs(structure)
+                _, coefficients = fit_columns(
+                    moments, structure, np.ones(2, dtype=bool), data.inputs(structure)
                 )
-                gains = coefficients[entry.strength][: len(coefficients[0]) - loaded]
+                gains = coefficients[score.strength][: len(coefficients[0]) - loaded]
                 expected = [
                     np.concatenate(
                         [features_behind(of, t, tau, lagged) for tau in structure.bank_s], axis=1

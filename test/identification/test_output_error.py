@@ -6,11 +6,12 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from wrist_ft_comp.identification import output_error as oe
-from wrist_ft_comp.identification.bins import bin_problem
+from wrist_ft_comp.calibration.cross_validation import _score_fold, uncompensated_errors
+from wrist_ft_comp.identification.axis_data import AxisData
+from wrist_ft_comp.identification.bins import bin_axis_data
 from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
+from wrist_ft_comp.identification.output_error import fit_columns, Structure
 from wrist_ft_comp.identification.pls import fit_pls
-from wrist_ft_comp.identification.problem import AxisProblem
 from wrist_ft_comp.identification.regression import MAX_LATENTS, RIDGE_STRENGTHS, TINY_RIDGE
 from wrist_ft_comp.model.features import Features
 
@@ -23,29 +24,29 @@ FEATURES = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), d
 GRID = np.array([0.0, 50.0, 150.0, 400.0, 1200.0])
 PARTS = 3
 STRUCTURES = [
-    oe.Structure('static', 2),
-    oe.Structure('static, degree 1', 1),
-    oe.Structure('ridge', 2, bank_s=(50.0, 400.0), regression='ridge'),
-    oe.Structure('PLS', 1, bank_s=(0.0, 50.0, 400.0), regression='PLS'),
-    oe.Structure('one', 1, free_time_constants=1),
-    oe.Structure('one, degree 2', 2, free_time_constants=1),
-    oe.Structure('two', 1, free_time_constants=2),
+    Structure('static', 2),
+    Structure('static, degree 1', 1),
+    Structure('ridge', 2, bank_s=(50.0, 400.0), regression='ridge'),
+    Structure('PLS', 1, bank_s=(0.0, 50.0, 400.0), regression='PLS'),
+    Structure('one', 1, free_time_constants=1),
+    Structure('one, degree 2', 2, free_time_constants=1),
+    Structure('two', 1, free_time_constants=2),
 ]
 
 
-def moments_of(problem: AxisProblem, parts: int = 1) -> Moments:
-    cells = bin_problem(problem, 1)
+def moments_of(problem: AxisData, parts: int = 1) -> Moments:
+    cells = bin_axis_data(problem, 1)
     return accumulate(cells, bank_inputs(cells, FEATURES, GRID), GRID, parts)
 
 
-def choices(structure: oe.Structure) -> list[tuple[float, ...]]:
+def choices(structure: Structure) -> list[tuple[float, ...]]:
     """List the time constants that are tried."""
     if structure.free_time_constants:
         return list(combinations(GRID[1:], structure.free_time_constants))
     return [structure.bank_s or (0.0,)]
 
 
-def regress(structure: oe.Structure, x: Array, y: Array, solve: Solve) -> list[Array]:
+def regress(structure: Structure, x: Array, y: Array, solve: Solve) -> list[Array]:
     """Regress by hand, with every strength."""
     if structure.regression == 'ridge':
         return [solve(x, y, strength) for strength in RIDGE_STRENGTHS]
@@ -62,16 +63,16 @@ def regress(structure: oe.Structure, x: Array, y: Array, solve: Solve) -> list[A
 
 @pytest.mark.parametrize('structure', STRUCTURES, ids=lambda structure: structure.name)
 def test_held_out_errors_are_those_of_refitting_without_each_block(  # noqa: PLR0913, PLR0917
-    noisy_problem: AxisProblem,
+    noisy_problem: AxisData,
     textbook_bank: Bank,
     stack_samples: Stack,
     centre: Centre,
     augmented_ridge: Solve,
-    structure: oe.Structure,
+    structure: Structure,
 ) -> None:
-    found = oe.held_out_errors(
-        moments_of(noisy_problem), moments_of(noisy_problem, PARTS), structure, structure.degree
-    )
+    moments, judged = moments_of(noisy_problem), moments_of(noisy_problem, PARTS)
+    scores = [_score_fold(moments, judged, structure, structure.degree, fold) for fold in range(3)]
+    found = np.concatenate(scores, axis=1)
     expected = []
     for block in range(3):
         fits = []
@@ -90,9 +91,9 @@ def test_held_out_errors_are_those_of_refitting_without_each_block(  # noqa: PLR
 
 
 def test_without_compensation_a_recording_is_left_around_its_mean(
-    noisy_problem: AxisProblem,
+    noisy_problem: AxisData,
 ) -> None:
-    found = oe.uncompensated_errors(moments_of(noisy_problem, PARTS))
+    found = uncompensated_errors(moments_of(noisy_problem, PARTS))
     expected = []
     for values in noisy_problem.residual:
         seen = values[np.isfinite(values)]
@@ -101,15 +102,15 @@ def test_without_compensation_a_recording_is_left_around_its_mean(
 
 
 def test_the_combination_that_leaves_least_is_taken(
-    noisy_problem: AxisProblem,
+    noisy_problem: AxisData,
     textbook_bank: Bank,
     stack_samples: Stack,
     centre: Centre,
     augmented_ridge: Solve,
 ) -> None:
     moments = moments_of(noisy_problem)
-    structure = oe.Structure('two', 1, free_time_constants=2)
-    columns, coefficients = oe.fit_columns(moments, structure, np.ones(3, dtype=bool), 1)
+    structure = Structure('two', 1, free_time_constants=2)
+    columns, coefficients = fit_columns(moments, structure, np.ones(3, dtype=bool), 1)
     left = {}
     for pair in combinations(range(1, len(GRID)), 2):
         banked = textbook_bank(noisy_problem, GRID[list(pair)], 1)

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from wrist_ft_comp.identification.bins import bin_problem, BinnedProblem
+from wrist_ft_comp.identification.axis_data import AxisData, build_axis_data
+from wrist_ft_comp.identification.bins import bin_axis_data, BinnedData
 from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
-from wrist_ft_comp.identification.problem import AxisProblem, pose_problem
 from wrist_ft_comp.model.arx import free_run, relaxation
 from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import Recording
@@ -20,9 +20,7 @@ CELLS = 24 * WIDTH + 4
 
 
 @pytest.fixture(scope='module', params=['unloaded', 'recorded'])
-def problem(
-    request: pytest.FixtureRequest, make_recording: Callable[..., Recording]
-) -> AxisProblem:
+def problem(request: pytest.FixtureRequest, make_recording: Callable[..., Recording]) -> AxisData:
     """Temperatures that hold for 10 cells of 1 s, loads that change in every one, and gaps."""
     rng = np.random.default_rng(0)
     recordings, blocks = [], []
@@ -36,29 +34,29 @@ def problem(
             make_recording(temperature_c, {'force_z': raw}, {'force_z': load}, period_s=1.0)
         )
         blocks.append(np.arange(CELLS) // (8 * WIDTH) + i)
-    return pose_problem(recordings, 'force_z', request.param, blocks)
+    return build_axis_data(recordings, 'force_z', request.param, blocks)
 
 
-def moments_of(binned: BinnedProblem, parts: int = 1) -> Moments:
+def moments_of(binned: BinnedData, parts: int = 1) -> Moments:
     features = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), degree=2)
     return accumulate(binned, bank_inputs(binned, features, STATIC), STATIC, parts)
 
 
-def test_moments_are_those_of_every_cell(problem: AxisProblem) -> None:
+def test_moments_are_those_of_every_cell(problem: AxisData) -> None:
     """Temperatures are constant within bins, loads are not."""
-    single, binned = bin_problem(problem, 1), bin_problem(problem, WIDTH)
+    single, binned = bin_axis_data(problem, 1), bin_axis_data(problem, WIDTH)
     assert (single.cells, binned.cells) == (1, WIDTH)
     assert len(binned.temperature_c[0]) == CELLS // WIDTH + 1
     cells, bins = moments_of(single), moments_of(binned)
     np.testing.assert_allclose(bins.products, cells.products, rtol=1e-10, atol=1e-7)
     np.testing.assert_allclose(bins.sums, cells.sums, rtol=1e-10, atol=1e-9)
     np.testing.assert_array_equal(bins.counts, cells.counts)
-    np.testing.assert_array_equal(bins.block, cells.block)
-    np.testing.assert_array_equal(bins.group, cells.group)
+    np.testing.assert_array_equal(bins.fold, cells.fold)
+    np.testing.assert_array_equal(bins.recording, cells.recording)
 
 
-def test_every_sum_is_the_textbook_loop(problem: AxisProblem) -> None:
-    binned = bin_problem(problem, WIDTH)
+def test_every_sum_is_the_textbook_loop(problem: AxisData) -> None:
+    binned = bin_axis_data(problem, WIDTH)
     for i, sums in enumerate(binned.sums):
         for n in range(CELLS // WIDTH + 1):
             cells = range(n * WIDTH, min((n + 1) * WIDTH, CELLS))
@@ -77,8 +75,8 @@ def test_every_sum_is_the_textbook_loop(problem: AxisProblem) -> None:
             assert [part[n] for part in found] == pytest.approx(expected, rel=1e-12, abs=1e-9)
 
 
-def test_means_count_each_bin_once(problem: AxisProblem) -> None:
-    binned = bin_problem(problem, WIDTH, means=True)
+def test_means_count_each_bin_once(problem: AxisData) -> None:
+    binned = bin_axis_data(problem, WIDTH, means=True)
     for i, sums in enumerate(binned.sums):
         for n in range(CELLS // WIDTH + 1):
             y = problem.residual[i][n * WIDTH : (n + 1) * WIDTH]
@@ -96,31 +94,31 @@ def test_a_last_bin_that_is_not_full_keeps_its_own_mean_temperature(
 ) -> None:
     temperature_c = np.arange(25.0)
     recording = make_recording(temperature_c, {'force_z': 0.0}, period_s=1.0)
-    problem = pose_problem([recording], 'force_z', 'unloaded', [np.zeros(25, dtype=int)])
-    binned = bin_problem(problem, 10)
+    problem = build_axis_data([recording], 'force_z', 'unloaded', [np.zeros(25, dtype=int)])
+    binned = bin_axis_data(problem, 10)
     np.testing.assert_allclose(binned.temperature_c[0][:, 0], [4.5, 14.5, 22.0])
     np.testing.assert_array_equal(binned.sums[0].count, [10, 10, 5])
     assert binned.period_s == 10.0
 
 
-def test_a_block_that_is_held_out_loses_its_samples_only(problem: AxisProblem) -> None:
-    binned = bin_problem(problem, WIDTH)
+def test_a_block_that_is_held_out_loses_its_samples_only(problem: AxisData) -> None:
+    binned = bin_axis_data(problem, WIDTH)
     kept, expected = moments_of(binned.without(1)), moments_of(binned)
-    here = expected.block != 1
+    here = expected.fold != 1
     assert here.any()
     assert not here.all()
     np.testing.assert_array_equal(kept.products, expected.products[here])
-    np.testing.assert_array_equal(kept.block, expected.block[here])
+    np.testing.assert_array_equal(kept.fold, expected.fold[here])
     assert binned.without(1).temperature_c is binned.temperature_c
     assert binned.without(1).longest_s == binned.longest_s == 250.0
 
 
 @pytest.mark.parametrize('tau', [3.0, 25.0, 400.0])
 def test_a_bin_holds_the_mean_of_a_relaxation_and_a_cell_its_end(
-    problem: AxisProblem, tau: float
+    problem: AxisData, tau: float
 ) -> None:
     """Against the cells of every bin, one by one."""
-    binned = bin_problem(problem, WIDTH)
+    binned = bin_axis_data(problem, WIDTH)
     temperature_c = np.random.default_rng(1).uniform(20, 40, 30)
     state, means, ends = temperature_c[0], [], []
     for t in temperature_c:
@@ -132,14 +130,14 @@ def test_a_bin_holds_the_mean_of_a_relaxation_and_a_cell_its_end(
         ends.append(state)
     np.testing.assert_allclose(free_run(binned.relaxation(tau), temperature_c), means, atol=1e-10)
     np.testing.assert_allclose(free_run(relaxation(tau, WIDTH), temperature_c), ends, atol=1e-10)
-    at_end = bin_problem(problem, 1).relaxation(tau)
+    at_end = bin_axis_data(problem, 1).relaxation(tau)
     np.testing.assert_array_equal(at_end.b, relaxation(tau, 1.0).b)
     assert binned.relaxation(tau).gain == pytest.approx(1.0, abs=1e-12)
 
 
 def test_a_bin_without_a_time_constant_holds_the_temperature_itself(
-    problem: AxisProblem,
+    problem: AxisData,
 ) -> None:
     for width in (1, WIDTH):
-        static = bin_problem(problem, width).relaxation(0.0)
+        static = bin_axis_data(problem, width).relaxation(0.0)
         assert (len(static.a), static.b.tolist(), static.first_lag) == (0, [1.0], 0)

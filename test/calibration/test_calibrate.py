@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.calibrate import calibrate, CalibrationSettings, summarise
+from wrist_ft_comp.calibration.calibrate import calibrate, summarise
 from wrist_ft_comp.calibration.data_checks import MIN_SAMPLES
-from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError, SettingsError
 from wrist_ft_comp.model.signals import Recording
 

@@ -1,0 +1,63 @@
+"""The features that settings and recorded temperatures ask for: reference, range and knots."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.model.features import Features
+from wrist_ft_comp.model.signals import FloatArray
+
+#: More distinct temperatures than this are no plateaus; hats then get evenly spaced knots.
+_MAX_PLATEAUS = 12
+_EVEN_KNOTS = 6
+
+
+def build_features(
+    temperature_c: Sequence[FloatArray],
+    settings: IdentificationSettings,
+    observed: Sequence[FloatArray] | None = None,
+) -> Features:
+    """
+    Choose reference, range and knots of the features from the recorded temperatures.
+
+    Parameters
+    ----------
+    temperature_c : sequence of ndarrays, shape (N_i, J)
+        Temperatures of all recordings, °C.
+    settings : IdentificationSettings
+        Kind, degree, knots.
+    observed : sequence of ndarrays, shape (n_i, J), optional
+        The temperatures at which there are samples; knots are laid there. All by default.
+
+    Returns
+    -------
+    Features
+        T_ref is the mean temperature of each thermometer.
+
+    """
+    everything = np.concatenate(list(temperature_c))
+    knots: tuple[FloatArray, ...] = ()
+    if settings.features == 'hats':
+        where = everything if observed is None else np.concatenate(list(observed))
+        knots = tuple(_knots(column, settings) for column in where.T)
+    return Features(
+        kind=settings.features,
+        reference_c=everything.mean(axis=0),
+        lower_c=everything.min(axis=0),
+        upper_c=everything.max(axis=0),
+        degree=settings.degree if settings.features == 'powers' else 1,
+        knots_c=knots,
+    )
+
+
+def _knots(temperature_c: FloatArray, settings: IdentificationSettings) -> FloatArray:
+    """Lay the knots of one thermometer, °C."""
+    if settings.hat_temperatures_c:
+        return np.array(settings.hat_temperatures_c, dtype=float)
+    plateaus = np.unique(temperature_c)
+    if len(plateaus) == 1:
+        return np.array([plateaus[0], plateaus[0] + 1.0])  # a constant needs a hat, too
+    if len(plateaus) <= _MAX_PLATEAUS:
+        return plateaus
+    return np.linspace(plateaus[0], plateaus[-1], _EVEN_KNOTS)

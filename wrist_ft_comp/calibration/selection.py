@@ -1,0 +1,162 @@
+"""From the candidate that was chosen to the result of an axis: its constants, and the reason."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrist_ft_comp.calibration.cross_validation import standard_error, unexplained, WORTHWHILE
+from wrist_ft_comp.calibration.result import AxisFit, Candidate, Term
+from wrist_ft_comp.identification.axis_data import AxisData
+from wrist_ft_comp.model.axis_model import AxisModel
+from wrist_ft_comp.model.signals import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """
+    A candidate, fitted.
+
+    Attributes
+    ----------
+    model : AxisModel or None
+        Up to constants; None is "no compensation".
+    time_constants_s, time_constant_errors_s : tuple of float
+        Those that were searched, increasing, with their standard errors, s.
+    terms : tuple of Term
+        Gains, where the method determines them one by one.
+    notes, doubts : tuple of str
+        What had to be mended, and what a person should be warned of.
+
+    """
+
+    model: AxisModel | None
+    time_constants_s: tuple[float, ...] = ()
+    time_constant_errors_s: tuple[float, ...] = ()
+    terms: tuple[Term, ...] = ()
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+
+def finish(
+    data: AxisData,
+    winner: Fitted,
+    chosen: str,
+    errors: Mapping[str, FloatArray],
+    competing: Sequence[str],
+) -> AxisFit:
+    """
+    Fix what the fit leaves open, and collect the scores.
+
+    Parameters
+    ----------
+    data : AxisData
+        The axis.
+    winner : Fitted
+        Fitted to everything.
+    chosen : str
+        Its name.
+    errors : mapping of str to ndarray, shape (parts,)
+        Held-out mean square errors by candidate, simplest first; "none" is among them.
+    competing : sequence of str
+        Those that could have been chosen.
+
+    Returns
+    -------
+    AxisFit
+        The result.
+
+    """
+    notes = winner.notes
+    if data.no_sensitivity:
+        notes = (*notes, f'zero drift only: {data.no_sensitivity}')
+    rms = {name: float(np.sqrt(error.mean())) for name, error in errors.items()}
+    model = None if winner.model is None else anchor(data, winner.model)
+    time_constants_s, stated_errors_s = winner.time_constants_s, winner.time_constant_errors_s
+    if model is not None and not time_constants_s:
+        time_constants_s = _lasting_time_constants(model, data.period_s)
+        stated_errors_s = (float('nan'),) * len(time_constants_s)
+    return AxisFit(
+        model=model,
+        chosen=chosen,
+        candidates=tuple(Candidate(name, value) for name, value in rms.items()),
+        rms_before=rms['none'],
+        rms_after=rms[chosen],
+        reason=_reason(data.unit, chosen, errors, competing),
+        time_constants_s=time_constants_s,
+        time_constant_errors_s=stated_errors_s,
+        terms=winner.terms,
+        notes=notes,
+        doubts=winner.doubts,
+        unit=data.unit,
+    )
+
+
+def anchor(data: AxisData, model: AxisModel) -> AxisModel:
+    """
+    Fix the constants: no zero drift when soaked at T_ref, and the gain error there, if loaded.
+
+    Parameters
+    ----------
+    data : AxisData
+        The axis; with load, the constant of the sensitivity drift is its least-squares value.
+    model : AxisModel
+        Fitted up to constants.
+
+    Returns
+    -------
+    AxisModel
+        With its output mean set.
+
+    """
+    resting = model.step(model.start(model.reference_c), model.reference_c)[1]
+    mean = model.dynamics.output_mean - resting
+    anchored = replace(model, dynamics=replace(model.dynamics, output_mean=mean))
+    if data.load is None:
+        return anchored
+    above, below, whole = 0.0, 0.0, 0.0
+    for values, load in zip(unexplained(data, anchored), data.load, strict=True):
+        rows = np.isfinite(values) & np.isfinite(load)
+        if rows.any():
+            w = load[rows] - load[rows].mean()
+            above += float(w @ values[rows])
+            below += float(w @ w)
+            whole += float(load[rows] @ load[rows])
+    # A load that is constant within each recording leaves the gain error at T_ref open.
+    gain_error = above / below if below > 1e-12 * whole else 0.0
+    mean = mean + np.array([0.0, gain_error])
+    return replace(anchored, dynamics=replace(anchored.dynamics, output_mean=mean))
+
+
+def _lasting_time_constants(model: AxisModel, period_s: float) -> tuple[float, ...]:
+    """Turn the real positive poles of a model into time constants, increasing, s."""
+    poles = model.poles
+    lasting = poles.real[(np.abs(poles.imag) < 1e-9) & (poles.real > 0)]
+    return tuple(float(tau) for tau in np.unique(np.round(-period_s / np.log(lasting), 6)))
+
+
+def _reason(
+    unit: str, chosen: str, errors: Mapping[str, FloatArray], competing: Sequence[str]
+) -> str:
+    """Say in one sentence why a candidate was chosen."""
+    means = {name: float(errors[name].mean()) for name in competing}
+    own, nothing = (float(np.sqrt(errors[name].mean())) for name in (chosen, 'none'))
+    outcome = f'{chosen} leaves {own:.3g} {unit} RMS on held-out data'
+    if chosen != 'none':
+        outcome += f', no compensation {nothing:.3g} {unit}'
+    if len(competing) == 1:
+        return f'{outcome}; nothing else competed.'
+    best = min(means, key=lambda name: means[name])
+    if best == chosen:
+        return f'{outcome}; of {len(competing)} candidates it is the best.'
+    chance = standard_error(errors[chosen] - errors[best])
+    gap = means[chosen] - means[best]
+    why = (
+        f'no more than chance (standard error {chance:.2g} {unit}²)'
+        if gap <= chance
+        else f'not worth its complexity (less than {100 * WORTHWHILE:.0f} %)'
+    )
+    return (
+        f'{outcome}; the best of {len(competing)}, {best}, leaves {np.sqrt(means[best]):.3g} '
+        f'{unit}: in mean square {gap:.2g} {unit}² less, {why}.'
+    )
