@@ -25,12 +25,11 @@ from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.files.bag import Topics
 from wrist_ft_comp.files.cdr import locate, TEMPERATURE_DOUBLES, WRENCH_DOUBLES
 from wrist_ft_comp.files.job_request import CalibrationJob
 from wrist_ft_comp.files.model_store import default_directory, ModelStore
 from wrist_ft_comp.model.drift_model import DriftModel
-from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.model.signals import NANOSECONDS, Topics
 from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.diagnostics import diagnostic_array, diagnostics, Snapshot, stream_state
 from wrist_ft_comp.ros.input_health import InputHealth
