@@ -29,12 +29,12 @@ from rosbags.typesys import get_typestore, Stores
 from stand import make_model, message, Sensor, write_warm_up
 
 from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.files.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.files.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.model.signals import AXES
-from wrist_ft_comp.ros import messages as wire
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.warm_restart import belongs_to
 
@@ -89,7 +89,6 @@ class Targets:
         recording = write_warm_up(folder / 'good.csv', 1200, 10)
         model = make_model(recording, folder / 'good.yaml')
         self._model = load_model(model).model
-        self._wire = wire.Wire(6)
         self._compensator = Compensator(1, StreamSettings(), self._model)
         for second in range(100):
             self._compensator.add_temperature(0, second * 10**9, 25.0)
@@ -130,12 +129,13 @@ class Targets:
 
     def wire(self, data: bytes) -> None:
         """Do what the node does with a message."""
-        layout, stamp_ns, raw = self._wire.read(data)
+        layout = locate(data, WRENCH_DOUBLES)
+        stamp_ns, raw = layout.decode(data)
         if math.isfinite(sum(raw)):
-            sent = wire.replace(layout, data, self._compensator.correct(stamp_ns, raw))
+            sent = layout.encode(data, self._compensator.correct(stamp_ns, raw))
             if sent[: layout.offset] != data[: layout.offset] or len(sent) != len(data):
                 raise AssertionError('the header changed')
-        wire.frame_id(layout, data)
+        layout.frame_id(data)
 
     def file(self, name: str, load: Callable[[Path], object], data: bytes) -> None:
         """Load a file; what loads must run."""

@@ -60,7 +60,7 @@ def endure(node: Any, hours: float, rate_hz: int) -> dict[str, Any]:
             print(f'{second / 3600:5.2f}  {found[second]:14.1f}  {found[second] - first:+28.2f}')
         live_a_second(node, second, rate_hz)
     speed = seconds / (time.perf_counter() - start)
-    print(f'{speed:.0f} times as fast as time; {node.counts.published:,} wrenches')
+    print(f'{speed:.0f} times as fast as time; {node.health.counts.published:,} wrenches')
     return {'resident_mib': found, 'growth_mib': max(found.values()) - first, 'speed': speed}
 
 

@@ -40,7 +40,6 @@ def measure(folder: Path) -> dict[str, tuple[float, float]]:
     from rclpy.parameter import Parameter  # noqa: PLC0415
 
     from wrist_ft_comp.ros.compensator_node import CompensatorNode  # noqa: PLC0415
-    from wrist_ft_comp.ros.diagnostics import concerns  # noqa: PLC0415
 
     model_path = make_model(write_warm_up(folder / 'warm_up.csv'), folder / 'models/m.yaml')
     context: Any = Context()
@@ -55,10 +54,10 @@ def measure(folder: Path) -> dict[str, tuple[float, float]]:
     for second in range(6 * 3600):
         sensor.advance(float(second))
         node.compensator.add_temperature(0, second * 10**9, sensor.celsius)
-    stored = node.model.stored
+    stored = node.live.stored
     state = SavedState(1, stored.sha256, np.zeros(6), node.compensator.memory())
     found = {
-        'state: take it and hand it over (callback)': timed(node.keeping.save, 200),
+        'state: take it and hand it over (callback)': timed(node.state_keeper.save, 200),
         'state: write it, fsync (thread)': timed(
             lambda: save_state(folder / 'other.json', state), 50
         ),
@@ -75,7 +74,7 @@ def measure(folder: Path) -> dict[str, tuple[float, float]]:
             lambda: node.store.activate([None, model_path]), 50
         ),
         'housekeeping, 10 times a second': timed(node._keep_house, 200),  # noqa: SLF001
-        'diagnostics, once a second': timed(lambda: concerns(node), 200),
+        'diagnostics, once a second': timed(node._diagnose, 200),  # noqa: SLF001
     }
     node.destroy_node()
     context.try_shutdown()

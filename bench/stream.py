@@ -31,8 +31,8 @@ from stream_roles import wrench_bytes
 from stream_table import draw, print_header, print_row, Run, summary
 from warm_up import make_model, write_warm_up
 
+from wrist_ft_comp.files.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.ros import messages as wire
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0, 8000.0)
@@ -227,14 +227,13 @@ def pure_compute(model: Path) -> float:
     node = Compensator(1, StreamSettings(), load_model(model).model)
     for second in range(3):
         node.add_temperature(0, second * 1_000_000_000, 25.0 + second)
-    reader = wire.Wire(6)
     messages = [wrench_bytes(k * 1_000_000) for k in range(100_000)]
     best = float('inf')
     for _ in range(5):
         start = time.perf_counter()
         for data in messages:
-            layout, stamp_ns, raw = reader.read(data)
-            wire.replace(layout, data, node.correct(stamp_ns, raw))
+            layout = locate(data, WRENCH_DOUBLES)
+            layout.encode(data, node.correct(*layout.decode(data)))
         best = min(best, time.perf_counter() - start)
     return 1e6 * best / len(messages)
 

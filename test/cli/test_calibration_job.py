@@ -12,12 +12,13 @@ import pytest
 
 import wrist_ft_comp
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.cli.calibration_job import hash_recording, run_job
+from wrist_ft_comp.cli.calibration_job import run_job
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
-from wrist_ft_comp.files.bag import Topics
 from wrist_ft_comp.files.job_request import CalibrationJob, decode_job, encode_job, UNTIL_CLOSED
 from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.files.recordings import hash_recording
 from wrist_ft_comp.model.arx import Orders
+from wrist_ft_comp.model.signals import Topics
 
 OTHER = CalibrationJob(
     recordings=(Path('/a/b.csv'), Path('ü \udcff"c.csv')),

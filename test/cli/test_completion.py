@@ -59,5 +59,5 @@ def test_zsh_gets_a_script_that_it_can_read(tmp_path):
 
 
 def test_without_shtab_it_says_what_to_install(run, monkeypatch):
-    monkeypatch.setattr('wrist_ft_comp.cli.options.find_spec', lambda _: None)
+    monkeypatch.setattr('wrist_ft_comp.cli.completion.find_spec', lambda _: None)
     assert 'pip install shtab' in run('completion', 'bash').sentence

@@ -10,7 +10,8 @@ import pytest
 
 import wrist_ft_comp
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli import options as values
+from wrist_ft_comp.cli.main import build_parser
+from wrist_ft_comp.errors import RecordingError
 
 COMMANDS = ('calibrate', 'evaluate', 'compensate', 'show', 'demo', 'completion')
 PROGRAM = [sys.executable, '-m', 'wrist_ft_comp.cli.main']
@@ -54,9 +55,9 @@ def test_wrong_usage_is_exit_code_2(argv, run):
 
 def test_a_long_sentence_is_one_line(run, monkeypatch, drift_csv):
     def fail(*_):
-        raise wrist_ft_comp.RecordingError('First\nsecond\n  third.')
+        raise RecordingError('First\nsecond\n  third.')
 
-    monkeypatch.setattr('wrist_ft_comp.files.recordings.describe_recording', fail)
+    monkeypatch.setattr('wrist_ft_comp.cli.show.describe_recording', fail)
     assert run('show', drift_csv).sentence == 'wrist_ft_comp: First second third.'
 
 
@@ -97,10 +98,12 @@ def test_a_narrow_locale_gets_escapes(drift_csv, tmp_path):
 
 
 def test_values_below_zero_belong_to_the_option_before_them():
-    joined = values.with_negative_values(
-        ['--hat', '-40,0', '-o', '-1', '--json', '--tare=2', '-.5']
-    )
-    assert joined == ['--hat=-40,0', '-o', '-1', '--json', '--tare=2', '-.5']
+    parser, _ = build_parser()
+    argv = ['calibrate', 'a', '-.5', '--hat', '-40,0', '-o', '-1', '--json', '--min-t=2']
+    arguments = parser.parse_args(argv)
+    assert arguments.hat_temperatures == (-40.0, 0.0)
+    assert arguments.output == Path('-1')
+    assert arguments.recordings == [Path('a'), Path('-.5')]
 
 
 def test_json_knows_no_nan(capsys):

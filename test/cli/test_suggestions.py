@@ -2,8 +2,6 @@
 
 import pytest
 
-from wrist_ft_comp.cli.options import did_you_mean
-
 
 @pytest.mark.parametrize(
     ('argv', 'meant'),
@@ -64,9 +62,3 @@ def test_other_columns_are_no_mistakes(column, done, make, tmp_path):
     columns = {**make.drifting(both=True), column: [20.0] * 400}
     path = make.csv(tmp_path / 'run.csv', columns)
     assert 'not used' not in done('show', path)
-
-
-def test_suggestions_are_alike():
-    assert did_you_mean('methd', ['method', 'degree']) == ' Did you mean method?'
-    assert did_you_mean('x', ['method', 'degree']) == ''
-    assert did_you_mean('x', []) == ''

@@ -7,13 +7,8 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import StateFileError
-from wrist_ft_comp.files.documents import remove_leftovers, replaced_on_success
+from wrist_ft_comp.files.documents import beginning, remove_leftovers, replace_file
 from wrist_ft_comp.files.state_file import save_state, SavedState
-
-
-def write(path: Path, text: str) -> None:
-    with replaced_on_success(path) as neighbour:
-        neighbour.write_text(text)
 
 
 @pytest.fixture
@@ -23,53 +18,62 @@ def target(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_block_that_raises_leaves_the_old_file_and_nothing_else(target: Path) -> None:
-    def write_half() -> None:
-        with replaced_on_success(target) as neighbour:
-            neighbour.write_text('ne')
-            raise ValueError('half')
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(
+    target: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: int) -> None:
+        raise KeyboardInterrupt
 
-    with pytest.raises(ValueError, match='half'):
-        write_half()
+    monkeypatch.setattr(os, 'fsync', refuse)
+    with pytest.raises(KeyboardInterrupt):
+        replace_file(target, 'new')
     assert target.read_text() == 'old'
     assert list(target.parent.iterdir()) == [target]
 
 
-def test_the_old_file_is_there_until_the_new_one_is_whole(target: Path) -> None:
-    with replaced_on_success(target) as neighbour:
-        neighbour.write_text('new')
-        assert target.read_text() == 'old'
-        assert neighbour.parent == target.parent, 'a rename must not cross file systems'
-    assert target.read_text() == 'new'
-    assert list(target.parent.iterdir()) == [target]
+def test_the_old_file_is_there_until_the_new_one_is_whole_and_is_not_swept(
+    target: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def look(_: int) -> None:
+        others = [path for path in target.parent.iterdir() if path != target]
+        seen.append((target.read_text(), [path.read_text() for path in others]))
+        assert remove_leftovers(target.parent) == 0, 'somebody is writing it'
+
+    monkeypatch.setattr(os, 'fsync', look)
+    replace_file(target, 'new')
+    assert seen == [('old', ['new']), ('new', [])], 'first the file is synced, then its folder'
 
 
 def test_permissions_of_the_old_file_stay(target: Path) -> None:
     target.chmod(0o640)
-    write(target, 'new')
+    replace_file(target, 'new')
     assert target.stat().st_mode & 0o777 == 0o640
 
 
 def test_a_device_or_a_pipe_is_not_replaced(tmp_path: Path) -> None:
     """As root, a model written to /dev/null would take the device's place."""
-    pipe = tmp_path / 'pipe'
+    pipe = tmp_path / 'state.json'
     os.mkfifo(pipe)
-    with pytest.raises(OSError, match='no regular file'):
-        write(pipe, 'new')
+    with pytest.raises(StateFileError, match=r'state\.json cannot be written: It is no regular'):
+        save_state(pipe, SavedState(1, None, np.zeros(6), None))
     assert pipe.is_fifo()
     assert list(tmp_path.iterdir()) == [pipe]
 
 
-def test_whoever_writes_there_says_so_in_a_sentence(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / 'state.json')
-    with pytest.raises(StateFileError, match=r'state\.json cannot be written: It is no regular'):
-        save_state(tmp_path / 'state.json', SavedState(1, None, np.zeros(6), None))
-
-
 def test_only_what_is_abandoned_is_swept(target: Path) -> None:
-    with replaced_on_success(target) as neighbour:
-        assert remove_leftovers(target.parent) == 0, 'somebody may be writing it'
-        os.utime(neighbour, (1.0, 1.0))
-        assert remove_leftovers(target.parent) == 1
-        neighbour.write_text('new')
+    leftover = target.with_name('.file.txt.abc.wrist_ft_comp.tmp')
+    leftover.touch()
+    assert remove_leftovers(target.parent) == 0
+    os.utime(leftover, (1.0, 1.0))
+    assert remove_leftovers(target.parent) == 1
+    assert list(target.parent.iterdir()) == [target]
     assert remove_leftovers(target.parent / 'missing') == 0
+
+
+def test_what_is_no_file_has_no_beginning(target: Path) -> None:
+    target.write_bytes(b'old \xff' + b'x' * 10_000)
+    assert beginning(target).startswith('old \ufffd')
+    for path in (target.parent, target / 'below', target.with_name('x' * 300)):
+        assert beginning(path) == ''

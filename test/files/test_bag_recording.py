@@ -11,8 +11,9 @@ from rosbags.typesys import get_typestore, Stores
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files import bag as bag_file
-from wrist_ft_comp.files.bag import open_bag, read_blocks, Topics
-from wrist_ft_comp.model.signals import AXES, REFERENCE_CHANNELS
+from wrist_ft_comp.files.bag import open_bag
+from wrist_ft_comp.files.bag_recording import read_bag
+from wrist_ft_comp.model.signals import AXES, REFERENCE_CHANNELS, Topics
 
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 TEMPERATURE = 'sensor_msgs/msg/Temperature'
@@ -32,7 +33,7 @@ def read(path, topics=None):
     """Stamps and values by channels, and the bag's warnings."""
     parts = {}
     with open_bag(Path(path)) as bag:
-        for block in read_blocks(bag, topics or Topics()):
+        for block in read_bag(bag, topics or Topics()):
             parts.setdefault(block.channels, []).append(block)
         warnings = bag.warnings
     joined = {

@@ -1,5 +1,6 @@
 """CSV recordings: exact stamps, empty cells, cut-off files, and a sentence for everything bad."""
 
+from contextlib import closing
 from decimal import Decimal
 import math
 
@@ -10,22 +11,21 @@ import pytest
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files import csv_file as csv_text
-from wrist_ft_comp.files.csv_file import CsvRecordingWriter, CsvText, read_blocks, sound_chunks
+from wrist_ft_comp.files.csv_file import CsvRecording, CsvRecordingWriter, read_csv
 
 EPOCH = 1_723_248_197_123_456_789
 
 
 def all_samples(path):
     """Stamps and values per channel, over all blocks."""
-    text = CsvText(path)
+    recording = CsvRecording(path)
     found = {}
-    for _, blocks in sound_chunks(text):
-        for block in blocks:
-            for column, channel in enumerate(block.channels):
-                stamps, values = found.setdefault(channel, ([], []))
-                stamps.extend(block.stamps_ns.tolist())
-                values.extend(block.values[:, column].tolist())
-    return found, text.warnings
+    for block in recording.samples():
+        for column, channel in enumerate(block.channels):
+            stamps, values = found.setdefault(channel, ([], []))
+            stamps.extend(block.stamps_ns.tolist())
+            values.extend(block.values[:, column].tolist())
+    return found, recording.warnings
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_empty_cells_are_no_samples_wherever_they_are(make_csv):
 
 def test_a_group_that_is_full_or_empty_together_is_one_block(make_csv):
     path = make_csv('stamp_ns,force_x,force_y,temperature_c\n1,1,2,\n2,,,20\n3,3,4,21\n')
-    ((_, blocks),) = sound_chunks(CsvText(path))
+    blocks = list(CsvRecording(path).samples())
     assert [block.channels for block in blocks] == [('force_x', 'force_y'), ('temperature_c',)]
     assert blocks[0].values.tolist() == [[1.0, 2.0], [3.0, 4.0]]
 
@@ -146,12 +146,12 @@ HEADER = 'stamp_s,force_z,temperature_c\n'
 )
 def test_a_bad_file_is_refused_in_one_sentence_that_names_the_place(make_csv, text, said):
     with pytest.raises(RecordingError, match=said):
-        list(read_blocks(CsvText(make_csv(text))))
+        list(read_csv(make_csv(text))[0])
 
 
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(RecordingError, match=r'nothing.csv cannot be read: No such file'):
-        CsvText(tmp_path / 'nothing.csv')
+        CsvRecording(tmp_path / 'nothing.csv')
 
 
 @pytest.mark.parametrize('tail', ['2,1', '2,1,-', '2', '2,1,2x', '\0\0\0\0'])
@@ -176,7 +176,7 @@ CELLS = st.one_of(st.floats(allow_nan=False, width=64), st.just(math.nan))
 def test_what_the_writer_wrote_is_read_back_exactly(tmp_path_factory, rows):
     path = tmp_path_factory.mktemp('csv') / 'own.csv'
     channels = ('force_x', 'force_y', 'temperature_c')
-    with CsvRecordingWriter(path, channels) as writer:
+    with closing(CsvRecordingWriter(path, channels)) as writer:
         for stamp, *values in rows:
             writer.append(stamp, values)
     found, warnings = all_samples(path)
@@ -206,7 +206,7 @@ def test_the_writer_refuses_an_existing_file_a_wrong_row_and_a_missing_folder(tm
     with pytest.raises(RecordingError, match='cannot be written'):
         CsvRecordingWriter(tmp_path / 'no' / 'own.csv', ('force_z',))
     with (
-        CsvRecordingWriter(tmp_path / 'b.csv', ('force_z',)) as writer,
+        closing(CsvRecordingWriter(tmp_path / 'b.csv', ('force_z',))) as writer,
         pytest.raises(RecordingError, match='has 1 values; got 2'),
     ):
         writer.append(1, [1.0, 2.0])
@@ -214,7 +214,7 @@ def test_the_writer_refuses_an_existing_file_a_wrong_row_and_a_missing_folder(tm
 
 def test_a_file_cut_anywhere_keeps_every_complete_row(tmp_path, make_csv):
     path = tmp_path / 'own.csv'
-    with CsvRecordingWriter(path, ('force_z', 'temperature_c')) as writer:
+    with closing(CsvRecordingWriter(path, ('force_z', 'temperature_c'))) as writer:
         for k in range(8):
             writer.append(EPOCH + k, [0.1 * k, 20.25 if k % 2 else math.nan])
     whole = path.read_bytes()
@@ -234,7 +234,7 @@ def test_random_damage_raises_nothing_but_recording_errors(make_csv):
             damaged[place] = rng.integers(256)
         said = 'run.csv'
         try:
-            list(read_blocks(CsvText(make_csv(bytes(damaged)))))
+            list(read_csv(make_csv(bytes(damaged)))[0])
         except RecordingError as error:
             said = str(error)
         assert 'run.csv' in said

@@ -43,7 +43,7 @@ many = settings(
 @many
 @given(extra=st.dictionaries(NAMES, trees(PLAIN)))
 def test_a_state_of_any_form_is_refused(tmp_path: Path, extra: dict[str, Any]) -> None:
-    document = {'format': state_file.FORMAT, 'version': state_file.VERSION}
+    document = {'format': state_file.KIND.says, 'version': state_file.KIND.version}
     path = tmp_path / 'state.json'
     path.write_text(json.dumps({**extra, **document}), encoding='utf-8')
     with pytest.raises(StateFileError):
@@ -53,7 +53,7 @@ def test_a_state_of_any_form_is_refused(tmp_path: Path, extra: dict[str, Any]) -
 @many
 @given(extra=st.dictionaries(NAMES, trees(LEAVES)))
 def test_a_model_of_any_form_is_refused(tmp_path: Path, extra: dict[str, Any]) -> None:
-    document = {'format': model_file.FORMAT, 'version': model_file.VERSION}
+    document = {'format': model_file.KIND.says, 'version': model_file.KIND.version}
     path = tmp_path / 'model.yaml'
     path.write_text(yaml.safe_dump({**extra, **document}), encoding='utf-8')
     with pytest.raises(ModelFileError):

@@ -13,7 +13,7 @@ import yaml
 
 from wrist_ft_comp.calibration.result import AxisFit, Calibration, Candidate, Term
 from wrist_ft_comp.errors import ModelFileError
-from wrist_ft_comp.files.model_file import FORMAT, load_model, MAX_BYTES, save_model, VERSION
+from wrist_ft_comp.files.model_file import KIND, load_model, save_model
 from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.arx import Arx, relaxation
 from wrist_ft_comp.model.arx_pls import ArxPls
@@ -201,8 +201,8 @@ class TestRoundTrip:
         stored = load_model(saved)
         assert stored.path == saved
         assert stored.sha256 == hashlib.sha256(saved.read_bytes()).hexdigest()
-        assert stored.document['format'] == FORMAT
-        assert stored.document['version'] == VERSION
+        assert stored.document['format'] == KIND.says
+        assert stored.document['version'] == KIND.version
         assert stored.document['warnings'] == list(calibration.warnings)
         assert stored.document['thermometers'][1]['range_c'] == [19.0, 23.3]
         assert stored.document['provenance']['settings'] == {'method': 'auto', 'latents': None}
@@ -426,8 +426,8 @@ class TestHostileFiles:
     def test_a_huge_file_is_refused_unread(self, tmp_path: Path) -> None:
         path = tmp_path / 'huge.yaml'
         with path.open('wb') as file:
-            file.truncate(50 * MAX_BYTES)
-        with pytest.raises(ModelFileError, match=f'larger than {MAX_BYTES} bytes'):
+            file.truncate(50 * KIND.max_bytes)
+        with pytest.raises(ModelFileError, match=f'larger than {KIND.max_bytes} bytes'):
             load_model(path)
 
     @pytest.mark.parametrize(

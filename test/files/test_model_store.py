@@ -60,7 +60,7 @@ def test_a_list_that_cannot_be_written_is_a_sentence_and_changes_nothing(store, 
     def refuse(_path):
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr('wrist_ft_comp.files.documents.sync', refuse)
+    monkeypatch.setattr('os.fsync', refuse)
     with pytest.raises(ModelFileError, match='No space left on device'):
         store.activate([None])
     assert store.history() == [store.directory / 'models/a.yaml']
@@ -164,10 +164,9 @@ def test_leftovers_of_killed_processes_are_swept(store):
     store.activate([None])
     source = (
         'import os, signal, sys; from pathlib import Path\n'
-        'from wrist_ft_comp.files.documents import replaced_on_success\n'
-        'with replaced_on_success(Path(sys.argv[1])) as neighbour:\n'
-        '    neighbour.write_text("half")\n'
-        '    os.kill(os.getpid(), signal.SIGKILL)\n'
+        'from wrist_ft_comp.files.documents import replace_file\n'
+        'os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)\n'
+        'replace_file(Path(sys.argv[1]), "new")\n'
     )
     path = store.directory / 'active.json'
     before = path.read_text()

@@ -11,9 +11,8 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files import bag as bag_file
 from wrist_ft_comp.files import cdr
 from wrist_ft_comp.files import csv_file as csv_text
-from wrist_ft_comp.files.bag import Topics
 from wrist_ft_comp.files.recordings import describe_recording, read_recording, rewrite_recording
-from wrist_ft_comp.model.signals import AXES, NANOSECONDS
+from wrist_ft_comp.model.signals import AXES, NANOSECONDS, Topics
 
 TABLE = Path(__file__).parents[2] / 'data' / 'keller_pa10' / 'table1_sensor_a_raw.csv'
 CSV = (

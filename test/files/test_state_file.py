@@ -15,8 +15,8 @@ import pytest
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.files import state_file
 from wrist_ft_comp.files.state_file import (
+    KIND,
     load_state,
-    MAX_BYTES,
     save_state,
     SavedState,
     StateWriter,
@@ -110,7 +110,7 @@ def test_what_is_no_state_is_refused(tmp_path: Path, content: bytes) -> None:
 def test_a_huge_file_is_refused_unread(tmp_path: Path) -> None:
     path = tmp_path / 'state.json'
     with path.open('wb') as file:
-        file.truncate(100 * MAX_BYTES)
+        file.truncate(100 * KIND.max_bytes)
     with pytest.raises(StateFileError, match='larger than'):
         load_state(path)
 

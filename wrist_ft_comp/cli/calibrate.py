@@ -3,26 +3,29 @@
 import argparse
 from dataclasses import asdict
 from pathlib import Path
-from typing import get_args
+from typing import get_args, TYPE_CHECKING
 
 from wrist_ft_comp.calibration.calibrate import summarise
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings, METHODS
 from wrist_ft_comp.cli import options, paths
-from wrist_ft_comp.cli import options as values
 from wrist_ft_comp.cli.calibration_job import (
     ChamberColumns,
+    JobOutcome,
     judge_chamber_tables,
     report_job,
     run_job,
 )
-from wrist_ft_comp.cli.options import one_of
 from wrist_ft_comp.cli.tables import chamber_table_text, figures_json, verdict_text
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.files.chamber_table import is_chamber_table
-from wrist_ft_comp.files.job_request import CalibrationJob, JobOutcome
+from wrist_ft_comp.files.job_request import CalibrationJob
 from wrist_ft_comp.model.features import FeatureKind
+from wrist_ft_comp.model.ranges import PERIODS_S
 from wrist_ft_comp.report.of_calibration import calibration_verdicts
 from wrist_ft_comp.report.verdict import Verdict
+
+if TYPE_CHECKING:
+    from wrist_ft_comp.cli.options import Commands
 
 EXAMPLES = """\
 examples:
@@ -33,7 +36,7 @@ examples:
 """
 
 
-def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+def add_parser(commands: 'Commands') -> None:
     """Add the command."""
     parser = commands.add_parser(
         'calibrate',
@@ -41,18 +44,14 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
         description='Learn the drift of every recorded axis and write a model file.\n'
         'An existing model file is replaced; any other existing file is not.',
         epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)
-    parser.add_argument(
-        'recordings', nargs='+', type=Path, metavar='REC', help=options.RECORDING_HELP
-    )
+    options.add_recordings(parser)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='MODEL.yaml')
     options.add_reference(parser)
     parser.add_argument(
         '--method',
         choices=METHODS,
-        type=one_of(METHODS),
         metavar='METHOD',
         help=f'{", ".join(METHODS)} (default: pls for chamber tables, else auto)',
     )
@@ -67,7 +66,6 @@ def _add_structure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--features',
         choices=get_args(FeatureKind),
-        type=one_of(get_args(FeatureKind)),
         help='powers of temperature, or hat functions at given temperatures '
         '(default: hats for chamber tables, else powers)',
     )
@@ -79,7 +77,7 @@ def _add_structure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--hat-temperatures',
-        type=values.temperatures,
+        type=_temperatures,
         default=(),
         metavar='T1,T2,…',
         help='of hat functions, °C (default: the plateaus that were recorded)',
@@ -89,19 +87,28 @@ def _add_structure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--thermal-period',
-        type=values.period,
+        type=options.number(*PERIODS_S),
         default=1.0,
         metavar='SECONDS',
         help='length of a thermal cell (default: %(default)s)',
     )
     parser.add_argument(
         '--min-temperature-span',
-        type=values.not_negative,
+        type=options.number(0.0),
         default=defaults.min_temperature_span_k,
         metavar='KELVIN',
         help='refuse when no thermometer spans this much (default: %(default)s)',
     )
     options.add_copied_columns(parser)
+
+
+def _temperatures(text: str) -> tuple[float, ...]:
+    """Parse temperatures that are separated by commas: increasing, without repetitions, °C."""
+    parse = options.number(-273.15)
+    temperatures = tuple(sorted({parse(part) for part in text.split(',')}))
+    if len(temperatures) < 2:
+        raise argparse.ArgumentTypeError(f'expected at least two temperatures, got {text!r}')
+    return temperatures
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -9,10 +9,8 @@ input stays open for as long as somebody waits for the outcome: where it is clos
 the node is killed, the process ends.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
-from functools import partial
-import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 import json
 import os
 from pathlib import Path
@@ -30,93 +28,34 @@ from wrist_ft_comp.calibration.chamber import (
     compensate_table,
     leave_one_temperature_out,
 )
+from wrist_ft_comp.calibration.result import Calibration
+from wrist_ft_comp.cli.options import part_of
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
-from wrist_ft_comp.files.job_request import (
-    CalibrationJob,
-    decode_job,
-    JobOutcome,
-    UNTIL_CLOSED,
-)
+from wrist_ft_comp.files.documents import write_report
+from wrist_ft_comp.files.job_request import CalibrationJob, decode_job, UNTIL_CLOSED
 from wrist_ft_comp.files.model_file import save_model
-from wrist_ft_comp.files.recordings import read_recording
+from wrist_ft_comp.files.recordings import hash_recording, read_recording
 from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.signals import Recording
+from wrist_ft_comp.model.signals import Progress, Recording
 from wrist_ft_comp.report.of_calibration import calibration_view
-from wrist_ft_comp.report.page import write_report
+from wrist_ft_comp.report.page import page
 
 ChamberColumns = dict[str, ChamberFigures]
 
 
-def report_job(
-    job: CalibrationJob, outcome: JobOutcome, tables: Mapping[str, ChamberColumns] | None = None
-) -> None:
-    """
-    Write the report of a job, if it asks for one.
+@dataclass(frozen=True, eq=False)
+class JobOutcome:
+    """What a job gave."""
 
-    Parameters
-    ----------
-    job : CalibrationJob
-        The job.
-    outcome : JobOutcome
-        From run_job.
-    tables : mapping, optional
-        From judge_chamber_tables; judged here by default.
-
-    Raises
-    ------
-    RecordingError
-        When it cannot be written; the model is saved already.
-
-    """
-    if job.report is None:
-        return
-    tables = judge_chamber_tables(job, outcome.stored) if tables is None else tables
-    view = calibration_view(
-        outcome.calibration, outcome.recordings, outcome.stored, job.settings.reference, tables
-    )
-    write_report(job.report, view)
+    calibration: Calibration
+    stored: StoredModel
+    recordings: tuple[Recording, ...]
+    #: Which recordings were left out, and why, in sentences.
+    left_out: tuple[str, ...]
 
 
-def judge_chamber_tables(job: CalibrationJob, stored: StoredModel) -> dict[str, ChamberColumns]:
-    """
-    Judge chamber tables: raw, fitted, and every temperature left out in turn.
-
-    Parameters
-    ----------
-    job : CalibrationJob
-        What was fitted.
-    stored : StoredModel
-        The model.
-
-    Returns
-    -------
-    dict of str to dict of str to ChamberFigures
-        By path, then by title; empty when no recording is a chamber table.
-
-    """
-    tables: dict[str, ChamberColumns] = {}
-    for path in job.recordings:
-        if not is_chamber_table(path):
-            continue
-        table = read_chamber_table(path, keep_copied_columns=job.keep_copied_columns)
-        columns = {
-            'raw': chamber_figures(table),
-            'fitted': chamber_figures(compensate_table(table, stored.model)),
-        }
-        left_out = leave_one_temperature_out(
-            table, lambda recording: calibrate([recording], job.settings).model, job.period_s
-        )
-        if left_out is not None:
-            columns['left out'] = chamber_figures(left_out)
-        tables[str(path)] = columns
-    return tables
-
-
-_HASH_CHUNK = 1 << 20
-
-
-def run_job(job: CalibrationJob, progress: Callable[[float], None] | None = None) -> JobOutcome:
+def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome:
     """
     Read, fit, save the model; the report is left to report_job.
 
@@ -151,36 +90,27 @@ def run_job(job: CalibrationJob, progress: Callable[[float], None] | None = None
 
 
 def _read(
-    job: CalibrationJob, report: Callable[[float], None]
+    job: CalibrationJob, report: Progress
 ) -> tuple[list[Recording], list[Path], tuple[str, ...]]:
     """Read all recordings; half of the progress is reading."""
     recordings: list[Recording] = []
     used: list[Path] = []
     left_out: list[str] = []
-    failure: RecordingError | None = None
     for number, path in enumerate(job.recordings):
+        part = part_of(report, number, 2 * len(job.recordings))
         try:
-            recordings.append(_read_one(job, path, partial(_report_part, report, job, number)))
-        except RecordingError as error:  # noqa: PERF203 -- one must not end the others
-            if not job.skip_unusable:
+            recordings.append(_read_one(job, path, part))
+        except RecordingError as error:
+            last = number + 1 == len(job.recordings)
+            if not job.skip_unusable or (last and not recordings):
                 raise
-            failure = error
             left_out.append(f'{path.name} was left out: {error}')
         else:
             used.append(path)
-    if failure is not None and not recordings:
-        raise failure
     return recordings, used, tuple(left_out)
 
 
-def _report_part(
-    report: Callable[[float], None], job: CalibrationJob, number: int, done: float
-) -> None:
-    """Report the share that is done when a share of one recording is."""
-    report(0.5 * (number + done) / len(job.recordings))
-
-
-def _read_one(job: CalibrationJob, path: Path, report: Callable[[float], None]) -> Recording:
+def _read_one(job: CalibrationJob, path: Path, report: Progress) -> Recording:
     """Read a recording; where others may do, refuse one that this calibration cannot use."""
     recording = read_recording(
         path,
@@ -205,47 +135,42 @@ def _read_one(job: CalibrationJob, path: Path, report: Callable[[float], None]) 
     return recording
 
 
-def hash_recording(path: Path) -> str:
-    """
-    Hash a recording's bytes, a folder's files in order of their names.
-
-    Parameters
-    ----------
-    path : Path
-        File or folder.
-
-    Returns
-    -------
-    str
-        SHA-256, hexadecimal.
-
-    """
-    digest = hashlib.sha256()
-    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
-        if file.is_file():
-            with file.open('rb') as content:
-                while chunk := content.read(_HASH_CHUNK):
-                    digest.update(chunk)
-    return digest.hexdigest()
+def report_job(
+    job: CalibrationJob, outcome: JobOutcome, tables: Mapping[str, ChamberColumns]
+) -> None:
+    """Write the report of a job, if it asks for one; tables come from judge_chamber_tables."""
+    if job.report is None:
+        return
+    view = calibration_view(
+        outcome.calibration, outcome.recordings, outcome.stored, job.settings.reference, tables
+    )
+    write_report(job.report, page(view))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """
-    Run one job from standard input, at low priority, and write its outcome.
+def judge_chamber_tables(job: CalibrationJob, stored: StoredModel) -> dict[str, ChamberColumns]:
+    """Judge chamber tables by path: raw, fitted, and every temperature left out in turn."""
+    tables: dict[str, ChamberColumns] = {}
+    for path in job.recordings:
+        if not is_chamber_table(path):
+            continue
+        table = read_chamber_table(path, keep_copied_columns=job.keep_copied_columns)
+        columns = {
+            'raw': chamber_figures(table),
+            'fitted': chamber_figures(compensate_table(table, stored.model)),
+        }
+        left_out = leave_one_temperature_out(
+            table, lambda recording: calibrate([recording], job.settings).model, job.period_s
+        )
+        if left_out is not None:
+            columns['left out'] = chamber_figures(left_out)
+        tables[str(path)] = columns
+    return tables
 
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Command line without the program; sys.argv's by default.
 
-    Returns
-    -------
-    int
-        Exit code 0; a refusal is an outcome.
-
-    """
+def main() -> int:
+    """Run one job from standard input, at low priority, and write its outcome."""
     os.nice(10)
-    if UNTIL_CLOSED in (sys.argv[1:] if arguments is None else arguments):
+    if UNTIL_CLOSED in sys.argv:
         text = sys.stdin.readline()
         threading.Thread(target=_end_when_closed, daemon=True).start()
     else:
@@ -265,27 +190,29 @@ def _end_when_closed() -> None:
 def _answer(job: CalibrationJob) -> dict[str, Any]:
     """Run a job and put its outcome into plain values."""
     try:
-        found = run_job(job)
+        outcome = run_job(job)
     except WristFtCompError as error:
         return {'success': False, 'message': str(error)}
-    notes = ''.join(f'\nwarning: {sentence}' for sentence in found.left_out)
+    notes = ''.join(f'\nwarning: {sentence}' for sentence in outcome.left_out)
     return {
         'success': True,
-        'message': f'{summarise(found.calibration)}{notes}\nsaved as {found.stored.path}'
-        f'{_report(job, found)}',
-        'path': str(found.stored.path),
-        'sha256': found.stored.sha256,
-        'document': found.stored.document,
+        'message': f'{summarise(outcome.calibration)}{notes}\nsaved as {outcome.stored.path}'
+        f'{_report(job, outcome)}',
+        'path': str(outcome.stored.path),
+        'sha256': outcome.stored.sha256,
+        'document': outcome.stored.document,
     }
 
 
-def _report(job: CalibrationJob, found: JobOutcome) -> str:
+def _report(job: CalibrationJob, outcome: JobOutcome) -> str:
     """Write the report and say where; a model is not given up because its report failed."""
+    if job.report is None:
+        return ''
     try:
-        report_job(job, found)
+        report_job(job, outcome, judge_chamber_tables(job, outcome.stored))
     except WristFtCompError as error:
         return f'\nwarning: {error}'
-    return f'\nreport: {job.report}' if job.report else ''
+    return f'\nreport: {job.report}'
 
 
 if __name__ == '__main__':

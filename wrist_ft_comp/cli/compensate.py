@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 import gc
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from wrist_ft_comp.calibration.chamber import table_tare
 from wrist_ft_comp.cli import options, paths
-from wrist_ft_comp.cli import options as values
 from wrist_ft_comp.cli.tables import print_warnings, range_warnings
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.model_file import load_model
@@ -18,6 +18,9 @@ from wrist_ft_comp.model.offline import correct_many, track_drift
 from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS, Recording
 from wrist_ft_comp.report.evaluation import initial_tare
 
+if TYPE_CHECKING:
+    from wrist_ft_comp.cli.options import Commands
+
 EXAMPLES = """\
 examples:
   wrist_ft_comp compensate model.yaml run.csv -o compensated.csv
@@ -25,7 +28,7 @@ examples:
 """
 
 
-def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+def add_parser(commands: 'Commands') -> None:
     """Add the command."""
     parser = commands.add_parser(
         'compensate',
@@ -34,7 +37,6 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
         'In CSV files they replace the raw ones; in bags they come beside them, on a\n'
         'topic of their own. An existing file or folder is never overwritten.',
         epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)
     parser.add_argument('model', type=Path, metavar='MODEL.yaml')
@@ -42,7 +44,7 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='OUT')
     parser.add_argument(
         '--tare',
-        type=values.not_negative,
+        type=options.number(0.0),
         default=0.0,
         metavar='SECONDS',
         help='tare on the first SECONDS, which must be unloaded (default: 0, no tare; a chamber '

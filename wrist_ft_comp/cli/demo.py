@@ -14,20 +14,22 @@ import subprocess
 import sys
 import tempfile
 import threading
-from typing import NoReturn, TextIO
+from typing import NoReturn, TextIO, TYPE_CHECKING
 
 from matplotlib.figure import Figure
 import numpy as np
 from tqdm import tqdm
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli import options as values
 from wrist_ft_comp.cli.evaluate import evaluation_text
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import DemoLog, load_demo_log
 from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray, NANOSECONDS
 from wrist_ft_comp.report.evaluation import AxisEvaluation
 from wrist_ft_comp.report.pictures import draw_drift, DriftSeries, save_png, TemperatureSeries
+
+if TYPE_CHECKING:
+    from wrist_ft_comp.cli.options import Commands
 
 TOPICS = ('temperature', 'temperature_2')
 
@@ -233,7 +235,7 @@ examples:
 """
 
 
-def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+def add_parser(commands: 'Commands') -> None:
     """Add the command."""
     parser = commands.add_parser(
         'demo',
@@ -243,7 +245,6 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
         'what is left of the drift.\n'
         f'Exit code 0 when drift of force z fell at least {_WANTED_RATIO:.0f} times.',
         epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)
     parser.add_argument(
@@ -262,7 +263,7 @@ def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') 
     )
     parser.add_argument(
         '--speed',
-        type=values.positive,
+        type=options.number(0.01, 10_000.0),
         default=450.0,
         metavar='TIMES',
         help='how many times faster than real time (default: %(default)g)',

@@ -1,14 +1,13 @@
 """wrist_ft_comp evaluate: what a model leaves of the drift in other recordings."""
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from wrist_ft_comp.calibration.chamber import chamber_figures, ChamberFigures, compensate_table
 from wrist_ft_comp.cli import options, paths
-from wrist_ft_comp.cli import options as values
 from wrist_ft_comp.cli.tables import (
     chamber_table_text,
     figures_json,
@@ -19,13 +18,17 @@ from wrist_ft_comp.cli.tables import (
     verdicts_json,
 )
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
+from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.signals import NANOSECONDS, Recording, Reference
+from wrist_ft_comp.model.signals import NANOSECONDS, Progress, Recording, Reference
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors, TaredErrors
 from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
-from wrist_ft_comp.report.page import write_report
+from wrist_ft_comp.report.page import page
+
+if TYPE_CHECKING:
+    from wrist_ft_comp.cli.options import Commands
 
 EXAMPLES = """\
 examples:
@@ -64,24 +67,21 @@ class _Judged:
     figures: dict[str, ChamberFigures]
 
 
-def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+def add_parser(commands: 'Commands') -> None:
     """Add the command."""
     parser = commands.add_parser(
         'evaluate',
         help='judge a model on recordings',
         description='Compare raw and compensated wrenches with the reference, both tared first.',
         epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)
     parser.add_argument('model', type=Path, metavar='MODEL.yaml')
-    parser.add_argument(
-        'recordings', nargs='+', type=Path, metavar='REC', help=options.RECORDING_HELP
-    )
+    options.add_recordings(parser)
     options.add_reference(parser)
     parser.add_argument(
         '--tare',
-        type=values.not_negative,
+        type=options.number(0.0),
         default=60.0,
         metavar='SECONDS',
         help='tare on the first SECONDS (default: 60)',
@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
     count = len(arguments.recordings)
     with options.progress_bar('evaluating') as progress:
         judged = [
-            _judge(arguments, stored, path, partial(_report_part, progress, number, count))
+            _judge(arguments, stored, path, options.part_of(progress, number, count))
             for number, path in enumerate(arguments.recordings)
         ]
     pooled = judge_errors([each.errors for each in judged])
@@ -120,22 +120,17 @@ def run(arguments: argparse.Namespace) -> int:
                 print(f'\n{each.path}\n{chamber_table_text(each.figures)}')
     print_warnings(view.warnings)
     if arguments.report:
-        write_report(arguments.report, view)
+        write_report(arguments.report, page(view))
         if not arguments.json:
             print(f'report: {arguments.report}')
     return 0
-
-
-def _report_part(report: Callable[[float], None], number: int, count: int, done: float) -> None:
-    """Report the share that is done when a share of one recording is."""
-    report((number + done) / count)
 
 
 def _judge(
     arguments: argparse.Namespace,
     stored: StoredModel,
     path: Path,
-    progress: Callable[[float], None],
+    progress: Progress,
 ) -> _Judged:
     """Read a recording and compare; chamber tables have loads and figures of their own."""
     keep = arguments.keep_copied_columns

@@ -4,17 +4,14 @@ The command ``wrist_ft_comp``.
 Exit code 0 done, 1 refused or failed with one sentence on standard error, 2 usage.
 """
 
-import argparse
 from collections.abc import Sequence
 import io
 import os
 import sys
 
 import wrist_ft_comp
-from wrist_ft_comp.cli import calibrate, compensate, demo, evaluate, show
-from wrist_ft_comp.cli import options as completion
-from wrist_ft_comp.cli import options as values
-from wrist_ft_comp.cli.options import check_words
+from wrist_ft_comp.cli import calibrate, compensate, completion, demo, evaluate, show
+from wrist_ft_comp.cli.options import Parser
 from wrist_ft_comp.errors import WristFtCompError
 
 #: What a shell reports for a command that Ctrl-C ended.
@@ -31,16 +28,12 @@ Run "wrist_ft_comp COMMAND --help" for the options of a command.
 """
 
 
-Commands = dict[str, argparse.ArgumentParser]
-
-
-def build_parser() -> tuple[argparse.ArgumentParser, Commands]:
+def build_parser() -> tuple[Parser, dict[str, Parser]]:
     """Build the parser of all commands, and those of each by name."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='wrist_ft_comp',
         description='Remove the temperature drift of a wrist force/torque sensor.',
         epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('--version', action='version', version=wrist_ft_comp.__version__)
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
@@ -84,10 +77,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str]) -> int:
     """Parse and run; what was printed has left the process then, or an error says why not."""
     try:
-        parser, commands = build_parser()
-        words = values.with_negative_values(argv)
-        check_words(parser, commands, words)
-        arguments = parser.parse_args(words)
+        parser, _ = build_parser()
+        arguments = parser.parse_args(argv)
     except SystemExit:  # --help and --version have printed
         sys.stdout.flush()
         raise

@@ -4,25 +4,32 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from wrist_ft_comp.errors import ModelFileError, RecordingError
-from wrist_ft_comp.files.recordings import is_worth_keeping, looks_like_model, looks_like_recording
+from wrist_ft_comp.files import model_file
+from wrist_ft_comp.files.bag import SUFFIXES
+from wrist_ft_comp.files.chamber_table import is_chamber_table
+from wrist_ft_comp.files.documents import beginning
+from wrist_ft_comp.report.page import GENERATOR
+
+
+def is_model(path: Path) -> bool:
+    """Tell whether a file says that it is a model, of whatever version."""
+    return model_file.KIND.says in beginning(path)
+
+
+def is_report(path: Path) -> bool:
+    """Tell whether a file is a page that this package wrote."""
+    return GENERATOR in beginning(path)
+
+
+def _is_recording(path: Path) -> bool:
+    """Tell whether what is there is named like a recording, or is a chamber table."""
+    named_so = path.is_dir() or path.suffix in {*SUFFIXES, '.csv'}
+    return path.exists() and not is_model(path) and (named_so or is_chamber_table(path))
 
 
 def check_model(path: Path) -> None:
-    """
-    Refuse a recording in the place of a model.
-
-    Parameters
-    ----------
-    path : Path
-        As typed.
-
-    Raises
-    ------
-    ModelFileError
-        When it looks like a recording.
-
-    """
-    if path.exists() and looks_like_recording(path):
+    """Refuse a recording in the place of a model."""
+    if _is_recording(path):
         raise ModelFileError(
             f'{path} is a recording, where a model file was expected. Name the model first, as '
             'made by wrist_ft_comp calibrate, then the recordings.'
@@ -30,52 +37,26 @@ def check_model(path: Path) -> None:
 
 
 def check_recordings(paths: Sequence[Path]) -> None:
-    """
-    Refuse a model in the place of a recording.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        As typed.
-
-    Raises
-    ------
-    RecordingError
-        When one is a model, or named twice.
-
-    """
+    """Refuse a model in the place of a recording, and a recording that is named twice."""
     for path in paths:
-        if looks_like_model(path):
+        if is_model(path):
             raise RecordingError(
                 f'{path} is a model file, where a recording was expected. Name a bag, a CSV file '
                 'or a chamber table; see what a file holds with wrist_ft_comp show.'
             )
     resolved = [path.resolve() for path in paths]
-    twice = next((path for path in paths if resolved.count(path.resolve()) > 1), None)
-    if twice is not None:
-        raise RecordingError(f'{twice} is named twice; name each recording once.')
+    for path in paths:
+        if resolved.count(path.resolve()) > 1:
+            raise RecordingError(f'{path} is named twice; name each recording once.')
 
 
 def check_model_target(path: Path) -> None:
-    """
-    Refuse to put a model in the place of something else.
-
-    Parameters
-    ----------
-    path : Path
-        Where the model is to go; folders on the way are made later.
-
-    Raises
-    ------
-    ModelFileError
-        When it is a folder, or a file that is no model.
-
-    """
+    """Refuse to put a model in the place of something else; its folder is made later."""
     if path.is_dir():
         raise ModelFileError(
             f'{path} is a folder; name a file in it, such as {path / "model.yaml"}.'
         )
-    if is_worth_keeping(path):
+    if path.is_file() and path.stat().st_size and not is_model(path):
         raise ModelFileError(
             f'{path} exists and is no model file, so it is not overwritten. Name another file for '
             'the model, or remove this one first.'
@@ -86,22 +67,7 @@ def check_model_target(path: Path) -> None:
 
 
 def check_report_target(path: Path | None, others: Sequence[Path]) -> None:
-    """
-    Refuse a report that cannot be written, or that would overwrite something else.
-
-    Parameters
-    ----------
-    path : Path or None
-        Where the report is to go, if one was asked for.
-    others : sequence of Path
-        Model and recordings.
-
-    Raises
-    ------
-    RecordingError
-        When its folder is missing, it is a folder, or it is one of the others.
-
-    """
+    """Refuse a report that cannot be written, or would overwrite the model or a recording."""
     if path is None:
         return
     if not path.absolute().parent.is_dir():

@@ -3,15 +3,14 @@
 import argparse
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.tables import table_text
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import (
     ChannelSummary,
     describe_recording,
-    looks_like_model,
-    looks_like_report,
     RAW_WRENCH,
     RecordingSummary,
     REFERENCE,
@@ -20,6 +19,9 @@ from wrist_ft_comp.files.recordings import (
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import NANOSECONDS
 from wrist_ft_comp.report.view import drifts_removed
+
+if TYPE_CHECKING:
+    from wrist_ft_comp.cli.options import Commands
 
 #: What a model is for, to whoever finds one.
 _PURPOSE = (
@@ -35,26 +37,25 @@ examples:
 """
 
 
-def add_parser(commands: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+def add_parser(commands: 'Commands') -> None:
     """Add the command."""
     parser = commands.add_parser(
         'show',
         help='say what a model or a recording holds',
         description='Say what a model file or a recording holds.',
         epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)
     parser.add_argument('file', type=Path, metavar='FILE', help='MODEL.yaml or REC')
     options.add_topics(parser)
-    parser.add_argument('--json', action='store_true', help='print JSON for scripts')
+    options.add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    if looks_like_report(arguments.file):
+    if paths.is_report(arguments.file):
         return _show_report(arguments)
-    if arguments.file.suffix in {'.yaml', '.yml'} or looks_like_model(arguments.file):
+    if arguments.file.suffix in {'.yaml', '.yml'} or paths.is_model(arguments.file):
         stored = load_model(arguments.file)
         if arguments.json:
             options.print_json({'sha256': stored.sha256, **stored.document})

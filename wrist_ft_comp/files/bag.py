@@ -1,83 +1,65 @@
 """
-Recordings as rosbag2: which topics hold what, and their messages as samples, batch by batch.
+Bags of rosbag2: opened, also when cut off, and written. The only module that knows rosbags.
 
-Times are the messages' header stamps, not the times at which the recorder got them.
+It hands over connections and serialized bytes; what they mean is for ``bag_recording``.
 """
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, ExitStack
+from contextlib import contextmanager, ExitStack, suppress
 from dataclasses import dataclass
 import difflib
+import errno
 from itertools import islice
 from pathlib import Path
+import sqlite3
 from typing import BinaryIO, TypeVar
 
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat
+from rosbags.rosbag2 import (
+    CompressionFormat,
+    CompressionMode,
+    Reader,
+    StoragePlugin,
+    Writer,
+    WriterError,
+)
 from rosbags.rosbag2.storage_mcap import McapReader
+from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files import cdr
-from wrist_ft_comp.model.signals import (
-    AXES,
-    FloatArray,
-    IntArray,
-    REFERENCE_CHANNELS,
-    Samples,
-    temperature_channel,
-)
 
 #: Storage plugin by suffix.
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
-
-
 #: Messages in memory at once.
 BATCH = 20_000
-
-
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
-
-
 _MCAP_DATA_END = 0x0F
-
-
+_COMPRESSION = {
+    '': CompressionMode.NONE,
+    'file': CompressionMode.FILE,
+    'message': CompressionMode.MESSAGE,
+}
 _Key = TypeVar('_Key')
-
-
 Message = tuple[Connection, int, bytes]
 
 
 @dataclass(frozen=True, eq=False)
 class Bag:
-    """
-    An open bag.
-
-    Attributes
-    ----------
-    name : str
-        For messages.
-    storage : str
-        ``sqlite3`` or ``mcap``.
-    compression : str
-        ``file``, ``message`` or ''.
-    connections : tuple of Connection
-        What rosbags knows of each topic.
-    span_ns : tuple of two int
-        When the first and the last message were recorded, ns; meaningless without messages.
-    read : callable
-        Gives (connection, time of recording in ns, bytes) of the given connections' messages.
-    warnings : tuple of str
-        What was lost.
-
-    """
+    """An open bag."""
 
     name: str
+    #: ``sqlite3`` or ``mcap``.
     storage: str
+    #: ``file``, ``message`` or ''.
     compression: str
+    #: What rosbags knows of each topic.
     connections: tuple[Connection, ...]
+    #: When the first and the last message were recorded, ns; meaningless without messages.
     span_ns: tuple[int, int]
+    #: Gives (connection, time of recording in ns, bytes) of the given connections' messages.
     read: Callable[[Sequence[Connection]], Iterator[Message]]
+    #: What was lost.
     warnings: tuple[str, ...] = ()
 
     def batches(self, connections: Sequence[Connection]) -> Iterator[list[Message]]:
@@ -104,31 +86,13 @@ class Bag:
 
     def find(self, topic: str, message_type: str, role: str) -> list[Connection]:
         """
-        Find the connections of a topic.
+        Find the connections of a topic that has messages of some type.
 
-        Parameters
-        ----------
-        topic : str
-            With or without the leading slash.
-        message_type : str
-            What its messages must be.
-        role : str
-            What it is needed for, for messages.
-
-        Returns
-        -------
-        list of Connection
-            At least one, and at least one message among them.
-
-        Raises
-        ------
-        RecordingError
-            When the topic is missing, empty, or of another type; it lists what is there.
-
+        The role it is needed for is told, with what is there, when there is no such topic.
         """
         wanted = topic.strip('/')
-        found = [c for c in self.connections if c.topic.strip('/') == wanted]
-        if not found:
+        named_so = [c for c in self.connections if c.topic.strip('/') == wanted]
+        if not named_so:
             there = {c.topic: c.msgtype for c in self.connections}
             listed = ', '.join(f'{name} ({kind})' for name, kind in there.items())
             fitting = [name for name, kind in there.items() if kind == message_type]
@@ -138,18 +102,18 @@ class Bag:
                 f'{listed or "no topic at all"}.'
                 + (f' Did you mean {near[0]}? Then name that topic.' if near else '')
             )
-        for connection in found:
+        for connection in named_so:
             if connection.msgtype != message_type:
                 raise RecordingError(
                     f'{connection.topic} of {self.name} is {connection.msgtype}; the {role} must '
                     f'be {message_type}. Name another topic.'
                 )
-        if not sum(connection.msgcount for connection in found):
+        if not sum(connection.msgcount for connection in named_so):
             raise RecordingError(
-                f'{found[0].topic} of {self.name} holds no messages; was the {role} published '
+                f'{named_so[0].topic} of {self.name} holds no messages; was the {role} published '
                 'while recording?'
             )
-        return found
+        return named_so
 
 
 @contextmanager
@@ -305,151 +269,62 @@ def _end_of_last_record(file: BinaryIO) -> int:
         end = following
 
 
-WRENCH_TYPE = 'geometry_msgs/msg/WrenchStamped'
-
-
-TEMPERATURE_TYPE = 'sensor_msgs/msg/Temperature'
-
-
-_ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
-
-
-@dataclass(frozen=True)
-class Topics:
+@contextmanager
+def write_bag(folder: Path, storage: str, compression: str) -> Iterator[Writer]:
     """
-    Where a bag holds what; names match with or without the leading slash.
-
-    Attributes
-    ----------
-    wrench : str
-        Raw wrench, WrenchStamped.
-    temperatures : tuple of str
-        One topic per thermometer, Temperature; the first is the one inside the sensor.
-    reference : str
-        Reference wrench, WrenchStamped; the default one may be absent.
-
-    """
-
-    wrench: str = '/wrench_raw'
-    temperatures: tuple[str, ...] = ('/temperature',)
-    reference: str = '/wrench_reference'
-
-
-@dataclass(frozen=True, eq=False)
-class _Stream:
-    """What a topic's messages are."""
-
-    topic: str
-    channels: tuple[str, ...]
-    doubles: int
-
-
-def unpack(
-    bag: Bag, topic: str, messages: list[bytes], doubles: int
-) -> tuple[IntArray, FloatArray]:
-    """
-    Read stamps and doubles of a topic's messages.
+    Make a bag, for as long as the context lasts.
 
     Parameters
     ----------
-    bag : Bag
-        Where they come from, for messages.
-    topic : str
-        The same.
-    messages : list of bytes
-        n raw messages.
-    doubles : int
-        Doubles per message.
-
-    Returns
-    -------
-    stamps_ns : ndarray of int64, shape (n,)
-        Header stamps.
-    values : ndarray, shape (n, doubles)
-        As in the message.
-
-    Raises
-    ------
-    RecordingError
-        Naming bag and topic when a message is not of that form.
-
-    """
-    try:
-        return cdr.decode_many(messages, doubles)
-    except RecordingError as error:
-        if messages[0].startswith(_ZSTD_MAGIC):
-            raise RecordingError(
-                f'Messages on {topic} of {bag.name} are compressed one by one, which only '
-                "metadata.yaml tells. Name the bag's folder, after 'ros2 bag reindex' if need be."
-            ) from error
-        raise RecordingError(f'A message on {topic} of {bag.name} is damaged. {error}') from error
-
-
-def _streams(bag: Bag, topics: Topics) -> dict[int, _Stream]:
-    """Find the topics; by the connection's number."""
-    wrench = (WRENCH_TYPE, cdr.WRENCH_DOUBLES)
-    temperature = (TEMPERATURE_TYPE, cdr.TEMPERATURE_DOUBLES)
-    wanted: list[tuple[str, str, tuple[str, ...], tuple[str, int]]] = [
-        (topics.wrench, 'raw wrench', AXES, wrench),
-        *(
-            (topic, 'temperature', (temperature_channel(j),), temperature)
-            for j, topic in enumerate(topics.temperatures)
-        ),
-    ]
-    reference = topics.reference.strip('/')
-    holds_reference = any(c.topic.strip('/') == reference and c.msgcount for c in bag.connections)
-    if holds_reference or topics.reference != Topics().reference:
-        wanted.append((topics.reference, 'reference', REFERENCE_CHANNELS, wrench))
-    streams: dict[int, _Stream] = {}
-    for topic, role, channels, (kind, doubles) in wanted:
-        for connection in bag.find(topic, kind, role):
-            if connection.id in streams:
-                raise RecordingError(f'Topic {topic} is named twice; each must be another one.')
-            streams[connection.id] = _Stream(connection.topic, channels, doubles)
-    return streams
-
-
-def read_blocks(
-    bag: Bag, topics: Topics, progress: Callable[[float], None] | None = None
-) -> Iterator[Samples]:
-    """
-    Read wrench, temperatures and, where it is there, the reference.
-
-    Parameters
-    ----------
-    bag : Bag
-        An open bag.
-    topics : Topics
-        Where it holds what.
-    progress : callable, optional
-        Given the fraction read so far, 0 to 1.
+    folder : Path
+        It must not exist yet.
+    storage, compression : str
+        As a Bag says.
 
     Yields
     ------
-    Samples
-        One per topic and batch.
+    Writer
+        For add_topic; ``write`` takes what that returns, ns and bytes.
 
     Raises
     ------
-    RecordingError
-        When a topic is missing or of the wrong type, a message is damaged, or a topic's messages
-        have no header stamps.
+    OSError
+        When it cannot be written.
 
     """
-    streams = _streams(bag, topics)
-    total, seen = sum(c.msgcount for c in bag.connections if c.id in streams), 0
-    unstamped = set(streams.values())
-    for messages in bag.grouped(streams):
-        for stream, raw in messages.items():
-            stamps_ns, values = unpack(bag, stream.topic, raw, stream.doubles)
-            if stamps_ns.any():
-                unstamped.discard(stream)
-            yield Samples(stream.channels, stamps_ns, values[:, : len(stream.channels)])
-            seen += len(raw)
-        if progress:
-            progress(min(seen / max(total, 1), 1.0))
-    for stream in unstamped:
-        raise RecordingError(
-            f'Every message on {stream.topic} of {bag.name} has the header stamp 0; expected the '
-            'time of measurement. Let the driver fill header.stamp, and record again.'
-        )
+    try:
+        writer = Writer(folder, version=9, storage_plugin=StoragePlugin[storage.upper()])
+        writer.set_compression(_COMPRESSION[compression], CompressionFormat.ZSTD)
+        with writer:
+            yield writer
+    except (WriterError, sqlite3.Error) as error:
+        raise OSError(errno.EIO, str(error)) from error
+
+
+def add_topic(writer: Writer, like: Connection, topic: str) -> Connection:
+    """Add a topic with the type, definition and quality of service of another."""
+    text, digest = _definition(like)
+    extra = like.ext
+    qos = extra.offered_qos_profiles if isinstance(extra, ConnectionExtRosbag2) else []
+    return writer.add_connection(
+        topic, like.msgtype, msgdef=text, rihs01=digest, offered_qos_profiles=qos
+    )
+
+
+def _definition(connection: Connection) -> tuple[str, str]:
+    """Find a topic's message definition and its hash, which older and bare bags lack."""
+    kind, text = connection.msgtype, connection.msgdef.data
+    digest = connection.digest
+    if text and digest:
+        return text, digest
+    parsers = {
+        MessageDefinitionFormat.MSG: lambda: get_types_from_msg(text, kind),
+        MessageDefinitionFormat.IDL: lambda: get_types_from_idl(text),
+    }
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with suppress(Exception):  # a type that nobody can describe is copied without description
+        if kind not in store.types:
+            store.register(parsers[connection.msgdef.format]())
+        digest = digest or store.hash_rihs01(kind)
+        text = text or store.generate_msgdef(kind, ros_version=2)[0]
+    return text, digest or f'RIHS01_{0:064}'

@@ -13,10 +13,9 @@ import numpy as np
 
 from wrist_ft_comp.calibration.chamber import ChamberTable, leave_out_copies
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model.signals import AXES, Correction
 
 _OUTPUT = re.compile(r'output_at_([-+]?\d+(?:\.\d+)?)_c')
-
-
 _LOAD = re.compile(r'load_(\w+)')
 
 
@@ -86,7 +85,7 @@ def read_chamber_table(path: Path, *, keep_copied_columns: bool = False) -> Cham
     """
     rows = _read_rows(path)
     loads = [c for c, name in enumerate(rows[0]) if _LOAD.fullmatch(name.strip())]
-    outputs = output_columns(rows[0])
+    outputs = _output_columns(rows[0])
     if len(loads) != 1 or not outputs:
         raise RecordingError(
             f'{path.name} must have one column load_<unit> and columns output_at_<temperature>_c; '
@@ -104,34 +103,40 @@ def read_chamber_table(path: Path, *, keep_copied_columns: bool = False) -> Cham
     return table if keep_copied_columns else leave_out_copies(table)
 
 
-def output_columns(header: list[str]) -> list[tuple[float, int]]:
-    """List temperature, °C, and position of the output columns."""
-    found = [(_OUTPUT.fullmatch(name.strip()), c) for c, name in enumerate(header)]
-    return [(float(match[1]), c) for match, c in found if match]
-
-
-def write_chamber_table(source: Path, target: Path, table: ChamberTable) -> None:
+def rewrite_table(source: Path, target: Path, correct: Correction) -> tuple[str, ...]:
     """
-    Write a copy of a table with other outputs.
+    Copy a table with its outputs corrected as force z, without the columns that are left out.
 
     Parameters
     ----------
-    source : Path
-        Where steps, loads and other columns are taken from, verbatim.
-    target : Path
-        The file to make; it must not exist yet.
-    table : ChamberTable
-        The outputs. Columns whose temperature it left out are absent from the target.
+    source, target : Path
+        Chamber table, and the file to make.
+    correct : callable
+        Called once, with the table's nominal times.
+
+    Returns
+    -------
+    tuple of str
+        Which columns were left out, in sentences.
 
     """
+    table = read_chamber_table(source)
+    stamps_ns = table.reading_stamps_ns.T.ravel()
+    wrench = np.full((len(stamps_ns), len(AXES)), np.nan)
+    wrench[:, AXES.index('force_z')] = table.output.T.ravel()
+    corrected = correct(stamps_ns, wrench)[:, AXES.index('force_z')].reshape(table.output.T.shape)
+    outputs = dict(zip(table.temperatures_c.tolist(), corrected.tolist(), strict=True))
     rows = _read_rows(source)
-    outputs = output_columns(rows[0])
-    at = {temperature: p for p, temperature in enumerate(table.temperatures_c.tolist())}
-    dropped = {column for temperature, column in outputs if temperature not in at}
-    for temperature, column in outputs:
-        for step, row in enumerate(rows[1:] if column not in dropped else []):
-            row[column] = repr(float(table.output[step, at[temperature]]))
-    kept = [column for column in range(len(rows[0])) if column not in dropped]
+    columns = list(zip(*rows, strict=True))
+    for temperature, at in _output_columns(rows[0]):
+        columns[at] = (rows[0][at], *map(repr, outputs.get(temperature, ())))
     with target.open('x', encoding='utf-8', newline='') as file:
-        writer = csv.writer(file, lineterminator='\n')
-        writer.writerows([row[column] for column in kept] for row in rows)
+        kept = [column for column in columns if len(column) == len(rows)]
+        csv.writer(file, lineterminator='\n').writerows(zip(*kept, strict=True))
+    return tuple(reason for _, reason in table.left_out)
+
+
+def _output_columns(header: list[str]) -> list[tuple[float, int]]:
+    """List temperature, °C, and position of the output columns."""
+    matches = [(_OUTPUT.fullmatch(name.strip()), at) for at, name in enumerate(header)]
+    return [(float(match[1]), at) for match, at in matches if match]

@@ -1,9 +1,14 @@
-"""The node's own recorder: CSV, row by row, each row handed to the operating system at once."""
+"""
+Recordings as CSV: read, and copied with the wrench corrected, piece by piece; and the node's own.
+
+Stamps become integer nanoseconds exactly. An empty cell is no sample. A last line without a line
+end may be only the beginning of what was to be written: if it is incomplete it is left out.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 import csv
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from decimal import Decimal
 import difflib
 import io
@@ -11,7 +16,6 @@ from math import isnan
 import os
 from pathlib import Path
 import re
-from types import TracebackType
 
 import numpy as np
 
@@ -19,158 +23,50 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.signals import (
     AXES,
     BoolArray,
+    Correction,
     FloatArray,
     IntArray,
     NANOSECONDS,
+    Progress,
     REFERENCE_CHANNELS,
     Samples,
 )
 
-STAMP_COLUMNS = ('stamp_ns', 'stamp_s')
-
-
+#: Characters per piece, the bound of what is in memory: some 10 000 rows.
+CHUNK = 1_000_000
 _THERMOMETER = re.compile(r'temperature(_([2-9]|[1-9]\d+))?_c')
 
 
-#: Characters per chunk, the bound of what is in memory: some 10 000 rows.
-CHUNK = 1_000_000
+@dataclass(frozen=True, eq=False)
+class CsvPiece:
+    """Consecutive rows: every column's cells, verbatim, and what the known channels say."""
+
+    cells: list[tuple[str, ...]]
+    stamps_ns: IntArray
+    #: By channel, shape (n,): NaN where the cell is empty, and whether it is filled.
+    values: dict[str, FloatArray]
+    filled: dict[str, BoolArray]
 
 
-@dataclass(frozen=True)
-class CsvLayout:
+class CsvRecording:
     """
-    What the header says.
-
-    Attributes
-    ----------
-    name : str
-        The file's name, for messages.
-    columns : tuple of str
-        All column names in order, without surrounding blanks.
-    delimiter : str
-        Comma, semicolon or tab.
-    stamp : str
-        ``stamp_ns`` or ``stamp_s``, whichever is there; the first where both are.
-    groups : tuple of tuple of str
-        Known channels that share their samples: raw wrench, each thermometer, reference.
-
-    """
-
-    name: str
-    columns: tuple[str, ...]
-    delimiter: str
-    stamp: str
-    groups: tuple[tuple[str, ...], ...]
-
-    def require(self, kind: str, names: Sequence[str]) -> None:
-        """Refuse when none of the named columns is there, suggesting one that looks like it."""
-        if set(names) & set(self.columns):
-            return
-        near = [(c, difflib.get_close_matches(c.lower(), names, 1)) for c in self.columns]
-        remedy = next((f'Is {c!r} meant to be {m[0]!r}? Rename it.' for c, m in near if m), '')
-        raise RecordingError(
-            f'{self.name} has no {kind} column; expected {" or ".join(names)}, got '
-            f'{", ".join(self.columns)}. {remedy or "Rename or add the column."}'
-        )
-
-
-@dataclass(frozen=True)
-class CsvChunk:
-    """
-    Some rows, as text.
-
-    Attributes
-    ----------
-    lines : sequence of int
-        Each row's line number in the file, counted from 1.
-    columns : list of list of str
-        The cells of each column, verbatim.
-    ended : bool
-        False for the last row of a file that ends without a line end: perhaps only the beginning
-        of what was to be written.
-
-    """
-
-    lines: Sequence[int]
-    columns: list[list[str]]
-    ended: bool = True
-
-
-def parse_header(name: str, line: str) -> CsvLayout:
-    """
-    Understand the first line.
-
-    Parameters
-    ----------
-    name : str
-        The file's name, for messages.
-    line : str
-        The line.
-
-    Returns
-    -------
-    CsvLayout
-        With at least a stamp.
-
-    Raises
-    ------
-    RecordingError
-        When it is no header, lacks a stamp, or names a known column twice.
-
-    """
-    delimiter = max(',;\t', key=line.count)
-    columns = tuple(cell.strip() for cell in next(csv.reader([line.strip()], delimiter=delimiter)))
-    if all(re.fullmatch(r'[-+.\deE]*', column) for column in columns):
-        raise RecordingError(
-            f'Line 1 of {name} must be a header naming the columns, such as '
-            f'stamp_s,force_z,temperature_c; got {line.strip()[:60]!r}.'
-        )
-    thermometers = tuple((c,) for c in columns if _THERMOMETER.fullmatch(c))
-    wrench, reference = (tuple(c for c in w if c in columns) for w in (AXES, REFERENCE_CHANNELS))
-    groups = tuple(group for group in (wrench, *thermometers, reference) if group)
-    for column in (*STAMP_COLUMNS, *(channel for group in groups for channel in group)):
-        if columns.count(column) > 1:
-            raise RecordingError(f'{name} has the column {column} twice; remove or rename one.')
-    stamp = next((column for column in STAMP_COLUMNS if column in columns), '')
-    layout = CsvLayout(name, columns, delimiter, stamp, groups)
-    layout.require('stamp', STAMP_COLUMNS)
-    return layout
-
-
-def _mistyped(layout: CsvLayout) -> list[str]:
-    """Warn of columns that are not used but named almost like ones that would be."""
-    used = {layout.stamp, *(channel for group in layout.groups for channel in group)}
-    known = {*AXES, *REFERENCE_CHANNELS, 'temperature_c', 'temperature_2_c'} - used
-    near = {c: difflib.get_close_matches(c.lower(), known, 1, 0.85) for c in layout.columns}
-    return [
-        f'The column {column} of {layout.name} is not used; if it is {found[0]}, rename it.'
-        for column, found in near.items()
-        if found and column not in used
-    ]
-
-
-class CsvText:
-    """
-    One CSV recording, read in chunks of cells.
+    A CSV file with a header, of which ``columns`` and ``groups`` tell; read by ``pieces``.
 
     Parameters
     ----------
     path : Path
         The file.
 
-    Attributes
-    ----------
-    header : str
-        The first line, verbatim.
-    layout : CsvLayout
-        What it says.
-    warnings : list of str
-        What was left out; complete when the chunks are through.
+    Raises
+    ------
+    RecordingError
+        When it cannot be read, or its header lacks a stamp or names a known column twice.
 
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        #: What was left out; complete when the pieces are through.
         self.warnings: list[str] = []
         with self._open() as text:
             first = self._lines(text, 1)
@@ -179,17 +75,113 @@ class CsvText:
                 f'{path.name} is empty; expected a header such as '
                 'stamp_s,force_z,temperature_c and rows below it.'
             )
+        #: The first line, verbatim.
         self.header = first[0].rstrip('\n')
-        try:
-            self.layout = parse_header(path.name, self.header)
-        except csv.Error as error:
-            raise RecordingError(f'{path.name} is no CSV recording: {error}.') from error
-        self.warnings += _mistyped(self.layout)
+        self.delimiter = max(',;\t', key=self.header.count)
+        ((_, cells),) = self._split([self.header.strip()], 1)
+        self.columns = tuple(cell.strip() for cell in cells)
+        if all(re.fullmatch(r'[-+.\deE]*', column) for column in self.columns):
+            raise RecordingError(
+                f'Line 1 of {path.name} must be a header naming the columns, such as '
+                f'stamp_s,force_z,temperature_c; got {self.header.strip()[:60]!r}.'
+            )
+        #: Channels that share their samples: raw wrench, each thermometer, reference.
+        self.groups = [
+            group
+            for group in (
+                tuple(axis for axis in AXES if axis in self.columns),
+                *((c,) for c in self.columns if _THERMOMETER.fullmatch(c)),
+                tuple(c for c in REFERENCE_CHANNELS if c in self.columns),
+            )
+            if group
+        ]
+        channels = [channel for group in self.groups for channel in group]
+        for column in (*_STAMPS, *channels):
+            if self.columns.count(column) > 1:
+                raise RecordingError(
+                    f'{path.name} has the column {column} twice; remove or rename one.'
+                )
+        self.require('stamp', tuple(_STAMPS))
+        self._stamp = next(column for column in _STAMPS if column in self.columns)
+        self._warn_of_mistyped({self._stamp, *channels})
+
+    def require(self, kind: str, names: Sequence[str]) -> None:
+        """Refuse when none of the named columns is there, suggesting one that looks like it."""
+        if set(names) & set(self.columns):
+            return
+        near = [(c, difflib.get_close_matches(c.lower(), names, 1)) for c in self.columns]
+        remedy = next((f'Is {c!r} meant to be {m[0]!r}? Rename it.' for c, m in near if m), '')
+        raise RecordingError(
+            f'{self.path.name} has no {kind} column; expected {" or ".join(names)}, got '
+            f'{", ".join(self.columns)}. {remedy or "Rename or add the column."}'
+        )
+
+    def _warn_of_mistyped(self, used: set[str]) -> None:
+        """Warn of columns that are not used but named almost like ones that would be."""
+        known = {*AXES, *REFERENCE_CHANNELS, 'temperature_c', 'temperature_2_c'} - used
+        for column in (column for column in self.columns if column not in used):
+            for near in difflib.get_close_matches(column.lower(), known, 1, 0.85):
+                self.warnings.append(
+                    f'The column {column} of {self.path.name} is not used; if it is {near}, '
+                    'rename it.'
+                )
+
+    def pieces(self, progress: Progress | None = None) -> Iterator[CsvPiece]:
+        """
+        Read the rows piece by piece.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Given the fraction read so far, 0 to 1.
+
+        Yields
+        ------
+        CsvPiece
+            In order of the file, never an empty one.
+
+        Raises
+        ------
+        RecordingError
+            Naming the line when a row has another number of cells than the header, a stamp is no
+            time or a value is no number; or when there is no row.
+
+        """
+        rows = 0
+        with self._open() as text:
+            size = os.fstat(text.fileno()).st_size
+            self._lines(text, 1)
+            line = 2
+            while lines := self._lines(text, CHUNK):
+                last = None if lines[-1].endswith('\n') else lines.pop()
+                complete = self._piece(lines, line)
+                line += len(lines)
+                for piece in (complete, last and self._last_piece(last, line)):
+                    if piece:
+                        yield piece
+                        rows += len(piece.stamps_ns)
+                if progress:
+                    progress(os.lseek(text.fileno(), 0, os.SEEK_CUR) / size)
+        if not rows:
+            raise RecordingError(
+                f'{self.path.name} holds a header and no complete row; nothing was recorded.'
+            )
+
+    def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
+        """Read as pieces do; a group that some rows fill in part comes channel by channel."""
+        for piece in self.pieces(progress):
+            for group in self.groups:
+                filled = np.stack([piece.filled[channel] for channel in group])
+                together = (filled == filled[0]).all()
+                for channels in [group] if together else [(channel,) for channel in group]:
+                    rows = piece.filled[channels[0]]
+                    values = np.stack([piece.values[channel][rows] for channel in channels], 1)
+                    yield Samples(channels, piece.stamps_ns[rows], values)
 
     def _open(self) -> io.TextIOWrapper:
         """Open the file as text; a byte order mark at its start is skipped."""
         try:
-            return io.TextIOWrapper(self.path.open('rb'), encoding='utf-8-sig')
+            return self.path.open(encoding='utf-8-sig')
         except OSError as error:
             raise RecordingError(f'{self.path} cannot be read: {error.strerror}.') from error
 
@@ -205,338 +197,191 @@ class CsvText:
         except OSError as error:
             raise RecordingError(f'{self.path} cannot be read: {error.strerror}.') from error
 
-    def chunks(self, progress: Callable[[float], None] | None = None) -> Iterator[CsvChunk]:
-        """
-        Read the rows as text, piece by piece.
-
-        Parameters
-        ----------
-        progress : callable, optional
-            Given the fraction read so far, 0 to 1.
-
-        Yields
-        ------
-        CsvChunk
-            A last line that was cut off is left out, and said in warnings.
-
-        Raises
-        ------
-        RecordingError
-            When a row has another number of cells than the header, or there is no row.
-
-        """
-        rows = 0
-        with self._open() as text:
-            size = os.fstat(text.fileno()).st_size
-            self._lines(text, 1)
-            line = 2
-            while lines := self._lines(text, CHUNK):
-                tail = '' if lines[-1].endswith('\n') else lines.pop()
-                for chunk in (self._split(lines, line), self._last(tail, line + len(lines))):
-                    if chunk.lines:
-                        yield chunk
-                    rows += len(chunk.lines)
-                line += len(lines)
-                if progress:
-                    progress(os.lseek(text.fileno(), 0, os.SEEK_CUR) / size)
-        if not rows:
-            raise RecordingError(
-                f'{self.path.name} holds a header and no complete row; nothing was recorded.'
-            )
-
-    def _split(self, lines: list[str], first: int) -> CsvChunk:
-        """Cut lines into columns; blank lines are skipped."""
-        delimiter, width = self.layout.delimiter, len(self.layout.columns)
-        whole = ''.join(lines)
-        numbers: Sequence[int] = range(first, first + len(lines))
-        if '"' in whole:
-            return self._split_quoted(lines, first)
-        if any(count != width - 1 for count in {line.count(delimiter) for line in lines}):
-            filled = [(n, line) for n, line in zip(numbers, lines, strict=True) if line.strip()]
-            for number, line in filled:
-                self._check_width(number, line.count(delimiter) + 1)
-            numbers, lines = [n for n, _ in filled], [line for _, line in filled]
-            whole = ''.join(lines)
-        cells = whole.replace('\n', delimiter).split(delimiter)
-        return CsvChunk(numbers, [cells[c : len(lines) * width : width] for c in range(width)])
-
-    def _split_quoted(self, lines: list[str], first: int) -> CsvChunk:
-        """Cut lines that hold quotes."""
-        reader = csv.reader(lines, delimiter=self.layout.delimiter)
-        numbers, rows = [], []
+    def _split(self, lines: list[str], first: int) -> Iterator[tuple[int, list[str]]]:
+        """Cut lines into cells, with the numbers of the lines; blank ones are skipped."""
+        reader = csv.reader(lines, delimiter=self.delimiter)
         try:
             for row in reader:
-                if row:
-                    numbers.append(first + reader.line_num - 1)
-                    rows.append(row)
-                    self._check_width(numbers[-1], len(row))
+                if len(row) > 1 or ''.join(row).strip():
+                    yield first + reader.line_num - 1, row
         except csv.Error as error:
             raise RecordingError(f'{self.path.name} is no CSV recording: {error}.') from error
-        return CsvChunk(
-            numbers, [[row[c] for row in rows] for c in range(len(self.layout.columns))]
-        )
 
-    def _check_width(self, line: int, cells: int) -> None:
-        """Refuse a row that is longer or shorter than the header."""
-        if cells != len(self.layout.columns):
-            raise RecordingError(
-                f'Line {line} of {self.path.name} has {cells} cells; the header names '
-                f'{len(self.layout.columns)} columns. Repair or remove the line.'
-            )
+    def _piece(self, lines: list[str], first: int) -> CsvPiece | None:
+        """Convert lines; None where all are blank."""
+        numbers, rows = [], []
+        for number, row in self._split(lines, first):
+            if len(row) != len(self.columns):
+                raise RecordingError(
+                    f'Line {number} of {self.path.name} has {len(row)} cells; the header names '
+                    f'{len(self.columns)} columns. Repair or remove the line.'
+                )
+            numbers.append(number)
+            rows.append(row)
+        if not rows:
+            return None
+        cells = list(zip(*rows, strict=True))
+        values, filled = {}, {}
+        for channel in (channel for group in self.groups for channel in group):
+            column = cells[self.columns.index(channel)]
+            values[channel], filled[channel] = self._numbers(channel, column, numbers)
+        return CsvPiece(cells, self._stamps_ns(cells, numbers), values, filled)
 
-    def _last(self, tail: str, line: int) -> CsvChunk:
-        """Split a last line without line end; too short, it is what a power failure left."""
-        if not tail:
-            return CsvChunk([], [])
+    def _last_piece(self, last: str, line: int) -> CsvPiece | None:
+        """Convert a last line without line end; None where it is what a power failure left."""
         try:
-            return replace(self._split([tail], line), ended=False)
+            piece = self._piece([last], line)
         except RecordingError:
-            self.warn_of_cut(line)
-            return CsvChunk([], [])
+            self.warnings.append(
+                f'Line {line} of {self.path.name} is cut off in its middle; it was left out.'
+            )
+            return None
+        if piece:
+            self.warnings.append(
+                f'Line {line} of {self.path.name} has no line end; if it was cut off, its last '
+                f'value ({self.columns[-1]} = {piece.cells[-1][0]!r}) is incomplete.'
+            )
+        return piece
 
-    def warn_of_cut(self, line: int) -> None:
-        """Note that the last line was left out."""
-        self.warnings.append(
-            f'Line {line} of {self.path.name} is cut off in its middle; it was left out.'
-        )
+    def _stamps_ns(self, cells: list[tuple[str, ...]], lines: Sequence[int]) -> IntArray:
+        """Convert the stamps exactly."""
+        column = cells[self.columns.index(self._stamp)]
+        convert, expected = _STAMPS[self._stamp]
+        try:
+            return np.fromiter(map(convert, column), np.int64, len(column))
+        except (ValueError, ArithmeticError):
+            self._refuse_cell(self._stamp, expected, column, lines, lambda c: np.int64(convert(c)))
+            raise
 
-    def warn_of_missing_end(self, chunk: CsvChunk) -> None:
-        """Note that nobody can tell whether the last line is all of what was to be written."""
-        self.warnings.append(
-            f'Line {chunk.lines[0]} of {self.path.name} has no line end; if it was cut off, its '
-            f'last value ({self.layout.columns[-1]} = {chunk.columns[-1][0]!r}) is incomplete.'
-        )
+    def _numbers(
+        self, channel: str, column: Sequence[str], lines: Sequence[int]
+    ) -> tuple[FloatArray, BoolArray]:
+        """Convert a channel's cells; NaN where one is empty, and whether it is filled."""
+        count = len(column)
+        try:
+            return np.fromiter(map(float, column), float, count), np.ones(count, bool)
+        except ValueError:  # a cell is empty, or worse
+            stripped = [cell.strip() for cell in column]
+        try:
+            values = np.fromiter((float(cell or 'nan') for cell in stripped), float, count)
+        except ValueError:
+            expected = 'a number with a decimal point'
+            self._refuse_cell(channel, expected, stripped, lines, lambda c: float(c or 'nan'))
+            raise
+        return values, np.fromiter(map(bool, stripped), bool, count)
+
+    def _refuse_cell(
+        self,
+        column: str,
+        expected: str,
+        cells: Sequence[str],
+        lines: Sequence[int],
+        convert: Callable[[str], object],
+    ) -> None:
+        """Refuse the first cell that does not convert, and say where it is."""
+        for line, cell in zip(lines, cells, strict=True):
+            try:
+                convert(cell)
+            except (ValueError, ArithmeticError):  # noqa: PERF203 -- once, and then it is over
+                raise RecordingError(
+                    f'Line {line} of {self.path.name}, column {column}: expected {expected}, got '
+                    f'{cell[:60]!r}. Repair or remove the line.'
+                ) from None
 
 
 def _nanoseconds(text: str) -> int:
     """Convert decimal seconds to nanoseconds exactly."""
-    whole, _, fraction = text.partition('.')
-    if len(fraction) <= 9 and (fraction or whole.strip()[-1:]).isdigit():
-        try:
-            return int(whole + fraction.ljust(9, '0'))
-        except ValueError:  # an exponent, or no number at all
-            pass
     return int((Decimal(text) * NANOSECONDS).to_integral_value())
 
 
-#: How a stamp column is converted, and what it is expected to hold.
+#: How each stamp column is converted, and what it is expected to hold.
 _STAMPS: dict[str, tuple[Callable[[str], int], str]] = {
     'stamp_ns': (int, 'a whole number of nanoseconds'),
     'stamp_s': (_nanoseconds, 'a decimal number of seconds'),
 }
 
 
-def _refusal(
-    where: str, lines: Sequence[int], cells: Sequence[str], convert: Callable[[str], object]
-) -> RecordingError:
-    """Find the first cell that does not convert, and say where it is."""
-
-    def converts(cell: str) -> bool:
-        try:
-            convert(cell)
-        except (ValueError, ArithmeticError):
-            return False
-        return True
-
-    line, cell = next(
-        (line, cell) for line, cell in zip(lines, cells, strict=True) if not converts(cell)
-    )
-    return RecordingError(f'Line {line} of {where}, got {cell[:60]!r}. Repair or remove the line.')
-
-
-def stamps_ns(layout: CsvLayout, chunk: CsvChunk) -> IntArray:
-    """
-    Convert a chunk's stamps.
-
-    Parameters
-    ----------
-    layout : CsvLayout
-        What the file's header says.
-    chunk : CsvChunk
-        Rows of that file.
-
-    Returns
-    -------
-    ndarray of int64, shape (n,)
-        Stamps, ns, exact.
-
-    Raises
-    ------
-    RecordingError
-        Naming the line when a stamp is no time.
-
-    """
-    cells = chunk.columns[layout.columns.index(layout.stamp)]
-    convert, expected = _STAMPS[layout.stamp]
-    try:
-        return np.fromiter(map(convert, cells), np.int64, len(cells))
-    except (ValueError, ArithmeticError):
-        where = f'{layout.name}, column {layout.stamp}: expected {expected}'
-        error = _refusal(where, chunk.lines, cells, lambda cell: np.int64(convert(cell)))
-    raise error
-
-
-def numbers(layout: CsvLayout, chunk: CsvChunk, channel: str) -> tuple[FloatArray, BoolArray]:
-    """
-    Convert one channel of a chunk.
-
-    Parameters
-    ----------
-    layout : CsvLayout
-        What the file's header says.
-    chunk : CsvChunk
-        Rows of that file.
-    channel : str
-        Column name.
-
-    Returns
-    -------
-    values : ndarray, shape (n,)
-        NaN where the cell is empty.
-    filled : ndarray of bool, shape (n,)
-        Whether there is anything in the cell.
-
-    Raises
-    ------
-    RecordingError
-        Naming the line when a cell is neither empty nor a number.
-
-    """
-    cells = chunk.columns[layout.columns.index(channel)]
-    try:
-        return np.fromiter(map(float, cells), float, len(cells)), np.ones(len(cells), bool)
-    except ValueError:  # a cell is empty, or worse
-        stripped = list(map(str.strip, cells))
-    filled = np.fromiter(map(bool, stripped), bool, len(cells))
-    where = np.flatnonzero(filled)
-    values = np.full(len(cells), np.nan)
-    try:
-        values[where] = [float(stripped[row]) for row in where]
-    except ValueError:
-        found = _refusal(
-            f'{layout.name}, column {channel}: expected a number with a decimal point',
-            [chunk.lines[row] for row in where],
-            [stripped[row] for row in where],
-            float,
-        )
-    else:
-        return values, filled
-    raise found
-
-
-def samples(layout: CsvLayout, chunk: CsvChunk) -> list[Samples]:
-    """
-    Convert a chunk's known channels.
-
-    Parameters
-    ----------
-    layout : CsvLayout
-        What the file's header says.
-    chunk : CsvChunk
-        Rows of that file.
-
-    Returns
-    -------
-    list of Samples
-        One block per group of channels, without the rows in which the group is empty; one per
-        channel where rows fill only a part of the group.
-
-    Raises
-    ------
-    RecordingError
-        As stamps_ns and numbers.
-
-    """
-    times = stamps_ns(layout, chunk)
-    blocks = []
-    for group in layout.groups:
-        columns = [numbers(layout, chunk, channel) for channel in group]
-        values = np.stack([column for column, _ in columns])
-        filled = np.stack([here for _, here in columns])
-        if (filled == filled[0]).all():
-            blocks.append(_filled(group, times, values, filled[0]))
-        else:
-            blocks.extend(
-                _filled((channel,), times, values[[row]], filled[row])
-                for row, channel in enumerate(group)
-            )
-    return blocks
-
-
-def _filled(
-    channels: tuple[str, ...], times: IntArray, values: FloatArray, filled: BoolArray
-) -> Samples:
-    """Make a block of the filled rows; values come with shape (C, n)."""
-    if not filled.all():
-        times, values = times[filled], values[:, filled]
-    return Samples(channels, times, np.ascontiguousarray(values.T))
-
-
-def sound_chunks(
-    text: CsvText, progress: Callable[[float], None] | None = None
-) -> Iterator[tuple[CsvChunk, list[Samples]]]:
-    """
-    Read chunks with their samples; a last line that was cut off is left out with a warning.
-
-    Parameters
-    ----------
-    text : CsvText
-        The recording; its warnings grow.
-    progress : callable, optional
-        Given the fraction read so far, 0 to 1.
-
-    Yields
-    ------
-    tuple of CsvChunk and list of Samples
-        As CsvText.chunks and samples.
-
-    Raises
-    ------
-    RecordingError
-        As CsvText.chunks and samples.
-
-    """
-    for chunk in text.chunks(progress):
-        try:
-            found = samples(text.layout, chunk)
-        except RecordingError:
-            if chunk.ended:
-                raise
-            text.warn_of_cut(chunk.lines[0])
-            continue
-        if not chunk.ended:
-            text.warn_of_missing_end(chunk)
-        yield chunk, found
-
-
-def read_blocks(
-    text: CsvText, progress: Callable[[float], None] | None = None
-) -> Iterator[Samples]:
+def read_csv(path: Path, progress: Progress | None = None) -> tuple[Iterator[Samples], list[str]]:
     """
     Read a recording that has a wrench and a temperature.
 
     Parameters
     ----------
-    text : CsvText
-        The recording; its warnings grow.
+    path : Path
+        The file.
     progress : callable, optional
         Given the fraction read so far, 0 to 1.
 
-    Yields
-    ------
-    Samples
-        In order of the file.
+    Returns
+    -------
+    samples : iterator of Samples
+        In order of the file; it raises RecordingError as CsvRecording.pieces does.
+    warnings : list of str
+        What was left out; complete when the samples are through.
 
     Raises
     ------
     RecordingError
-        When the header names no wrench or no temperature, and as sound_chunks.
+        As CsvRecording, and when the header names no wrench or no temperature.
 
     """
-    text.layout.require('raw wrench', AXES)
-    text.layout.require('temperature', ('temperature_c',))
-    for _, found in sound_chunks(text, progress):
-        yield from found
+    recording = CsvRecording(path)
+    recording.require('raw wrench', AXES)
+    recording.require('temperature', ('temperature_c',))
+    return recording.samples(progress), recording.warnings
+
+
+def rewrite_csv(
+    source: Path, target: Path, correct: Correction, progress: Progress | None = None
+) -> tuple[str, ...]:
+    """
+    Copy a CSV recording, its wrench columns corrected and everything else verbatim.
+
+    Parameters
+    ----------
+    source, target : Path
+        CSV recording, and the file to make.
+    correct : callable
+        Called with consecutive pieces of the recording.
+    progress : callable, optional
+        Given the fraction done, 0 to 1.
+
+    Returns
+    -------
+    tuple of str
+        What was left out, in sentences.
+
+    """
+    recording = CsvRecording(source)
+    recording.require('raw wrench', AXES)
+    with target.open('x', encoding='utf-8', newline='') as file:
+        file.write(f'{recording.header}\n')
+        writer = csv.writer(file, delimiter=recording.delimiter, lineterminator='\n')
+        for piece in recording.pieces(progress):
+            corrected = _corrected(piece, correct)
+            columns = zip(recording.columns, piece.cells, strict=True)
+            cells = [corrected.get(column, verbatim) for column, verbatim in columns]
+            writer.writerows(zip(*cells, strict=True))
+    return tuple(recording.warnings)
+
+
+def _corrected(piece: CsvPiece, correct: Correction) -> dict[str, list[str]]:
+    """Correct the wrench of the rows that have one; cells by channel, the empty ones empty."""
+    absent = np.full(len(piece.stamps_ns), np.nan)
+    wrench = np.stack([piece.values.get(axis, absent) for axis in AXES], 1)
+    present = [axis for axis in AXES if axis in piece.values]
+    rows = np.any([piece.filled[axis] for axis in present], axis=0)
+    if rows.any():
+        wrench[rows] = correct(piece.stamps_ns[rows], wrench[rows])
+    return {
+        axis: [
+            repr(value) if is_filled else ''
+            for value, is_filled in zip(
+                wrench[:, AXES.index(axis)].tolist(), piece.filled[axis].tolist(), strict=True
+            )
+        ]
+        for axis in present
+    }
 
 
 class CsvRecordingWriter:
@@ -550,87 +395,61 @@ class CsvRecordingWriter:
     channels : sequence of str
         Column names behind ``stamp_ns``.
 
+    Raises
+    ------
+    RecordingError
+        When it exists, or cannot be written; so do all methods when the disk is full.
+
     """
 
     def __init__(self, path: Path, channels: Sequence[str]) -> None:
         self._path = path
         self._width = len(channels)
+        with self._translated():
+            self._file = path.open('x', encoding='utf-8', newline='')
+        self._rows = csv.writer(self._file, lineterminator='\n')
         try:
-            self._file = path.open('xb')
-        except FileExistsError as error:
-            raise RecordingError(f'{path} exists already; name a new file.') from error
-        except OSError as error:
-            raise RecordingError(f'{path} cannot be written: {error.strerror}.') from error
-        try:
-            self._write(','.join(('stamp_ns', *channels)))
+            self._write(('stamp_ns', *channels))
         except RecordingError:
             with suppress(OSError):
                 self._file.close()
             raise
 
     def append(self, stamp_ns: int, values: Sequence[float]) -> None:
-        """
-        Write one row and hand it to the operating system.
-
-        Parameters
-        ----------
-        stamp_ns : int
-            Time of measurement, ns.
-        values : sequence of float, length C
-            In the order of the channels; NaN, no sample, becomes an empty cell.
-
-        Raises
-        ------
-        RecordingError
-            When the number of values is wrong, or the disk is full.
-
-        """
+        """Write a row, ns and a value per channel, to the operating system; NaN is no sample."""
         if len(values) != self._width:
             raise RecordingError(
                 f'A row of {self._path.name} has {self._width} values; got {len(values)}.'
             )
-        cells = ('' if isnan(value) else repr(float(value)) for value in values)
-        self._write(','.join((str(int(stamp_ns)), *cells)))
-
-    def _write(self, row: str) -> None:
-        """Write a line through to the operating system."""
-        try:
-            self._file.write(f'{row}\n'.encode())
-            self._file.flush()
-        except OSError as error:
-            raise RecordingError(f'{self._path} cannot be written: {error.strerror}.') from error
+        self._write((int(stamp_ns), *('' if isnan(value) else float(value) for value in values)))
 
     def sync(self) -> None:
         """Wait until the disk holds everything, so that a power failure takes nothing of it."""
-        try:
+        with self._translated():
             os.fsync(self._file.fileno())
-        except OSError as error:
-            raise RecordingError(f'{self._path} cannot be written: {error.strerror}.') from error
 
     def close(self) -> None:
         """Sync and close; a second call does nothing."""
-        if not self._file.closed:
-            try:
-                self.sync()
-            finally:
-                self._close()
-
-    def _close(self) -> None:
-        """Close the file; what it could not write by then is an error of ours."""
+        if self._file.closed:
+            return
         try:
-            self._file.close()
+            self.sync()
+        finally:
+            with self._translated():
+                self._file.close()
+
+    def _write(self, row: Sequence[object]) -> None:
+        """Write a row through to the operating system."""
+        with self._translated():
+            self._rows.writerow(row)
+            self._file.flush()
+
+    @contextmanager
+    def _translated(self) -> Iterator[None]:
+        """Turn what the operating system refuses into a RecordingError."""
+        try:
+            yield
+        except FileExistsError as error:
+            raise RecordingError(f'{self._path} exists already; name a new file.') from error
         except OSError as error:
             raise RecordingError(f'{self._path} cannot be written: {error.strerror}.') from error
-
-    def __enter__(self) -> 'CsvRecordingWriter':
-        """Return the writer itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close."""
-        self.close()

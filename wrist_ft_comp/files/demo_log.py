@@ -12,71 +12,29 @@ from wrist_ft_comp.model.signals import FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class DemoLog:
-    """
-    Wrenches and temperatures as they came from the topics.
+    """Wrenches and temperatures as they came from the topics."""
 
-    Attributes
-    ----------
-    stamps_ns : ndarray of int64, shape (n,)
-        Stamps for which raw, compensated and reference wrench all came.
-    raw, compensated, reference : ndarray, shape (n, 6)
-        N and N m, axis order AXES.
-    temperature_stamps_ns : ndarray of int64, shape (m,)
-        Stamps of the thermometers' samples, of each in turn.
-    thermometer : ndarray of int64, shape (m,)
-        Which one.
-    temperature_c : ndarray, shape (m,)
-        °C.
-    calibrated_ns : int
-        Stamp of the last wrench before the model went live.
-
-    """
-
+    #: Shape (n,): stamps for which raw, compensated and reference wrench all came.
     stamps_ns: IntArray
+    #: Shape (n, 6), N and N m, axis order AXES.
     raw: FloatArray
     compensated: FloatArray
     reference: FloatArray
+    #: Shape (m,): the thermometers' samples, of each in turn: stamp, which one, °C.
     temperature_stamps_ns: IntArray
     thermometer: IntArray
     temperature_c: FloatArray
+    #: Stamp of the last wrench before the model went live.
     calibrated_ns: int
 
 
 def save_demo_log(path: Path, log: DemoLog) -> None:
-    """
-    Write a log.
-
-    Parameters
-    ----------
-    path : Path
-        Target, ``.npz``.
-    log : DemoLog
-        What was received.
-
-    """
+    """Write a log as ``.npz``."""
     np.savez(path, **vars(log))
 
 
 def load_demo_log(path: Path) -> DemoLog:
-    """
-    Read a log.
-
-    Parameters
-    ----------
-    path : Path
-        From save_demo_log.
-
-    Returns
-    -------
-    DemoLog
-        What was received.
-
-    Raises
-    ------
-    RecordingError
-        When it is not there or not whole.
-
-    """
+    """Read a log; refused with a RecordingError when it is not there or not whole."""
     try:
         with path.open('rb') as file, np.load(file, allow_pickle=False) as arrays:
             fields = {name: arrays[name] for name in arrays.files}

@@ -1,7 +1,6 @@
-"""What the package's own files share: a bound on their size, a format, a version, a schema."""
+"""What the package's own files share: atomic writing, a bound on their size, a schema."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 import errno
 from functools import cache
@@ -11,52 +10,53 @@ import os
 from pathlib import Path
 import tempfile
 import time
-from typing import Any, cast
+from typing import Any
 
 import jsonschema
 
-from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.errors import RecordingError, WristFtCompError
 
+Document = dict[str, Any]
 #: What a temporary neighbour's name ends with.
 _SUFFIX = '.wrist_ft_comp.tmp'
-
-
 #: One that is older than this is nobody's any more, s.
 _ABANDONED_S = 60.0
+#: Longest sentence that is quoted from the schema's checker.
+_QUOTED = 200
+#: In so much of a file it says what it is, bytes.
+_BEGINNING = 4096
 
 
-@contextmanager
-def replaced_on_success(target: Path) -> Iterator[Path]:
+def replace_file(target: Path, text: str) -> None:
     """
-    Lend a temporary neighbour of a file; on success it is synced and takes the file's place.
+    Write a text file; an existing one is replaced in one step, when the new one is on the disk.
 
     Parameters
     ----------
     target : Path
-        The file to make or replace; its folder must exist.
-
-    Yields
-    ------
-    Path
-        The neighbour: write it, and close it. It is removed when the block raises.
+        The file; its folder must exist.
+    text : str
+        Its content. File names in it may hold bytes that are no text; they become "?".
 
     Raises
     ------
     OSError
-        When the target is a device or a pipe, which must not be replaced, or the disk refuses.
+        When the target is a device or a pipe, which must not be replaced, or the disk refuses;
+        what was there before stays.
 
     """
     if target.exists() and not (target.is_file() or target.is_dir()):
         raise FileExistsError(errno.EEXIST, 'It is no regular file', str(target))
     handle, name = tempfile.mkstemp(_SUFFIX, f'.{target.name}.', target.parent)
-    os.fchmod(handle, _mode(target))
-    os.close(handle)
     neighbour = Path(name)
     try:
-        yield neighbour
-        sync(neighbour)
+        with open(handle, 'wb') as file:  # noqa: PTH123 -- a handle has no path
+            os.fchmod(handle, _mode(target))
+            file.write(text.encode(errors='replace'))
+            file.flush()
+            os.fsync(handle)
         neighbour.replace(target)
-        sync(target.parent)
+        _sync_folder(target.parent)
     except BaseException:
         with suppress(FileNotFoundError):
             neighbour.unlink()
@@ -96,136 +96,121 @@ def _mode(target: Path) -> int:
     return 0o666 & ~mask
 
 
-def sync(path: Path) -> None:
-    """Wait until a file's content, or a folder's entries, are on the disk."""
-    handle = os.open(path, os.O_RDONLY)
+def _sync_folder(folder: Path) -> None:
+    """Wait until a folder's entries are on the disk."""
+    handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:
         os.close(handle)
 
 
-Document = dict[str, Any]
+def write_report(path: Path, page: str) -> None:
+    """
+    Write a report; an existing one is replaced in one step.
+
+    Parameters
+    ----------
+    path : Path
+        Target.
+    page : str
+        HTML.
+
+    Raises
+    ------
+    RecordingError
+        When it cannot be written.
+
+    """
+    try:
+        replace_file(path, page)
+    except OSError as error:
+        raise RecordingError(
+            f'The report {path} cannot be written: {error.strerror}. Choose a folder that can be '
+            'written to, or make room.'
+        ) from error
 
 
-#: Longest sentence that is quoted from the schema's checker.
-_QUOTED = 200
+def beginning(path: Path) -> str:
+    """Read the beginning of a file, where it says what it is; of what is none, nothing."""
+    try:
+        with path.open('rb') as file:
+            return file.read(_BEGINNING).decode(errors='replace')
+    except (OSError, ValueError):
+        return ''
 
 
 @dataclass(frozen=True)
 class Kind:
-    """
-    A kind of file.
+    """A kind of file that this package writes and reads."""
 
-    Attributes
-    ----------
-    name : str
-        Such as ``model file``.
-    says : str
-        What stands at ``format`` in it.
-    version : int
-        The only one that is read.
-    schema : str
-        Name of the schema, which lies beside this module.
-    max_bytes : int
-        No such file is larger.
-    error : type
-        What is raised.
-    made_by : str
-        Where to get a good one, a sentence.
-    renewed_by : str
-        What to do about a broken one, without its full stop.
-
-    """
-
+    #: Such as ``model file``.
     name: str
+    #: What stands at ``format`` in it, and the only version that is read.
     says: str
     version: int
+    #: Name of the schema, which lies beside this module.
     schema: str
+    #: No such file is larger.
     max_bytes: int
+    #: What is raised.
     error: type[WristFtCompError]
+    #: Where to get a good one, a sentence.
     made_by: str
+    #: What to do about a broken one, and about a disk that refuses one.
     renewed_by: str
+    unwritable: str
 
+    def read(self, path: Path) -> bytes:
+        """Read a file that must not be larger than any of its kind is."""
+        try:
+            with path.open('rb') as file:
+                content = file.read(self.max_bytes + 1)
+        except OSError as error:
+            raise self.error(f'{path} cannot be read: {error.strerror}. {self.made_by}') from error
+        if len(content) > self.max_bytes:
+            raise self.error(
+                f'{path} is larger than {self.max_bytes} bytes, which no {self.name} is. '
+                f'{self.made_by}'
+            )
+        return content
 
-def read_bounded(kind: Kind, path: Path) -> bytes:
-    """
-    Read a file that must not be larger than any of its kind is.
+    def write(self, path: Path, text: str) -> None:
+        """Write a file, and its folder where it is missing, in one step."""
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            replace_file(path, text)
+        except OSError as error:
+            raise self.error(
+                f'{path} cannot be written: {error.strerror}. {self.unwritable}'
+            ) from error
 
-    Parameters
-    ----------
-    kind : Kind
-        Its kind.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    bytes
-        Its content.
-
-    Raises
-    ------
-    WristFtCompError
-        The kind's, when it cannot be read or is too large.
-
-    """
-    try:
-        with path.open('rb') as file:
-            content = file.read(kind.max_bytes + 1)
-    except OSError as error:
-        raise kind.error(f'{path} cannot be read: {error.strerror}. {kind.made_by}') from error
-    if len(content) > kind.max_bytes:
-        raise kind.error(
-            f'{path} is larger than {kind.max_bytes} bytes, which no {kind.name} is. '
-            f'{kind.made_by}'
-        )
-    return content
-
-
-def check(kind: Kind, path: Path, document: Any) -> None:
-    """
-    Refuse other formats, other versions, and whatever breaks the schema.
-
-    Parameters
-    ----------
-    kind : Kind
-        What it must be.
-    path : Path
-        The file, for messages.
-    document : object
-        Its content, parsed.
-
-    Raises
-    ------
-    WristFtCompError
-        The kind's.
-
-    """
-    if not isinstance(document, dict) or document.get('format') != kind.says:
-        raise kind.error(
-            f'{path} is not a {kind.name}: expected "format: {kind.says}" in it. {kind.made_by}'
-        )
-    if document.get('version') != kind.version:
-        raise kind.error(
-            f'{path} is of version {document.get("version")!r}; this package reads version '
-            f'{kind.version}. {kind.renewed_by}, or install the package that wrote it.'
-        )
-    errors = list(jsonschema.Draft202012Validator(_schema(kind.schema)).iter_errors(document))
-    if errors:
-        first = jsonschema.exceptions.best_match(errors)
-        where = '/'.join(str(part) for part in first.absolute_path) or 'the top level'
-        message = first.message
-        if len(message) > _QUOTED:
-            message = f'{message[:_QUOTED]} …'
-        raise kind.error(
-            f'{path} breaks the schema at {where}: {message}. {kind.renewed_by}, or restore the '
-            'file.'
-        )
+    def check(self, path: Path, document: Any) -> None:
+        """Refuse other formats, other versions, and whatever breaks the schema."""
+        if not isinstance(document, dict) or document.get('format') != self.says:
+            raise self.error(
+                f'{path} is not a {self.name}: expected "format: {self.says}" in it. '
+                f'{self.made_by}'
+            )
+        if document.get('version') != self.version:
+            raise self.error(
+                f'{path} is of version {document.get("version")!r}; this package reads version '
+                f'{self.version}. {self.renewed_by}, or install the package that wrote it.'
+            )
+        errors = list(jsonschema.Draft202012Validator(_schema(self.schema)).iter_errors(document))
+        if errors:
+            first = jsonschema.exceptions.best_match(errors)
+            where = '/'.join(str(part) for part in first.absolute_path) or 'the top level'
+            message = first.message
+            if len(message) > _QUOTED:
+                message = f'{message[:_QUOTED]} …'
+            raise self.error(
+                f'{path} breaks the schema at {where}: {message}. {self.renewed_by}, or restore '
+                'the file.'
+            )
 
 
 @cache
-def _schema(name: str) -> Document:
+def _schema(name: str) -> Any:
     """Load a schema."""
-    text = resources.files(__package__).joinpath(name).read_text('utf-8')
-    return cast('Document', json.loads(text))
+    return json.loads(resources.files(__package__).joinpath(name).read_text('utf-8'))

@@ -1,16 +1,13 @@
-"""What a calibration job is, what it gives, and how it travels between processes."""
+"""What a calibration job is, and how it travels between processes."""
 
 from dataclasses import asdict, dataclass, field
 import json
 from pathlib import Path
 from typing import Any
 
-from wrist_ft_comp.calibration.result import Calibration
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.files.bag import Topics
 from wrist_ft_comp.model.arx import Orders
-from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.signals import Recording
+from wrist_ft_comp.model.signals import Topics
 
 #: Argument of the program: end when standard input is closed.
 UNTIL_CLOSED = '--until-closed'
@@ -18,63 +15,24 @@ UNTIL_CLOSED = '--until-closed'
 
 @dataclass(frozen=True)
 class CalibrationJob:
-    """
-    What to calibrate from, how, and where the model goes.
+    """What to calibrate from, how, and where the model goes."""
 
-    Attributes
-    ----------
-    recordings : tuple of Path
-        Bags, CSV files or chamber tables.
-    output : Path
-        Model file to make or replace.
-    settings : CalibrationSettings
-        What a person chose.
-    period_s : float
-        Thermal period h, s.
-    topics : Topics
-        Topic names in bags.
-    skip_unusable : bool
-        Leave out, with a warning, recordings that cannot be read, have other thermometers than
-        topics names, or lack the reference; as long as one is left.
-    keep_copied_columns : bool
-        Fit columns of a chamber table that repeat another one, too.
-    report : Path or None
-        Where a report goes, if one is wanted.
-
-    """
-
+    #: Bags, CSV files or chamber tables.
     recordings: tuple[Path, ...]
+    #: Model file to make or replace.
     output: Path
     settings: CalibrationSettings = field(default_factory=CalibrationSettings)
+    #: Thermal period h, s.
     period_s: float = 1.0
+    #: Topic names in bags.
     topics: Topics = field(default_factory=Topics)
+    #: Leave out, with a warning, recordings that cannot be read, have other thermometers than
+    #: topics names, or lack the reference; as long as one is left.
     skip_unusable: bool = False
+    #: Fit columns of a chamber table that repeat another one, too.
     keep_copied_columns: bool = False
+    #: Where a report goes, if one is wanted.
     report: Path | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class JobOutcome:
-    """
-    What a job gave.
-
-    Attributes
-    ----------
-    calibration : Calibration
-        What was found.
-    stored : StoredModel
-        What was saved.
-    recordings : tuple of Recording
-        What it was found in.
-    left_out : tuple of str
-        Which recordings were left out, and why, in sentences.
-
-    """
-
-    calibration: Calibration
-    stored: StoredModel
-    recordings: tuple[Recording, ...]
-    left_out: tuple[str, ...]
 
 
 def encode_job(job: CalibrationJob) -> str:

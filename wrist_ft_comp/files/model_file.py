@@ -8,18 +8,18 @@ time constants) and where it came from. Numbers are written so that they read ba
 from collections.abc import Mapping
 from datetime import datetime, timezone
 import hashlib
+from importlib.metadata import version
 from pathlib import Path
 import platform
 from typing import Any
 
 import numpy as np
-import scipy
 import yaml
 
 import wrist_ft_comp
 from wrist_ft_comp.calibration.result import AxisFit, Calibration
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.files.documents import check, Kind, read_bounded, replaced_on_success
+from wrist_ft_comp.files.documents import Kind
 from wrist_ft_comp.model.arx import Arx
 from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
@@ -27,22 +27,248 @@ from wrist_ft_comp.model.drift_model import Document, DriftModel, StoredModel
 from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import FloatArray
 
+#: Models are nested by less than half of this.
+_MAX_DEPTH = 30
+#: A file of so many values is read in a second or two; models have some thousands.
+_MAX_EVENTS = 100_000
+#: libyaml's, where PyYAML was built with it, is six times as fast.
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+KIND = Kind(
+    name='model file',
+    says='wrist_ft_comp drift model',
+    version=1,
+    schema='model.schema.json',
+    # A model of six axes with hats and banks takes some tens of kilobytes.
+    max_bytes=4_000_000,
+    error=ModelFileError,
+    made_by='Make one with wrist_ft_comp calibrate.',
+    renewed_by='Calibrate again',
+    unwritable='Choose a folder that can be written to, or make room; no file was changed.',
+)
 
-def axis_document(fit: AxisFit) -> Document:
+
+def load_model(path: Path) -> StoredModel:
     """
-    Turn one axis into plain values.
+    Read a model file.
 
     Parameters
     ----------
-    fit : AxisFit
-        From a calibration.
+    path : Path
+        The file.
 
     Returns
     -------
-    dict
-        As the schema's "axis".
+    StoredModel
+        Checked against the schema, and able to run.
+
+    Raises
+    ------
+    ModelFileError
+        When it is missing, not YAML, of another version, or breaks the schema.
 
     """
+    content = KIND.read(path)
+    try:
+        document = _parse(content)
+    except (yaml.YAMLError, ValueError, LookupError, AttributeError, RecursionError) as error:
+        # PyYAML's constructors raise the plain ones for scalars such as "!!bool maybe".
+        reason = ' '.join(str(error).split())
+        raise ModelFileError(
+            f'{path} is not a model file: expected YAML, but {reason}. {KIND.made_by}'
+        ) from error
+    KIND.check(path, document)
+    return restore_model(path, hashlib.sha256(content).hexdigest(), document)
+
+
+def restore_model(path: Path, sha256: str, document: Document) -> StoredModel:
+    """
+    Build a stored model from a document that was checked against the schema.
+
+    Parameters
+    ----------
+    path : Path
+        Where it lies.
+    sha256 : str
+        Of its bytes.
+    document : dict
+        Its content.
+
+    Returns
+    -------
+    StoredModel
+        Able to run.
+
+    Raises
+    ------
+    ModelFileError
+        When its parts do not fit together.
+
+    """
+    try:
+        return StoredModel(path, sha256, _build_model(document), document)
+    except (ModelFileError, SettingsError) as error:
+        raise ModelFileError(f'{path}: {error}') from error
+
+
+def _parse(content: bytes) -> Any:
+    """
+    Read safe YAML: plain values only.
+
+    Aliases, which no model file needs, can blow up when they are expanded, deep nesting exhausts
+    the stack, and many values take long; so all are looked for in the events, which build nothing.
+    """
+    depth = 0
+    for number, event in enumerate(yaml.parse(content, Loader=_LOADER)):
+        problem = 'aliases are not allowed' if isinstance(event, yaml.AliasEvent) else ''
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _MAX_DEPTH:
+            problem = f'no more than {_MAX_DEPTH} levels are allowed'
+        if number > _MAX_EVENTS:
+            problem = f'no more than {_MAX_EVENTS} values are allowed'
+        if problem:
+            raise yaml.YAMLError(f'{problem} {event.start_mark}')
+    return yaml.load(content, Loader=_LOADER)  # noqa: S506 -- a SafeLoader
+
+
+def _build_model(document: Document) -> DriftModel:
+    """Build what runs."""
+    thermometers = len(document['thermometers'])
+    return DriftModel(
+        period_ns=document['period_ns'],
+        thermometers=thermometers,
+        axes={
+            axis: _build_axis(entry['model'], thermometers)
+            for axis, entry in document['axes'].items()
+            if entry['model'] is not None
+        },
+        deviation={axis: entry['rms_after'] for axis, entry in document['axes'].items()},
+    )
+
+
+def _build_axis(entry: Document, thermometers: int) -> AxisModel:
+    """Build one axis from a checked document."""
+    features, dynamics = entry['features'], entry['dynamics']
+    inputs, latents = len(dynamics['input_mean']), len(dynamics['latents'])
+    outputs = len(dynamics['output_mean'])
+    filtered = thermometers * max(len(entry['filters']), 1)
+    per_thermometer = {
+        key: _array(key, features[key], (filtered,))
+        for key in ('reference_c', 'lower_c', 'upper_c')
+    }
+    return AxisModel(
+        Features(
+            kind=features['kind'],
+            degree=features['degree'],
+            knots_c=tuple(_array('knots_c', k, (len(k),)) for k in features['knots_c']),
+            **per_thermometer,
+        ),
+        ArxPls(
+            input_mean=_array('input_mean', dynamics['input_mean'], (inputs,)),
+            input_weight=_array('input_weight', dynamics['input_weight'], (inputs,)),
+            rotations=_array('rotations', dynamics['rotations'], (inputs, latents)),
+            latents=tuple(_build_arx(latent) for latent in dynamics['latents']),
+            output_loadings=_array(
+                'output_loadings', dynamics['output_loadings'], (outputs, latents)
+            ),
+            output_weight=_array('output_weight', dynamics['output_weight'], (outputs,)),
+            output_mean=_array('output_mean', dynamics['output_mean'], (outputs,)),
+        ),
+        tuple(_build_arx(each) for each in entry['filters']),
+    )
+
+
+def _build_arx(entry: Document) -> Arx:
+    """Build one filter or latent."""
+    return Arx(
+        _array('a', entry['a'], (len(entry['a']),)),
+        _array('b', entry['b'], (len(entry['b']),)),
+        entry['first_lag'],
+    )
+
+
+def _array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
+    """Turn nested lists into a finite array of a given shape."""
+    try:
+        array = np.array(values, dtype=float)
+    except (ValueError, OverflowError) as error:
+        raise ModelFileError(f'{name} must have shape {shape}; restore the file.') from error
+    if array.shape != shape:
+        raise ModelFileError(
+            f'{name} must have shape {shape}; got {array.shape}. Restore the file.'
+        )
+    if not np.isfinite(array).all():
+        raise ModelFileError(f'{name} must hold finite numbers only; restore the file.')
+    return array
+
+
+def save_model(path: Path, calibration: Calibration, provenance: Mapping[str, Any]) -> StoredModel:
+    """
+    Write a model file; an existing one is replaced in one step.
+
+    Parameters
+    ----------
+    path : Path
+        Target; its folder is made when missing.
+    calibration : Calibration
+        Model and evidence.
+    provenance : mapping
+        Plain values: recordings with hashes, settings.
+
+    Returns
+    -------
+    StoredModel
+        What ``load_model`` gives for it.
+
+    Raises
+    ------
+    ModelFileError
+        When the file cannot be written.
+
+    """
+    document = {
+        'format': KIND.says,
+        'version': KIND.version,
+        'period_ns': calibration.model.period_ns,
+        'thermometers': [{'range_c': row.tolist()} for row in calibration.temperature_range_c],
+        'duration_s': calibration.duration_s,
+        'warnings': list(calibration.warnings),
+        'provenance': {
+            'created': datetime.now(timezone.utc).isoformat(timespec='seconds'),
+            'versions': {
+                'wrist_ft_comp': wrist_ft_comp.__version__,
+                'python': platform.python_version(),
+                'numpy': np.__version__,
+                'scipy': version('scipy'),
+            },
+            **provenance,
+        },
+        'axes': {axis: _axis_document(fit) for axis, fit in calibration.fits.items()},
+    }
+    text = yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=99)
+    KIND.write(path, text)
+    return load_model(path)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Safe YAML with vectors on one line and without aliases."""
+
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 -- the library's signature
+        """Write everything out."""
+        return True
+
+
+def _represent_list(dumper: _Dumper, data: list[Any]) -> yaml.Node:
+    """Write lists of plain values on one line."""
+    flat = not any(isinstance(item, (list, dict, str)) for item in data)
+    return dumper.represent_sequence('tag:yaml.org,2002:seq', data, flow_style=flat)
+
+
+_Dumper.add_representer(list, _represent_list)
+
+
+def _axis_document(fit: AxisFit) -> Document:
+    """Turn one axis into plain values, as the schema's "axis"."""
     return {
         'chosen': fit.chosen,
         'unit': fit.unit,
@@ -100,286 +326,3 @@ def _model_document(model: AxisModel) -> Document:
 def _arx_document(arx: Arx) -> Document:
     """Turn one filter or latent into plain values."""
     return {'a': arx.a.tolist(), 'b': arx.b.tolist(), 'first_lag': arx.first_lag}
-
-
-def _build_arx(entry: Document) -> Arx:
-    """Build one filter or latent."""
-    return Arx(
-        _array('a', entry['a'], (len(entry['a']),)),
-        _array('b', entry['b'], (len(entry['b']),)),
-        entry['first_lag'],
-    )
-
-
-def _array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
-    """Turn nested lists into a finite array of a given shape."""
-    try:
-        array = np.array(values, dtype=float)
-    except (ValueError, OverflowError) as error:
-        raise ModelFileError(f'{name} must have shape {shape}; restore the file.') from error
-    if array.shape != shape:
-        raise ModelFileError(
-            f'{name} must have shape {shape}; got {array.shape}. Restore the file.'
-        )
-    if not np.isfinite(array).all():
-        raise ModelFileError(f'{name} must hold finite numbers only; restore the file.')
-    return array
-
-
-def build_model(document: Document) -> DriftModel:
-    """
-    Build what runs.
-
-    Parameters
-    ----------
-    document : dict
-        Checked against the schema.
-
-    Returns
-    -------
-    DriftModel
-        Able to run.
-
-    Raises
-    ------
-    ModelFileError
-        When the parts do not fit together, or numbers are not finite.
-    SettingsError
-        When the features are impossible.
-
-    """
-    thermometers = len(document['thermometers'])
-    return DriftModel(
-        period_ns=document['period_ns'],
-        thermometers=thermometers,
-        axes={
-            axis: _build_axis(entry['model'], thermometers)
-            for axis, entry in document['axes'].items()
-            if entry['model'] is not None
-        },
-        deviation={axis: entry['rms_after'] for axis, entry in document['axes'].items()},
-    )
-
-
-def _build_axis(entry: Document, thermometers: int) -> AxisModel:
-    """Build one axis from a checked document."""
-    features, dynamics = entry['features'], entry['dynamics']
-    inputs, latents = len(dynamics['input_mean']), len(dynamics['latents'])
-    outputs = len(dynamics['output_mean'])
-    filtered = thermometers * max(len(entry['filters']), 1)
-    per_thermometer = {
-        key: _array(key, features[key], (filtered,))
-        for key in ('reference_c', 'lower_c', 'upper_c')
-    }
-    return AxisModel(
-        Features(
-            kind=features['kind'],
-            degree=features['degree'],
-            knots_c=tuple(_array('knots_c', k, (len(k),)) for k in features['knots_c']),
-            **per_thermometer,
-        ),
-        ArxPls(
-            input_mean=_array('input_mean', dynamics['input_mean'], (inputs,)),
-            input_weight=_array('input_weight', dynamics['input_weight'], (inputs,)),
-            rotations=_array('rotations', dynamics['rotations'], (inputs, latents)),
-            latents=tuple(_build_arx(latent) for latent in dynamics['latents']),
-            output_loadings=_array(
-                'output_loadings', dynamics['output_loadings'], (outputs, latents)
-            ),
-            output_weight=_array('output_weight', dynamics['output_weight'], (outputs,)),
-            output_mean=_array('output_mean', dynamics['output_mean'], (outputs,)),
-        ),
-        tuple(_build_arx(each) for each in entry['filters']),
-    )
-
-
-FORMAT = 'wrist_ft_comp drift model'
-
-
-VERSION = 1
-
-
-#: A model of six axes with hats and banks takes some tens of kilobytes.
-MAX_BYTES = 4_000_000
-
-
-#: Models are nested by less than half of this.
-_MAX_DEPTH = 30
-
-
-#: A file of so many values is read in a second or two; models have some thousands.
-_MAX_EVENTS = 100_000
-
-
-#: libyaml's, where PyYAML was built with it, is six times as fast.
-_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-
-
-_KIND = Kind(
-    name='model file',
-    says=FORMAT,
-    version=VERSION,
-    schema='model.schema.json',
-    max_bytes=MAX_BYTES,
-    error=ModelFileError,
-    made_by='Make one with wrist_ft_comp calibrate.',
-    renewed_by='Calibrate again',
-)
-
-
-def _parse(content: bytes) -> Any:
-    """
-    Read safe YAML: plain values only.
-
-    Aliases, which no model file needs, can blow up when they are expanded, deep nesting exhausts
-    the stack, and many values take long; so all are looked for in the events, which build nothing.
-    """
-    depth = 0
-    for number, event in enumerate(yaml.parse(content, Loader=_LOADER)):
-        problem = 'aliases are not allowed' if isinstance(event, yaml.AliasEvent) else ''
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > _MAX_DEPTH:
-            problem = f'no more than {_MAX_DEPTH} levels are allowed'
-        if number > _MAX_EVENTS:
-            problem = f'no more than {_MAX_EVENTS} values are allowed'
-        if problem:
-            raise yaml.YAMLError(f'{problem} {event.start_mark}')
-    return yaml.load(content, Loader=_LOADER)  # noqa: S506 -- a SafeLoader
-
-
-class _Dumper(yaml.SafeDumper):
-    """Safe YAML with vectors on one line and without aliases."""
-
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 -- the library's signature
-        """Write everything out."""
-        return True
-
-
-def _represent_list(dumper: _Dumper, data: list[Any]) -> yaml.Node:
-    """Write lists of plain values on one line."""
-    flat = not any(isinstance(item, (list, dict, str)) for item in data)
-    return dumper.represent_sequence('tag:yaml.org,2002:seq', data, flow_style=flat)
-
-
-_Dumper.add_representer(list, _represent_list)
-
-
-def save_model(path: Path, calibration: Calibration, provenance: Mapping[str, Any]) -> StoredModel:
-    """
-    Write a model file; an existing one is replaced in one step.
-
-    Parameters
-    ----------
-    path : Path
-        Target; its folder is made when missing.
-    calibration : Calibration
-        Model and evidence.
-    provenance : mapping
-        Plain values: recordings with hashes, settings.
-
-    Returns
-    -------
-    StoredModel
-        What ``load_model`` gives for it.
-
-    Raises
-    ------
-    ModelFileError
-        When the file cannot be written.
-
-    """
-    document = {
-        'format': FORMAT,
-        'version': VERSION,
-        'period_ns': calibration.model.period_ns,
-        'thermometers': [{'range_c': row.tolist()} for row in calibration.temperature_range_c],
-        'duration_s': calibration.duration_s,
-        'warnings': list(calibration.warnings),
-        'provenance': {
-            'created': datetime.now(timezone.utc).isoformat(timespec='seconds'),
-            'versions': {
-                'wrist_ft_comp': wrist_ft_comp.__version__,
-                'python': platform.python_version(),
-                'numpy': np.__version__,
-                'scipy': scipy.__version__,
-            },
-            **provenance,
-        },
-        'axes': {axis: axis_document(fit) for axis, fit in calibration.fits.items()},
-    }
-    text = yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=99)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replaced_on_success(path) as neighbour:
-            neighbour.write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise ModelFileError(
-            f'{path} cannot be written: {error.strerror}. Choose a folder that can be written to, '
-            'or make room; no file was changed.'
-        ) from error
-    return load_model(path)
-
-
-def load_model(path: Path) -> StoredModel:
-    """
-    Read a model file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    StoredModel
-        Checked against the schema, and able to run.
-
-    Raises
-    ------
-    ModelFileError
-        When it is missing, not YAML, of another version, or breaks the schema.
-
-    """
-    content = read_bounded(_KIND, path)
-    try:
-        document = _parse(content)
-    except (yaml.YAMLError, ValueError, LookupError, AttributeError, RecursionError) as error:
-        # PyYAML's constructors raise the plain ones for scalars such as "!!bool maybe".
-        reason = ' '.join(str(error).split())
-        raise ModelFileError(
-            f'{path} is not a model file: expected YAML, but {reason}. '
-            'Make one with wrist_ft_comp calibrate.'
-        ) from error
-    check(_KIND, path, document)
-    return restore_model(path, hashlib.sha256(content).hexdigest(), document)
-
-
-def restore_model(path: Path, sha256: str, document: Document) -> StoredModel:
-    """
-    Build a stored model from a document that was checked against the schema.
-
-    Parameters
-    ----------
-    path : Path
-        Where it lies.
-    sha256 : str
-        Of its bytes.
-    document : dict
-        Its content.
-
-    Returns
-    -------
-    StoredModel
-        Able to run.
-
-    Raises
-    ------
-    ModelFileError
-        When its parts do not fit together.
-
-    """
-    try:
-        return StoredModel(path, sha256, build_model(document), document)
-    except (ModelFileError, SettingsError) as error:
-        raise ModelFileError(f'{path}: {error}') from error

@@ -15,16 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from wrist_ft_comp.errors import ModelFileError
-from wrist_ft_comp.files.documents import remove_leftovers, replaced_on_success
+from wrist_ft_comp.files.documents import remove_leftovers, replace_file
 
 #: How many steps back ``previous`` can go.
 MAX_HISTORY = 20
-
-
 #: How many of the node's own recordings a calibration uses.
 MAX_RECORDINGS = 10
-
-
 #: A list of MAX_HISTORY paths is shorter.
 _MAX_LIST_CHARACTERS = 200_000
 
@@ -107,15 +103,7 @@ class ModelStore:
         return [None if entry is None else self.directory / entry for entry in entries]
 
     def given(self) -> str:
-        """
-        Tell which model the operator gave when the node last started.
-
-        Returns
-        -------
-        str
-            Its SHA-256; empty when none was given, or this cannot be read.
-
-        """
+        """Tell the SHA-256 of the model given at the last start; empty where none is known."""
         try:
             return str(self._read()['given'])
         except ModelFileError:
@@ -168,8 +156,7 @@ class ModelStore:
         }
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with replaced_on_success(path) as neighbour:
-                neighbour.write_text(json.dumps(document, indent=1), 'utf-8')
+            replace_file(path, json.dumps(document, indent=1))
         except OSError as error:
             raise ModelFileError(
                 f'{path} cannot be written: {error.strerror}. Make room, or choose another '
@@ -177,15 +164,7 @@ class ModelStore:
             ) from error
 
     def sweep(self) -> int:
-        """
-        Remove what killed processes left half-written.
-
-        Returns
-        -------
-        int
-            How many files.
-
-        """
+        """Remove what killed processes left half-written; says how many files."""
         folders = (self.directory, self.directory / 'models')
         return sum(remove_leftovers(folder) for folder in folders)
 
@@ -196,20 +175,7 @@ class ModelStore:
 
 
 def default_directory(node_name: str) -> Path:
-    """
-    Choose the folder of a node that was given none.
-
-    Parameters
-    ----------
-    node_name : str
-        Fully qualified, such as ``/arm/wrist_ft_comp``.
-
-    Returns
-    -------
-    Path
-        Below ROS_HOME, which is ``~/.ros`` where it is not set.
-
-    """
+    """Choose the folder of a node, by its full name: below ROS_HOME, or else below ``~/.ros``."""
     home = _expanded(os.environ.get('ROS_HOME') or '~/.ros')
     return home / 'wrist_ft_comp' / node_name.strip('/').replace('/', '__')
 

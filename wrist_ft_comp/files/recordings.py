@@ -1,123 +1,33 @@
-"""What a recording holds, without putting it on a grid: kind, channels, counts, time span."""
+"""The front door to recordings of every kind: read, rewritten with another wrench, described."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+import hashlib
 from pathlib import Path
-import sqlite3
 from tempfile import TemporaryDirectory
-
-from rosbags.rosbag2 import WriterError
 
 from wrist_ft_comp.calibration.chamber import OUTPUT_UNIT
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files import bag as bag_recording
-from wrist_ft_comp.files import csv_file as csv_recording
-from wrist_ft_comp.files.bag import Bag, open_bag, SUFFIXES, Topics
-from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
-from wrist_ft_comp.files.csv_file import CsvText, sound_chunks
-from wrist_ft_comp.files.model_file import FORMAT
-from wrist_ft_comp.files.rewriting import Correction, rewrite_bag, rewrite_csv, rewrite_table
+from wrist_ft_comp.files.bag import open_bag, SUFFIXES
+from wrist_ft_comp.files.bag_recording import read_bag, rewrite_bag
+from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
+from wrist_ft_comp.files.csv_file import CsvRecording, read_csv, rewrite_csv
 from wrist_ft_comp.model.batch_grid import GridBuilder
-from wrist_ft_comp.model.signals import AXES, axis_unit, Recording, Samples
-
-#: By this a page is known again.
-GENERATOR = 'wrist_ft_comp report'
-
-
-_BEGINNING = 4096
-
-
-def looks_like_model(path: Path) -> bool:
-    """
-    Tell whether a file names the format of models near its beginning.
-
-    Parameters
-    ----------
-    path : Path
-        Whatever was named; it need not exist.
-
-    Returns
-    -------
-    bool
-        Also True for models of versions that this package does not read.
-
-    """
-    return FORMAT.encode() in _beginning(path)
-
-
-def looks_like_report(path: Path) -> bool:
-    """
-    Tell whether a file is a page that this package wrote.
-
-    Parameters
-    ----------
-    path : Path
-        Whatever was named; it need not exist.
-
-    Returns
-    -------
-    bool
-        True for reports of calibrations and of evaluations.
-
-    """
-    return GENERATOR.encode() in _beginning(path)
-
-
-def _beginning(path: Path) -> bytes:
-    """Read the beginning of a file; of what is none, nothing."""
-    try:
-        with path.open('rb') as file:
-            return file.read(_BEGINNING)
-    except (OSError, ValueError):
-        return b''
-
-
-def looks_like_recording(path: Path) -> bool:
-    """
-    Tell whether a file is named like a recording, or is a chamber table.
-
-    Parameters
-    ----------
-    path : Path
-        Whatever was named; it need not exist.
-
-    Returns
-    -------
-    bool
-        False for models.
-
-    """
-    try:
-        named_so = path.is_dir() or path.suffix in {*SUFFIXES, '.csv'}
-    except (OSError, ValueError):
-        return False
-    return (named_so or is_chamber_table(path)) and not looks_like_model(path)
-
-
-def is_worth_keeping(path: Path) -> bool:
-    """
-    Tell whether a file holds something that a model must not overwrite.
-
-    Parameters
-    ----------
-    path : Path
-        Where a model is to go.
-
-    Returns
-    -------
-    bool
-        False when there is nothing, an empty file, or another model.
-
-    """
-    try:
-        return path.is_file() and path.stat().st_size > 0 and not looks_like_model(path)
-    except (OSError, ValueError):
-        return False
-
+from wrist_ft_comp.model.signals import (
+    AXES,
+    axis_unit,
+    Correction,
+    Progress,
+    Recording,
+    Samples,
+    Topics,
+)
 
 BAG, CSV, TABLE = 'rosbag2', 'CSV recording', 'chamber table'
+RAW_WRENCH, TEMPERATURE, REFERENCE = 'raw wrench', 'temperature', 'reference'
+_HASHED_AT_ONCE = 1 << 20
 
 
 def kind_of(path: Path) -> str:
@@ -152,9 +62,6 @@ def kind_of(path: Path) -> str:
             "ROS 1 bag with 'rosbags-convert'."
         )
     return TABLE if is_chamber_table(path) else CSV
-
-
-Progress = Callable[[float], None]
 
 
 def read_recording(  # noqa: PLR0913 - settings by keyword, each with its default
@@ -198,20 +105,18 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
     path = Path(path)
     kind = kind_of(path)
     builder = GridBuilder(path.name, period_s, max_bad_share)
-    warnings: list[str] = []
+    blocks: Iterable[Samples]
+    warnings: Iterable[str]
     with ExitStack() as stack:
         if kind == BAG:
             bag = stack.enter_context(open_bag(path))
-            warnings.extend(bag.warnings)
-            blocks = bag_recording.read_blocks(bag, topics or Topics(), progress)
+            blocks, warnings = read_bag(bag, topics or Topics(), progress), bag.warnings
         elif kind == CSV:
-            text = CsvText(path)
-            warnings = text.warnings
-            blocks = csv_recording.read_blocks(text, progress)
+            blocks, warnings = read_csv(path, progress)
         else:
             table = read_chamber_table(path, keep_copied_columns=keep_copied_columns)
-            warnings.extend(f'{reason} It was left out.' for _, reason in table.left_out)
-            blocks = iter(table.samples())
+            blocks = table.samples()
+            warnings = [f'{reason} It was left out.' for _, reason in table.left_out]
         for block in blocks:
             builder.add(block)
     recording = builder.build()
@@ -269,18 +174,15 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
             if kind == BAG:
                 with open_bag(source) as bag:
                     settings = topics or Topics(), output_topic, progress
-                    made, warnings = _copy_bag(
-                        bag, made, lambda b, folder: rewrite_bag(b, folder, correct, *settings)
-                    )
+                    warnings = rewrite_bag(bag, made, correct, *settings)
             elif kind == CSV:
                 warnings = rewrite_csv(source, made, correct, progress)
             else:
                 warnings = rewrite_table(source, made, correct)
             _check_target(source, target)
             made.rename(target)
-    except (OSError, WriterError, sqlite3.Error) as error:
-        reason = getattr(error, 'strerror', None) or error
-        raise RecordingError(f'{target} cannot be written: {reason}.') from error
+    except OSError as error:
+        raise RecordingError(f'{target} cannot be written: {error.strerror}.') from error
     return warnings
 
 
@@ -294,81 +196,47 @@ def _check_target(source: Path, target: Path) -> None:
         raise RecordingError(f'{target.parent} is no folder; make it first.')
 
 
-def _copy_bag(
-    bag: Bag, made: Path, copy: Callable[[Bag, Path], tuple[str, ...]]
-) -> tuple[Path, tuple[str, ...]]:
-    """Make the folder or, where the target is named like one, the bare storage file."""
-    if made.suffix not in SUFFIXES:
-        return made, copy(bag, made)
-    if SUFFIXES[made.suffix] != bag.storage:
-        raise RecordingError(
-            f'{made.name} names another storage than that of {bag.name}, {bag.storage}; name a '
-            'folder, or a file with the suffix of that storage.'
-        )
-    folder = made.with_suffix('')
-    warnings = copy(replace(bag, compression=''), folder)
-    return folder / made.name, warnings
-
-
-RAW_WRENCH, TEMPERATURE, REFERENCE = 'raw wrench', 'temperature', 'reference'
+def hash_recording(path: Path) -> str:
+    """Hash a recording's bytes, a folder's files in order of their names: SHA-256, hexadecimal."""
+    digest = hashlib.sha256()
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+        if file.is_file():
+            with file.open('rb') as content:
+                while part := content.read(_HASHED_AT_ONCE):
+                    digest.update(part)
+    return digest.hexdigest()
 
 
 @dataclass(frozen=True)
 class ChannelSummary:
-    """
-    One topic of a bag, or one channel of a file.
-
-    Attributes
-    ----------
-    name : str
-        Topic or column.
-    kind : str
-        Message type or unit.
-    samples : int
-        How many.
-    role : str
-        ``raw wrench``, ``temperature``, ``reference``, or '' where it is not used.
-
-    """
+    """One topic of a bag, or one channel of a file."""
 
     name: str
+    #: Message type or unit.
     kind: str
     samples: int
+    #: RAW_WRENCH, TEMPERATURE or REFERENCE, or '' where it is not used.
     role: str
 
 
 @dataclass(frozen=True)
 class RecordingSummary:
-    """
-    What a file holds.
-
-    Attributes
-    ----------
-    name : str
-        The file's or folder's name.
-    kind : str
-        Such as ``rosbag2, sqlite3``.
-    channels : tuple of ChannelSummary
-        In the file's order.
-    first_ns, last_ns : int or None
-        Earliest and latest stamp, ns; of a bag, the times of recording. None without samples.
-    warnings : tuple of str
-        What could not be read, in sentences.
-
-    """
+    """What a file or folder holds."""
 
     name: str
+    #: Such as ``rosbag2, sqlite3``.
     kind: str
+    #: In the file's order.
     channels: tuple[ChannelSummary, ...]
+    #: Earliest and latest stamp, ns; of a bag, the times of recording. None without samples.
     first_ns: int | None
     last_ns: int | None
+    #: What could not be read, in sentences.
     warnings: tuple[str, ...] = ()
 
 
 def describe_recording(
-    path: Path | str,
-    topics: Topics | None = None,
-    progress: Callable[[float], None] | None = None,
+    path: Path | str, topics: Topics | None = None, progress: Progress | None = None
 ) -> RecordingSummary:
     """
     Describe a recording of any kind; it need not hold all that a calibration wants.
@@ -398,9 +266,8 @@ def describe_recording(
     if kind == BAG:
         return _describe_bag(path, topics or Topics())
     if kind == CSV:
-        text = CsvText(path)
-        blocks = (block for _, blocks in sound_chunks(text, progress) for block in blocks)
-        return _describe_samples(path.name, CSV, blocks, text.warnings)
+        text = CsvRecording(path)
+        return _describe_samples(path.name, CSV, text.samples(progress), text.warnings)
     table = read_chamber_table(path)
     left_out = [f'{reason} It is left out.' for _, reason in table.left_out]
     return _describe_samples(path.name, TABLE, table.samples(), left_out)
@@ -419,43 +286,35 @@ def _describe_bag(path: Path, topics: Topics) -> RecordingSummary:
             counts[connection.topic, connection.msgtype] += connection.msgcount
         first, last = bag.span_ns if sum(counts.values()) else (None, None)
         compressed = f', {bag.compression} compression' if bag.compression else ''
-        return RecordingSummary(
-            name=path.name,
-            kind=f'{BAG}, {bag.storage}{compressed}',
-            channels=tuple(
-                ChannelSummary(topic, kind, count, roles.get(topic.strip('/'), ''))
-                for (topic, kind), count in sorted(counts.items())
-            ),
-            first_ns=first,
-            last_ns=last,
-            warnings=bag.warnings,
+        channels = tuple(
+            ChannelSummary(topic, kind, count, roles.get(topic.strip('/'), ''))
+            for (topic, kind), count in sorted(counts.items())
         )
+        kind = f'{BAG}, {bag.storage}{compressed}'
+        return RecordingSummary(path.name, kind, channels, first, last, bag.warnings)
 
 
 def _describe_samples(
-    name: str, kind: str, blocks: Iterable[Samples], warnings: list[str]
+    name: str, kind: str, blocks: Iterable[Samples], warnings: Iterable[str]
 ) -> RecordingSummary:
     """Count samples and find their time span."""
     counts: Counter[str] = Counter()
-    first: int | None = None
-    last: int | None = None
+    ends: list[int] = []
     for block in blocks:
         counts.update(dict.fromkeys(block.channels, len(block.stamps_ns)))
         if len(block.stamps_ns):
-            low, high = int(block.stamps_ns.min()), int(block.stamps_ns.max())
-            first = low if first is None else min(first, low)
-            last = high if last is None else max(last, high)
-    channels = tuple(
-        _describe_channel(channel, count, OUTPUT_UNIT if kind == TABLE else '')
-        for channel, count in counts.items()
-    )
+            ends += [int(block.stamps_ns.min()), int(block.stamps_ns.max())]
+            ends = [min(ends), max(ends)]
+    channels = tuple(_describe_channel(channel, n, kind) for channel, n in counts.items())
+    first, last = ends or (None, None)
     return RecordingSummary(name, kind, channels, first, last, tuple(warnings))
 
 
-def _describe_channel(channel: str, samples: int, unit: str) -> ChannelSummary:
-    """Name unit and role of a channel; the unit is given where it is not N and N m."""
+def _describe_channel(channel: str, samples: int, kind: str) -> ChannelSummary:
+    """Name unit and role of a channel."""
     axis = channel.removeprefix('reference_')
     if axis not in AXES:
         return ChannelSummary(channel, '°C', samples, TEMPERATURE)
     role = RAW_WRENCH if axis == channel else REFERENCE
-    return ChannelSummary(channel, unit or axis_unit(axis), samples, role)
+    unit = OUTPUT_UNIT if kind == TABLE else axis_unit(axis)
+    return ChannelSummary(channel, unit, samples, role)

@@ -1,5 +1,5 @@
 """
-Saving beside the stream: a thread that does nothing but write state files.
+The state that a restart goes on from: thermal state and tare, as JSON, and a thread that saves it.
 
 Waiting for a disk takes milliseconds to seconds. A thread that waits there does not hold the
 interpreter, so the callbacks of a node go on.
@@ -15,54 +15,37 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp.errors import StateFileError
-from wrist_ft_comp.files.documents import check, Document, Kind, read_bounded, replaced_on_success
+from wrist_ft_comp.files.documents import Document, Kind
 from wrist_ft_comp.model.drift_model import Drift
 from wrist_ft_comp.model.signals import FloatArray
 from wrist_ft_comp.stream.warm_restart import ThermalMemory
 
-FORMAT = 'wrist_ft_comp state'
-
-
-VERSION = 1
-
-
-#: The state of six axes with banks of filters takes a few kilobytes.
-MAX_BYTES = 1_000_000
-
-
-_KIND = Kind(
+KIND = Kind(
     name='state file',
-    says=FORMAT,
-    version=VERSION,
+    says='wrist_ft_comp state',
+    version=1,
     schema='state.schema.json',
-    max_bytes=MAX_BYTES,
+    # The state of six axes with banks of filters takes a few kilobytes.
+    max_bytes=1_000_000,
     error=StateFileError,
     made_by='A running node makes one.',
     renewed_by='Remove it',
+    unwritable='Make room, or choose another data_directory; until then a restart loses the '
+    'thermal state and the tare.',
 )
 
 
 @dataclass(frozen=True, eq=False)
 class SavedState:
-    """
-    What a node remembers.
+    """What a node remembers."""
 
-    Attributes
-    ----------
-    saved_ns : int
-        System time of the save, UTC, ns.
-    model_sha256 : str or None
-        Of the model that was live; None when there was none.
-    tare : ndarray, shape (6,)
-        N and N m, axis order AXES.
-    thermal : ThermalMemory or None
-        None when no temperature had come.
-
-    """
-
+    #: System time of the save, UTC, ns.
     saved_ns: int
+    #: Of the model that was live; None when there was none.
     model_sha256: str | None
+    #: Shape (6,), N and N m, axis order AXES.
     tare: FloatArray
+    #: None when no temperature had come.
     thermal: ThermalMemory | None
 
 
@@ -83,16 +66,7 @@ def save_state(path: Path, state: SavedState) -> None:
         When it cannot be written; the old file stays.
 
     """
-    text = json.dumps(_document(state), allow_nan=False)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replaced_on_success(path) as neighbour:
-            neighbour.write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise StateFileError(
-            f'{path} cannot be written: {error.strerror}. Make room, or choose another '
-            'data_directory; until then a restart loses the thermal state and the tare.'
-        ) from error
+    KIND.write(path, json.dumps(_document(state), allow_nan=False))
 
 
 def load_state(path: Path) -> SavedState | None:
@@ -117,12 +91,12 @@ def load_state(path: Path) -> SavedState | None:
     """
     if not path.exists():
         return None
-    content = read_bounded(_KIND, path)
+    content = KIND.read(path)
     try:
         document = json.loads(content, parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
         raise StateFileError(f'{path} is not a state file: expected JSON, but {error}.') from error
-    check(_KIND, path, document)
+    KIND.check(path, document)
     return _state(document)
 
 
@@ -146,8 +120,8 @@ def _document(state: SavedState) -> Document:
         ],
     }
     return {
-        'format': FORMAT,
-        'version': VERSION,
+        'format': KIND.says,
+        'version': KIND.version,
         'saved_ns': state.saved_ns,
         'model_sha256': state.model_sha256,
         'tare': state.tare.tolist(),
@@ -214,20 +188,7 @@ class StateWriter:
             self._thread.start()
 
     def end(self, timeout_s: float) -> bool:
-        """
-        Save what was put, and stop.
-
-        Parameters
-        ----------
-        timeout_s : float
-            How long to wait for the disk, s.
-
-        Returns
-        -------
-        bool
-            Whether everything was done in time.
-
-        """
+        """Save what was put, and stop; says whether the disk did everything in time."""
         with self._changed:
             self._ended = True
             self._changed.notify()

@@ -5,7 +5,7 @@ Channels are named like the columns of a CSV recording: ``force_x`` … ``torque
 and N m), ``reference_force_x`` … (reference wrench), ``temperature_c``, ``temperature_2_c`` …
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -20,12 +20,31 @@ BoolArray = NDArray[np.bool_]
 #: What is known of the true wrench in a recording.
 Reference = Literal['unloaded', 'constant', 'recorded']
 
+#: Told the share of the work that is done, 0 to 1.
+Progress = Callable[[float], None]
+
+
+#: Takes stamps_ns (n,) and raw wrenches (n, 6), N and N m; returns corrected wrenches (n, 6).
+Correction = Callable[[IntArray, FloatArray], FloatArray]
+
+
 #: Axis order of every wrench array in this package.
 AXES = ('force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z')
 REFERENCE_CHANNELS = tuple(f'reference_{axis}' for axis in AXES)
 NANOSECONDS = 1_000_000_000
 #: Samples further apart than this many times the usual distance belong to different stretches.
 _GAP_FACTOR = 10.0
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Where a bag holds what; names match with or without the leading slash."""
+
+    wrench: str = '/wrench_raw'
+    #: One per thermometer; the first is the one inside the sensor.
+    temperatures: tuple[str, ...] = ('/temperature',)
+    #: The default one may be absent.
+    reference: str = '/wrench_reference'
 
 
 def axis_unit(axis: str) -> str:

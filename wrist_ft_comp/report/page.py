@@ -6,18 +6,16 @@ from dataclasses import asdict
 from html import escape
 from importlib import resources
 import math
-from pathlib import Path
 import re
 
 from wrist_ft_comp.calibration.chamber import FIGURE_TITLES
 from wrist_ft_comp.calibration.result import Candidate
-from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files.documents import replaced_on_success
-from wrist_ft_comp.files.recordings import GENERATOR
 from wrist_ft_comp.report import pictures
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
 from wrist_ft_comp.report.view import AxisView, ReportView, Source
 
+#: By this a page is known again.
+GENERATOR = 'wrist_ft_comp report'
 #: A number and its unit stay on one line.
 _UNITS = re.compile(r'(?<=\d) (?=(?:N m|N|°C|K|%|h|min|s)(?!\w))')
 
@@ -221,35 +219,6 @@ def _candidate(candidate: Candidate, chosen: str, largest: float) -> str:
         + element('td', element('span', '', class_='bar', style=width))
     )
     return element('tr', cells, class_='chosen' if candidate.name == chosen else 'tried')
-
-
-def write_report(path: Path, view: ReportView) -> None:
-    """
-    Write the page; an existing one is replaced in one step.
-
-    Parameters
-    ----------
-    path : Path
-        Target.
-    view : ReportView
-        Its content.
-
-    Raises
-    ------
-    RecordingError
-        When the page cannot be written.
-
-    """
-    content = page(view)
-    try:
-        with replaced_on_success(path) as neighbour:
-            # A file's name may hold bytes that are no text; they are shown as "?".
-            neighbour.write_text(content, encoding='utf-8', errors='replace')
-    except OSError as error:
-        raise RecordingError(
-            f'The report {path} cannot be written: {error.strerror}. Choose a folder that can be '
-            'written to, or make room.'
-        ) from error
 
 
 def page(view: ReportView) -> str:

@@ -1,11 +1,12 @@
 """
 The node ``compensator``: raw wrench and temperatures in, compensated wrench out.
 
-A callback converts, steps, publishes. What it means is the core's business: this module wires
-topics, services and parameters to it.
+A callback converts, steps, publishes. What it means is the stream's business, and what can be
+asked of the node that of its services: this module wires topics, services and parameters to them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from copy import copy, deepcopy
 from functools import partial
 import math
 from pathlib import Path
@@ -22,228 +23,248 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.files.cdr import TEMPERATURE_DOUBLES, WRENCH_DOUBLES
+from wrist_ft_comp.files.cdr import locate, TEMPERATURE_DOUBLES, WRENCH_DOUBLES
+from wrist_ft_comp.files.job_request import CalibrationJob
 from wrist_ft_comp.files.model_store import default_directory, ModelStore
-from wrist_ft_comp.ros import messages as qos
-from wrist_ft_comp.ros import messages as wire
-from wrist_ft_comp.ros.diagnostics import ConcernLog, concerns, diagnostic_array
-from wrist_ft_comp.ros.input_health import Counts, InputWatch
-from wrist_ft_comp.ros.live_model import LiveModel
-from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.model.signals import NANOSECONDS, Topics
+from wrist_ft_comp.ros import messages
+from wrist_ft_comp.ros.diagnostics import diagnostic_array, diagnostics, Snapshot, stream_state
+from wrist_ft_comp.ros.input_health import InputHealth
+from wrist_ft_comp.ros.live_model import choose_first_model, LiveModel
+from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.parameters import declare, NODE_NAME, PARAMETERS, values
 from wrist_ft_comp.ros.running import node_per_sensor, run_nodes
-from wrist_ft_comp.ros.services.calibrate import CalibrationControl
+from wrist_ft_comp.ros.services.calibrate import CalibrateService
 from wrist_ft_comp.ros.services.deferred import DeferredService
-from wrist_ft_comp.ros.services.record import RecordingControl
-from wrist_ft_comp.ros.services.tare import TareControl
-from wrist_ft_comp.ros.state_keeper import StateKeeping
+from wrist_ft_comp.ros.services.record import RecordService
+from wrist_ft_comp.ros.services.tare import TareService
+from wrist_ft_comp.ros.state_keeper import StateKeeper
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.input_checks import is_plausible
 
 _HOUSEKEEPING_PERIOD_S = 0.1
-
-
 _DIAGNOSTICS_PERIOD_S = 1.0
-
-
-#: What is asked for may be as long as the asker likes; diagnostics repeat it every second.
-_LONGEST_REFUSAL = 1000
-
-
 #: An answer that the asker has not taken yet is lost when its sender leaves the network.
 _FAREWELL_S = 0.5
 
 
 class CompensatorNode(Node):
     """
-    Compensates one sensor.
+    Compensates one sensor; WristFtCompError when a parameter or its model file is unusable.
 
-    Parameters
-    ----------
-    sensor : str
-        Its name where a process serves several; each has a folder of this name below
-        ``data_directory``.
-    **options
-        Passed on to rclpy's Node, such as ``context``.
-
-    Raises
-    ------
-    WristFtCompError
-        When a parameter, or the model file it names, is unusable.
-
+    Where a process serves several sensors, each has a name, and keeps its files in a folder of
+    this name below ``data_directory``. Options are those of rclpy's Node, such as ``context``.
     """
 
     def __init__(self, sensor: str = '', **options: Any) -> None:
         super().__init__(NODE_NAME, **options)
-        self.console: Any = cast('Any', self).get_logger()
+        log = NodeLog(cast('Any', self).get_logger())
         declare(self, PARAMETERS)
-        given = values(self, PARAMETERS)
-        topics = given['temperature_topics']
+        chosen = self._settings()
+        topics = chosen['temperature_topics']
         if not topics:
             raise SettingsError(
                 'temperature_topics must name at least one topic; got none. The first is the '
                 'thermometer inside the sensor.'
             )
-        settings = StreamSettings(
-            thermal_period_s=given['thermal_period'],
-            temperature_timeout_s=given['temperature_timeout'],
-            max_drift_n=given['max_drift'],
-            max_drift_rate_n_s=given['max_drift_rate'],
-        )
-        shared = given['data_directory']
+        shared = chosen['data_directory']
         own = default_directory(self.get_fully_qualified_name())
-        self.store = ModelStore(Path(shared, sensor).expanduser() if shared else own)
-        self.model = LiveModel(self, len(topics))
-        first = self.model.first(given['model_file'])
-        self.compensator = Compensator(
-            len(topics), settings, None if first is None else first.model
+        store = ModelStore(Path(shared, sensor).expanduser() if shared else own)
+        first = choose_first_model(store, chosen['model_file'], len(topics), log)
+        model = None if first.stored is None else first.stored.model
+        compensator = Compensator(len(topics), _stream_settings(chosen), model)
+        self._log = log
+        self.store = store
+        self.compensator = compensator
+        self.health = InputHealth(len(topics))
+        self.live = LiveModel(store, len(topics), first, self._swap, log)
+        self.state_keeper = StateKeeper(
+            compensator, self._live_sha256, store.directory / 'state.json', chosen, log
         )
-        self.keeping = StateKeeping(self, given['save_period'])
-        self.counts = Counts(len(topics))
-        self.watch = InputWatch(self, len(topics))
-        #: What was refused last, and why; empty before the first refusal.
-        self.last_refusal = ''
-        self._concern_log = ConcernLog(self.console)
-        self.recording = RecordingControl(self)
-        self.tare = TareControl(self)
-        self.calibration = CalibrationControl(self)
-        self._silent = given['uncalibrated'] == 'silent'
-        self._wrench_wire = wire.Wire(WRENCH_DOUBLES)
-        self._temperature_wire = wire.Wire(TEMPERATURE_DOUBLES)
-        self._newest = b''
-        self._create_topics(topics)
-        self._create_services()
-        self.add_on_set_parameters_callback(self.model.judge)
+        self.recording = RecordService(compensator, store, self._subscribe_reference, log)
+        self.tare = TareService(compensator, self._settings, self.state_keeper.save, log)
+        self.calibration = CalibrateService(self.make_request, self.live.take, log)
+        self._silent = chosen['uncalibrated'] == 'silent'
+        self._newest: tuple[int, Sequence[float], bytes] | None = None
+        self._reported = time.monotonic(), copy(self.health.counts)
+        self._create_topics(topics, log)
+        self._offered = [
+            DeferredService(self, Trigger, '~/calibrate', self.calibration.on_request),
+            DeferredService(self, Trigger, '~/tare', self.tare.on_request),
+            self.create_service(Trigger, '~/reset_tare', self.tare.on_reset),
+            self.create_service(SetBool, '~/record', self.recording.on_request),
+            self.create_service(Trigger, '~/rollback', self.live.on_rollback),
+        ]
+        self.add_on_set_parameters_callback(self.live.validate_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         # A steady clock: the node looks after itself where simulated time stands still, too.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_HOUSEKEEPING_PERIOD_S, self._keep_house, clock=steady)
         self.create_timer(_DIAGNOSTICS_PERIOD_S, self._diagnose, clock=steady)
 
-    def _create_topics(self, temperature_topics: Sequence[str]) -> None:
+    def _create_topics(self, temperature_topics: Sequence[str], log: NodeLog) -> None:
         """Create publishers and subscriptions; QoS may be overridden by parameters."""
-        override = QoSOverridingOptions.with_default_policies()
+        incompatible = self.health.incompatible
         self._output = self.create_publisher(
             WrenchStamped,
             'wrench',
-            qos.own(qos.OUTPUT),
-            qos_overriding_options=override,
-            event_callbacks=self.watch.publisher_events('wrench'),
+            messages.own(messages.OUTPUT),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            event_callbacks=messages.subscribers_deaf('wrench', incompatible, log),
         )
-        self._drift = self.create_publisher(WrenchStamped, '~/drift', qos.OUTPUT)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', qos.OUTPUT)
-        self.raw_subscription: Any = self.create_subscription(
-            WrenchStamped,
-            'wrench_raw',
-            self._on_wrench,
-            qos.own(qos.FAST_SENSOR),
-            raw=True,
-            qos_overriding_options=override,
-            event_callbacks=self.watch.subscription_events('wrench_raw'),
+        self._drift = self.create_publisher(WrenchStamped, '~/drift', messages.OUTPUT)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', messages.OUTPUT)
+
+        def subscribe(kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any) -> Any:
+            unheard = messages.publishers_unheard(topic, incompatible, log)
+            return self._subscribe(kind, topic, callback, qos, event_callbacks=unheard)
+
+        self._raw: Any = subscribe(
+            WrenchStamped, 'wrench_raw', self._on_wrench, messages.FAST_SENSOR
         )
-        self.temperature_subscriptions: list[Any] = [
-            self.create_subscription(
-                Temperature,
-                topic,
-                partial(self._on_temperature, thermometer),
-                qos.own(qos.SLOW_SENSOR),
-                raw=True,
-                qos_overriding_options=override,
-                event_callbacks=self.watch.subscription_events(topic),
-            )
-            for thermometer, topic in enumerate(temperature_topics)
+        self._temperatures: list[Any] = [
+            subscribe(Temperature, topic, partial(self._on_temperature, j), messages.SLOW_SENSOR)
+            for j, topic in enumerate(temperature_topics)
         ]
 
-    def _create_services(self) -> None:
-        """Create the services; two of them answer when their work is done."""
-        self._offered = [
-            DeferredService(self, Trigger, '~/calibrate', self.calibration.on_request),
-            DeferredService(self, Trigger, '~/tare', self.tare.on_request),
-            self.create_service(Trigger, '~/reset_tare', self.tare.on_reset),
-            self.create_service(SetBool, '~/record', self.recording.on_request),
-            self.create_service(Trigger, '~/rollback', self.model.on_rollback),
-        ]
+    def _subscribe(
+        self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any, **more: Any
+    ) -> Any:
+        """Subscribe to serialized messages; QoS may be overridden by parameters."""
+        return self.create_subscription(
+            kind,
+            topic,
+            callback,
+            messages.own(qos),
+            raw=True,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            **more,
+        )
+
+    def _subscribe_reference(self) -> Callable[[], None]:
+        """Subscribe to the reference wrench; what is returned ends that again."""
+        subscription = self._subscribe(
+            WrenchStamped, 'wrench_reference', self._on_reference, messages.FAST_SENSOR
+        )
+
+        def unsubscribe() -> None:
+            self.destroy_subscription(subscription)
+
+        return unsubscribe
 
     def _on_wrench(self, data: bytes) -> None:
         """Correct one wrench and send it on; the header passes through untouched."""
+        counts = self.health.counts
         try:
-            layout, stamp_ns, raw = self._wrench_wire.read(data)
+            layout = locate(data, WRENCH_DOUBLES)
         except RecordingError:
-            self.counts.malformed += 1
+            counts.malformed += 1
             return
+        stamp_ns, raw = layout.decode(data)
         if not math.isfinite(sum(raw)):
-            self.counts.not_finite += 1
+            counts.not_finite += 1
             return
         stamp_ns = stamp_ns or self._now_ns()
         corrected = self.compensator.correct(stamp_ns, raw)
-        self.counts.wrench(stamp_ns)
         if not self._silent or self.compensator.compensating:
-            self._output.publish(wire.replace(layout, data, corrected))
-            self.counts.published += 1
-        if self.recording.current is not None:
-            self.recording.current.averager.add_raw(stamp_ns, raw)
-        if self.tare.collector is not None:
-            self.tare.add(stamp_ns, raw)
-        self._newest = data
-
-    @property
-    def own_topics(self) -> tuple[str, str]:
-        """Full names of the topics that no other sensor may use."""
-        return self.raw_subscription.topic_name, self._output.topic_name
-
-    @property
-    def frame_id(self) -> str:
-        """The sensor's frame; empty before the first wrench."""
-        newest = self._newest
-        return wire.frame_id(self._wrench_wire.layout(newest), newest) if newest else ''
-
-    @property
-    def stamped(self) -> bool:
-        """Whether the newest wrench came with a stamp."""
-        return any(self._newest[4:12])
-
-    def on_reference(self, data: bytes) -> None:
-        """Add one reference wrench, as serialized bytes, to the recording."""
-        try:
-            _, stamp_ns, reference = self._wrench_wire.read(data)
-        except RecordingError:
-            self.counts.bad_references += 1
-            return
-        if not math.isfinite(sum(reference)):
-            self.counts.bad_references += 1
-        elif self.recording.current is not None:
-            self.recording.current.averager.add_reference(stamp_ns or self._now_ns(), reference)
+            self._output.publish(layout.encode(data, corrected))
+            counts.published += 1
+        counts.wrenches += 1
+        self._newest = stamp_ns, raw, data
+        self.recording.add_raw(stamp_ns, raw)
+        self.tare.add(stamp_ns, raw)
 
     def _on_temperature(self, thermometer: int, data: bytes) -> None:
         """Give one temperature to the thermal grid; the drift moves when a cell is complete."""
         try:
-            _, stamp_ns, (temperature_c, _) = self._temperature_wire.read(data)
+            stamp_ns, (temperature_c, _) = locate(data, TEMPERATURE_DOUBLES).decode(data)
         except RecordingError:
-            self.counts.bad_temperatures += 1
+            self.health.counts.bad_temperatures += 1
             return
         if not is_plausible(temperature_c):
-            self.counts.bad_temperatures += 1
-            self.watch.unusable(thermometer, temperature_c)
+            self.health.drop_temperature(thermometer, temperature_c)
             return
-        self.watch.unstamped[thermometer] = not stamp_ns
-        stamp_ns = stamp_ns or self._now_ns()
-        self.counts.temperature(thermometer, stamp_ns)
-        cells = self.compensator.add_temperature(thermometer, stamp_ns, temperature_c)
-        if cells:
-            self.recording.add_cells(cells)
-            self.watch.cells(cells)
-            if self.compensator.compensating:
-                zero = self.compensator.compensation.zero
-                self._drift.publish(wrench_message(stamp_ns, self.frame_id, zero))
+        at_ns, compensator = stamp_ns or self._now_ns(), self.compensator
+        cells = compensator.add_temperature(thermometer, at_ns, temperature_c)
+        self.recording.add_cells(cells)
+        self.health.take_temperature(time.monotonic(), thermometer, at_ns, stamped=bool(stamp_ns))
+        self.health.look_at_cells(cells, compensator.tracker.grid.period_ns)
+        if cells and compensator.compensating:
+            zero = compensator.compensation.zero
+            self._drift.publish(messages.wrench_message(at_ns, self.frame_id, zero))
+
+    def _on_reference(self, data: bytes) -> None:
+        """Add one reference wrench to the recording."""
+        try:
+            stamp_ns, reference = locate(data, WRENCH_DOUBLES).decode(data)
+        except RecordingError:
+            self.health.counts.bad_references += 1
+            return
+        if math.isfinite(sum(reference)):
+            self.recording.add_reference(stamp_ns or self._now_ns(), reference)
+        else:
+            self.health.counts.bad_references += 1
 
     def _now_ns(self) -> int:
         """Time for drivers that do not stamp."""
         return int(self.get_clock().now().nanoseconds)
 
-    def note_refusal(self, what: str, why: str) -> None:
-        """Remember, for the diagnostics, what was refused and why."""
-        self.last_refusal = f'{what}: {why}'[:_LONGEST_REFUSAL]
+    @property
+    def own_topics(self) -> tuple[str, str]:
+        """Full names of the topics that no other sensor may use."""
+        return self._raw.topic_name, self._output.topic_name
+
+    @property
+    def frame_id(self) -> str:
+        """The sensor's frame; empty before the first wrench."""
+        data = self._newest and self._newest[2]
+        return locate(data, WRENCH_DOUBLES).frame_id(data) if data else ''
+
+    def _settings(self) -> dict[str, Any]:
+        """Read the present parameters."""
+        simulated_time = bool(self.get_parameter('use_sim_time').value)
+        return {**values(self, PARAMETERS), 'use_sim_time': simulated_time}
+
+    def _live_sha256(self) -> str | None:
+        """Hash of the live model."""
+        return None if self.live.stored is None else self.live.stored.sha256
+
+    def _swap(self, model: DriftModel | None) -> None:
+        """Make a model live; the old one stays when this raises."""
+        self.compensator.go_live(model)
+        self.recording.follow_period()
+
+    def make_request(self) -> CalibrationJob:
+        """Make a calibration's job from the present parameters."""
+        chosen = self._settings()
+        named = tuple(self.store.locate(path) for path in chosen['calibration.recordings'])
+        recordings = named or tuple(self.store.recordings())
+        if not recordings:
+            raise RecordingError(
+                f'There is no recording in {self.store.directory / "recordings"}. Record a '
+                'warm-up with ~/record, or set calibration.recordings.'
+            )
+        output = self.store.new_model_path()
+        return CalibrationJob(
+            recordings=recordings,
+            output=output,
+            report=output.with_suffix('.html'),
+            settings=CalibrationSettings(
+                reference=chosen['calibration.reference'],
+                min_temperature_span_k=chosen['calibration.min_temperature_span'],
+                identification=IdentificationSettings(method=chosen['calibration.method']),
+            ),
+            period_s=self.compensator.tracker.grid.period_ns / NANOSECONDS,
+            topics=Topics(
+                wrench=self._raw.topic_name,
+                temperatures=tuple(each.topic_name for each in self._temperatures),
+                reference=self.resolve_topic_name('wrench_reference'),
+            ),
+            skip_unusable=not named,
+        )
 
     def _apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Make parameters that changed take effect; the others are read when they are needed."""
@@ -251,49 +272,87 @@ class CompensatorNode(Node):
             if parameter.name == 'uncalibrated':
                 self._silent = parameter.value == 'silent'
             elif parameter.name == 'model_file' and parameter.value:
-                self.model.use_file(parameter.value)
+                self.live.use_file(parameter.value)
 
     def _keep_house(self) -> None:
         """Look after what does not come by message."""
         self.calibration.poll()
         self.recording.poll()
         self.tare.poll()
-        self.keeping.poll()
-        self.watch.poll()
+        self.state_keeper.poll()
+        self._look()
+
+    def _look(self) -> None:
+        """Look for faults that no single message shows."""
+        now_s = time.monotonic()
+        if self._newest is not None:
+            stamp_ns, raw, data = self._newest
+            stamped = bool(locate(data, WRENCH_DOUBLES).decode(data)[0])
+            self.health.look(now_s, stamp_ns, raw, self.frame_id, stamped=stamped)
+        self.health.note_events(now_s, self.compensator.tracker)
+
+    def _snapshot(self) -> Snapshot:
+        """Take down what the diagnostics need."""
+        self._look()
+        reported_s, before = self._reported
+        now_s, recording = time.monotonic(), self.recording.current
+        self._reported = now_s, copy(self.health.counts)
+        return Snapshot(
+            now_s=now_s,
+            health=deepcopy(self.health),
+            before=before,
+            elapsed_s=now_s - reported_s,
+            stream=stream_state(self.compensator),
+            model=self.live.stored,
+            model_problem=self.live.problem,
+            state_origin=self.state_keeper.outcome,
+            save_problem=self.state_keeper.problem,
+            saves=self.state_keeper.saves,
+            save_took_s=self.state_keeper.save_took_s,
+            calibrating_s=self.calibration.running_s,
+            last_calibration=self.calibration.last_outcome,
+            calibration_refused=self.calibration.refused,
+            recording=None if recording is None else (recording.path, recording.rows),
+            recording_failure=self.recording.failure,
+            last_refusal=self._log.last_refusal,
+            wrench_topic=self._raw.topic_name,
+            temperature_topics=self._settings()['temperature_topics'],
+            wrench_publishers=self.count_publishers(self._raw.topic_name),
+            temperature_publishers=tuple(
+                self.count_publishers(each.topic_name) for each in self._temperatures
+            ),
+        )
 
     def _diagnose(self) -> None:
         """Publish diagnostics."""
+        statuses = diagnostics(self._snapshot())
+        self._log.tell(statuses)
         stamp = self.get_clock().now().to_msg()
         name = self.get_fully_qualified_name().lstrip('/')
-        found = concerns(self)
-        self._concern_log.tell(found)
-        self._diagnostics.publish(diagnostic_array(stamp, name, self.frame_id, found))
+        self._diagnostics.publish(diagnostic_array(stamp, name, self.frame_id, statuses))
 
     def destroy_node(self) -> None:
         """End what runs beside the node; an open recording is closed, and who waits is told."""
         waiting = [self.calibration.end(), self.tare.end()]
         self.recording.end()
-        self.keeping.end()
+        self.state_keeper.end()
         if any(waiting):
             time.sleep(_FAREWELL_S)
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
 
 
+def _stream_settings(chosen: dict[str, Any]) -> StreamSettings:
+    """Translate the stream's parameters."""
+    return StreamSettings(
+        thermal_period_s=chosen['thermal_period'],
+        temperature_timeout_s=chosen['temperature_timeout'],
+        max_drift_n=chosen['max_drift'],
+        max_drift_rate_n_s=chosen['max_drift_rate'],
+    )
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """
-    Run a node per sensor until a signal ends them.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Command line; sys.argv by default.
-
-    Returns
-    -------
-    int
-        Exit code.
-
-    """
+    """Run a node per sensor until a signal ends them; returns the exit code."""
     return run_nodes(partial(node_per_sensor, CompensatorNode), argv)
 
 

@@ -21,19 +21,14 @@ from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
-from wrist_ft_comp.files.cdr import TEMPERATURE_DOUBLES, WRENCH_DOUBLES
+from wrist_ft_comp.files.cdr import locate, TEMPERATURE_DOUBLES, WRENCH_DOUBLES
 from wrist_ft_comp.files.demo_log import DemoLog, save_demo_log
 from wrist_ft_comp.model.signals import NANOSECONDS
-from wrist_ft_comp.ros import messages as qos
-from wrist_ft_comp.ros import messages as wire
+from wrist_ft_comp.ros.messages import FAST_SENSOR, SLOW_SENSOR
 from wrist_ft_comp.ros.running import make_executor
 
 _WRENCH_TOPICS = ('wrench_raw', 'wrench', 'wrench_reference')
-
-
 _SERVICE_TIMEOUT_S = 60.0
-
-
 _SILENCE_TIMEOUT_S = 15.0
 
 
@@ -44,48 +39,32 @@ def tell(event: str, **more: Any) -> None:
 
 
 class DemoClient:
-    """
-    Talks to the compensator and keeps what the topics bring.
-
-    Parameters
-    ----------
-    context : Context
-        Initialised.
-    temperature_topics : sequence of str
-        One per thermometer.
-
-    """
+    """Talks to the compensator and keeps what the topics, one per thermometer, bring."""
 
     def __init__(self, context: Context, temperature_topics: Sequence[str]) -> None:
         self.node: Any = Node('demo_client', context=context)
         self._executor = make_executor('auto', context)
         self._executor.add_node(self.node)
-        self._wires = wire.Wire(WRENCH_DOUBLES), wire.Wire(TEMPERATURE_DOUBLES)
         self.wrenches: dict[str, dict[int, tuple[float, ...]]] = {t: {} for t in _WRENCH_TOPICS}
         self.temperatures: list[tuple[int, int, float]] = []
         self.latest_ns = 0
         for topic in _WRENCH_TOPICS:
             self.node.create_subscription(
-                WrenchStamped, topic, partial(self._on_wrench, topic), qos.FAST_SENSOR, raw=True
+                WrenchStamped, topic, partial(self._on_wrench, topic), FAST_SENSOR, raw=True
             )
         for number, topic in enumerate(temperature_topics):
-            self.node.create_subscription(
-                Temperature,
-                topic,
-                partial(self._on_temperature, number),
-                qos.SLOW_SENSOR,
-                raw=True,
-            )
+            heard = partial(self._on_temperature, number)
+            self.node.create_subscription(Temperature, topic, heard, SLOW_SENSOR, raw=True)
 
     def _on_wrench(self, topic: str, data: bytes) -> None:
         """Keep one wrench."""
-        _, stamp_ns, wrench = self._wires[0].read(data)
+        stamp_ns, wrench = locate(data, WRENCH_DOUBLES).decode(data)
         self.wrenches[topic][stamp_ns] = wrench
         self.latest_ns = max(self.latest_ns, stamp_ns)
 
     def _on_temperature(self, number: int, data: bytes) -> None:
         """Keep one temperature."""
-        _, stamp_ns, (value, _) = self._wires[1].read(data)
+        stamp_ns, (value, _) = locate(data, TEMPERATURE_DOUBLES).decode(data)
         self.temperatures.append((stamp_ns, number, value))
 
     def spin_until(self, done: Callable[[], bool], what: str, timeout_s: float) -> None:
@@ -112,9 +91,8 @@ class DemoClient:
         """Listen until the stamps have moved on, telling how far they are."""
         while self.latest_ns < first_ns + int(seconds * NANOSECONDS):
             target_ns = self.latest_ns + int(seconds / 40 * NANOSECONDS)
-            self.spin_until(
-                partial(self._reached, target_ns), 'The next message', _SILENCE_TIMEOUT_S
-            )
+            reached = partial(self._reached, target_ns)
+            self.spin_until(reached, 'The next message', _SILENCE_TIMEOUT_S)
             done = (self.latest_ns - first_ns) / (seconds * NANOSECONDS)
             tell('progress', what=what, share=min(done, 1.0))
 
@@ -124,14 +102,17 @@ class DemoClient:
 
     def log(self, calibrated_ns: int) -> DemoLog:
         """Put together what came on all three wrench topics."""
-        raw, compensated, reference = (self.wrenches[topic] for topic in _WRENCH_TOPICS)
-        stamps = sorted(raw.keys() & compensated.keys() & reference.keys())
+        by_stamp = [self.wrenches[topic] for topic in _WRENCH_TOPICS]
+        stamps = sorted(set.intersection(*map(set, by_stamp)))
+        raw, compensated, reference = (
+            np.array([each[stamp] for stamp in stamps]) for each in by_stamp
+        )
         temperatures = np.array(self.temperatures).reshape(-1, 3)
         return DemoLog(
             stamps_ns=np.array(stamps, dtype=np.int64),
-            raw=np.array([raw[stamp] for stamp in stamps]),
-            compensated=np.array([compensated[stamp] for stamp in stamps]),
-            reference=np.array([reference[stamp] for stamp in stamps]),
+            raw=raw,
+            compensated=compensated,
+            reference=reference,
             temperature_stamps_ns=np.array([row[0] for row in self.temperatures], dtype=np.int64),
             thermometer=temperatures[:, 1].astype(np.int64),
             temperature_c=temperatures[:, 2],

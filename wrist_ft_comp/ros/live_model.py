@@ -1,200 +1,180 @@
 """Which model is live: choosing the first, swapping, rolling back, remembering."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.model.drift_model import StoredModel
+from wrist_ft_comp.files.model_store import ModelStore
+from wrist_ft_comp.model.drift_model import DriftModel, StoredModel
+from wrist_ft_comp.ros.diagnostics import summary
+from wrist_ft_comp.ros.node_log import NodeLog
 
-if TYPE_CHECKING:
-    from wrist_ft_comp.ros.compensator_node import CompensatorNode
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The model to start with."""
+
+    #: None is no compensation.
+    stored: StoredModel | None
+    #: Newest last, the chosen one included; None stands for no compensation.
+    history: list[Path | None]
+    #: Why the model that should be live is not, or will not be after a restart.
+    problem: str = ''
+
+
+def choose_first_model(
+    store: ModelStore, model_file: str, thermometers: int, node_log: NodeLog
+) -> Choice:
+    """
+    Choose the model to start with: the newest decision counts.
+
+    A model_file that differs from the one of the last start, in name or in content, is a new
+    decision of the operator's. One that does not is as old as that start, so what a calibration
+    or a rollback made live since goes on.
+
+    An empty model_file is none: the one that was live last goes on. One that cannot be used is an
+    error; a last one that cannot be used is reported.
+    """
+    store.sweep()
+    given = load_fitting(store.locate(model_file), thermometers) if model_file else None
+    choice = _last_choice(store, thermometers, node_log)
+    if given is not None:
+        choice = _newer(store, given, choice, node_log)
+    if choice.stored is None:
+        node_log.warning(
+            'no model: wrenches are not compensated. Record a warm-up (~/record), then call '
+            '~/calibrate.'
+        )
+    else:
+        _announce(choice.stored, node_log)
+    return choice
+
+
+def _last_choice(store: ModelStore, thermometers: int, node_log: NodeLog) -> Choice:
+    """Load the model that was live last; one that cannot be used leaves none live."""
+    history: list[Path | None] = []
+    try:
+        history = store.history()
+        last = history[-1] if history else None
+        stored = None if last is None else load_fitting(last, thermometers)
+    except WristFtCompError as error:
+        problem = f'The last model cannot be used: {error}'
+        node_log.error(problem)
+        return Choice(None, [*history[:-1], None], problem)
+    return Choice(stored, history)
+
+
+def _newer(store: ModelStore, given: StoredModel, last: Choice, node_log: NodeLog) -> Choice:
+    """Decide between the operator's model and the one that was live last."""
+    if given.sha256 == store.given() and last.history and not last.problem:
+        if last.stored is None or last.stored.sha256 != given.sha256:
+            now = 'no model' if last.stored is None else last.stored.path
+            node_log.warning(
+                f'model_file is {given.path} as at the last start, and {now} was made live '
+                'after that: the latter goes on. Call ~/rollback, or set model_file while '
+                'running, to go back.'
+            )
+        return last
+    history = last.history
+    if not history or history[-1] != given.path:
+        history = [*history, given.path]
+    return Choice(given, history, _remember(store, history, node_log, given.sha256))
+
+
+def _remember(
+    store: ModelStore, history: list[Path | None], node_log: NodeLog, given: str | None = None
+) -> str:
+    """Keep the history over a restart; return what went wrong, if anything did."""
+    try:
+        store.activate(history, given)
+    except WristFtCompError as error:
+        node_log.error(str(error))
+        return str(error)
+    return ''
+
+
+def _announce(stored: StoredModel, node_log: NodeLog) -> None:
+    """Log what is live."""
+    node_log.info(f'{summary(stored)} with {stored.path} ({stored.sha256[:12]})')
+
+
+def load_fitting(path: Path, thermometers: int) -> StoredModel:
+    """Load a model, and refuse one that expects other thermometers than the node has."""
+    stored = load_model(path)
+    if stored.model.thermometers != thermometers:
+        raise SettingsError(
+            f'{path} expects {stored.model.thermometers} thermometers, the node has '
+            f'{thermometers} (temperature_topics). Calibrate with these, or list the '
+            "model's topics."
+        )
+    return stored
 
 
 class LiveModel:
     """
-    Owns the live model of a node and the list of those before it.
+    Owns the live model and the list of those before it, which the store remembers.
 
-    Parameters
-    ----------
-    node : CompensatorNode
-        The owner.
-    thermometers : int
-        Number of thermometers J that the node listens to.
-
+    ``swap`` makes a model live; the old one stays when it raises.
     """
 
-    def __init__(self, node: 'CompensatorNode', thermometers: int) -> None:
+    def __init__(
+        self,
+        store: ModelStore,
+        thermometers: int,
+        first: Choice,
+        swap: Callable[[DriftModel | None], None],
+        log: NodeLog,
+    ) -> None:
         #: What is live; None is no compensation.
-        self.stored: StoredModel | None = None
+        self.stored = first.stored
         #: Why the model that should be live is not, or will not be after a restart.
-        self.problem = ''
-        self._node = node
+        self.problem = first.problem
+        self._history = first.history
+        self._store = store
         self._thermometers = thermometers
-        self._judged: StoredModel | None = None
-        #: Newest last, the live one included; None stands for no compensation.
-        self._history: list[Path | None] = []
-
-    def first(self, model_file: str) -> StoredModel | None:
-        """
-        Choose the model to start with: the newest decision counts.
-
-        A model_file that differs from the one of the last start, in name or in content, is a new
-        decision of the operator's. One that does not is as old as that start, so what a
-        calibration or a rollback made live since goes on.
-
-        Parameters
-        ----------
-        model_file : str
-            The operator's choice; empty for the one that was live last. An unusable choice ends
-            the node; an unusable last one is reported.
-
-        Returns
-        -------
-        StoredModel or None
-            None when there is none.
-
-        Raises
-        ------
-        WristFtCompError
-            When model_file cannot be used.
-
-        """
-        self._node.store.sweep()
-        chosen = self._load(self._node.store.locate(model_file)) if model_file else None
-        self._recall()
-        if chosen is not None:
-            self._choose(chosen)
-        if self.stored is None:
-            self._node.console.warning(
-                'no model: wrenches are not compensated. Record a warm-up (~/record), then call '
-                '~/calibrate.'
-            )
-        else:
-            self._announce(self.stored)
-        return self.stored
-
-    def _choose(self, chosen: StoredModel) -> None:
-        """Decide between the operator's model and the one that was live last."""
-        last = self.stored
-        if chosen.sha256 == self._node.store.given() and self._history and not self.problem:
-            if last is None or last.sha256 != chosen.sha256:
-                now = 'no model' if last is None else last.path
-                self._node.console.warning(
-                    f'model_file is {chosen.path} as at the last start, and {now} was made live '
-                    'after that: the latter goes on. Call ~/rollback, or set model_file while '
-                    'running, to go back.'
-                )
-            return
-        self.stored = chosen
-        if not self._history or self._history[-1] != chosen.path:
-            self._history = [*self._history, chosen.path]
-        self._remember(self._history, chosen.sha256)
-
-    def _recall(self) -> None:
-        """Load the model that was live last; one that cannot be used leaves none live."""
-        try:
-            self._history = self._node.store.history()
-            if self._history and self._history[-1] is not None:
-                self.stored = self._load(self._history[-1])
-        except WristFtCompError as error:
-            self._history = [*self._history[:-1], None]
-            self.problem = f'The last model cannot be used: {error}'
-            self._node.console.error(self.problem)
-
-    def _load(self, path: Path) -> StoredModel:
-        """Load a model that fits this node."""
-        stored = load_model(path)
-        if stored.model.thermometers != self._thermometers:
-            raise SettingsError(
-                f'{path} expects {stored.model.thermometers} thermometers, the node has '
-                f'{self._thermometers} (temperature_topics). Calibrate with these, or list the '
-                "model's topics."
-            )
-        return stored
-
-    @property
-    def summary(self) -> str:
-        """What is compensated, in a few words."""
-        count = 0 if self.stored is None else len(self.stored.model.axes)
-        return f'compensating {count} {"axis" if count == 1 else "axes"}'
-
-    def _announce(self, stored: StoredModel) -> None:
-        """Log what is live."""
-        self._node.console.info(f'{self.summary} with {stored.path} ({stored.sha256[:12]})')
-
-    def _swap(self, stored: StoredModel | None) -> None:
-        """Make a model live, without a step in the output; the old one stays when this raises."""
-        self._node.compensator.go_live(None if stored is None else stored.model)
-        self.stored = stored
-        self._node.recording.follow_period()
-        if stored is not None:
-            self._announce(stored)
-
-    def _remember(self, history: list[Path | None], given: str | None = None) -> str:
-        """Keep the history over a restart; return what went wrong, if anything did."""
-        self._history, self.problem = history, ''
-        try:
-            self._node.store.activate(history, given)
-        except WristFtCompError as error:
-            self.problem = str(error)
-            self._node.console.error(self.problem)
-        return self.problem
+        self._swap = swap
+        self._log = log
+        #: Kept, because it goes live next, and reading it takes tens of milliseconds.
+        self._validated: StoredModel | None = None
 
     def take(self, stored: StoredModel) -> str:
-        """
-        Make a calibration's result live, and remember it.
-
-        Parameters
-        ----------
-        stored : StoredModel
-            The result.
-
-        Returns
-        -------
-        str
-            A sentence when it is live but could not be remembered, else empty.
-
-        Raises
-        ------
-        WristFtCompError
-            When it does not fit this node; the running model stays.
-
-        """
-        self._swap(stored)
+        """Make a calibration's result live; return why it could not be remembered, or nothing."""
+        self._make_live(stored)
         return self._remember([*(self._history or [None]), stored.path])
 
-    def judge(self, parameters: Sequence[Any]) -> SetParametersResult:
-        """
-        Judge, without changing what runs, files that parameters name at run time.
+    def _make_live(self, stored: StoredModel | None) -> None:
+        """Swap a model in and say so."""
+        self._swap(None if stored is None else stored.model)
+        self.stored = stored
+        if stored is not None:
+            _announce(stored, self._log)
 
-        Parameters
-        ----------
-        parameters : sequence of rclpy.parameter.Parameter
-            What is to be set.
+    def _remember(self, history: list[Path | None]) -> str:
+        """Keep the history over a restart; return what went wrong, if anything did."""
+        self._history = history
+        self.problem = _remember(self._store, history, self._log)
+        return self.problem
 
-        Returns
-        -------
-        SetParametersResult
-            Refused when a file lies outside data_directory, or the model cannot be used.
-
-        """
+    def validate_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
+        """Refuse files outside data_directory and unusable models; changes nothing that runs."""
         try:
             for parameter in parameters:
-                self._judge(parameter.name, parameter.value)
+                self._validate(parameter.name, parameter.value)
         except WristFtCompError as error:
-            self._node.note_refusal('set_parameters', str(error))
+            self._log.note_refusal('set_parameters', str(error))
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _judge(self, name: str, value: Any) -> None:
+    def _validate(self, name: str, value: Any) -> None:
         """Refuse one parameter, if there is a reason."""
         if name not in {'model_file', 'calibration.recordings'}:
             return
-        store = self._node.store
+        store = self._store
         for given in [value] if name == 'model_file' else value or []:
             if given and not store.contains(store.locate(given)):
                 raise SettingsError(
@@ -209,18 +189,18 @@ class LiveModel:
                     f'model_file must be a file; {path} is none. Make one with wrist_ft_comp '
                     'calibrate.'
                 )
-            # Kept, because it goes live next, and reading it takes tens of milliseconds.
-            self._judged = self._load(path)
+            self._validated = load_fitting(path, self._thermometers)
 
     def use_file(self, given: str) -> None:
-        """Make the model of a file live and remember it; it was judged before."""
+        """Make the model of a file live and remember it; it was validated before."""
         try:
-            path, judged = self._node.store.locate(given), self._judged
-            stored = judged if judged and judged.path == path else self._load(path)
-            self._judged = None
-            self._swap(stored)
+            path, stored = self._store.locate(given), self._validated
+            self._validated = None
+            if stored is None or stored.path != path:
+                stored = load_fitting(path, self._thermometers)
+            self._make_live(stored)
         except WristFtCompError as error:
-            self._node.console.error(str(error))
+            self._log.error(str(error))
             return
         before = self._history or [None]
         again = before[-1] == stored.path
@@ -232,7 +212,7 @@ class LiveModel:
             response.message, response.success = self._roll_back(), True
         except WristFtCompError as error:
             response.message, response.success = str(error), False
-            self._node.note_refusal('~/rollback', str(error))
+            self._log.note_refusal('~/rollback', str(error))
         return response
 
     def _roll_back(self) -> str:
@@ -241,16 +221,16 @@ class LiveModel:
             raise SettingsError(
                 'There is no earlier model to go back to; the running model stays.'
             )
-        before = self._history[-2]
+        *earlier, before, live = self._history
         try:
-            self._swap(None if before is None else self._load(before))
+            self._make_live(None if before is None else load_fitting(before, self._thermometers))
         except WristFtCompError as error:
             # Taken off the list, or it would bar the way to those before it.
-            self._remember([*self._history[:-2], self._history[-1]])
+            self._remember([*earlier, live])
             raise SettingsError(
                 f'{error} The running model stays; call again for the model before that one.'
             ) from error
-        problem = self._remember(self._history[:-1])
+        problem = self._remember([*earlier, before])
         now = (
             'no model was live before: wrenches pass uncompensated'
             if before is None

@@ -1,5 +1,5 @@
 """
-One process for several wrists: a node per sensor, each in a namespace of its own.
+How nodes run: until a signal or an error, on one executor, one node for each sensor.
 
 ``sensors:=[left, right]`` makes ``/left/wrist_ft_comp`` and ``/right/wrist_ft_comp``. They share
 the process and its executor, nothing else. Without it there is one node, named as ever.
@@ -14,31 +14,32 @@ import signal
 import sys
 import threading
 from types import FrameType
-from typing import Any, TYPE_CHECKING
+from typing import Any, TypeVar
 
 from rclpy.context import Context
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.task import Future
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
-from wrist_ft_comp.ros.parameters import declare, NODE_NAME, PROCESS_PARAMETERS, values
-
-if TYPE_CHECKING:
-    from wrist_ft_comp.ros.compensator_node import CompensatorNode
-from wrist_ft_comp.ros.parameters import EXECUTOR_PARAMETER
+from wrist_ft_comp.ros.parameters import (
+    declare,
+    EXECUTOR_PARAMETER,
+    NODE_NAME,
+    PROCESS_PARAMETERS,
+    ros_parameter,
+    values,
+)
 
 NodesFactory = Callable[..., Sequence[Node]]
-
-
+SensorNode = TypeVar('SensorNode', bound=Any)
 #: Longest time between a signal and the look at its flag, seconds.
 POLL_PERIOD_S = 0.1
-
-
+#: A sensor's name becomes a namespace.
+_NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 #: What a user can cause and mend; anything else is a fault of ours and keeps its traceback.
 USER_ERRORS = (
     WristFtCompError,
@@ -49,22 +50,7 @@ USER_ERRORS = (
 
 
 def run_node(factory: Callable[..., Node], argv: Sequence[str] | None = None) -> int:
-    """
-    Run one node, as run_nodes does.
-
-    Parameters
-    ----------
-    factory : callable
-        Called as ``factory(context=…)``; returns the node. A node class will do.
-    argv : sequence of str, optional
-        Command line, as sys.argv, which is also the default.
-
-    Returns
-    -------
-    int
-        Exit code.
-
-    """
+    """Run one node, as run_nodes does; factory is a node class, or called as one."""
     return run_nodes(lambda **options: [factory(**options)], argv)
 
 
@@ -79,7 +65,7 @@ def run_nodes(factory: NodesFactory, argv: Sequence[str] | None = None) -> int:
     factory : callable
         Called as ``factory(context=…)``; returns the nodes, at least one.
     argv : sequence of str, optional
-        Command line, as sys.argv, which is also the default.
+        Command line; sys.argv by default.
 
     Returns
     -------
@@ -104,27 +90,7 @@ def run_nodes(factory: NodesFactory, argv: Sequence[str] | None = None) -> int:
 
 
 def make_executor(choice: str, context: Context) -> Executor:
-    """
-    Make an executor.
-
-    Parameters
-    ----------
-    choice : {'auto', 'events', 'default'}
-        As EXECUTOR_PARAMETER describes.
-    context : Context
-        The context of the nodes that it will run.
-
-    Returns
-    -------
-    Executor
-        Without a node yet.
-
-    Raises
-    ------
-    SettingsError
-        When the choice is unknown, or this rclpy has no EventsExecutor.
-
-    """
+    """Make the executor of a choice that EXECUTOR_PARAMETER describes, for a context's nodes."""
     if choice not in EXECUTOR_PARAMETER.choices:
         raise SettingsError(
             f'executor must be one of {", ".join(EXECUTOR_PARAMETER.choices)}; got {choice!r}.'
@@ -145,19 +111,7 @@ def make_executor(choice: str, context: Context) -> Executor:
 
 
 def spin(executor: Executor, context: Context, stop: threading.Event) -> None:
-    """
-    Run callbacks until a flag is set or the context is shut down.
-
-    Parameters
-    ----------
-    executor : Executor
-        Holds the nodes.
-    context : Context
-        The executor's context.
-    stop : threading.Event
-        Looked at every POLL_PERIOD_S.
-
-    """
+    """Run callbacks until a flag, looked at now and then, is set or the context is shut down."""
     while context.ok() and not stop.is_set():
         # Not spin_once: leaving and entering the executor costs as much as a callback. The future
         # is never done, and made anew because executors leave callbacks of theirs on it.
@@ -223,33 +177,26 @@ def _stop_flag() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-#: A sensor's name becomes a namespace.
-_NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
-
-
-def node_per_sensor(
-    make: Callable[..., 'CompensatorNode'], **options: Any
-) -> list['CompensatorNode']:
+def node_per_sensor(make: Callable[..., SensorNode], **options: Any) -> list[SensorNode]:
     """
     Make a node for each sensor that the parameter ``sensors`` lists, or one when it lists none.
 
     Parameters
     ----------
     make : callable
-        Called as ``make(sensor=NAME, **options)``; CompensatorNode.
+        Called as ``make(sensor=NAME, **options)``; the node's ``own_topics`` are its alone.
     **options
         As rclpy's Node takes them, such as ``context``.
 
     Returns
     -------
-    list of CompensatorNode
+    list of Node
         In the order of the names.
 
     Raises
     ------
     WristFtCompError
-        When a name is unusable or comes twice, two sensors meet on a topic that each needs for
-        itself, or a node cannot be made.
+        When a name is unusable, two sensors share a topic, or a node cannot be made.
 
     """
     namespace, chosen = _ask(options)
@@ -257,10 +204,13 @@ def node_per_sensor(
     if not names:
         return [make(**options)]
     _check_names(names)
-    nodes: dict[str, CompensatorNode] = {}
+    nodes: dict[str, SensorNode] = {}
     with ExitStack() as made:
         for name in names:
-            nodes[name] = _make_one(make, name, _options_of(name, namespace, chosen, options))
+            try:
+                nodes[name] = make(sensor=name, **_options_of(name, namespace, chosen, options))
+            except WristFtCompError as error:
+                raise SettingsError(f'Sensor {name}: {error}') from error
             made.callback(nodes[name].destroy_node)
         _check_topics(nodes)
         made.pop_all()
@@ -297,12 +247,7 @@ def _options_of(
 ) -> dict[str, Any]:
     """Put one sensor's node into its namespace; the process's settings show on every node."""
     own = f'{namespace.rstrip("/")}/{name}'
-    untyped: Any = RosParameter
-    shared = [
-        untyped(row.name, row.ros_type, list(value) if isinstance(value, tuple) else value)
-        for row in PROCESS_PARAMETERS
-        for value in [chosen[row.name]]
-    ]
+    shared = [ros_parameter(row, chosen[row.name]) for row in PROCESS_PARAMETERS]
     return {
         **options,
         # A node's own arguments go before the command line's, whose __ns would unite all nodes.
@@ -311,17 +256,7 @@ def _options_of(
     }
 
 
-def _make_one(
-    make: Callable[..., 'CompensatorNode'], name: str, options: dict[str, Any]
-) -> 'CompensatorNode':
-    """Make one sensor's node; an error says which sensor's."""
-    try:
-        return make(sensor=name, **options)
-    except WristFtCompError as error:
-        raise SettingsError(f'Sensor {name}: {error}') from error
-
-
-def _check_topics(nodes: Mapping[str, 'CompensatorNode']) -> None:
+def _check_topics(nodes: Mapping[str, Any]) -> None:
     """Refuse remaps that make two sensors read one wrench, or publish on one topic."""
     users: dict[str, str] = {}
     for name, node in nodes.items():

@@ -8,7 +8,7 @@ LONGEST_WAKE_S are made up for at once, and no message is left out.
 """
 
 from collections.abc import Sequence
-from copy import copy
+from functools import partial
 import sys
 import time
 from typing import Any, cast
@@ -18,11 +18,11 @@ import numpy as np
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.ros.messages import own, SLOW_SENSOR
 from wrist_ft_comp.ros.parameters import declare, EXECUTOR_PARAMETER, Parameter, values
 from wrist_ft_comp.ros.running import run_node
 from wrist_ft_comp.simulation.ft_sensor import (
@@ -43,68 +43,42 @@ from wrist_ft_comp.simulation.run import (
 )
 
 _RUN = RunSettings()
-
-
-def _row(name: str, default: Any, description: str, **more: Any) -> Parameter:
-    """Make a row that is read at start-up only, as all are: a run is fixed when it begins."""
-    return Parameter(name, default, description, read_only=True, **more)
-
-
+#: All rows are read at start-up only: a run is fixed when it begins.
+_row = partial(Parameter, read_only=True)
 PARAMETERS = (
     EXECUTOR_PARAMETER,
     _row('seed', 1, 'Draws the specimen of the sensor, its gauges and their places.', minimum=0),
     _row('run', 0, 'Draws noise, loads and room of this run, for the same sensor.', minimum=0),
     _row('speed', 1.0, 'Simulated seconds per wall second.', minimum=0.01, maximum=10000.0),
-    _row('wrench_rate', 100.0, 'Wrenches per wall second.', unit='Hz',
-         minimum=0.1, maximum=8000.0),
+    _row('wrench_rate', 100.0, 'Wrenches per wall second.', 'Hz', 0.1, 8000.0),
     _row('temperature_rate', 10.0, 'Temperatures per wall second, of each thermometer.',
-         unit='Hz', minimum=0.1, maximum=1000.0),
+         'Hz', 0.1, 1000.0),
     _row('frame_id', 'wrist_ft', 'Frame of the messages.'),
-    _row('start_stamp_s', 0.0, 'First stamp; 0 means the time of the start.', unit='s',
-         minimum=0.0, maximum=2.0**31 - 1),
+    _row('start_stamp_s', 0.0, 'First stamp; 0 means the time of the start.',
+         's', 0.0, 2.0**31 - 1),
     _row('wait_for_subscriber', True,
          'Whether the run waits for a subscriber of one of its topics, and for a second in which '
          'no other comes.'),
-    _row('room_temperature_c', _RUN.room_c, 'Mean room temperature.', unit='°C',
-         minimum=-40.0, maximum=85.0),
+    _row('room_temperature_c', _RUN.room_c, 'Mean room temperature.', '°C', -40.0, 85.0),
     _row('room_swing_k', _RUN.room_swing_k, 'Amplitude of the slow swing of the room temperature.',
-         unit='K', minimum=0.0, maximum=20.0),
+         'K', 0.0, 20.0),
     _row('room_swing_period_s', _RUN.room_swing_period_s, 'Period of that swing.',
-         unit='simulated s', minimum=1.0),
-    _row('load.force_n', _RUN.force_n, 'Largest force of an axis; 0 is unloaded.', unit='N',
-         minimum=0.0, maximum=1000.0),
+         'simulated s', 1.0),
+    _row('load.force_n', _RUN.force_n, 'Largest force of an axis; 0 is unloaded.',
+         'N', 0.0, 1000.0),
     _row('load.torque_nm', _RUN.torque_nm, 'Largest torque of an axis; 0 is unloaded.',
-         unit='N m', minimum=0.0, maximum=100.0),
+         'N m', 0.0, 100.0),
     _row('load.period_s', _RUN.load_period_s, 'About the time from one peak of load to the next.',
-         unit='simulated s', minimum=0.1),
+         'simulated s', 0.1),
     _row('duty_cycle.start_s', _RUN.duty_start_s,
-         'Ascending times at which the duty cycle of the motor changes.', unit='simulated s',
-         minimum=0.0),
+         'Ascending times at which the duty cycle of the motor changes.', 'simulated s', 0.0),
     _row('duty_cycle.level', _RUN.duty_level, 'Duty cycle from each of these times on.',
          minimum=0.0, maximum=1.0),
 )  # fmt: skip
 
 
 def run_settings(chosen: dict[str, Any]) -> RunSettings:
-    """
-    Translate the parameters of a run.
-
-    Parameters
-    ----------
-    chosen : dict
-        Value by parameter name, as ``values`` reads them.
-
-    Returns
-    -------
-    RunSettings
-        The run they describe.
-
-    Raises
-    ------
-    SettingsError
-        When the duty schedule cannot be followed.
-
-    """
+    """Translate the parameters of a run; SettingsError when its duty cannot be followed."""
     return RunSettings(
         duty_start_s=chosen['duty_cycle.start_s'],
         duty_level=chosen['duty_cycle.level'],
@@ -117,20 +91,10 @@ def run_settings(chosen: dict[str, Any]) -> RunSettings:
     )
 
 
-#: Best effort as real drivers publish; deep enough for all messages of one wake-up.
-DRIVER_STREAM = cast('Any', QoSProfile)(
-    history=QoSHistoryPolicy.KEEP_LAST, depth=100, reliability=QoSReliabilityPolicy.BEST_EFFORT
-)
-
-
 #: Messages due within this time leave in one wake-up, which costs less than a wake-up for each.
 SHORTEST_WAKE_S = 0.004
-
-
 #: The longest pause that is made up for.
 LONGEST_WAKE_S = 0.05
-
-
 #: The run begins when no subscriber has come for so long: a node's topics are not found at once,
 #: and at a high speed a second without a thermometer is the beginning of a warm-up.
 SETTLE_S = 1.0
@@ -139,17 +103,8 @@ SETTLE_S = 1.0
 class SimulatedSensor(Node):
     """Publishes what the sensor reads, what its thermometers read, and the true wrench."""
 
-    def __init__(self, **kwargs: Any) -> None:
-        """
-        Read the parameters and get ready to run.
-
-        Parameters
-        ----------
-        **kwargs
-            Passed on to rclpy's node.
-
-        """
-        super().__init__('simulated_sensor', **kwargs)
+    def __init__(self, **options: Any) -> None:
+        super().__init__('simulated_sensor', **options)
         declare(self, PARAMETERS)
         chosen = values(self, PARAMETERS)
         random = np.random.SeedSequence([chosen['seed'], chosen['run']]).spawn(3)
@@ -189,10 +144,12 @@ class SimulatedSensor(Node):
         """Advertise the topics; their QoS can be overridden by parameters."""
 
         def advertise(message_type: Any, topic: str) -> Any:
-            overridable = QoSOverridingOptions.with_default_policies()
-            profile = copy(DRIVER_STREAM)  # rclpy writes the overrides into it
+            # Best effort as real drivers publish; deep enough for all messages of one wake-up.
             return self.create_publisher(
-                message_type, topic, profile, qos_overriding_options=overridable
+                message_type,
+                topic,
+                own(SLOW_SENSOR),
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )
 
         self._raw_publisher = advertise(WrenchStamped, 'wrench_raw')
@@ -299,20 +256,7 @@ class _Ticks:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """
-    Run the node until a signal ends it.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Command line; sys.argv by default.
-
-    Returns
-    -------
-    int
-        Exit code.
-
-    """
+    """Run the node until a signal ends it; returns the exit code."""
     return run_node(SimulatedSensor, argv)
 
 

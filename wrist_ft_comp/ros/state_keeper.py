@@ -1,49 +1,51 @@
 """Warm restarts of the node: saving thermal state and tare, and going on from them."""
 
+from collections.abc import Callable, Mapping
+from pathlib import Path
 import time
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.files.state_file import load_state, SavedState, StateWriter
 from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.warm_restart import belongs_to, longest_gap_s, ThermalMemory, too_old
-
-if TYPE_CHECKING:
-    from wrist_ft_comp.ros.compensator_node import CompensatorNode
 
 #: How long the node waits for the disk when it ends, s.
 _END_TIMEOUT_S = 2.0
-
-
 #: A system clock that was set back by less than this is no reason to forget, s.
 _SET_BACK_S = 1.0
-
-
 _SOAKED = 'the drift starts at the steady state of the first temperatures'
 
 
-class StateKeeping:
+class StateKeeper:
     """
     Goes on from the state of the node before, and saves this one's.
 
-    Parameters
-    ----------
-    node : CompensatorNode
-        The owner; its model is live and no temperature has come.
-    period_s : float
-        How often to save, s.
-
+    The compensator's first model is live and no temperature has come. Settings are save_period,
+    and use_sim_time, with which the system's clock tells nothing of gaps.
     """
 
-    def __init__(self, node: 'CompensatorNode', period_s: float) -> None:
+    def __init__(
+        self,
+        compensator: Compensator,
+        live_sha256: Callable[[], str | None],
+        path: Path,
+        settings: Mapping[str, Any],
+        log: NodeLog,
+    ) -> None:
         #: What became of the saved state, a sentence.
         self.outcome = 'there was no saved state'
-        self._node = node
-        self._period_s = period_s
-        self._path = node.store.directory / 'state.json'
-        self._writer = StateWriter(self._path)
-        self._due = time.monotonic() + period_s
-        self._told = node.compensator.tracker.origin
+        self._compensator = compensator
+        self._live_sha256 = live_sha256
+        self._path = path
+        self._period_s: float = settings['save_period']
+        self._simulated_time: bool = settings['use_sim_time']
+        self._log = log
+        self._writer = StateWriter(path)
+        self._due = time.monotonic() + self._period_s
+        self._told = compensator.tracker.origin
         self._complained = ''
         #: The saved state, until the first thermal cell tells what is made of it.
         self._loaded: SavedState | None = None
@@ -56,9 +58,14 @@ class StateKeeping:
         return self._writer.problem
 
     @property
-    def saves(self) -> tuple[int, float]:
-        """How many states were saved, and how long the last one took, s."""
-        return self._writer.written, self._writer.took_s
+    def saves(self) -> int:
+        """How many states were saved."""
+        return self._writer.written
+
+    @property
+    def save_took_s(self) -> float:
+        """How long the last save took, s."""
+        return self._writer.took_s
 
     def _restore(self) -> None:
         """Go on from the saved state, if it is of use."""
@@ -69,23 +76,19 @@ class StateKeeping:
             return
         if state is None:
             return
-        if state.model_sha256 != self._model_sha256():
+        if state.model_sha256 != self._live_sha256():
             self._begin_anew('the saved state belongs to another model, and so does its tare')
             return
         if state.tare.any():
-            self._node.compensator.restore_tare(state.tare)
-            self._node.console.info('the tare from before the restart is active')
+            self._compensator.restore_tare(state.tare)
+            self._log.info('the tare from before the restart is active')
         self.outcome = 'the saved state holds no thermal state'
-        if state.thermal is not None and self._node.compensator.model is not None:
-            self._resume(state, state.thermal)
+        if state.thermal is not None and self._compensator.model is not None:
+            self._resume(state, state.thermal, self._compensator.model)
 
-    def _resume(self, state: SavedState, memory: ThermalMemory) -> None:
+    def _resume(self, state: SavedState, memory: ThermalMemory, model: Any) -> None:
         """Go on from a thermal state, unless it makes no sense."""
-        node = self._node
-        model: Any = node.compensator.model
-        gap_s = (time.time_ns() - state.saved_ns) / NANOSECONDS
-        if node.get_parameter('use_sim_time').value:
-            gap_s = 0.0  # the system's clock tells nothing about a simulation's
+        gap_s = 0.0 if self._simulated_time else (time.time_ns() - state.saved_ns) / NANOSECONDS
         if not belongs_to(model, memory):
             self._begin_anew(f'{self._path} does not fit the model it names')
         elif gap_s < -_SET_BACK_S:
@@ -94,22 +97,22 @@ class StateKeeping:
             self._begin_anew(too_old(model, gap_s))
         else:
             self._loaded = state
-            node.compensator.resume(memory, max(gap_s, 0.0))
-            self.outcome = node.compensator.tracker.origin
+            self._compensator.resume(memory, max(gap_s, 0.0))
+            self.outcome = self._compensator.tracker.origin
 
     def _begin_anew(self, why: str) -> None:
         """Say that the saved state is of no use."""
         self.outcome = f'{why}; {_SOAKED}'
-        self._node.console.warning(self.outcome)
-
-    def _model_sha256(self) -> str | None:
-        """Hash of the live model."""
-        stored = self._node.model.stored
-        return None if stored is None else stored.sha256
+        self._log.warning(self.outcome)
 
     def _key(self) -> tuple[str | None, bytes]:
         """Return what is worth a save at once when it changes."""
-        return self._model_sha256(), self._node.compensator.tare.tobytes()
+        return self._live_sha256(), self._compensator.tare.tobytes()
+
+    def _end_ns(self) -> int | None:
+        """Tell up to when the thermal state reaches; None without one."""
+        tracker = self._compensator.tracker
+        return tracker.end_ns if tracker.following else None
 
     def poll(self) -> None:
         """Tell what became of the saved state, and save what changed or is due."""
@@ -117,42 +120,37 @@ class StateKeeping:
         if self.problem != self._complained:
             self._complained = self.problem
             if self.problem:
-                self._node.console.error(self.problem)
+                self._log.error(self.problem)
         due = time.monotonic() >= self._due and self._end_ns() != self._saved_end_ns
         if due or self._key() != self._saved:
             self.save()
 
     def _tell_origin(self) -> None:
         """Log how the drift started, when that is known."""
-        compensator = self._node.compensator
-        if compensator.tracker.origin == self._told:
+        tracker = self._compensator.tracker
+        if tracker.origin == self._told:
             return
-        self._told = compensator.tracker.origin
+        self._told = tracker.origin
         if self._loaded is not None:
             self.outcome = self._told
-            if not compensator.tracker.awaiting_gap:
+            if not tracker.awaiting_gap:
                 self._loaded = None
         # One call site each: rclpy insists that a call site keeps its severity.
-        if compensator.tracker.forgot:
-            self._node.console.warning(self._told)
+        if tracker.forgot:
+            self._log.warning(self._told)
         else:
-            self._node.console.info(self._told)
-
-    def _end_ns(self) -> int | None:
-        """Tell up to when the thermal state reaches; None without one."""
-        tracker = self._node.compensator.tracker
-        return tracker.end_ns if tracker.following else None
+            self._log.info(self._told)
 
     def save(self) -> None:
         """Have the present state saved; returns at once."""
-        compensator = self._node.compensator
+        compensator = self._compensator
         self._due = time.monotonic() + self._period_s
         self._saved, self._saved_end_ns = self._key(), self._end_ns()
-        # What was loaded and is not yet in use is as old as it was.
-        waiting = compensator.tracker.awaiting_gap and self._loaded is not None
-        saved_ns = self._loaded.saved_ns if waiting and self._loaded else time.time_ns()
+        saved_ns = time.time_ns()
+        if self._loaded is not None and compensator.tracker.awaiting_gap:
+            saved_ns = self._loaded.saved_ns  # what is not yet in use is as old as it was
         self._writer.put(
-            SavedState(saved_ns, self._model_sha256(), compensator.tare, compensator.memory())
+            SavedState(saved_ns, self._live_sha256(), compensator.tare, compensator.memory())
         )
 
     def end(self) -> None:
@@ -160,6 +158,6 @@ class StateKeeping:
         if self._end_ns() != self._saved_end_ns or self._key() != self._saved:
             self.save()
         if not self._writer.end(_END_TIMEOUT_S):
-            self._node.console.error(f'{self._path} was not saved: the disk does not answer.')
+            self._log.error(f'{self._path} was not saved: the disk does not answer.')
         elif self.problem:
-            self._node.console.error(self.problem)
+            self._log.error(self.problem)

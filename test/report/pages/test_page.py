@@ -11,10 +11,11 @@ import pytest
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files import documents as atomic
+from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.report.evaluation import evaluate
 from wrist_ft_comp.report.of_calibration import calibration_view
 from wrist_ft_comp.report.of_evaluation import evaluation_view
-from wrist_ft_comp.report.page import headline, number, page, write_report
+from wrist_ft_comp.report.page import headline, number, page
 
 VOID = {'meta', 'br', 'hr', 'img', 'link', 'input'}
 KINDS = ('good', 'weak', 'none', 'evaluation', 'chamber')
@@ -266,14 +267,14 @@ def test_names_that_are_no_text_do_not_stop_the_report(make, tmp_path):
     _, stored = make.learn([make.recording()], tmp_path, method='pls')
     path = tmp_path / 'r.html'
     shown = [make.evaluated(stored, make.recording('\udcff.csv'), 'unloaded')]
-    write_report(path, evaluation_view(stored, shown, 60.0))
+    write_report(path, page(evaluation_view(stored, shown, 60.0)))
     assert '?.csv' in path.read_text(encoding='utf-8')
 
 
 def test_an_old_report_is_replaced_and_nothing_else_is_left(view, tmp_path):
     path = tmp_path / 'r.html'
     path.write_text('old')
-    write_report(path, view('none'))
+    write_report(path, page(view('none')))
     assert Outline(path.read_text(encoding='utf-8')).seen[0] == 'html'
     assert [each.name for each in tmp_path.iterdir()] == ['r.html']
 
@@ -287,11 +288,11 @@ def test_a_failure_keeps_the_old_report(view, tmp_path, monkeypatch):
 
     monkeypatch.setattr(atomic, 'sync', full)
     with pytest.raises(RecordingError, match='No space left'):
-        write_report(path, view('none'))
+        write_report(path, page(view('none')))
     assert path.read_text() == 'old'
     assert [each.name for each in tmp_path.iterdir()] == ['r.html']
 
 
 def test_a_missing_folder_is_a_sentence(view, tmp_path):
     with pytest.raises(RecordingError, match='cannot be written'):
-        write_report(tmp_path / 'no' / 'r.html', view('none'))
+        write_report(tmp_path / 'no' / 'r.html', page(view('none')))

@@ -111,7 +111,7 @@ class Rig:
 
     def warm(self, stamp: int, *values: float) -> None:
         """Send one reading per thermometer, and wait until the node has them."""
-        counts = self.node.counts
+        counts = self.node.health.counts
         goal = counts.temperatures + counts.bad_temperatures + len(values)
         self.put_temperature(stamp, *values)
         pause = threading.Event()

@@ -184,7 +184,7 @@ def test_a_frame_that_is_no_text_does_not_end_the_node(rig, make_model, name):
     node = rig(parameters={'model_file': str(make_model('m.yaml').path)})
     whole = serialize_message(wrench_message(START, 'abc', LOAD))
     node.put_bytes(whole[:16] + name.ljust(4, b'\0') + whole[20:])
-    node.bench.wait_until(lambda: node.node.counts.published == 1, 'the output')
+    node.bench.wait_until(lambda: node.node.health.counts.published == 1, 'the output')
     node.outputs.queue.clear()
     for second in range(4):
         node.warm(START + second * SECOND, 25.0)

@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
-from wrist_ft_comp.ros.diagnostics import input_concern
+from wrist_ft_comp.ros.diagnostics import diagnostics
 from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.stream.input_checks import SensorWatch
 
@@ -147,9 +147,9 @@ class TestWrench:
         # It has to have moved before, or it is an axis that is not there.
         moving = [1, 1, 1, 1, 1, 0] * (RAW + rng.normal(0, 5.0, (20, 6)))
         node.stream([next(stamps) for _ in range(20)], moving)
-        node.bench.wait_until(lambda: node.node.watch.sensor._received > 0, 'a look')
+        node.bench.wait_until(lambda: node.node.health.sensor._received > 0, 'a look')
         assert node.diagnosis('input', saturated).level == WARN
-        assert node.node.watch.sensor.saturated == ('force_z',)
+        assert node.node.health.sensor.saturated == ('force_z',)
         log(node, 'input: force_z stays at its extreme; is the sensor saturated?')
         unharmed(node)
 
@@ -171,10 +171,10 @@ class TestWrench:
         node = warm()
         rng = np.random.default_rng(0)
         for stamp in stamps:
-            look = node.node.watch.sensor._received
+            look = node.node.health.sensor._received
             found = node.ask_output(stamp, RAW + rng.normal(0, 0.001, 6))
             assert found[2] == pytest.approx(25.0, abs=0.1)
-            node.bench.wait_until(lambda look=look: node.node.watch.sensor._received > look, 'it')
+            node.bench.wait_until(lambda look=look: node.node.health.sensor._received > look, 'it')
 
         def told(status):
             node.ask_output(stamps[-1], RAW + rng.normal(0, 0.001, 6))
@@ -188,7 +188,7 @@ class TestWrench:
         """A name of the same length, which no layout of bytes would tell."""
         node = warm()
         node.ask_output(START + 20 * SECOND, RAW)
-        node.bench.wait_until(lambda: node.node.watch._frame == 'tool0', 'a look')
+        node.bench.wait_until(lambda: node.node.health.frame == 'tool0', 'a look')
 
         def told(status):
             node.put(START + 21 * SECOND, RAW, frame='tool1')
@@ -375,14 +375,14 @@ class TestQualityOfService:
         )
         best_effort = QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
         bench.helper.create_publisher(WrenchStamped, topic, best_effort)
-        bench.wait_until(lambda: 'wrench_raw' in node.watch.incompatible, 'the event')
-        assert node.watch.incompatible == {'wrench_raw': 'reliability'}
+        bench.wait_until(lambda: 'wrench_raw' in node.health.incompatible, 'the event')
+        assert node.health.incompatible == {'wrench_raw': 'reliability'}
         seen = []
         bench.wait_until(
             lambda: seen.append(capfd.readouterr().err) or 'offers less reliability' in str(seen),
             'the log',
         )
-        assert input_concern(node, node.counts.period(0)).sentence == (
+        assert diagnostics(node._snapshot())[0].message == (
             'no raw wrenches arrive: their publisher offers less reliability than is asked for'
         )
 

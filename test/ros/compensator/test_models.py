@@ -14,7 +14,7 @@ OK, WARN, ERROR = b'\0', b'\1', b'\2'
 
 def live(node):
     """Name of the live model, as the node and its diagnostics tell."""
-    stored = node.node.model.stored
+    stored = node.node.live.stored
     status = node.diagnosis('model')
     numbers = {each.key: each.value for each in status.values}
     assert numbers.get('file') == (None if stored is None else str(stored.path))
@@ -94,7 +94,7 @@ class TestRestart:
         assert first.set('model_file', 'models/a.yaml').successful
         again = rig()
         assert live(again) == 'a.yaml'
-        assert again.node.model.problem == ''
+        assert again.node.live.problem == ''
 
     def test_after_a_rollback_to_none_has_none(self, rig, make_model):
         make_model('a.yaml')
@@ -152,7 +152,7 @@ class TestNewestDecision:
         parameters = {'model_file': str(given.path)}
         first = rig(parameters=parameters)
         assert live(first) == 'given.yaml'
-        first.node.model.take(later)
+        first.node.live.take(later)
         again = rig(parameters=parameters)
         assert live(again) == 'later.yaml'
         assert 'was made live after that: the latter goes on' in capfd.readouterr().err
@@ -173,16 +173,16 @@ class TestNewestDecision:
         given = make_model('given.yaml', {'force_x': (1.0, 0, 0)})
         later = make_model('later.yaml', {'force_y': (1.0, 0, 0)})
         parameters = {'model_file': str(given.path)}
-        rig(parameters=parameters).node.model.take(later)
+        rig(parameters=parameters).node.live.take(later)
         changed = make_model('given.yaml', {'force_x': (2.0, 0, 0)})
         node = rig(parameters=parameters)
         assert live(node) == 'given.yaml'
-        assert node.node.model.stored.sha256 == changed.sha256
+        assert node.node.live.stored.sha256 == changed.sha256
 
     def test_the_model_file_stands_in_for_a_later_one_that_cannot_be_used(self, rig, make_model):
         given, later = make_model('given.yaml'), make_model('later.yaml', {'force_x': (1, 0, 0)})
         parameters = {'model_file': str(given.path)}
-        rig(parameters=parameters).node.model.take(later)
+        rig(parameters=parameters).node.live.take(later)
         later.path.unlink()
         assert live(rig(parameters=parameters)) == 'given.yaml'
 

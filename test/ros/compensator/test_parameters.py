@@ -87,7 +87,7 @@ def test_no_thermometer_is_an_error(rig):
 
 
 def job_of(node):
-    return node.node.calibration._job()
+    return node.node.make_request()
 
 
 def test_a_calibration_takes_the_parameters_of_its_time(rig):

@@ -122,7 +122,7 @@ def test_unusable_references_are_counted_and_left_out(rig):
     send_reference = node.reference()
     send_reference(START, [math.nan] * 6)
     send_reference(START + 1, [3.0] * 6)
-    counts, averager = node.node.counts, node.node.recording.current.averager
+    counts, averager = node.node.health.counts, node.node.recording.current.averager
     node.bench.wait_until(lambda: averager._reference.latest > 0, 'the reference')
     assert counts.bad_references == 1
     feed(node, 2)

@@ -138,7 +138,7 @@ def test_a_broken_state_is_said_and_replaced(rig, stored, tmp_path, capfd, conte
     assert 'state.json is not a state file' in capfd.readouterr().err
     for second in range(3):
         node.warm(START + second * SECOND, 30.0)
-    node.bench.wait_until(lambda: node.node.keeping.saves[0] > 0, 'a save')
+    node.bench.wait_until(lambda: node.node.state_keeper.saves > 0, 'a save')
     assert load_state(path) is not None
 
 

@@ -70,7 +70,7 @@ def test_every_wrench_gets_one_output_in_order(rig, executor):
     wrenches = np.random.default_rng(1).normal(size=(2000, 6))
     np.testing.assert_array_equal(node.stream(stamps, wrenches), wrenches)
     assert node.outputs.empty()
-    assert node.node.counts.published == 2000
+    assert node.node.health.counts.published == 2000
 
 
 def test_the_output_is_the_core_s_correction(rig, make_model):
@@ -142,7 +142,7 @@ def test_unusable_wrenches_are_counted_and_the_stream_goes_on(rig, executor):
     node.put(START, [0, np.inf, -np.inf, 0, 0, 0])
     assert node.ask_output(START + 1, LOAD) == tuple(LOAD)
     assert node.outputs.empty()
-    counts = node.node.counts
+    counts = node.node.health.counts
     assert (counts.malformed, counts.not_finite, counts.wrenches) == (4, 4, 1)
     status = node.diagnosis('input')
     numbers = {each.key: each.value for each in status.values}
@@ -156,21 +156,21 @@ def test_unusable_temperatures_do_not_move_the_drift(rig, make_model):
         node.warm(START + second * SECOND, 25.0)
         node.warm(START + second * SECOND + 1000, np.nan)
     node._temperatures[0].publish(b'\0\1\0\0 too short')
-    node.bench.wait_until(lambda: node.node.counts.bad_temperatures == 5, 'the last one')
+    node.bench.wait_until(lambda: node.node.health.counts.bad_temperatures == 5, 'the last one')
     assert node.ask_output(START + 5 * SECOND, LOAD)[2] == pytest.approx(LOAD[2] - 10.0)
 
 
 def test_without_a_model_wrenches_pass_or_nothing_does(rig):
     node = rig(parameters={'uncalibrated': 'silent'})
     node.put(START, LOAD)
-    node.bench.wait_until(lambda: node.node.counts.wrenches == 1, 'the wrench')
+    node.bench.wait_until(lambda: node.node.health.counts.wrenches == 1, 'the wrench')
     assert node.set('uncalibrated', 'passthrough').successful
     assert node.ask_output(START + 1, LOAD) == tuple(LOAD)
     assert node.set('uncalibrated', 'silent').successful
     node.put(START + 2, LOAD)
-    node.bench.wait_until(lambda: node.node.counts.wrenches == 3, 'the wrench')
+    node.bench.wait_until(lambda: node.node.health.counts.wrenches == 3, 'the wrench')
     assert node.outputs.empty()
-    assert node.node.counts.published == 1
+    assert node.node.health.counts.published == 1
 
 
 def test_a_driver_that_does_not_stamp_is_compensated(rig, make_model):

@@ -38,8 +38,8 @@ def test_topics_and_the_node_can_be_remapped(bench, tmp_path):
     assert outputs.get(timeout=TIMEOUT_S).header.stamp.nanosec == 7
     answer = bench.call(Trigger, '/cell_1/left_ft/rollback', Trigger.Request())
     assert 'no earlier model' in answer.message
-    node.recording._start()
-    job_topics = node.calibration._job().topics
+    node.recording.start()
+    job_topics = node.make_request().topics
     assert (job_topics.wrench, job_topics.temperatures) == ('/driver/ft', ('/driver/heat',))
 
 
@@ -66,7 +66,7 @@ def test_simulated_time_stamps_what_has_no_stamp(rig, bench, clock):
         clocks.publish(Clock(clock=Time(sec=4321)))
         bench.wait_until(lambda: node.node._now_ns() == 4321 * SECOND, 'the clock')
     assert node.ask_output(0, LOAD) == tuple(LOAD)
-    stamp, _ = node.node.compensator._last
+    stamp = node.node._newest[0]
     assert stamp == (4321 * SECOND if clock == 'published' else 0)
     assert node.diagnosis('input').name.endswith('input')
     answer = node.call('tare')
@@ -92,9 +92,9 @@ def test_quality_of_service_can_be_overridden_for_one_topic_only(bench, rig, tmp
     assert node._output.qos_profile.reliability == best_effort
     assert node._drift.qos_profile.reliability == reliable
     assert node._diagnostics.qos_profile.reliability == reliable
-    assert node.raw_subscription.qos_profile.reliability == reliable
-    assert node.temperature_subscriptions[0].qos_profile.depth == 7
-    assert plain.node.temperature_subscriptions[0].qos_profile.depth == 100
+    assert node._raw.qos_profile.reliability == reliable
+    assert node._temperatures[0].qos_profile.depth == 7
+    assert plain.node._temperatures[0].qos_profile.depth == 100
     assert qos.OUTPUT.reliability == reliable
     assert qos.FAST_SENSOR.reliability == best_effort
     for _ in range(2):
@@ -102,7 +102,8 @@ def test_quality_of_service_can_be_overridden_for_one_topic_only(bench, rig, tmp
             request = SetBool.Request(data=data)
             assert bench.call(SetBool, '/other/wrist_ft_comp/record', request).success
             if data:
-                assert node.recording._reference.qos_profile.depth == 8
+                depths = {s.topic_name: s.qos_profile.depth for s in node.subscriptions}
+                assert depths['/other/wrench_reference'] == 8
 
 
 def test_two_thermometers_on_one_topic_are_two_thermometers(bench, tmp_path):

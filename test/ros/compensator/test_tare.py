@@ -14,7 +14,7 @@ STAMPS = START + np.arange(51) * SECOND // 50
 def begin(node):
     """Ask for a tare; wait until the node has begun."""
     answers = node.ask('tare')
-    node.bench.wait_until(lambda: node.node.tare.collector is not None, 'the tare')
+    node.bench.wait_until(lambda: node.node.tare._running is not None, 'the tare')
     return answers
 
 

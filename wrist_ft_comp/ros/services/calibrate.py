@@ -1,5 +1,6 @@
-"""The service ~/calibrate: from parameters to a process, from its outcome to an answer."""
+"""The service ~/calibrate: a process that fits, and what becomes of its outcome."""
 
+from collections.abc import Callable
 from contextlib import suppress
 import json
 import os
@@ -8,44 +9,24 @@ import signal
 import subprocess
 import sys
 import time
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from wrist_ft_comp import ONE_THREAD
-from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, WristFtCompError
-from wrist_ft_comp.files.bag import Topics
+from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
 from wrist_ft_comp.files.job_request import CalibrationJob, encode_job, UNTIL_CLOSED
 from wrist_ft_comp.files.model_file import restore_model
-from wrist_ft_comp.model.signals import NANOSECONDS
-from wrist_ft_comp.ros.parameters import PARAMETERS, values
+from wrist_ft_comp.model.drift_model import StoredModel
+from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.services.deferred import Reply
-
-if TYPE_CHECKING:
-    from wrist_ft_comp.ros.compensator_node import CompensatorNode
 
 #: What runs a job that comes on standard input, and ends when that is closed: also when this
 #: process is killed and cannot say so.
 COMMAND = (sys.executable, '-m', 'wrist_ft_comp.cli.calibration_job', UNTIL_CLOSED)
-
-
 _END_TIMEOUT_S = 5.0
 
 
 class CalibrationProcess:
-    """
-    One running calibration.
-
-    Parameters
-    ----------
-    job : CalibrationJob
-        What to do.
-
-    Raises
-    ------
-    OSError
-        When the process cannot be started.
-
-    """
+    """One running calibration; OSError when it cannot be started."""
 
     def __init__(self, job: CalibrationJob) -> None:
         self._process = subprocess.Popen(  # noqa: S603 -- our own command line
@@ -56,22 +37,18 @@ class CalibrationProcess:
             env={**os.environ, **ONE_THREAD},
             start_new_session=True,  # Ctrl-C in the terminal is the node's to handle
         )
-        _, output, errors = self._pipes()
-        for pipe in (output, errors):
-            os.set_blocking(pipe.fileno(), False)
-        self._read: tuple[list[bytes], list[bytes]] = ([], [])
-        self._give(encode_job(job).encode())
+        entrance, *exits = self._pipes()
+        #: What came so far, per pipe.
+        self._read: dict[int, list[bytes]] = {pipe.fileno(): [] for pipe in exits}
+        for pipe in self._read:
+            os.set_blocking(pipe, False)
+        with suppress(BrokenPipeError):  # a process that has died already says so in poll
+            entrance.write(encode_job(job).encode() + b'\n')
+            entrance.flush()
 
     def _pipes(self) -> tuple[Any, Any, Any]:
         """Return standard input, output and error."""
         return self._process.stdin, self._process.stdout, self._process.stderr
-
-    def _give(self, job: bytes) -> None:
-        """Write the job as a line; a process that has died already says so in poll."""
-        entrance = self._pipes()[0]
-        with suppress(BrokenPipeError):
-            entrance.write(job + b'\n')
-            entrance.flush()
 
     @property
     def pid(self) -> int:
@@ -79,22 +56,17 @@ class CalibrationProcess:
         return self._process.pid
 
     def poll(self) -> dict[str, Any] | None:
-        """
-        Look whether it has ended.
-
-        Returns
-        -------
-        dict or None
-            None while it runs; then ``success``, ``message`` and, on success, ``path``,
-            ``sha256`` and ``document`` of the model.
-
-        """
+        """Give the outcome, as cli.calibration_job writes it; None while it runs."""
         ended = self._process.poll()
-        for pipe, parts in zip(self._pipes()[1:], self._read, strict=True):
-            _drain(pipe.fileno(), parts)
+        for pipe, parts in self._read.items():
+            with suppress(BlockingIOError):  # so that a full pipe never stops the process
+                while part := os.read(pipe, 1 << 16):
+                    parts.append(part)
         if ended is None:
             return None
-        output, errors = (b''.join(parts).decode(errors='replace') for parts in self._read)
+        output, errors = (
+            b''.join(parts).decode(errors='replace') for parts in self._read.values()
+        )
         self._close()
         try:
             outcome: dict[str, Any] = json.loads(output)
@@ -125,30 +97,27 @@ class CalibrationProcess:
                 pipe.close()
 
 
-def _drain(pipe: int, parts: list[bytes]) -> None:
-    """Read what is there, so that a full pipe never stops the process."""
-    with suppress(BlockingIOError):
-        while part := os.read(pipe, 1 << 16):
-            parts.append(part)
-
-
-class CalibrationControl:
+class CalibrateService:
     """
-    Owns the process that makes the next model, if one runs.
+    Runs a calibration in a process of its own, and makes its model live.
 
-    Parameters
-    ----------
-    node : CompensatorNode
-        The owner.
-
+    ``make_request`` and ``go_live`` refuse by WristFtCompError; ``go_live`` returns a warning, or
+    nothing.
     """
 
-    def __init__(self, node: 'CompensatorNode') -> None:
+    def __init__(
+        self,
+        make_request: Callable[[], CalibrationJob],
+        go_live: Callable[[StoredModel], str],
+        log: NodeLog,
+    ) -> None:
         #: What the last one answered; empty before the first.
         self.last_outcome = ''
         #: Whether the last one changed nothing.
         self.refused = False
-        self._node = node
+        self._make_request = make_request
+        self._go_live = go_live
+        self._log = log
         self._running: tuple[CalibrationProcess, Reply, float] | None = None
 
     @property
@@ -166,45 +135,17 @@ class CalibrationControl:
             )
             return
         try:
-            self._running = (CalibrationProcess(self._job()), reply, time.monotonic())
+            process = CalibrationProcess(self._make_request())
         except WristFtCompError as error:
             self._refuse(str(error), reply)
         except OSError as error:
             why = f'The calibration cannot be started: {error}. Mend that, then call again.'
             self._refuse(why, reply)
-
-    def _job(self) -> CalibrationJob:
-        """Build the job from the parameters."""
-        node = self._node
-        given = values(node, PARAMETERS)
-        named = tuple(node.store.locate(path) for path in given['calibration.recordings'])
-        recordings = named or tuple(node.store.recordings())
-        if not recordings:
-            raise RecordingError(
-                f'There is no recording in {node.store.directory / "recordings"}. Record a '
-                'warm-up with ~/record, or set calibration.recordings.'
-            )
-        output = node.store.new_model_path()
-        return CalibrationJob(
-            recordings=recordings,
-            output=output,
-            report=output.with_suffix('.html'),
-            settings=CalibrationSettings(
-                reference=given['calibration.reference'],
-                min_temperature_span_k=given['calibration.min_temperature_span'],
-                identification=IdentificationSettings(method=given['calibration.method']),
-            ),
-            period_s=node.compensator.tracker.grid.period_ns / NANOSECONDS,
-            topics=Topics(
-                wrench=node.raw_subscription.topic_name,
-                temperatures=tuple(s.topic_name for s in node.temperature_subscriptions),
-                reference=node.resolve_topic_name('wrench_reference'),
-            ),
-            skip_unusable=not named,
-        )
+        else:
+            self._running = process, reply, time.monotonic()
 
     def poll(self) -> None:
-        """Look whether the calibration is done; if so, swap its model in and answer."""
+        """Look whether the calibration is done; if so, make its model live and answer."""
         if self._running is None:
             return
         process, reply, _ = self._running
@@ -218,23 +159,24 @@ class CalibrationControl:
             self._refuse(str(error), reply)
             return
         self.last_outcome, self.refused = message, False
-        self._node.console.info(f'calibrated: {message}')
+        self._log.info(f'calibrated: {message}')
         reply(success=True, message=message)
 
     def _take(self, outcome: dict[str, Any]) -> str:
         """Make the model of a successful outcome live; return what to answer."""
-        if not outcome['success']:
-            raise CalibrationRefusedError(outcome['message'])
-        stored = restore_model(Path(outcome['path']), outcome['sha256'], outcome['document'])
-        problem = self._node.model.take(stored)
         message: str = outcome['message']
+        if not outcome['success']:
+            raise CalibrationRefusedError(message)
+        problem = self._go_live(
+            restore_model(Path(outcome['path']), outcome['sha256'], outcome['document'])
+        )
         return f'{message}\nwarning: {problem}' if problem else message
 
     def _refuse(self, why: str, reply: Reply) -> None:
         """Answer that nothing changed, and why."""
         self.last_outcome, self.refused = why, True
-        self._node.note_refusal('~/calibrate', why)
-        self._node.console.error(f'not calibrated: {why}')
+        self._log.note_refusal('~/calibrate', why)
+        self._log.error(f'not calibrated: {why}')
         reply(success=False, message=why)
 
     def end(self) -> bool:

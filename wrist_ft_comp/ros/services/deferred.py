@@ -13,20 +13,10 @@ from rclpy.node import Node
 
 
 class Reply:
-    """
-    The answer to one request: call it once, now or later; further calls do nothing.
-
-    Parameters
-    ----------
-    response : object
-        A response with ``success`` and ``message``, such as std_srvs/Trigger's.
-    send : callable
-        Sends a response to the asker a header names.
-
-    """
+    """The answer to one request: call it once, now or later; further calls do nothing."""
 
     def __init__(self, response: Any, send: Callable[[Any, Any], None]) -> None:
-        self.response = response
+        self._response = response
         self._send = send
         self._header: Any = None
         self._answered = False
@@ -36,40 +26,22 @@ class Reply:
         if self._answered:
             return
         self._answered = True
-        self.response.success, self.response.message = success, message
+        self._response.success, self._response.message = success, message
         if self._header is not None:
-            self._send(self.response, self._header)
+            self._send(self._response, self._header)
 
     def arrive(self, header: Any) -> None:
         """Take the header, which comes after the callback has returned."""
         self._header = header
         if self._answered:
-            self._send(self.response, header)
+            self._send(self._response, header)
 
 
 class DeferredService:
-    """
-    A service whose handler gets a Reply instead of returning a response.
-
-    Parameters
-    ----------
-    node : Node
-        The owner.
-    service_type : type
-        Response with ``success`` and ``message``.
-    name : str
-        Service name.
-    handler : callable
-        Called as ``handler(request, reply)``.
-
-    """
+    """A service whose handler gets a Reply beside the request, instead of returning a response."""
 
     def __init__(
-        self,
-        node: Node,
-        service_type: Any,
-        name: str,
-        handler: Callable[[Any, Reply], None],
+        self, node: Node, service_type: Any, name: str, handler: Callable[[Any, Reply], None]
     ) -> None:
         self._handler = handler
         self._replies: dict[int, Reply] = {}

@@ -1,42 +1,24 @@
 """The service ~/record: starting and ending the node's own recording."""
 
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
-
-from geometry_msgs.msg import WrenchStamped
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from typing import Any
 
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.files.csv_file import CsvRecordingWriter
+from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.model.signals import NANOSECONDS
 from wrist_ft_comp.model.stream_grid import CompletedCells
-from wrist_ft_comp.ros import messages as qos
+from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
+from wrist_ft_comp.stream.compensator import Compensator
 
-if TYPE_CHECKING:
-    from wrist_ft_comp.ros.compensator_node import CompensatorNode
+_REMEDY = 'Make room or choose another data_directory'
 
 
 class OwnRecording:
-    """
-    A recording in progress.
-
-    Parameters
-    ----------
-    path : Path
-        A new CSV file.
-    period_ns : int
-        Cell length h, ns.
-    thermometers : int
-        Number of thermometers J.
-
-    Raises
-    ------
-    RecordingError
-        When the file cannot be made.
-
-    """
+    """A recording in progress, a row per thermal cell; RecordingError when the disk refuses."""
 
     def __init__(self, path: Path, period_ns: int, thermometers: int) -> None:
         self.path = path
@@ -46,34 +28,13 @@ class OwnRecording:
         self._writer = CsvRecordingWriter(path, row_channels(thermometers))
 
     def write(self, *, final: bool = False) -> None:
-        """
-        Append the rows that are complete.
-
-        Parameters
-        ----------
-        final : bool
-            Whether nothing more will come.
-
-        Raises
-        ------
-        RecordingError
-            When the disk refuses.
-
-        """
+        """Append the rows that are complete; all there are when nothing more will come."""
         for stamp_ns, values in self.averager.rows(final=final):
             self._writer.append(stamp_ns, values)
             self.rows += 1
 
     def close(self) -> None:
-        """
-        Write what is left, and close.
-
-        Raises
-        ------
-        RecordingError
-            When the disk refuses; the file is closed nevertheless.
-
-        """
+        """Write what is left, and close, also when the disk refuses."""
         try:
             self.write(final=True)
         except RecordingError:
@@ -90,68 +51,64 @@ class OwnRecording:
             self._writer.close()
 
 
-class RecordingControl:
+class RecordService:
     """
-    Owns the recording that runs, if one does, and the subscription to its reference.
+    Records what is pushed to it, while a recording runs.
 
-    Parameters
-    ----------
-    node : CompensatorNode
-        The owner.
-
+    What ``subscribe_reference`` returns ends the subscription to the reference wrench again.
     """
 
-    def __init__(self, node: 'CompensatorNode') -> None:
+    def __init__(
+        self,
+        compensator: Compensator,
+        store: ModelStore,
+        subscribe_reference: Callable[[], Callable[[], None]],
+        log: NodeLog,
+    ) -> None:
         #: The recording that runs.
         self.current: OwnRecording | None = None
         #: Why the last one ended early; empty when it did not.
         self.failure = ''
-        self._node = node
-        self._reference: Any = None
+        self._compensator = compensator
+        self._store = store
+        self._subscribe_reference = subscribe_reference
+        self._log = log
+        self._unsubscribe: Callable[[], None] = lambda: None
 
     def on_request(self, request: Any, response: Any) -> Any:
         """Start or end the recording, as SetBool's data says."""
         try:
-            response.message = self._start() if request.data else self._end()
+            response.message = self.start() if request.data else self._finish()
             response.success = True
         except WristFtCompError as error:
             response.success, response.message = False, str(error)
-            self._node.note_refusal('~/record', str(error))
+            self._log.note_refusal('~/record', str(error))
         return response
 
-    def _start(self) -> str:
+    def start(self) -> str:
         """Start recording; say where to."""
         if self.current is not None:
             raise RecordingError(
                 f'A recording runs already, into {self.current.path}. End it first, with data: '
                 'false.'
             )
-        node = self._node
-        remedy = 'Make room or choose another data_directory.'
         try:
-            path = node.store.new_recording_path()
+            path = self._store.new_recording_path()
             self.current = OwnRecording(
-                path, node.compensator.tracker.grid.period_ns, node.compensator.thermometers
+                path, self._compensator.tracker.grid.period_ns, self._compensator.thermometers
             )
         except OSError as error:
             raise RecordingError(
-                f'{node.store.directory} cannot be written: {error.strerror}. {remedy}'
+                f'{self._store.directory} cannot be written: {error.strerror}. {_REMEDY}.'
             ) from error
         except RecordingError as error:
-            raise RecordingError(f'{error} {remedy}') from error
+            raise RecordingError(f'{error} {_REMEDY}.') from error
         # Only while recording: a reference at a kilohertz costs as much as the wrench itself.
-        self._reference = node.create_subscription(
-            WrenchStamped,
-            'wrench_reference',
-            node.on_reference,
-            qos.own(qos.FAST_SENSOR),
-            raw=True,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        self._unsubscribe = self._subscribe_reference()
         self.failure = ''
         return f'recording into {path}'
 
-    def _end(self) -> str:
+    def _finish(self) -> str:
         """End the recording; say what it holds."""
         if self.current is None:
             raise RecordingError(self.failure or 'No recording runs. Start one with data: true.')
@@ -163,19 +120,21 @@ class RecordingControl:
     def _stop(self, recording: OwnRecording) -> OwnRecording:
         """Let nothing more come in."""
         self.current = None
-        self._node.destroy_subscription(self._reference)
+        self._unsubscribe()
         return recording
 
+    def add_raw(self, stamp_ns: int, raw: Sequence[float]) -> None:
+        """Take one raw wrench, N and N m."""
+        if self.current is not None:
+            self.current.averager.add_raw(stamp_ns, raw)
+
+    def add_reference(self, stamp_ns: int, reference: Sequence[float]) -> None:
+        """Take one reference wrench, N and N m."""
+        if self.current is not None:
+            self.current.averager.add_reference(stamp_ns, reference)
+
     def add_cells(self, cells: list[CompletedCells]) -> None:
-        """
-        Append rows for completed cells; a disk that refuses ends the recording, not the stream.
-
-        Parameters
-        ----------
-        cells : list of CompletedCells
-            From the thermal grid.
-
-        """
+        """Append rows for thermal cells; a full disk ends the recording, not the stream."""
         if self.current is not None:
             self.current.averager.add_cells(cells)
             self._write(self.current)
@@ -192,27 +151,27 @@ class RecordingControl:
         except RecordingError as error:
             self._stop(recording).abandon()
             self.failure = (
-                f'{error} The recording has ended after {recording.rows} thermal cells. Make '
-                'room or choose another data_directory, then record again.'
+                f'{error} The recording has ended after {recording.rows} thermal cells. '
+                f'{_REMEDY}, then record again.'
             )
-            self._node.console.error(self.failure)
+            self._log.error(self.failure)
 
     def follow_period(self) -> None:
         """End the recording when a new model has brought another thermal period."""
-        recording, period_ns = self.current, self._node.compensator.tracker.grid.period_ns
+        recording, period_ns = self.current, self._compensator.tracker.grid.period_ns
         if recording is not None and recording.period_ns != period_ns:
             self.end()
             self.failure = (
                 f'The recording into {recording.path} has ended: the new model has thermal cells '
                 f'of {period_ns / NANOSECONDS:g} s. Record again.'
             )
-            self._node.console.warning(self.failure)
+            self._log.warning(self.failure)
 
     def end(self) -> None:
         """Close the recording that runs, if one does, and log what it holds."""
         if self.current is None:
             return
         try:
-            self._node.console.info(self._end())
+            self._log.info(self._finish())
         except RecordingError as error:
-            self._node.console.error(str(error))
+            self._log.error(str(error))

@@ -1,97 +1,94 @@
 """The services ~/tare and ~/reset_tare."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 import time
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.model.signals import AXES, axis_unit
-from wrist_ft_comp.ros.parameters import PARAMETERS, values
+from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.services.deferred import Reply
+from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector
-
-if TYPE_CHECKING:
-    from wrist_ft_comp.ros.compensator_node import CompensatorNode
 
 #: A tare that gets no wrenches is answered this long after it should have been done, s.
 _GRACE_S = 2.0
 
 
-class TareControl:
-    """
-    Owns the tare that is being taken, if one is.
+class TareService:
+    """Takes a tare from the wrenches that are pushed to it; ``save`` keeps it over a restart."""
 
-    Parameters
-    ----------
-    node : CompensatorNode
-        The owner.
-
-    """
-
-    def __init__(self, node: 'CompensatorNode') -> None:
-        #: Collects the wrenches of the tare that is being taken.
-        self.collector: TareCollector | None = None
-        self._node = node
-        self._reply: Reply | None = None
-        self._deadline = 0.0
+    def __init__(
+        self,
+        compensator: Compensator,
+        settings: Callable[[], Mapping[str, Any]],
+        save: Callable[[], None],
+        log: NodeLog,
+    ) -> None:
+        self._compensator = compensator
+        self._settings = settings
+        self._save = save
+        self._log = log
+        self._running: tuple[TareCollector, Reply, float] | None = None
 
     def on_request(self, _request: Any, reply: Reply) -> None:
         """Start to collect wrenches; the answer comes when there are enough."""
-        if self.collector is not None:
+        if self._running is not None:
             reply(
                 success=False, message='A tare is running; wait for its answer, then call again.'
             )
             return
-        given = values(self._node, PARAMETERS)
-        self.collector = TareCollector(given['tare.duration'], given['tare.max_deviation'])
-        self._reply = reply
-        self._deadline = time.monotonic() + given['tare.duration'] + _GRACE_S
+        chosen = self._settings()
+        collector = TareCollector(chosen['tare.duration'], chosen['tare.max_deviation'])
+        deadline = time.monotonic() + chosen['tare.duration'] + _GRACE_S
+        self._running = collector, reply, deadline
 
     def on_reset(self, _request: Any, response: Any) -> Any:
         """Forget the tare."""
-        self._node.compensator.reset_tare()
-        self._node.keeping.save()
+        self._compensator.reset_tare()
+        self._save()
         response.success, response.message = True, 'the tare is zero again'
         return response
 
     def add(self, stamp_ns: int, raw: Sequence[float]) -> None:
         """Take one wrench, N and N m; answer when there are enough."""
-        if self.collector is not None and self.collector.add(stamp_ns, raw):
-            self._finish(self.collector)
+        if self._running is not None and self._running[0].add(stamp_ns, raw):
+            self._finish()
 
     def poll(self) -> None:
         """Answer with what there is when wrenches stay away."""
-        if self.collector is not None and time.monotonic() > self._deadline:
-            self._finish(self.collector)
+        if self._running is not None and time.monotonic() > self._running[2]:
+            self._finish()
 
-    def _finish(self, collector: TareCollector) -> None:
+    def _finish(self) -> None:
         """Set the tare, or say why not."""
-        self.collector = None
+        if self._running is None:
+            return
+        collector, reply, _ = self._running
+        self._running = None
         try:
             mean, stamp_ns = collector.result()
         except WristFtCompError as error:
-            self._answer(success=False, message=str(error))
+            self._refuse(str(error), reply)
             return
-        tare = self._node.compensator.set_tare(mean, stamp_ns)
-        self._node.keeping.save()
+        tare = self._compensator.set_tare(mean, stamp_ns)
+        self._save()
         offsets = ', '.join(
             f'{axis} {value:.4g} {axis_unit(axis)}' for axis, value in zip(AXES, tare, strict=True)
         )
-        self._node.console.info(f'tared: {offsets}')
-        self._answer(success=True, message=f'tared: {offsets}')
+        self._log.info(f'tared: {offsets}')
+        reply(success=True, message=f'tared: {offsets}')
 
-    def _answer(self, *, success: bool, message: str) -> None:
-        """Answer the asker."""
-        if not success:
-            self._node.note_refusal('~/tare', message)
-            self._node.console.warning(f'not tared: {message}')
-        if self._reply is not None:
-            self._reply(success=success, message=message)
+    def _refuse(self, why: str, reply: Reply) -> None:
+        """Answer that nothing changed, and why."""
+        self._log.note_refusal('~/tare', why)
+        self._log.warning(f'not tared: {why}')
+        reply(success=False, message=why)
 
     def end(self) -> bool:
         """Stop taking a tare; tell whether its asker was answered just now."""
-        if self.collector is None:
+        if self._running is None:
             return False
-        self.collector = None
-        self._answer(success=False, message='The node is shutting down; the tare is unchanged.')
+        reply, self._running = self._running[1], None
+        self._refuse('The node is shutting down; the tare is unchanged.', reply)
         return True

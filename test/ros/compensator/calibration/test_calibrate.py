@@ -16,14 +16,14 @@ def calibrate_while_streaming(node, robot):
     """Call calibrate; send a constant wrench until it answers, and some more."""
     answers = node.ask('calibrate')
     stamp, raw = robot.stamps(WARM[-1])[1] + 1, robot.raw(WARM[-1])
-    before = node.node.counts.published
+    before = node.node.health.counts.published
     outputs = []
     while answers.empty() and len(outputs) < 100_000:
         outputs.append(node.stream([stamp], [raw])[0])
         stamp += 1000
     answer = answers.get(timeout=FIT_TIMEOUT_S)
     outputs += list(node.stream([stamp, stamp + 1000], [raw] * 2))
-    assert node.node.counts.published - before == len(outputs)
+    assert node.node.health.counts.published - before == len(outputs)
     return answer, np.array(outputs), raw
 
 
@@ -52,7 +52,7 @@ def test_a_warm_up_is_recorded_learnt_and_removed(rig, make_robot, thermometers,
     assert 'Is it good?' in report.read_text(encoding='utf-8')
     assert set(stored.model.axes) == set(AXES)
     assert stored.model.thermometers == thermometers
-    assert node.node.model.stored.sha256 == stored.sha256
+    assert node.node.live.stored.sha256 == stored.sha256
 
     after = robot.run(node, AFTER)
     drift = np.ptp(robot.zero[300:], axis=0)
@@ -101,7 +101,7 @@ def test_a_second_calibration_starts_where_the_first_ended(rig, make_robot):
     assert node.set('calibration.recordings', [str(path)]).successful
     answer = node.call('calibrate')
     assert answer.success, answer.message
-    sources = node.node.model.stored.document['provenance']['recordings']
+    sources = node.node.live.stored.document['provenance']['recordings']
     assert [each['path'] for each in sources] == [str(path)]
     assert node.node.store.history()[0] is None
     assert len(node.node.store.history()) == 3

@@ -51,7 +51,7 @@ def test_too_small_a_span_leaves_the_live_model(rig, make_robot, make_model):
     robot.write(node.directory / 'recordings/calm.csv')
     answer = node.call('calibrate')
     check_refused(node, answer, 'spans 1.', 'at least 3.0 K are needed', 'Record a warm-up')
-    assert node.node.model.stored.sha256 == live.sha256
+    assert node.node.live.stored.sha256 == live.sha256
     assert [path.name for path in (node.directory / 'models').iterdir()] == ['live.yaml']
     assert node.set('calibration.min_temperature_span', 1).successful
     assert node.call('calibrate').success
@@ -165,5 +165,5 @@ def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(rig, make_robo
     assert '\nwarning: ' in answer.message
     assert 'active.json cannot be written' in answer.message
     assert 'until the node ends' in answer.message
-    assert node.node.model.stored is not None
+    assert node.node.live.stored is not None
     assert 'active.json' in node.diagnosis('model', lambda each: each.level == b'\1').message

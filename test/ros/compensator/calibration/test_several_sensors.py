@@ -97,11 +97,11 @@ def test_a_calibration_of_one_leaves_the_other(pair, models, make_robot):
     left, right = pair('', models[1])
     make_robot().write(left.node.store.new_recording_path())
     warm_up([left, right])
-    before = right.node.model.stored
+    before = right.node.live.stored
     answer = left.call('calibrate')
     assert answer.success, answer.message
-    assert left.node.model.stored.path.parent == left.node.store.directory / 'models'
-    assert right.node.model.stored is before
+    assert left.node.live.stored.path.parent == left.node.store.directory / 'models'
+    assert right.node.live.stored is before
     assert right.ask_output(START + 9 * SECOND, [0.0] * 6)[2] == pytest.approx(-5.0)
     assert not right.node.calibration.last_outcome
     refusal = right.call('calibrate')

@@ -4,14 +4,15 @@ import pytest
 
 pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
-from wrist_ft_comp.ros.diagnostics import Concern, ConcernLog, ERROR, OK, STALE, WARN
+from wrist_ft_comp.ros.diagnostics import ERROR, OK, STALE, Status, WARN
+from wrist_ft_comp.ros.node_log import NodeLog
 
-WELL = Concern('input', OK, '999 wrenches per second')
-NAN = Concern('input', WARN, 'some wrenches are unusable and dropped; check the driver')
-SILENT = Concern('input', STALE, 'no raw wrenches arrive')
+WELL = Status('input', OK, '999 wrenches per second')
+NAN = Status('input', WARN, 'some wrenches are unusable and dropped; check the driver')
+SILENT = Status('input', STALE, 'no raw wrenches arrive')
 
 
-class Console:
+class Logger:
     """Remembers what was logged."""
 
     def __init__(self):
@@ -29,26 +30,26 @@ class Console:
 
 @pytest.fixture
 def told():
-    """Report concerns one after the other; give what was logged."""
-    console = Console()
-    log = ConcernLog(console)
+    """Report statuses one after the other; give what was logged."""
+    logger = Logger()
+    log = NodeLog(logger)
 
-    def tell(*concerns):
-        console.lines.clear()
-        for concern in concerns:
-            log.tell([concern])
-        return list(console.lines)
+    def tell(*statuses):
+        logger.lines.clear()
+        for status in statuses:
+            log.tell([status])
+        return list(logger.lines)
 
     return tell
 
 
 def test_a_trouble_is_told_once_and_its_end_when_it_stays_away(told):
     assert told(WELL) == []
-    assert told(*[NAN] * 30) == [('warning', f'input: {NAN.sentence}')]
+    assert told(*[NAN] * 30) == [('warning', f'input: {NAN.message}')]
     assert told(*[WELL] * 9) == []
     assert told(WELL) == [('info', 'input: 999 wrenches per second')]
     assert told(*[WELL] * 30) == []
-    assert told(NAN) == [('warning', f'input: {NAN.sentence}')]
+    assert told(NAN) == [('warning', f'input: {NAN.message}')]
 
 
 def test_troubles_that_come_and_go_do_not_fill_the_log(told):
@@ -57,7 +58,7 @@ def test_troubles_that_come_and_go_do_not_fill_the_log(told):
 
 def test_numbers_are_no_news_but_other_thermometers_are(told):
     def silent(which, seconds):
-        return Concern('temperature', WARN, f'thermometer {which} silent for {seconds} s; held')
+        return Status('temperature', WARN, f'thermometer {which} silent for {seconds} s; held')
 
     assert len(told(*[silent('1', seconds) for seconds in (5, 6.5, 77)])) == 1
     assert len(told(silent('2', 5))) == 1
@@ -65,7 +66,7 @@ def test_numbers_are_no_news_but_other_thermometers_are(told):
 
 
 def test_an_error_is_one_in_the_log(told):
-    assert told(Concern('output', ERROR, 'at its limit')) == [('error', 'output: at its limit')]
+    assert told(Status('output', ERROR, 'at its limit')) == [('error', 'output: at its limit')]
 
 
 def test_a_driver_may_take_its_time_to_start(told):
@@ -74,4 +75,4 @@ def test_a_driver_may_take_its_time_to_start(told):
 
 
 def test_what_is_logged_elsewhere_is_not_repeated(told):
-    assert told(Concern('model', ERROR, 'broken'), Concern('calibration', WARN, 'refused')) == []
+    assert told(Status('model', ERROR, 'broken'), Status('calibration', WARN, 'refused')) == []

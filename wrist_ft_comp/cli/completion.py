@@ -1,0 +1,50 @@
+"""wrist_ft_comp completion: a script that lets a shell complete commands, options and files."""
+
+import argparse
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from wrist_ft_comp.errors import SettingsError
+
+if TYPE_CHECKING:
+    from wrist_ft_comp.cli.options import Commands
+
+EXAMPLES = """\
+examples:
+  wrist_ft_comp completion bash > \\
+      ~/.local/share/bash-completion/completions/wrist_ft_comp
+  wrist_ft_comp completion zsh > ~/.zfunc/_wrist_ft_comp
+
+zsh looks into ~/.zfunc when ~/.zshrc says, before compinit: fpath+=~/.zfunc
+"""
+_SHELLS = ('bash', 'zsh')
+
+
+def add_parser(commands: 'Commands', parser: argparse.ArgumentParser) -> None:
+    """Add the command; the parser is the one whose words are completed."""
+    own = commands.add_parser(
+        'completion',
+        help='print a script that completes words in a shell',
+        description='Print a script that lets a shell complete commands, options and files.',
+        epilog=EXAMPLES,
+    )
+    own.set_defaults(run=run, whole=parser, commands=commands)
+    own.add_argument('shell', choices=_SHELLS, metavar='SHELL', help=', '.join(_SHELLS))
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command; returns the exit code."""
+    if find_spec('shtab') is None:
+        raise SettingsError(
+            'Completion needs the package shtab, which this Python does not have. Install it '
+            '(pip install shtab), then run this again.'
+        )
+    import shtab  # noqa: PLC0415 -- optional, and only here
+
+    for parser in arguments.commands.choices.values():
+        for action in parser._actions:  # noqa: SLF001 -- argparse has no public list of them
+            if action.type is Path:
+                vars(action)['complete'] = shtab.FILE
+    print(shtab.complete(arguments.whole, arguments.shell))
+    return 0

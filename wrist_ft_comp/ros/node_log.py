@@ -1,0 +1,67 @@
+"""The node's log: the last refusal, and of the diagnostics what is news, once."""
+
+from collections import defaultdict
+from collections.abc import Iterable
+import re
+from typing import Any
+
+from wrist_ft_comp.ros.diagnostics import ERROR, OK, STALE, Status
+
+#: Reports for which a driver may take its time to start.
+_PATIENCE = 5
+#: Reports without trouble after which it is over; what comes and goes is told once.
+_PEACE = 10
+#: What these say is not logged elsewhere.
+_LOGGED = ('input', 'temperature', 'output')
+#: Numbers that change from report to report, but not those of thermometers, which are names.
+_NUMBERS = re.compile(r'(?<!thermometer )(?<!, )\b[\d.]+')
+
+
+#: What is asked for may be as long as the asker likes; diagnostics repeat it every second.
+_LONGEST_REFUSAL = 1000
+
+
+class NodeLog:
+    """A node's log, which is told of refusals, and once a second of the statuses."""
+
+    def __init__(self, logger: Any) -> None:
+        # rclpy tells call sites apart, so there is no method of ours between them and it.
+        self.info, self.warning, self.error = logger.info, logger.warning, logger.error
+        #: What was refused last, and why; empty before the first refusal.
+        self.last_refusal = ''
+        self._reports = 0
+        #: Per status: what was told since all was well, and for how many reports it has been.
+        self._told: dict[str, set[str]] = defaultdict(set)
+        self._well: dict[str, int] = defaultdict(int)
+
+    def note_refusal(self, what: str, why: str) -> None:
+        """Remember, for the diagnostics, what was refused and why."""
+        self.last_refusal = f'{what}: {why}'[:_LONGEST_REFUSAL]
+
+    def tell(self, statuses: Iterable[Status]) -> None:
+        """Log what is news in a report."""
+        self._reports += 1
+        for status in statuses:
+            if status.name in _LOGGED:
+                self._tell_one(status)
+
+    def _tell_one(self, status: Status) -> None:
+        """Log one status, if it is news."""
+        told, line = self._told[status.name], f'{status.name}: {status.message}'
+        if status.level == OK:
+            self._well[status.name] += 1
+            if told and self._well[status.name] >= _PEACE:
+                told.clear()
+                self.info(line)
+            return
+        self._well[status.name] = 0
+        starting = status.level == STALE and self._reports <= _PATIENCE
+        sentence = _NUMBERS.sub('#', line)
+        if starting or sentence in told:
+            return
+        told.add(sentence)
+        # One call site each: rclpy insists that a call site keeps its severity.
+        if status.level == ERROR:
+            self.error(line)
+        else:
+            self.warning(line)
