@@ -53,13 +53,19 @@ def stream(
     stamps = np.arange(round(span_s[0] * rate_hz), round(span_s[1] * rate_hz)) * round(
         SECOND / rate_hz
     )
-    outputs = []
+    outputs, newest = [], None
     for k, stamp in enumerate(stamps.tolist()):
         if k % round(rate_hz / 2) == 0:
             for j in range(compensator.thermometers):
-                compensator.add_temperature(j, stamp, temperature(stamp))
-        outputs.append(compensator.correct(stamp, raw.tolist()))
+                compensator.add_temperature(j, stamp, temperature(stamp), newest)
+        newest = stamp, raw.tolist()
+        outputs.append(compensator.correct(*newest))
     return stamps, np.array(outputs)
+
+
+def newest_before(second: float) -> tuple[int, list[float]]:
+    """What ``stream`` sent last, until a second."""
+    return round(second * SECOND) - SECOND // 50, LOAD.tolist()
 
 
 def steps(outputs: Array) -> Array:
@@ -204,7 +210,7 @@ def test_contact_passes_at_once_and_whole(model: DriftModel) -> None:
     stamp = 60 * SECOND
     free = np.array(compensator.correct(stamp, ZEROS.tolist()))
     touched = np.array(compensator.correct(stamp, LOAD.tolist()))
-    _, gain = compensator._ramp.at(1.0)
+    gain = 1.0 + compensator.compensation.sensitivity
     np.testing.assert_allclose((touched - free) * gain, LOAD, rtol=1e-3)
     assert gain[2] != 1.0
 
@@ -289,7 +295,7 @@ class TestModelSwap:
         if tared:
             compensator.set_tare(LOAD / 2, 30 * SECOND)
         _, before = stream(compensator, (30, when_s))
-        compensator.go_live(other)
+        compensator.go_live(other, newest_before(when_s))
         assert compensator.model is other
         _, after = stream(compensator, (when_s, 80))
         both = np.concatenate((before, after))
@@ -305,7 +311,7 @@ class TestModelSwap:
         compensator = Compensator(1, StreamSettings(), model)
         outputs = [stream(compensator, (0, 40))[1][100:]]
         for swap, span in ((second, (40, 60)), (model, (60, 80)), (None, (80, 90))):
-            compensator.go_live(swap)
+            compensator.go_live(swap, newest_before(span[0]))
             outputs.append(stream(compensator, span)[1])
         calm = np.max([steps(part) for part in outputs], axis=0)
         assert (steps(np.concatenate(outputs)) <= np.maximum(calm, 0.01)).all()
@@ -316,7 +322,7 @@ class TestModelSwap:
     ) -> None:
         compensator = Compensator(1, StreamSettings(), model)
         _, before = stream(compensator, (0, 40))
-        compensator.go_live(make_model(OTHER, period_s=period_s))
+        compensator.go_live(make_model(OTHER, period_s=period_s), newest_before(40))
         _, after = stream(compensator, (40, 60))
         assert compensator.compensating
         assert compensator.tracker.grid.period_ns == round(period_s * SECOND)
@@ -330,7 +336,7 @@ class TestModelSwap:
         late = Compensator(1, StreamSettings())
         stream(early, (0, live_s))
         stream(late, (0, live_s))
-        late.go_live(model)
+        late.go_live(model, newest_before(live_s))
         assert late.compensating
         for expected, found in zip(early.compensation, late.compensation, strict=True):
             np.testing.assert_allclose(found, expected, atol=1e-9)
@@ -396,8 +402,7 @@ class TestModelSwap:
         _, before = stream(compensator, (0, 30))
         broken = LOAD.copy()
         broken[2] = np.nan
-        assert np.isnan(compensator.correct(30 * SECOND, broken.tolist())[2])
-        compensator.go_live(other)
+        compensator.go_live(other, (30 * SECOND, broken.tolist()))
         after = np.array(compensator.correct(30 * SECOND, LOAD.tolist()))
         assert np.isfinite(after).all()
         # Continuous where a number came last; elsewhere as if unloaded: gains move the load.
@@ -415,7 +420,7 @@ class TestTare:
         for k in range(200):
             stamp = k * SECOND // 2
             compensator.add_temperature(0, stamp, warming(stamp))
-            zero, _ = compensator._ramp.at(compensator._share(stamp))
+            zero = compensator.compensation_at(stamp).zero
             if k == 50:
                 tare = compensator.set_tare(LOAD + zero, stamp)
                 np.testing.assert_allclose(tare, LOAD, atol=1e-12)
@@ -444,7 +449,6 @@ class TestTare:
         self, model: DriftModel
     ) -> None:
         compensator = Compensator(1, StreamSettings(), model)
-        compensator.correct(0, LOAD.tolist())
         compensator.set_tare(LOAD, 0)
         _, outputs = stream(compensator, (1, 10), temperature=lambda _: 35.0)
         assert compensator.compensating
@@ -466,6 +470,18 @@ class TestTare:
         np.testing.assert_array_equal(outputs[1], outputs[0])
         assert abs(outputs[0][-1, 2] - LOAD[2]) > 1
 
+    def test_a_temperature_moves_the_tare_only_where_it_says_so(self, model: DriftModel) -> None:
+        tared, free = (Compensator(1, StreamSettings(), model) for _ in range(2))
+        tared.set_tare(LOAD, 0)
+        retared = {True: [], False: []}
+        for second in range(4):
+            for compensator, told in zip((tared, free), retared.values(), strict=True):
+                before = compensator.tare
+                step = compensator.add_temperature(0, second * SECOND, 35.0, (0, [1.0] * 6))
+                assert step.retared == bool((compensator.tare != before).any())
+                told.append(step.retared)
+        assert list(retared.values()) == [[False, True, False, False], [False] * 4]
+
 
 class TestTrouble:
     def test_a_gap_longer_than_the_history_counts_as_soaked(self, model: DriftModel) -> None:
@@ -473,7 +489,7 @@ class TestTrouble:
         stream(compensator, (0, 60))
         far = 10**9 * SECOND
         compensator.add_temperature(0, far, 50.0)
-        *_, held, _ = compensator.add_temperature(0, far + SECOND, 50.0)
+        *_, held, _ = compensator.add_temperature(0, far + SECOND, 50.0).cells
         assert held.count > 10**8
         assert np.isfinite(compensator.compensation.zero).all()
         assert len(compensator.tracker.history.cells) <= 60
@@ -530,7 +546,7 @@ def test_the_drift_of_the_stream_is_the_run_over_its_cells(model: DriftModel) ->
             moved.append(compensator.compensation)
 
     for second in range(100):
-        take(compensator.add_temperature(0, second * SECOND, warming(second * SECOND)))
+        take(compensator.add_temperature(0, second * SECOND, warming(second * SECOND)).cells)
     temperature_c = np.array(seen)
     _, expected = drift_model.run(model, drift_model.start(model, temperature_c[0]), temperature_c)
     np.testing.assert_allclose([d.zero for d in moved], expected.zero, atol=1e-12)

@@ -46,7 +46,7 @@ def feed(compensator: Compensator, first: float, end: float, rate_hz: float = 2.
     for k in range(round(first * rate_hz), round(end * rate_hz)):
         stamp = START + round(k / rate_hz * SECOND)
         compensator.add_temperature(0, stamp, warming(k / rate_hz))
-        seen.append(compensator._ramp.drift_at(compensator._share(stamp)))
+        seen.append(compensator.compensation_at(stamp))
     return seen
 
 

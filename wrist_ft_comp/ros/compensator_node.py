@@ -188,7 +188,8 @@ class CompensatorNode(Node):
             self.health.drop_temperature(thermometer, temperature_c)
             return
         at_ns, compensator = stamp_ns or self._now_ns(), self.compensator
-        cells = compensator.add_temperature(thermometer, at_ns, temperature_c)
+        newest = self._newest and self._newest[:2]
+        cells, _ = compensator.add_temperature(thermometer, at_ns, temperature_c, newest)
         self.recording.add_cells(cells)
         self.health.take_temperature(time.monotonic(), thermometer, at_ns, stamped=bool(stamp_ns))
         self.health.look_at_cells(cells, compensator.tracker.grid.period_ns)
@@ -234,7 +235,7 @@ class CompensatorNode(Node):
 
     def _swap(self, model: DriftModel | None) -> None:
         """Make a model live; the old one stays when this raises."""
-        self.compensator.go_live(model)
+        self.compensator.go_live(model, self._newest and self._newest[:2])
         self.recording.follow_period()
 
     def make_request(self) -> CalibrationJob:

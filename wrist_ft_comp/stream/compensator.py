@@ -9,11 +9,12 @@ wrench that came in and on the drift, only.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.model.drift_model import Drift, DriftModel
+from wrist_ft_comp.model.drift_model import Drift, DriftModel, no_drift
 from wrist_ft_comp.model.ranges import check_range, PERIODS_S
 from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
 from wrist_ft_comp.model.stream_grid import CompletedCells
@@ -21,99 +22,8 @@ from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.limits import Limits
 from wrist_ft_comp.stream.warm_restart import ThermalMemory
 
-
-class Ramp:
-    """
-    Zero drift and gain on their way from one thermal cell's values to the next one's.
-
-    Attributes
-    ----------
-    start_ns : int
-        Stamp at which it began, ns; it lasts one cell.
-    zero, zero_step : list of 6 floats
-        Zero drift at the start, and how much it moves, N and N m, axis order AXES.
-    gain, gain_step : list of 6 floats
-        1 + sensitivity drift at the start, and how much it moves.
-
-    """
-
-    def __init__(self) -> None:
-        self.start_ns = 0
-        self.zero: list[float] = [0.0] * len(AXES)
-        self.zero_step: list[float] = [0.0] * len(AXES)
-        self.gain: list[float] = [1.0] * len(AXES)
-        self.gain_step: list[float] = [0.0] * len(AXES)
-
-    def at(self, share: float) -> tuple[FloatArray, FloatArray]:
-        """
-        Compute where it stands.
-
-        Parameters
-        ----------
-        share : float
-            Share of the ramp that is done, 0 to 1.
-
-        Returns
-        -------
-        tuple of ndarrays, shape (6,)
-            Zero drift and gain.
-
-        """
-        return (
-            np.array(self.zero) + share * np.array(self.zero_step),
-            np.array(self.gain) + share * np.array(self.gain_step),
-        )
-
-    def drift_at(self, share: float) -> Drift:
-        """
-        Compute where it stands, as a drift.
-
-        Parameters
-        ----------
-        share : float
-            Share of the ramp that is done, 0 to 1.
-
-        Returns
-        -------
-        Drift
-            Arrays of shape (6,).
-
-        """
-        zero, gain = self.at(share)
-        return Drift(zero, gain - 1.0)
-
-    def restart(self, start_ns: int, share: float, target: Drift) -> None:
-        """
-        Go to a new target from where the ramp stands.
-
-        Parameters
-        ----------
-        start_ns : int
-            Now, ns.
-        share : float
-            Share of the present ramp that is done, 0 to 1.
-        target : Drift
-            Arrays of shape (6,).
-
-        """
-        zero, gain = self.at(share)
-        self.start_ns = start_ns
-        self.zero, self.gain = zero.tolist(), gain.tolist()
-        self.zero_step = (target.zero - zero).tolist()
-        self.gain_step = (1.0 + target.sensitivity - gain).tolist()
-
-    def settle(self, target: Drift) -> None:
-        """
-        Stand at a target.
-
-        Parameters
-        ----------
-        target : Drift
-            Arrays of shape (6,).
-
-        """
-        self.zero, self.gain = target.zero.tolist(), (1.0 + target.sensitivity).tolist()
-        self.zero_step, self.gain_step = [0.0] * len(AXES), [0.0] * len(AXES)
+#: Stamp, ns, and raw values, N and N m, axis order AXES.
+Wrench = tuple[int, Sequence[float]]
 
 
 @dataclass(frozen=True)
@@ -152,9 +62,18 @@ class StreamSettings:
             check_range(name, getattr(self, name), 0.0, above=True)
 
 
+class Advance(NamedTuple):
+    """What a temperature did."""
+
+    #: Cells that it completed; the compensation has moved when there are any.
+    cells: list[CompletedCells]
+    #: Whether the drift began, and the tare took it up, so that the output stayed where it was.
+    retared: bool
+
+
 class Compensator:
     """
-    Owns what a sensor's stream needs: the grid, the drift state, the tare.
+    Owns what a sensor's stream needs: the drift tracker, the limits, the ramp, the tare.
 
     Parameters
     ----------
@@ -181,12 +100,10 @@ class Compensator:
         self.limits = Limits(settings.max_drift_n, settings.max_drift_rate_n_s)
         self.tare: FloatArray = np.zeros(len(AXES))
         #: What is subtracted when the present ramp ends: the model's drift, within the limits.
-        self.compensation = self.tracker.drift
-        self._ramp = Ramp()
-        self._last: tuple[int, Sequence[float]] | None = None
-        #: Whether the first cell may move the output: not after a tare or a change of model.
+        self.compensation = no_drift()
+        #: Whether the first cell may not move the output: after a tare or a change of model.
         self._keep_output = False
-        self._correction: list[tuple[float, float, float, float]] = []
+        self._ramp = _Ramp()
         self._refresh_correction()
         if model is not None:
             self.go_live(model)
@@ -201,84 +118,40 @@ class Compensator:
         """Whether there is a model and its thermal state has started."""
         return self.tracker.following
 
-    @property
-    def newest(self) -> tuple[int, Sequence[float]] | None:
-        """The newest wrench's stamp, ns, and its raw values; None before the first."""
-        return self._last
-
     def add_temperature(
-        self, thermometer: int, stamp_ns: int, temperature_c: float
-    ) -> list[CompletedCells]:
+        self, thermometer: int, stamp_ns: int, temperature_c: float, newest: Wrench | None = None
+    ) -> Advance:
         """
         Take one temperature.
 
         Parameters
         ----------
         thermometer, stamp_ns, temperature_c
-            As DriftTracker.add takes them.
+            Which one, counted from 0; its stamp, ns; °C.
+        newest : tuple of int and sequence of 6 floats, optional
+            The newest wrench, whose output stays where it was when the drift begins under a tare
+            or a model that was swapped in: the tare takes it up.
 
         Returns
         -------
-        list of CompletedCells
-            Cells that this sample completed; the drift has moved when there are any.
+        Advance
+            What it did.
 
         """
-        resting = not self.compensating
+        resting, retared = not self.compensating, False
         cells = self.tracker.add(thermometer, stamp_ns, temperature_c)
         if cells and self.compensating:
             target = self.limits.saturate(self.tracker.drift)
             if resting:
-                self._settle(target, self._reading() if self._keep_output else None)
-            share = self._share(stamp_ns)
+                reading = self._reading(newest) if self._keep_output else None
+                self._settle(target, reading)
+                retared = reading is not None
             period_s = self.tracker.grid.period_ns / NANOSECONDS
-            self.compensation = self.limits.rate_limit(
-                target, self._ramp.drift_at(share), period_s
-            )
-            self._ramp.restart(stamp_ns, share, self.compensation)
+            here = self.compensation_at(stamp_ns)
+            self.compensation = self.limits.rate_limit(target, here, period_s)
+            self._ramp.restart(stamp_ns, self._share(stamp_ns), self.compensation)
             self._refresh_correction()
-        return cells
-
-    def memory(self) -> ThermalMemory | None:
-        """
-        Tell what a restarted stream needs to go on from here.
-
-        Returns
-        -------
-        ThermalMemory or None
-            None while there is nothing to go on from.
-
-        """
-        return self.tracker.memory(self.compensation)
-
-    def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
-        """
-        Go on from what another stream left; to be called before the first temperature.
-
-        Its drift is subtracted at once.
-
-        Parameters
-        ----------
-        memory : ThermalMemory
-            Of the same model (``belongs_to``).
-        at_least_s : float
-            How long the gap is by another clock, s; 0 when there is none.
-
-        """
-        self.tracker.resume(memory, at_least_s)
-        self._settle(self.limits.saturate(self.tracker.drift), None)
-
-    def _share(self, stamp_ns: int) -> float:
-        """Share of the ramp that is done at a stamp, 0 to 1."""
-        share = (stamp_ns - self._ramp.start_ns) / self.tracker.grid.period_ns
-        return 0.0 if share < 0.0 else min(share, 1.0)
-
-    def _refresh_correction(self) -> None:
-        """Lay out what is constant over a ramp, per axis: offset, its step, gain, its step."""
-        ramp = self._ramp
-        offset = (np.array(ramp.zero) + self.tare).tolist()
-        self._correction = list(
-            zip(offset, ramp.zero_step, ramp.gain, ramp.gain_step, strict=True)
-        )
+        return Advance(cells, retared)
 
     def correct(self, stamp_ns: int, raw: Sequence[float]) -> list[float]:
         """
@@ -297,7 +170,6 @@ class Compensator:
             ŵ = (r - o - tare) / (1 + s); without a model, r - tare.
 
         """
-        self._last = (stamp_ns, raw)
         share = self._share(stamp_ns)
         return [
             (r - offset - share * step) / (gain + share * gain_step)
@@ -305,17 +177,22 @@ class Compensator:
             for r, (offset, step, gain, gain_step) in zip(raw, self._correction)  # noqa: B905
         ]
 
-    def go_live(self, model: DriftModel | None) -> None:
-        """
-        Swap a model in, without a step in the output.
+    def compensation_at(self, stamp_ns: int) -> Drift:
+        """Tell what is subtracted at a stamp, ns, arrays of shape (6,)."""
+        zero, gain = self._ramp.at(self._share(stamp_ns))
+        return Drift(zero, gain - 1.0)
 
-        The new model's state is made from the kept temperatures, and the tare takes up what its
-        zero drift differs by at this moment.
+    def go_live(self, model: DriftModel | None, newest: Wrench | None = None) -> None:
+        """
+        Swap a model in; its state is made from the kept temperatures.
 
         Parameters
         ----------
         model : DriftModel or None
             None stops compensating.
+        newest : tuple of int and sequence of 6 floats, optional
+            The newest wrench, whose output stays where it was: the tare takes up what the zero
+            drift differs by.
 
         Raises
         ------
@@ -329,18 +206,48 @@ class Compensator:
                 f'{self.thermometers} (temperature_topics). Calibrate with these, or list the '
                 "model's topics."
             )
-        reading = self._reading()
+        reading = self._reading(newest)
         self.tracker.use(model)
         self._keep_output = reading is not None
         self._settle(self.limits.saturate(self.tracker.drift), reading)
 
-    def _reading(self) -> tuple[FloatArray, FloatArray] | None:
-        """Newest raw wrench and what it is corrected to; what is not finite counts as unloaded."""
-        if self._last is None:
+    def set_tare(self, raw: FloatArray, stamp_ns: int) -> FloatArray:
+        """Make a mean raw wrench, shape (6,), of a time read zero; give raw minus zero drift."""
+        self.tare = raw - self.compensation_at(stamp_ns).zero
+        self._keep_output = True
+        self._refresh_correction()
+        return self.tare
+
+    def reset_tare(self) -> None:
+        """Forget the tare."""
+        self.restore_tare(np.zeros(len(AXES)))
+
+    def restore_tare(self, tare: FloatArray) -> None:
+        """Subtract a tare, N and N m, that ``set_tare`` gave with the same model before."""
+        self.tare = tare
+        self._keep_output = False
+        self._refresh_correction()
+
+    def memory(self) -> ThermalMemory | None:
+        """Tell what a restarted stream needs; None while there is nothing to go on from."""
+        return self.tracker.memory(self.compensation)
+
+    def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
+        """Go on, before the first temperature, as DriftTracker.resume; its drift holds at once."""
+        self.tracker.resume(memory, at_least_s)
+        self._settle(self.limits.saturate(self.tracker.drift), None)
+
+    def _share(self, stamp_ns: int) -> float:
+        """Share of the ramp that is done at a stamp, 0 to 1."""
+        share = (stamp_ns - self._ramp.start_ns) / self.tracker.grid.period_ns
+        return 0.0 if share < 0.0 else min(share, 1.0)
+
+    def _reading(self, newest: Wrench | None) -> tuple[FloatArray, FloatArray] | None:
+        """Raw wrench and what it is corrected to; what is not finite counts as unloaded."""
+        if newest is None:
             return None
-        stamp_ns, raw = self._last
-        zero, _ = self._ramp.at(self._share(stamp_ns))
-        finite = np.where(np.isfinite(raw), raw, zero + self.tare)
+        stamp_ns, raw = newest
+        finite = np.where(np.isfinite(raw), raw, self.compensation_at(stamp_ns).zero + self.tare)
         return finite, np.array(self.correct(stamp_ns, finite.tolist()))
 
     def _settle(self, target: Drift, reading: tuple[FloatArray, FloatArray] | None) -> None:
@@ -353,43 +260,35 @@ class Compensator:
             self.tare = raw - target.zero - (1.0 + target.sensitivity) * corrected
         self._refresh_correction()
 
-    def set_tare(self, raw: FloatArray, stamp_ns: int) -> FloatArray:
-        """
-        Make a raw wrench read zero.
+    def _refresh_correction(self) -> None:
+        """Lay out what is constant over a ramp, per axis: offset, its step, gain, its step."""
+        ramp = self._ramp
+        parts = (ramp.zero + self.tare, ramp.zero_step, ramp.gain, ramp.gain_step)
+        self._correction: list[tuple[float, float, float, float]] = list(
+            zip(*(part.tolist() for part in parts), strict=True)
+        )
 
-        Parameters
-        ----------
-        raw : ndarray, shape (6,)
-            Mean raw wrench, N and N m.
-        stamp_ns : int
-            Its time, ns.
 
-        Returns
-        -------
-        ndarray, shape (6,)
-            The tare, raw wrench minus zero drift.
+class _Ramp:
+    """Zero drift and gain, 1 + sensitivity drift, on their way from one cell's to the next's."""
 
-        """
-        zero, _ = self._ramp.at(self._share(stamp_ns))
-        self.tare = raw - zero
-        self._keep_output = True
-        self._refresh_correction()
-        return self.tare
+    def __init__(self) -> None:
+        #: Stamp at which it began, ns; it lasts one cell.
+        self.start_ns = 0
+        self.settle(no_drift())
 
-    def reset_tare(self) -> None:
-        """Forget the tare."""
-        self.restore_tare(np.zeros(len(AXES)))
+    def at(self, share: float) -> tuple[FloatArray, FloatArray]:
+        """Zero drift and gain where a share of the way, 0 to 1, is done."""
+        return self.zero + share * self.zero_step, self.gain + share * self.gain_step
 
-    def restore_tare(self, tare: FloatArray) -> None:
-        """
-        Subtract a tare that was taken with the same model before.
+    def restart(self, start_ns: int, share: float, target: Drift) -> None:
+        """Go to a new target from where the ramp stands."""
+        self.start_ns = start_ns
+        self.zero, self.gain = self.at(share)
+        self.zero_step = target.zero - self.zero
+        self.gain_step = 1.0 + target.sensitivity - self.gain
 
-        Parameters
-        ----------
-        tare : ndarray, shape (6,)
-            As set_tare returned it, N and N m.
-
-        """
-        self.tare = tare
-        self._keep_output = False
-        self._refresh_correction()
+    def settle(self, target: Drift) -> None:
+        """Stand at a target."""
+        self.zero, self.gain = target.zero, 1.0 + target.sensitivity
+        self.zero_step, self.gain_step = np.zeros(len(AXES)), np.zeros(len(AXES))
