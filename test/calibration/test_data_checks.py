@@ -37,8 +37,8 @@ def test_a_stuck_stretch_is_left_out_and_named(record: Record, value: float, ver
     (sound,), sentences = drop_stuck_cells([recording], ['force_x'])
     assert sentences == [
         (
-            f'force_x of a.csv {verb} at {value:g} N: 400 s (4.0 %) without any change, first after '
-            '2000 s; left out.'
+            f'force_x of a.csv {verb} at {value:g} N: 400 s (4.0 %) without any change, first '
+            'after 2000 s; left out.'
         )
     ]
     np.testing.assert_array_equal(
