@@ -35,7 +35,7 @@ def moments(noisy_problem: AxisData) -> Moments:
 
 @pytest.fixture(scope='module')
 def products(moments: Moments) -> Array:
-    return moments.centred(np.ones(3, dtype=bool))[0]
+    return moments.centred(np.ones(3, dtype=bool))
 
 
 @pytest.fixture(scope='module')

@@ -47,19 +47,8 @@ def identify_relaxations(data: AxisData, settings: IdentificationSettings) -> Ax
     """
     Let none, static, free and banked relaxations compete, fitted on the simulation error.
 
-    Parameters
-    ----------
-    data : AxisData
-        Drift observations.
-    settings : IdentificationSettings
-        ``auto`` tries all of them, ``arx_pls_oe`` free time constants only.
-
-    Returns
-    -------
-    AxisFit
-        The winner, and everything that was tried. A drift slower than the recordings are long is
-        refused when nothing simpler explains it.
-
+    ``auto`` tries all of them, ``arx_pls_oe`` free time constants only. A drift slower than the
+    recordings are long is refused when nothing simpler explains it.
     """
     features = build_features(data.temperature_c, settings)
     candidate_data = choose_trend(build_candidate_data(data, features))
@@ -135,8 +124,7 @@ def _fit(data: CandidateData, score: CvScore) -> Fitted:
     axis_data, moments, structure = data.axis_data, data.fitted_moments, score.structure
     features, inputs = data.features_of(structure), data.inputs(structure)
     if structure.bank_s:
-        everything = np.ones(len(moments.counts), dtype=bool)
-        _, coefficients = fit_columns(moments, structure, everything, inputs)
+        _, coefficients = fit_columns(moments, structure, moments.everything, inputs)
         bank: FloatArray = np.array(structure.bank_s)
         gains = by_relaxation(
             coefficients[score.strength], len(bank), inputs, loaded=moments.loaded

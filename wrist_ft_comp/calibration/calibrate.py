@@ -148,21 +148,7 @@ def _doubts(recordings: Sequence[Recording], fits: dict[str, AxisFit]) -> list[s
 
 
 def summarise(calibration: Calibration) -> str:
-    """
-    Say what was learnt, axis by axis.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        From calibrate.
-
-    Returns
-    -------
-    str
-        One line per axis, one on the recordings, then the warnings; below 100 columns wide
-        but for the warnings.
-
-    """
+    """Say what was learnt: a line per axis, one on the recordings, then the warnings."""
     lines = [_axis_line(axis, fit) for axis, fit in calibration.fits.items()]
     ranges = ', '.join(f'{low:.1f} to {high:.1f}' for low, high in calibration.temperature_range_c)
     lines.append(f'learnt from {calibration.duration_s / 3600:.2f} h at {ranges} °C')

@@ -24,20 +24,9 @@ class CandidateData:
     """
     What all candidates of an axis are fitted from and scored on.
 
-    Attributes
-    ----------
-    axis_data : AxisData
-        The axis.
-    features : Features
-        Of one relaxation's temperatures, of the highest degree.
-    fitted, judged : BinnedData
-        Fitted to, and scored on.
-    fitted_moments, judged_moments : Moments
-        Their sums, with all features behind a grid of time constants.
-    trend : bool
-        Whether a slow trend that no temperature has to explain is set aside in the fit. It is
-        never counted against a candidate.
-
+    Features are those of one relaxation's temperatures, of the highest degree; moments hold all of
+    them behind a grid of time constants. A slow trend that no temperature has to explain may be
+    set aside in the fit; it is never counted against a candidate.
     """
 
     axis_data: AxisData

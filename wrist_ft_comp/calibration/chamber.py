@@ -200,20 +200,9 @@ def max_deviation(table: ChamberTable) -> float:
 
 @dataclass(frozen=True)
 class ChamberFigures:
-    """
-    How good a sensor is over temperature.
+    """How good a sensor is over temperature, % of full scale, eq. 23 and 24.
 
-    Attributes
-    ----------
-    max_sensitivity_drift : float
-        Largest |K_s| (eq. 23), %FS/°C; NaN when there is only the reference temperature.
-    zero_spread : float
-        max - min over temperature without load, %FS.
-    max_deviation : float
-        Largest difference from the reference temperature at the same load, %FS.
-    accuracy : float
-        A (eq. 24), %FS.
-
+    The largest K_s is NaN when there is only the reference temperature.
     """
 
     max_sensitivity_drift: float
@@ -245,19 +234,6 @@ def compensate_table(table: ChamberTable, model: DriftModel) -> ChamberTable:
     Compensate every reading of a table by the model's free run over the course of the test.
 
     The sensor is tared once, without load at the reference temperature, as a robot's would be.
-
-    Parameters
-    ----------
-    table : ChamberTable
-        Raw.
-    model : DriftModel
-        With one thermometer.
-
-    Returns
-    -------
-    ChamberTable
-        The same test with compensated outputs.
-
     """
     at_readings = _drift_at_readings(table, model)
     return table.with_output(correct(table.output, at_readings, _tare(table, at_readings)))
@@ -290,21 +266,8 @@ def leave_one_temperature_out(
     """
     Compensate every column by a model that was learnt from the others.
 
-    Parameters
-    ----------
-    table : ChamberTable
-        Raw.
-    learn : callable
-        Calibrates a recording; hats get their knots at the columns that are left.
-    period_s : float
-        Cell length, s.
-
-    Returns
-    -------
-    ChamberTable or None
-        What a temperature between (or beyond) the calibrated ones may expect; None when the
-        columns that are left do not allow a fit.
-
+    That is what a temperature between (or beyond) the calibrated ones may expect. None when the
+    columns that are left do not allow a fit.
     """
     output: FloatArray = np.empty_like(table.output)
     for column in range(len(table.temperatures_c)):

@@ -31,19 +31,10 @@ WORTHWHILE = 0.15
 @dataclass(frozen=True, eq=False)
 class CvScore:
     """
-    How a candidate did on held-out folds.
+    How a candidate did on held-out folds: mean square error of each part of each fold.
 
-    Attributes
-    ----------
-    structure : Structure
-        The candidate.
-    errors : ndarray, shape (parts,)
-        Mean square error of each part of each fold.
-    strength : int
-        Position of the best strength of a regularised regression.
-    time_constants_s : ndarray, shape (K,), or None
-        Those that were searched, s.
-
+    The strength is the position of the best one of a regularised regression; time constants are
+    those that were searched, (K,), s.
     """
 
     structure: Structure
@@ -65,22 +56,7 @@ Refit = Callable[[AxisData], tuple[AxisModel | None, tuple[str, ...]]]
 
 
 def cross_validate(data: CandidateData, structure: Structure) -> CvScore:
-    """
-    Score a candidate on folds that it did not see.
-
-    Parameters
-    ----------
-    data : CandidateData
-        The axis.
-    structure : Structure
-        The candidate.
-
-    Returns
-    -------
-    CvScore
-        Its errors, those of its best strength.
-
-    """
+    """Score a candidate, at its best strength, on folds that it did not see."""
     moments, judged = data.fitted_moments, data.judged_moments
     inputs = data.inputs(structure)
     if not structure.free_time_constants:
@@ -89,8 +65,7 @@ def cross_validate(data: CandidateData, structure: Structure) -> CvScore:
         errors = np.concatenate(tried, axis=1)
         best = int(np.argmin(errors.mean(axis=1)))
         return CvScore(structure, errors[best], best)
-    everything = np.ones(len(moments.counts), dtype=bool)
-    columns, _ = fit_columns(moments, structure, everything, inputs)
+    columns, _ = fit_columns(moments, structure, moments.everything, inputs)
     half = len(moments.time_constants_s) * moments.inputs
     on_grid = moments.time_constants_s[np.unique(columns[columns < half] // moments.inputs)]
     # All combinations on the grid were the starts; the best of them is followed.
@@ -141,21 +116,10 @@ def uncompensated_errors(judged: Moments) -> FloatArray:
 
 def simplest_good(errors: Sequence[FloatArray]) -> int:
     """
-    Choose the simplest candidate within one standard error of the best, or within 15 % of it.
+    Find the simplest candidate within one standard error of the best, or within 15 % of it.
 
     The standard error is that of the difference to the best, part by part: parts differ in
-    difficulty far more than candidates do.
-
-    Parameters
-    ----------
-    errors : sequence of ndarrays, shape (parts,)
-        Mean square errors, simplest candidate first.
-
-    Returns
-    -------
-    int
-        Its position.
-
+    difficulty far more than candidates do. Mean square errors (parts,), simplest candidate first.
     """
     means = [float(error.mean()) for error in errors]
     best = int(np.argmin(means))
@@ -190,20 +154,9 @@ def refit_bins(data: AxisData, refit: Refit, fold: int) -> list[FoldBins]:
 
 def unexplained(data: AxisData, model: AxisModel | None) -> list[FloatArray]:
     """
-    Subtract a model's free run, from the steady state of the first cell, from r - w.
+    Subtract a model's free run, from the steady state of the first cell, from r - w, (N_i,).
 
-    Parameters
-    ----------
-    data : AxisData
-        The axis; residuals that are held out stay NaN.
-    model : AxisModel or None
-        The model; None leaves everything.
-
-    Returns
-    -------
-    list of ndarrays, shape (N_i,)
-        r - w - o - s w, N or N m, up to the unknown constant of each recording.
-
+    Up to the unknown constant of each recording; without a model, all of r - w.
     """
     if model is None:
         return list(data.residual)
@@ -241,24 +194,7 @@ def fold_bins(data: AxisData, remainders: Sequence[FloatArray], fold: int) -> li
 
 
 def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray:
-    """
-    Average samples over bins of consecutive cells.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n, ...)
-        One entry per sample, at least one.
-    cells : ndarray of int, shape (n,)
-        Their cells, increasing.
-    bin_cells : int
-        Cells per bin.
-
-    Returns
-    -------
-    ndarray, shape (bins that hold samples, ...)
-        Means.
-
-    """
+    """Average samples, (n, …), over bins of consecutive cells, whose numbers, (n,), increase."""
     if bin_cells <= 1:
         return values
     bins = cells // bin_cells

@@ -1,7 +1,7 @@
 """Whether recordings can be calibrated from: refusals with numbers and a remedy."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -96,7 +96,7 @@ def check_loads(
             steps = np.abs(np.diff(raw[at])) * joined
             limit = max(
                 _JUMP_TO_NOISE * noise_level([raw]),
-                _JUMP_TO_RANGE * _range(raw[at]),
+                _JUMP_TO_RANGE * (float(np.ptp(raw[at])) if len(at) else 0.0),
                 _JUMP_TO_RESOLUTION * _resolution(raw[at]),
             )
             if len(steps) > MIN_SAMPLES and steps.max() > limit > 0:
@@ -118,43 +118,14 @@ def _resolution(values: FloatArray) -> float:
     return float(real.min()) if len(real) > _FEW_STEPS else rounding
 
 
-def _range(values: FloatArray) -> float:
-    """Highest minus lowest, 0 when there is nothing."""
-    return float(np.ptp(values)) if len(values) else 0.0
-
-
-@dataclass(frozen=True)
-class _Stuck:
-    """Cells in which an axis of a recording keeps one value."""
-
-    cells: BoolArray
-    value: float
-    extreme: bool
-
-
 def drop_stuck_cells(
     recordings: Sequence[Recording], axes: Sequence[str]
 ) -> tuple[list[Recording], list[str]]:
     """
-    Leave out cells in which the raw wrench is stuck.
+    Make cells in which the raw wrench is stuck NaN, and say so in sentences.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Those of one calibration.
-    axes : sequence of str
-        Axes that are calibrated.
-
-    Returns
-    -------
-    tuple of list of Recording and list of str
-        Recordings with NaN in such cells, and what was left out, in sentences.
-
-    Raises
-    ------
-    CalibrationRefusedError
-        When an axis is stuck for more than a twentieth of a recording, or all axes are dead.
-
+    Refuse an axis that is stuck for more than a twentieth of a recording, and recordings in
+    which all axes are dead.
     """
     sound = list(recordings)
     sentences: list[str] = []
@@ -177,13 +148,12 @@ def drop_stuck_cells(
             continue
         lively = any(_liveliness(each.wrench[:, column]) >= _LIVELY for each in recordings)
         for i, recording in enumerate(sound):
-            stuck = _find_stuck(recording.wrench[:, column]) if lively else None
-            if stuck is None:
-                continue
-            sentences.append(_describe_stuck(recording, axis, stuck))
-            wrench = recording.wrench.copy()
-            wrench[stuck.cells, column] = np.nan
-            sound[i] = replace(recording, wrench=wrench)
+            stuck = _find_stuck(recording.wrench[:, column])
+            if lively and stuck.any():
+                sentences.append(_describe_stuck(recording, axis, stuck))
+                wrench = recording.wrench.copy()
+                wrench[stuck, column] = np.nan
+                sound[i] = replace(recording, wrench=wrench)
     return sound, sentences
 
 
@@ -205,31 +175,28 @@ def _is_dead(recordings: Sequence[Recording], column: int) -> bool:
     return all((values == values[0]).all() for values in series if len(values))
 
 
-def _find_stuck(values: FloatArray) -> _Stuck | None:
-    """Find the cells of all long runs of one value; None when there is none."""
+def _find_stuck(values: FloatArray) -> BoolArray:
+    """Mark the cells of all long runs of one value, shape (N,)."""
     at = np.flatnonzero(np.isfinite(values))
-    if len(at) < _STUCK_CELLS:
-        return None
-    kept = values[at]
-    starts = np.flatnonzero(np.concatenate(([True], np.diff(kept) != 0)))
-    lengths = np.diff(starts, append=len(kept))
-    long = lengths >= _STUCK_CELLS
-    if not long.any():
-        return None
-    cells = np.zeros(len(values), dtype=bool)
-    cells[at[np.repeat(long, lengths)]] = True
-    longest = float(kept[starts[int(np.argmax(lengths))]])
-    return _Stuck(cells, longest, longest in {float(kept.min()), float(kept.max())})
+    starts = np.flatnonzero(np.diff(values[at], prepend=np.nan) != 0)
+    lengths = np.diff(starts, append=len(at))
+    stuck = np.zeros(len(values), dtype=bool)
+    stuck[at[np.repeat(lengths >= _STUCK_CELLS, lengths)]] = True
+    return stuck
 
 
-def _describe_stuck(recording: Recording, axis: str, stuck: _Stuck) -> str:
+def _describe_stuck(recording: Recording, axis: str, stuck: BoolArray) -> str:
     """Say what was left out, or refuse."""
-    count = int(stuck.cells.sum())
-    share = count / int(np.isfinite(recording.wrench[:, AXES.index(axis)]).sum())
-    first_s = int(np.argmax(stuck.cells)) * recording.period_s
+    values = recording.wrench[:, AXES.index(axis)]
+    kept, counts = np.unique(values[stuck], return_counts=True)
+    value = float(kept[np.argmax(counts)])
+    extreme = value in {float(np.nanmin(values)), float(np.nanmax(values))}
+    count = int(stuck.sum())
+    share = count / int(np.isfinite(values).sum())
+    first_s = int(np.argmax(stuck)) * recording.period_s
     what = (
-        f'{axis} of {recording.name} {"saturates" if stuck.extreme else "freezes"} at '
-        f'{stuck.value:.6g} {recording.unit_of(axis)}: {count * recording.period_s:.0f} s '
+        f'{axis} of {recording.name} {"saturates" if extreme else "freezes"} at '
+        f'{value:.6g} {recording.unit_of(axis)}: {count * recording.period_s:.0f} s '
         f'({100 * share:.1f} %) without any change, first after {first_s:.0f} s'
     )
     if share > _STUCK_SHARE:
@@ -244,17 +211,15 @@ def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[
     """Name thermometers and wrenches that are silent for long, but not between plateaus."""
     sentences = []
     for recording in recordings:
-        for j in range(recording.thermometers):
-            gap_s = _longest_gap(recording.measured[:, j]) * recording.period_s
+        for j, measured in enumerate(recording.measured.T):
+            gap_s = _longest_gap(measured) * recording.period_s
             if gap_s > max_gap_s:
                 sentences.append(
                     f'Thermometer {j + 1} of {recording.name} is silent for {gap_s:.0f} s; its '
                     'last value was held.'
                 )
-        gap_s = (
-            _longest_gap(np.any(np.isfinite(recording.wrench), axis=1, keepdims=True)[:, 0])
-            * recording.period_s
-        )
+        present = np.any(np.isfinite(recording.wrench), axis=1, keepdims=True)[:, 0]
+        gap_s = _longest_gap(present) * recording.period_s
         if gap_s > max_gap_s and find_plateaus(recordings) is None:
             sentences.append(
                 f'The raw wrench of {recording.name} is missing for {gap_s:.0f} s; the drift of '

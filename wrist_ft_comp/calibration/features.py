@@ -19,22 +19,10 @@ def build_features(
     observed: Sequence[FloatArray] | None = None,
 ) -> Features:
     """
-    Choose reference, range and knots of the features from the recorded temperatures.
+    Choose reference, range and knots of the features from the recorded temperatures, (N_i, J).
 
-    Parameters
-    ----------
-    temperature_c : sequence of ndarrays, shape (N_i, J)
-        Temperatures of all recordings, °C.
-    settings : IdentificationSettings
-        Kind, degree, knots.
-    observed : sequence of ndarrays, shape (n_i, J), optional
-        The temperatures at which there are samples; knots are laid there. All by default.
-
-    Returns
-    -------
-    Features
-        T_ref is the mean temperature of each thermometer.
-
+    T_ref is the mean temperature of each thermometer. Knots are laid where there are samples, at
+    the observed temperatures; at all by default.
     """
     everything = np.concatenate(list(temperature_c))
     knots: tuple[FloatArray, ...] = ()

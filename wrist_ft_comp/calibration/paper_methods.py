@@ -34,25 +34,8 @@ def identify_paper_method(
     """
     Let held-out folds choose among the paper's methods and their numbers of latents.
 
-    Parameters
-    ----------
-    data : AxisData
-        Drift observations.
-    settings : IdentificationSettings
-        Features and orders.
-    methods : sequence of str
-        Those that compete; "none" stands for no compensation.
-
-    Returns
-    -------
-    AxisFit
-        The winner, and everything that was tried.
-
-    Raises
-    ------
-    TooShortError
-        When an ARX does not find enough consecutive samples.
-
+    "none" among the methods stands for no compensation. An ARX without enough consecutive samples
+    is a TooShortError.
     """
     refits: dict[str, Refit] = {'none': lambda _: (None, ())}
     for method in methods:

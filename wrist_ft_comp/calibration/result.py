@@ -26,21 +26,10 @@ class Candidate:
 @dataclass(frozen=True)
 class Term:
     """
-    One gain of a fitted model.
+    One gain of a fitted model: N or N m (zero) or 1 (sensitivity drift) per unit of a feature.
 
-    Attributes
-    ----------
-    output : {'zero', 'sensitivity'}
-        Which drift.
-    time_constant_s : float
-        Of the relaxation behind which the feature is taken, s; 0 is static.
-    feature : str
-        Such as ``θ1`` or ``θ2²``, or the knot of a hat.
-    gain : float
-        N or N m (zero drift), or 1 (sensitivity drift), per unit of the feature.
-    error : float
-        Its standard error; NaN behind a regularised regression, which has none.
-
+    A feature such as ``θ1`` or ``θ2²``, or the knot of a hat, is taken behind the relaxation of a
+    time constant; 0 s is static.
     """
 
     output: Output
@@ -60,26 +49,23 @@ class FoldErrors(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class HeldOut:
     """
-    Errors of one axis on held-out folds, averaged over bins, by recording and time.
+    Errors of one axis on held-out folds, averaged over bins, by recording and time, arrays (n,).
 
     Both errors are counted from the same constant: that of the fold, as if the sensor had been
     tared in it, or, for plateaus of a chamber test, that of the other plateaus.
 
     Attributes
     ----------
-    recording, fold : ndarray of int, shape (n,)
+    recording, fold : ndarray of int
         Which recording, counted from 0, and which fold was held out.
-    cell : ndarray, shape (n,)
+    cell : ndarray
         Mean number of the bin's cells, counted from the recording's first.
-    before, after : ndarray, shape (n,)
-        Error without compensation, and of the chosen candidate fitted to the other folds, N or
-        N m.
+    before, after : ndarray
+        Without compensation, and of the chosen candidate fitted to the other folds, N or N m.
     bin_s : float
         Length of a bin, s.
-    tared : bool
-        Whether the constant is the fold's own.
-    detrended : bool
-        Whether errors are counted from a slow trend, too.
+    tared, detrended : bool
+        Whether the constant is the fold's own; whether errors are counted from a slow trend, too.
 
     """
 
@@ -163,21 +149,10 @@ class AxisFit:
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """
-    A model that is ready to run, and its evidence.
+    A model that is ready to run, and its evidence: by axis what was chosen and why.
 
-    Attributes
-    ----------
-    model : DriftModel
-        Of the axes that are compensated.
-    fits : dict of str to AxisFit
-        By axis: what was chosen and why.
-    temperature_range_c : ndarray, shape (J, 2)
-        Lowest and highest temperature of each thermometer, °C.
-    duration_s : float
-        Time covered by all recordings, s.
-    warnings : tuple of str
-        What a person should know, in sentences.
-
+    The range holds lowest and highest temperature of each thermometer, °C, shape (J, 2); warnings
+    are what a person should know, in sentences.
     """
 
     model: DriftModel

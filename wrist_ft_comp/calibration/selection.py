@@ -15,19 +15,10 @@ from wrist_ft_comp.model.signals import FloatArray
 @dataclass(frozen=True, eq=False)
 class Fitted:
     """
-    A candidate, fitted.
+    A candidate, fitted up to constants; None is "no compensation".
 
-    Attributes
-    ----------
-    model : AxisModel or None
-        Up to constants; None is "no compensation".
-    time_constants_s, time_constant_errors_s : tuple of float
-        Those that were searched, increasing, with their standard errors, s.
-    terms : tuple of Term
-        Gains, where the method determines them one by one.
-    notes, doubts : tuple of str
-        What had to be mended, and what a person should be warned of.
-
+    Time constants are those that were searched, increasing, with their standard errors, s. Notes
+    say what had to be mended, doubts what a person should be warned of.
     """
 
     model: AxisModel | None
@@ -46,26 +37,10 @@ def finish(
     competing: Sequence[str],
 ) -> AxisFit:
     """
-    Fix what the fit leaves open, and collect the scores.
+    Fix what the fit of the chosen candidate leaves open, and collect the scores.
 
-    Parameters
-    ----------
-    data : AxisData
-        The axis.
-    winner : Fitted
-        Fitted to everything.
-    chosen : str
-        Its name.
-    errors : mapping of str to ndarray, shape (parts,)
-        Held-out mean square errors by candidate, simplest first; "none" is among them.
-    competing : sequence of str
-        Those that could have been chosen.
-
-    Returns
-    -------
-    AxisFit
-        The result.
-
+    Errors are held-out mean squares by candidate, simplest first, "none" among them; competing are
+    those that could have been chosen.
     """
     notes = winner.notes
     if data.no_sensitivity:
@@ -96,18 +71,7 @@ def anchor(data: AxisData, model: AxisModel) -> AxisModel:
     """
     Fix the constants: no zero drift when soaked at T_ref, and the gain error there, if loaded.
 
-    Parameters
-    ----------
-    data : AxisData
-        The axis; with load, the constant of the sensitivity drift is its least-squares value.
-    model : AxisModel
-        Fitted up to constants.
-
-    Returns
-    -------
-    AxisModel
-        With its output mean set.
-
+    With load, the constant of the sensitivity drift is its least-squares value.
     """
     resting = model.step(model.start(model.reference_c), model.reference_c)[1]
     mean = model.dynamics.output_mean - resting

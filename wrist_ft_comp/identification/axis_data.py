@@ -107,24 +107,10 @@ def build_axis_data(
     recordings: Sequence[Recording], axis: str, reference: Reference, folds: Sequence[IntArray]
 ) -> AxisData:
     """
-    Take the reference off one axis.
+    Take the reference off one axis of recordings of the same period and thermometers.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        All of the same period and number of thermometers.
-    axis : str
-        One of AXES.
-    reference : {'unloaded', 'constant', 'recorded'}
-        What the true wrench was.
-    folds : sequence of ndarrays of int, shape (N_i,)
-        From assign_folds.
-
-    Returns
-    -------
-    AxisData
-        With load where the reference was recorded and varied enough.
-
+    The result has a load where the reference was recorded and varied enough; folds are those of
+    ``assign_folds``.
     """
     column = AXES.index(axis)
     residual = [recording.wrench[:, column] for recording in recordings]
@@ -173,21 +159,10 @@ def _without_gain_error(residual: FloatArray, load: FloatArray) -> FloatArray:
 
 def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
     """
-    Divide the recordings into the folds that are held out in turn.
+    Assign each cell, shapes (N_i,), to a fold; folds are held out in turn.
 
     Whole recordings when there are several; the plateaus of a chamber test; else equal stretches
     of time.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        At least one.
-
-    Returns
-    -------
-    list of ndarrays of int, shape (N_i,)
-        Number of the fold of each cell.
-
     """
     if len(recordings) > 1:
         return [np.full(len(recording), i) for i, recording in enumerate(recordings)]

@@ -22,21 +22,10 @@ _LONG_S = 28800.0
 @dataclass(frozen=True, eq=False)
 class Sums:
     """
-    Sums over the samples of each bin of one recording, arrays of shape (n,).
+    Sums of w, r - w and their products over the samples of a recording's bins, shapes (n,).
 
-    Attributes
-    ----------
-    time : ndarray
-        -1 to 1 over a recording that is long enough to tell a trend from thermal drift, else 0.
-    count : ndarray
-        Number of samples; a bin with 0 takes no part, whatever the other sums hold.
-    load, load_square : ndarray
-        Σ w and Σ w², N or N m, and squared; 0 without a reference.
-    residual, residual_square : ndarray
-        Σ y and Σ y² with y = r - w.
-    product : ndarray
-        Σ w y.
-
+    A bin whose count is 0 takes no part, whatever the other sums hold. Time runs from -1 to 1 over
+    a recording that is long enough to tell a trend from thermal drift, and is 0 in others.
     """
 
     time: FloatArray
@@ -51,23 +40,10 @@ class Sums:
 @dataclass(frozen=True, eq=False)
 class BinnedData:
     """
-    One axis over several recordings, in bins.
+    One axis over several recordings, in bins; as AxisData, with the sums of each recording.
 
-    Attributes
-    ----------
-    period_s : float
-        Length of a bin, s.
-    cells : int
-        Cells per bin; with one, relaxations are those of the running model.
-    temperature_c : tuple of ndarrays, shape (n_i, J)
-        Mean temperatures of each bin, °C.
-    sums : tuple of Sums
-        Of each recording.
-    folds : tuple of ndarrays of int, shape (n_i,)
-        Number of the cross-validation fold of each bin.
-    loaded, tared : bool
-        Whether there is a load; as AxisData.tared.
-
+    The period is that of a bin, s, of so many cells; with one, relaxations are those of the
+    running model. Temperatures are the means of each bin, °C, shape (n_i, J).
     """
 
     period_s: float
@@ -105,22 +81,9 @@ class BinnedData:
 
 def bin_axis_data(data: AxisData, cells: int, *, means: bool = False) -> BinnedData:
     """
-    Sum an axis over bins.
+    Sum an axis over bins of some cells; the last bin of a recording may hold fewer.
 
-    Parameters
-    ----------
-    data : AxisData
-        The axis.
-    cells : int
-        Cells per bin.
-    means : bool
-        Count the mean of each bin as one sample: what is judged is drift, not noise.
-
-    Returns
-    -------
-    BinnedData
-        The last bin of a recording may hold fewer cells.
-
+    With means, the mean of each bin counts as one sample: what is judged is drift, not noise.
     """
     sums = []
     for i, residual in enumerate(data.residual):

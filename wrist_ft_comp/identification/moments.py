@@ -76,22 +76,16 @@ class Moments:
         gram[:, 1] = gram[:, :, 1] = 0.0
         return replace(self, nuisance_products=products, nuisance_gram=gram)
 
+    @property
+    def everything(self) -> BoolArray:
+        """Mask that keeps all entries, shape (B,)."""
+        return np.ones(len(self.fold), dtype=bool)
+
     def columns(self, grid: Sequence[int], inputs: int) -> IntArray:
         """
-        Find the columns of the first inputs through the given relaxations.
+        Find the columns of the first inputs through relaxations at some positions of the grid.
 
-        Parameters
-        ----------
-        grid : sequence of int
-            Positions in time_constants_s.
-        inputs : int
-            How many features take part.
-
-        Returns
-        -------
-        ndarray of int
-            Zero drift first, then sensitivity drift, then the load.
-
+        Zero drift first, then sensitivity drift, then the load.
         """
         zero = [k * self.inputs + f for k in grid for f in range(inputs)]
         if not self.loaded:
@@ -99,9 +93,9 @@ class Moments:
         half = len(self.time_constants_s) * self.inputs
         return np.array([*zero, *(half + column for column in zero), 2 * half])
 
-    def centred(self, keep: BoolArray) -> tuple[FloatArray, float]:
-        """Sum the products of kept entries without each recording's nuisance; count samples."""
-        total = self.products[keep].sum(axis=0)
+    def centred(self, keep: BoolArray) -> FloatArray:
+        """Sum the products of kept entries without each recording's nuisance, (P + 1, P + 1)."""
+        total: FloatArray = self.products[keep].sum(axis=0)
         for recording in np.unique(self.recording[keep]):
             inside = keep & (self.recording == recording)
             crossed = self.nuisance_products[inside].sum(axis=0)
@@ -110,7 +104,7 @@ class Moments:
         silent = np.diagonal(total) <= _SILENT * np.diagonal(self.products[keep].sum(axis=0))
         total[silent] = 0.0
         total[:, silent] = 0.0
-        return total, float(self.counts[keep].sum())
+        return total
 
     def _inverse_gram(self, inside: BoolArray) -> FloatArray:
         """Invert the summed products of one and time, shape (2, 2); no time gives no trend."""
@@ -127,21 +121,9 @@ class Moments:
 
     def mean_squares(self, held: BoolArray, thetas: FloatArray) -> FloatArray:
         """
-        Score combinations of columns on held-out entries.
+        Score combinations of columns, shape (S, P + 1), on the B' entries that are held out.
 
-        Parameters
-        ----------
-        held : ndarray of bool, shape (B,)
-            The held-out entries.
-        thetas : ndarray, shape (S, P + 1)
-            What each combination leaves of r - w, as coefficients of all columns.
-
-        Returns
-        -------
-        ndarray, shape (S, held-out entries)
-            Mean squares around constant and trend of each recording, in the order of the
-            entries.
-
+        Mean squares around constant and trend of each recording, shape (S, B').
         """
         # (S, B') = diagonal of θ (P + 1) · products (B', P + 1, P + 1) · θ
         halves = np.tensordot(thetas, self.products[held], axes=(1, 1))  # (S, B', P + 1)
@@ -164,20 +146,7 @@ def bank_inputs(
     """
     Compute the features of the temperatures behind every relaxation of a grid (eq. 11).
 
-    Parameters
-    ----------
-    data : BinnedData
-        For temperatures and period.
-    features : Features
-        Of one relaxation's temperatures.
-    time_constants_s : ndarray, shape (K,)
-        τ, s.
-
-    Returns
-    -------
-    list of ndarrays, shape (n_i, K·F)
-        By relaxation, then feature.
-
+    Of each recording, shape (n_i, K·F): by relaxation, then feature.
     """
     bank = [data.relaxation(float(tau)) for tau in time_constants_s]
     # A relaxation stays within the range of its input, from which the features were built.
@@ -191,24 +160,9 @@ def accumulate(
     data: BinnedData, banked: Sequence[FloatArray], time_constants_s: FloatArray, parts: int = 1
 ) -> Moments:
     """
-    Sum products of all columns over every fold of every recording.
+    Sum products of all columns, from ``bank_inputs``, over every fold of every recording.
 
-    Parameters
-    ----------
-    data : BinnedData
-        The axis.
-    banked : sequence of ndarrays, shape (n_i, K·F)
-        From bank_inputs.
-    time_constants_s : ndarray, shape (K,)
-        What they were made with.
-    parts : int
-        Entries that each fold is divided into, of about the same number of bins.
-
-    Returns
-    -------
-    Moments
-        For all candidates.
-
+    Each fold is divided into so many parts, entries of about the same number of bins.
     """
     entries = []
     for i, (x, sums) in enumerate(zip(banked, data.sums, strict=True)):

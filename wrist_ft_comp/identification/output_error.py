@@ -30,21 +30,11 @@ _REGRESSIONS: dict[str, Path] = {
 @dataclass(frozen=True)
 class Structure:
     """
-    A candidate: which columns may explain the drift.
+    A candidate: which columns may explain the drift, with a name for people.
 
-    Attributes
-    ----------
-    name : str
-        For people.
-    degree : int
-        Powers of temperature that take part; hats count as degree 1.
-    free_time_constants : int
-        How many time constants are searched; 0 with an empty bank is static.
-    bank_s : tuple of float
-        Fixed time constants, s; empty without any is static.
-    regression : {'least squares', 'ridge', 'PLS'}
-        The last two for many of them; held-out folds choose their strength.
-
+    Powers of temperature take part up to the degree (hats count as 1), behind time constants that
+    are searched or those of a fixed bank, s; without either it is static. Held-out folds choose
+    the strength of ridge and PLS.
     """
 
     name: str
@@ -58,27 +48,12 @@ def fit_columns(
     moments: Moments, structure: Structure, keep: BoolArray, inputs: int
 ) -> tuple[IntArray, FloatArray]:
     """
-    Fit a candidate to some of the folds.
+    Fit a candidate with its first inputs to the entries that are kept.
 
-    Parameters
-    ----------
-    moments : Moments
-        Of the axis.
-    structure : Structure
-        The candidate.
-    keep : ndarray of bool, shape (B,)
-        Entries to fit.
-    inputs : int
-        Features that take part.
-
-    Returns
-    -------
-    tuple of ndarrays, shapes (p,) and (S, p)
-        Columns, and their coefficients for every strength of the regression, the most regularised
-        first; S is 1 for least squares.
-
+    Return its columns, (p,), and their coefficients, (S, p), for every strength of the regression,
+    the most regularised first; S is 1 for least squares.
     """
-    products, _ = moments.centred(keep)
+    products = moments.centred(keep)
     grid = moments.time_constants_s
     if not structure.free_time_constants:
         fixed = structure.bank_s or (0.0,)

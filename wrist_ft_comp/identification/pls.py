@@ -75,27 +75,10 @@ def fix_signs(weights: FloatArray) -> FloatArray:
 
 def fit_pls(x: FloatArray, y: FloatArray, latents: int) -> Pls:
     """
-    Fit PLS by NIPALS (eq. 3 to 10).
+    Fit PLS by NIPALS (eq. 3 to 10) to x, shape (N, F), and y, (N, M), centred and scaled.
 
-    Parameters
-    ----------
-    x : ndarray, shape (N, F)
-        Inputs, centred and scaled.
-    y : ndarray, shape (N, M)
-        Outputs, centred and scaled.
-    latents : int
-        Number of latents R wanted, at least 1.
-
-    Returns
-    -------
-    Pls
-        With R latents, or fewer when x or y is exhausted before.
-
-    Raises
-    ------
-    SettingsError
-        When latents is below 1.
-
+    There are as many latents as asked for, or fewer when x or y is exhausted before. Less than one
+    is refused with a SettingsError.
     """
     if latents < 1:
         raise SettingsError(f'PLS needs at least 1 latent; got {latents}.')
@@ -155,11 +138,10 @@ def _dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
 
 def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
     """
-    Fit principal component regression, the paper's starting point, as fit_pls.
+    Fit principal component regression, the paper's starting point, as ``fit_pls``.
 
     Weights and loadings are the leading right singular vectors of x; there is one output direction
     per latent, as in eq. 8.
-
     """
     if latents < 1:
         raise SettingsError(f'PCR needs at least 1 latent; got {latents}.')

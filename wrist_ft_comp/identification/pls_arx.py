@@ -36,19 +36,10 @@ PaperMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']
 @dataclass(frozen=True, eq=False)
 class XyBlock:
     """
-    Input and output block of one axis, scaled, and centred within each recording.
+    Input and output block of one axis, recording by recording.
 
-    Attributes
-    ----------
-    inputs : tuple of ndarrays, shape (N_i, F)
-        Features of every cell, not centred and not scaled.
-    valid : tuple of ndarrays of bool, shape (N_i,)
-        Cells with an observation.
-    observed : tuple of ndarrays, shape (N_i, M)
-        From observe_drift.
-    output_weight : ndarray, shape (M,)
-        Diagonal of W_y.
-
+    Features of every cell, (N_i, F), neither centred nor scaled; what is observed of the outputs,
+    (N_i, M), and where; and the diagonal of W_y.
     """
 
     inputs: tuple[FloatArray, ...]
@@ -63,29 +54,15 @@ def identify(
     """
     Identify one axis by one of the paper's methods.
 
-    Parameters
-    ----------
-    method : {'pcr', 'pls', 'filtered_pls', 'arx_pls'}
-        Which.
-    data : AxisData
-        Drift observations.
-    features : Features
-        The model's inputs.
-    orders : Orders
-        Structure.
-
-    Returns
-    -------
-    tuple of ArxPls or None, and tuple of str
-        The model (None when the inputs explain nothing), and what had to be mended, in sentences.
-
+    The model is None when the inputs explain nothing; sentences say what had to be mended. An ARX
+    without enough consecutive samples is a TooShortError.
     """
     xy_block = _build_xy_block(data, features)
     if not any(valid.any() for valid in xy_block.valid):
         return None, ()
     if method == 'filtered_pls':
         return _filtered(xy_block, orders, data.period_s), ()
-    mean, weight = _moments(xy_block.inputs, xy_block.valid)
+    mean, weight = _mean_and_weight(xy_block.inputs, xy_block.valid)
     fit = fit_pcr if method == 'pcr' else fit_pls
     x, y = _stack(xy_block, xy_block.inputs, weight)
     outer = fit(x, y, orders.latents)
@@ -109,23 +86,11 @@ def identify(
 
 def observe_drift(data: AxisData) -> list[FloatArray]:
     """
-    Turn r - w into direct observations of the outputs, for methods that need them.
+    Observe zero drift and, when there is load, sensitivity drift directly in r - w.
 
-    Without load the only output is the zero drift. With load, sensitivity is a least-squares
-    slope over windows of at most OBSERVATION_WINDOW_S that do not cross gaps: "coefficients
-    recorded at discrete temperatures" (the paper's 3.2).
-
-    Parameters
-    ----------
-    data : AxisData
-        The axis.
-
-    Returns
-    -------
-    list of ndarrays, shape (N_i, M)
-        Zero drift (N or N m) up to a constant and, when there is load, sensitivity drift; NaN
-        where either is not known.
-
+    Sensitivity is a least-squares slope over windows of at most OBSERVATION_WINDOW_S that do not
+    cross gaps: "coefficients recorded at discrete temperatures" (the paper's 3.2). Shapes
+    (N_i, M), up to a constant; NaN where either is not known.
     """
     if data.load is None:
         return [residual[:, np.newaxis] for residual in data.residual]
@@ -176,7 +141,7 @@ def _build_xy_block(data: AxisData, features: Features) -> XyBlock:
     )
 
 
-def _moments(
+def _mean_and_weight(
     inputs: Sequence[FloatArray], valid: Sequence[BoolArray]
 ) -> tuple[FloatArray, FloatArray]:
     """Mean and one over the deviation of the inputs, shapes (F,); weight 0 for constant ones."""
@@ -229,23 +194,18 @@ def _inner_arx(
 
 
 def _filtered(xy_block: XyBlock, orders: Orders, period_s: float) -> ArxPls | None:
-    """
-    Put a bank of filters H before static PLS (eq. 11 to 14).
-
-    Each filtered input is a column of the block E of eq. 12. The regression matrix of every filter
-    then becomes latents of that filter (eq. 15), so the model runs like any other.
-    """
+    """Put a bank of filters H before static PLS (eq. 11 to 14); as latents they run (eq. 15)."""
     bank = [relaxation(tau, period_s) for tau in orders.time_constants_s]
     banked = [
         np.concatenate([free_run(h, x) for h in bank], axis=1)  # Ẽ = H(E), eq. 11
         for x in xy_block.inputs
     ]
-    _, weight = _moments(banked, xy_block.valid)
+    _, weight = _mean_and_weight(banked, xy_block.valid)
     x, y = _stack(xy_block, banked, weight)
     outer = fit_pls(x, y, orders.latents)  # eq. 12
     if not outer.latents:
         return None
     # C (F·K, M) -> (K, F, M): gains of every filter, back in the units of the inputs
     gains = (weight[:, np.newaxis] * outer.coefficients).reshape(len(bank), -1, y.shape[1])
-    mean, input_weight = _moments(xy_block.inputs, xy_block.valid)
+    mean, input_weight = _mean_and_weight(xy_block.inputs, xy_block.valid)
     return from_gains(bank, gains, mean, input_weight, xy_block.output_weight)

@@ -22,7 +22,7 @@ _EXHAUSTED = 1e-12
 Path = Callable[[FloatArray, IntArray], FloatArray]
 
 
-def correlations(products: FloatArray, columns: IntArray) -> tuple[FloatArray, FloatArray]:
+def _correlations(products: FloatArray, columns: IntArray) -> tuple[FloatArray, FloatArray]:
     """
     Scale centred products so that each column, by the positions (…, p), has variance one.
 
@@ -41,22 +41,11 @@ def correlations(products: FloatArray, columns: IntArray) -> tuple[FloatArray, F
 
 def least_squares(products: FloatArray, columns: IntArray) -> tuple[FloatArray, FloatArray]:
     """
-    Regress the target on some columns, with just enough ridge to be solvable.
+    Regress the target on columns, shape (…, p), with just enough ridge to be solvable.
 
-    Parameters
-    ----------
-    products : ndarray, shape (P + 1, P + 1)
-        From Moments.centred.
-    columns : ndarray of int, shape (..., p)
-        Which columns explain; leading dimensions are solved one by one.
-
-    Returns
-    -------
-    tuple of ndarrays, shapes (..., p) and (...)
-        Coefficients, and what they leave of the sum of squares.
-
+    Return coefficients, (…, p), and the residual sum of squares, (…).
     """
-    both, scale = correlations(products, columns)
+    both, scale = _correlations(products, columns)
     matrix, target = both[..., :-1, :-1], both[..., :-1, -1]
     damped = matrix + TINY_RIDGE * np.eye(columns.shape[-1])
     scaled = np.linalg.solve(damped, target[..., np.newaxis])[..., 0]
@@ -67,23 +56,8 @@ def least_squares(products: FloatArray, columns: IntArray) -> tuple[FloatArray, 
 
 
 def ridge_path(products: FloatArray, columns: IntArray) -> FloatArray:
-    """
-    Regress the target on some columns with every strength of ridge.
-
-    Parameters
-    ----------
-    products : ndarray, shape (P + 1, P + 1)
-        From Moments.centred.
-    columns : ndarray of int, shape (p,)
-        Which columns explain.
-
-    Returns
-    -------
-    ndarray, shape (len(RIDGE_STRENGTHS), p)
-        Coefficients.
-
-    """
-    both, scale = correlations(products, columns)
+    """Regress the target on columns, (p,), by ridge: coefficients, (len(RIDGE_STRENGTHS), p)."""
+    both, scale = _correlations(products, columns)
     values, vectors = np.linalg.eigh(both[:-1, :-1])
     turned = vectors.T @ both[:-1, -1]
     # (S, p) = (S, p) / … · (p, p)
@@ -94,25 +68,13 @@ def ridge_path(products: FloatArray, columns: IntArray) -> FloatArray:
 
 def pls_path(products: FloatArray, columns: IntArray) -> FloatArray:
     """
-    Regress the target on some columns by PLS with 1, 2, … latents (eq. 3 to 10).
+    Regress the target on columns, (p,), by PLS with 1, 2, … latents (eq. 3 to 10).
 
     The same latents as NIPALS finds in the samples, from XᵀX and Xᵀy alone (Dayal and MacGregor,
-    Journal of Chemometrics 11, 1997).
-
-    Parameters
-    ----------
-    products : ndarray, shape (P + 1, P + 1)
-        From Moments.centred.
-    columns : ndarray of int, shape (p,)
-        Which columns explain.
-
-    Returns
-    -------
-    ndarray, shape (MAX_LATENTS, p)
-        Coefficients; those of an exhausted block are repeated.
-
+    Journal of Chemometrics 11, 1997). Coefficients, shape (MAX_LATENTS, p); those of an exhausted
+    block are repeated.
     """
-    both, scale = correlations(products, columns)
+    both, scale = _correlations(products, columns)
     matrix, covariance = both[:-1, :-1], both[:-1, -1].copy()
     size, first = len(covariance), float(np.linalg.norm(covariance))
     loadings: FloatArray = np.zeros((0, size))

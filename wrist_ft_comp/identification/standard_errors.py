@@ -17,19 +17,10 @@ _MIN_CLUSTERS = 20
 @dataclass(frozen=True, eq=False)
 class GainFit:
     """
-    Gains for given time constants.
+    Gains for given time constants, (K,), s, of which 0 is static, with standard errors.
 
-    Attributes
-    ----------
-    time_constants_s : ndarray, shape (K,)
-        τ, s; 0 for a static part.
-    gains : ndarray, shape (K, F, M)
-        From features of each relaxation's temperatures to zero and sensitivity drift.
-    time_constant_errors_s : ndarray, shape (K,)
-        Standard errors, s; NaN where τ is 0.
-    gain_errors : ndarray, shape (K, F, M)
-        Standard errors, units of the gains.
-
+    Gains, (K, F, M), lead from features of each relaxation's temperatures to zero and sensitivity
+    drift. What has no error holds NaN.
     """
 
     time_constants_s: FloatArray
@@ -40,25 +31,10 @@ class GainFit:
 
 def fit_gains(data: BinnedData, features: Features, time_constants_s: FloatArray) -> GainFit:
     """
-    Fit all gains for given time constants, with standard errors of both.
+    Fit all gains for time constants at their optimum, with standard errors of both.
 
     The errors allow for what is left being correlated in time: they are those of the sandwich
     estimator, with stretches of ten minutes as the independent samples.
-
-    Parameters
-    ----------
-    data : BinnedData
-        The axis.
-    features : Features
-        Of one relaxation's temperatures.
-    time_constants_s : ndarray, shape (K,)
-        τ at their optimum, s; a single 0 is static.
-
-    Returns
-    -------
-    GainFit
-        Gains and errors.
-
     """
     clustered = replace(data, folds=_clusters(data))
     projection = residual_and_gradient(clustered, features, time_constants_s)
@@ -103,8 +79,7 @@ def _standard_errors(projection: VarPro, free: BoolArray) -> FloatArray:
     copied = np.eye(size)[:, projection.columns]
     jacobian = np.concatenate((copied, projection.derivative[free].T), axis=1)
     residual = projection.residual
-    everything = np.ones(len(moments.counts), dtype=bool)
-    bread = jacobian.T @ moments.centred(everything)[0] @ jacobian
+    bread = jacobian.T @ moments.centred(moments.everything) @ jacobian
     scores = np.empty((len(moments.counts), jacobian.shape[1]))
     for recording in np.unique(moments.recording):
         own = moments.recording == recording

@@ -27,24 +27,9 @@ def search_time_constants(
     data: BinnedData, features: Features, start_s: FloatArray, tolerance: float = 1e-9
 ) -> FloatArray:
     """
-    Search the time constants around a start, all gains solved inside.
+    Search the time constants around a start, all gains solved inside; increasing, s.
 
-    Parameters
-    ----------
-    data : BinnedData
-        The axis.
-    features : Features
-        Of one relaxation's temperatures.
-    start_s : ndarray, shape (K,)
-        Start, s.
-    tolerance : float
-        Stop when what is left falls by less than this share of it.
-
-    Returns
-    -------
-    ndarray, shape (K,)
-        Time constants, s, increasing.
-
+    It ends when what is left falls by less than a share, the tolerance, of it.
     """
     # Slower than its longest recording cannot be told from a trend.
     lower, upper = np.log((data.period_s, data.longest_s))
@@ -130,7 +115,7 @@ def residual_and_gradient(
         for x, a, b in zip(here, up, down, strict=True)
     ]
     moments = accumulate(data, banked, np.concatenate((time_constants_s, time_constants_s)))
-    products, _ = moments.centred(np.ones(len(moments.counts), dtype=bool))
+    products = moments.centred(moments.everything)
     columns = moments.columns(range(count), moments.inputs)
     gains, rss = least_squares(products, columns)
     load = 2 * len(moments.time_constants_s) * moments.inputs  # the column w, if there is one

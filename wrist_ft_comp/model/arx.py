@@ -47,22 +47,13 @@ class Orders:
 
 @dataclass(frozen=True, eq=False)
 class Arx:
-    """
-    Coefficients of one latent's ARX.
+    """Coefficients of one latent's ARX, signs as in the module's equation."""
 
-    Attributes
-    ----------
-    a : ndarray, shape (n,)
-        Feedback on past outputs, sign as in the module's equation.
-    b : ndarray, shape (m,)
-        Gains on inputs, b[0] on t(k - first_lag).
-    first_lag : int
-        g, in cells; 0 is a direct term.
-
-    """
-
+    #: Feedback on past outputs, shape (n,).
     a: FloatArray
+    #: Gains on inputs, b[0] on t(k - first_lag), shape (m,).
     b: FloatArray
+    #: g, in cells; 0 is a direct term.
     first_lag: int = 0
 
     @property
@@ -131,20 +122,9 @@ def mean_relaxation(time_constant_s: float, period_s: float, cells: int) -> Arx:
 
 def free_run(arx: Arx, t: FloatArray) -> FloatArray:
     """
-    Run the model on its own past outputs, from the steady state of the first input.
+    Run a model on its own past outputs, from the steady state of the first input.
 
-    Parameters
-    ----------
-    arx : Arx
-        The model; its static gain must exist.
-    t : ndarray, shape (N,) or (N, K)
-        Scores, one column per series.
-
-    Returns
-    -------
-    ndarray, shape of t
-        Outputs.
-
+    Its static gain must exist. Scores t have shape (N,) or (N, K), one column per series.
     """
     # Here, because only fits call this: what runs live is light.
     from scipy.signal import lfilter  # noqa: PLC0415
@@ -196,7 +176,7 @@ def fit_one_step(
         Score t_r and output u_r of each recording; each has its own unknown constant in u. Rows
         that touch a NaN are left out.
     order, inputs, first_lag : int
-        As for regressors.
+        n, m and g.
 
     Returns
     -------

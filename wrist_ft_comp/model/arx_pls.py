@@ -22,33 +22,18 @@ from wrist_ft_comp.model.signals import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class ArxPls:
-    """
-    An identified dynamic model from F inputs through R latents to M outputs.
+    """An identified dynamic model from F inputs through R latents to M outputs."""
 
-    Attributes
-    ----------
-    input_mean : ndarray, shape (F,)
-        x̄, unit of the inputs.
-    input_weight : ndarray, shape (F,)
-        Diagonal of W_x, one over the unit of the inputs.
-    rotations : ndarray, shape (F, R)
-        W (PᵀW)⁻¹, without unit.
-    latents : tuple of R Arx
-        H_r.
-    output_loadings : ndarray, shape (M, R)
-        Q, without unit.
-    output_weight : ndarray, shape (M,)
-        Diagonal of W_y, one over the unit of the outputs.
-    output_mean : ndarray, shape (M,)
-        ȳ, unit of the outputs.
-
-    """
-
+    #: x̄, unit of the inputs, and the diagonal of W_x, one over it, shape (F,).
     input_mean: FloatArray
     input_weight: FloatArray
+    #: W (PᵀW)⁻¹, without unit, shape (F, R).
     rotations: FloatArray
+    #: H_r.
     latents: tuple[Arx, ...]
+    #: Q, without unit, shape (M, R).
     output_loadings: FloatArray
+    #: Diagonal of W_y, one over the unit of the outputs, and ȳ, shape (M,).
     output_weight: FloatArray
     output_mean: FloatArray
 
@@ -101,20 +86,9 @@ class ArxPls:
 
     def step(self, state: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """
-        Advance by one cell.
+        Advance by one cell: inputs x, shape (F,), outputs, shape (M,).
 
-        Parameters
-        ----------
-        state : ndarray, shape (R, L)
-            From start or the last step, of each latent in transposed direct form II.
-        x : ndarray, shape (F,)
-            Inputs of the cell.
-
-        Returns
-        -------
-        tuple of ndarrays, shapes (R, L) and (M,)
-            New state, and outputs of the cell.
-
+        The state, shape (R, L), is each latent's in transposed direct form II; it is not modified.
         """
         numerators, denominators, _ = self._filters
         t = self._scores(x)[:, np.newaxis]
@@ -221,10 +195,8 @@ def from_gains(
         H_k, with static gain 1.
     gains : ndarray, shape (K, F, M)
         G_k, from inputs in their own unit to outputs times output_weight.
-    input_mean, input_weight : ndarray, shape (F,)
-        x̄ and diagonal of W_x of the model; inputs of weight 0 must have no gain.
-    output_weight : ndarray, shape (M,)
-        Diagonal of W_y.
+    input_mean, input_weight, output_weight : ndarray, shapes (F,), (F,) and (M,)
+        Of the model; inputs of weight 0 must have no gain.
 
     Returns
     -------

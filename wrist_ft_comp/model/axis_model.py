@@ -28,22 +28,13 @@ _SLOPE_SHARE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class AxisModel:
-    """
-    What runs for one axis.
+    """What runs for one axis."""
 
-    Attributes
-    ----------
-    features : Features
-        From J temperatures, or with filters K·J filtered ones (filter by filter), to F features.
-    dynamics : ArxPls
-        From F features to one output (zero drift) or two (zero drift, sensitivity drift).
-    filters : tuple of K Arx
-        H_k, of static gain 1, each applied to every thermometer; empty passes them as they are.
-
-    """
-
+    #: From J temperatures, or with filters K·J filtered ones (filter by filter), to F features.
     features: Features
+    #: From F features to one output (zero drift) or two (zero drift, sensitivity drift).
     dynamics: ArxPls
+    #: H_k, of static gain 1, each applied to every thermometer; empty passes them as they are.
     filters: tuple[Arx, ...] = ()
 
     def __post_init__(self) -> None:
@@ -140,22 +131,7 @@ class AxisModel:
         return np.concatenate((before.ravel(), self.dynamics.start(x).ravel()))
 
     def step(self, state: FloatArray, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """
-        Advance by one thermal cell.
-
-        Parameters
-        ----------
-        state : ndarray, shape (S,)
-            From start or the last step; not modified.
-        temperature_c : ndarray, shape (J,)
-            Mean temperatures of the cell, °C.
-
-        Returns
-        -------
-        tuple of ndarrays, shapes (S,) and (M,)
-            New state, and the drift of the cell, N or N m and without unit.
-
-        """
+        """Advance by one thermal cell, temperatures (J,), °C; new state (S,) and drift (M,)."""
         before, behind = self._split(state)
         filtered = self._thermometer_features.clamp(temperature_c)
         if self._filter_bank is not None:

@@ -1,5 +1,5 @@
 """
-The drift of all six axes: the model that runs, and what runs it.
+The drift of all six axes: the model that runs, and the functions that run it.
 
     r_i = (1 + s_i) w_i + o_i           measurement: s sensitivity drift, o zero drift
     ŵ_i = (r_i - o_i - tare_i) / (1 + s_i)
@@ -23,26 +23,16 @@ DriftState = Mapping[str, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class DriftModel:
-    """
-    Drift of a sensor.
+    """Drift of a sensor."""
 
-    Attributes
-    ----------
-    period_ns : int
-        Thermal period h, ns.
-    thermometers : int
-        Number of thermometers J.
-    axes : mapping of str to AxisModel
-        By axis name; an axis that is not there has no drift ("none").
-    deviation : mapping of str to float
-        By axis name, also of axes without drift: standard deviation of what the model leaves of
-        the drift, from held-out data, N or N m.
-
-    """
-
+    #: Thermal period h, ns.
     period_ns: int
+    #: J.
     thermometers: int
+    #: By axis name; an axis that is not there has no drift ("none").
     axes: Mapping[str, AxisModel]
+    #: By axis name, also of axes without drift: standard deviation of what the model leaves of the
+    #: drift, from held-out data, N or N m.
     deviation: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -74,18 +64,8 @@ class DriftModel:
         Estimate how far the zero drift that is subtracted may be from the true one.
 
         Beyond the calibrated temperatures it grows by what the model itself says of a further
-        kelvin: nobody saw whether the drift goes on like that.
-
-        Parameters
-        ----------
-        temperature_c : ndarray, shape (J,)
-            Temperatures, °C.
-
-        Returns
-        -------
-        ndarray, shape (6,)
-            Standard deviation, N and N m; NaN for axes that were not calibrated.
-
+        kelvin: nobody saw whether the drift goes on like that. A standard deviation, N and N m,
+        shape (6,), from temperatures, °C, shape (J,); NaN for axes that were not calibrated.
         """
         deviations = np.full(len(AXES), np.nan)
         for name, deviation in self.deviation.items():
@@ -109,19 +89,11 @@ class StoredModel:
 
 
 class Drift(NamedTuple):
-    """
-    Zero and sensitivity drift.
+    """Zero and sensitivity drift, shape (..., 6), axis order AXES."""
 
-    Attributes
-    ----------
-    zero : ndarray, shape (..., 6)
-        o, N and N m, axis order AXES.
-    sensitivity : ndarray, shape (..., 6)
-        s, without unit.
-
-    """
-
+    #: o, N and N m.
     zero: FloatArray
+    #: s, without unit.
     sensitivity: FloatArray
 
 

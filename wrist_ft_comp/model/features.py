@@ -28,26 +28,18 @@ class Features:
     Temperatures further than MARGIN outside [lower_c, upper_c], the range that was calibrated, are
     clamped. Hats, which have no slope beyond their last knot, stay constant from there.
 
-    Attributes
-    ----------
-    kind : {'powers', 'hats'}
-        Powers of θ_j up to ``degree``, or one hat function per knot.
-    reference_c : ndarray, shape (J,)
-        T_ref, °C.
-    lower_c, upper_c : ndarray, shape (J,)
-        Calibrated range, °C.
-    degree : int
-        Highest power; unused for hats.
-    knots_c : tuple of J ndarrays
-        Increasing knot temperatures of each thermometer, °C; empty for powers.
-
     """
 
+    #: Powers of θ_j up to ``degree``, or one hat function per knot.
     kind: FeatureKind
+    #: T_ref, °C, shape (J,).
     reference_c: FloatArray
+    #: Calibrated range, °C, shape (J,).
     lower_c: FloatArray
     upper_c: FloatArray
+    #: Highest power; unused for hats.
     degree: int = 1
+    #: Increasing knot temperatures of each thermometer, °C; empty for powers.
     knots_c: tuple[FloatArray, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -102,19 +94,10 @@ class Features:
 
     def expand(self, temperature_c: FloatArray) -> FloatArray:
         """
-        Compute the features.
+        Compute the features, shape (..., F), of temperatures, °C, shape (..., J).
 
-        Parameters
-        ----------
-        temperature_c : ndarray, shape (..., J)
-            Temperatures, °C.
-
-        Returns
-        -------
-        ndarray, shape (..., F)
-            Powers: θ_1 … θ_J, then their squares, and so on (K, K² …). Hats: the hats of
-            thermometer 1, then of 2, and so on, each between 0 and 1.
-
+        Powers: θ_1 … θ_J, then their squares, and so on (K, K² …). Hats: those of thermometer 1,
+        then of 2, and so on, each between 0 and 1.
         """
         return self.expand_within(self.clamp(temperature_c))
 

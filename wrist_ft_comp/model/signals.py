@@ -22,11 +22,8 @@ Reference = Literal['unloaded', 'constant', 'recorded']
 
 #: Told the share of the work that is done, 0 to 1.
 Progress = Callable[[float], None]
-
-
 #: Takes stamps_ns (n,) and raw wrenches (n, 6), N and N m; returns corrected wrenches (n, 6).
 Correction = Callable[[IntArray, FloatArray], FloatArray]
-
 
 #: Axis order of every wrench array in this package.
 AXES = ('force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z')
@@ -86,37 +83,25 @@ class Recording:
     Cell ``k`` is the half-open interval ``[k h, (k + 1) h)`` of stamps, ``h = period_ns``. The
     first cell is the first one by whose end every thermometer has reported.
 
-    Attributes
-    ----------
-    name : str
-        Where it came from, for messages.
-    period_ns : int
-        Cell length h, ns.
-    first_cell : int
-        Number of the first cell.
-    temperature_c : ndarray, shape (N, J)
-        Mean temperature, °C; a cell without a sample holds the last one's value.
-    measured : ndarray of bool, shape (N, J)
-        Whether the cell had a temperature sample of its own.
-    wrench : ndarray, shape (N, 6)
-        Mean raw wrench, N and N m, axis order AXES; NaN where there was no sample.
-    reference : ndarray, shape (N, 6)
-        Mean reference wrench; NaN where there was no sample.
-    warnings : tuple of str
-        What was dropped while reading, in sentences.
-    unit : str
-        Of every axis where it is not N and N m; else empty.
-
     """
 
+    #: Where it came from, for messages.
     name: str
+    #: Cell length h, ns.
     period_ns: int
+    #: Number of the first cell.
     first_cell: int
+    #: Mean temperature, °C, shape (N, J); a cell without a sample holds the last one's value.
     temperature_c: FloatArray
+    #: Whether the cell had a temperature sample of its own, shape (N, J).
     measured: BoolArray
+    #: Mean raw and reference wrench, N and N m, axis order AXES, shape (N, 6); NaN where there was
+    #: no sample.
     wrench: FloatArray
     reference: FloatArray
+    #: What was dropped while reading, in sentences.
     warnings: tuple[str, ...] = field(default=())
+    #: Of every axis where it is not N and N m; else empty.
     unit: str = ''
 
     def __post_init__(self) -> None:

@@ -29,17 +29,9 @@ class CompletedCells:
 
 class ThermalGrid:
     """
-    Averages temperatures per cell as they arrive.
+    Averages temperatures per cell, h = period_ns, as they arrive.
 
-    Parameters
-    ----------
-    period_ns : int
-        Cell length h, ns.
-    thermometers : int
-        Number of thermometers J.
-    patience_s : float
-        How long a silent thermometer may hold the others up, s; then its last value is held.
-
+    A silent thermometer may hold the others up for patience_s; then its last value is held.
     """
 
     def __init__(self, period_ns: int, thermometers: int, patience_s: float) -> None:
