@@ -1,0 +1,263 @@
+"""
+What version 0.1.0 wrote: every later version loads it and runs it to the same drift.
+
+How the files were made is told beside them, in fixtures/v0_1_0/README.md. They are never made
+again: a later version has to read them, however it writes its own.
+"""
+
+from collections.abc import Callable
+import csv
+import hashlib
+import json
+from pathlib import Path
+import shutil
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from wrist_ft_comp.cli.main import main
+
+# All that these tests know of the package; what moves is renamed here and in the four helpers.
+from wrist_ft_comp.errors import ModelFileError, StateFileError
+from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.files.model_store import ModelStore
+from wrist_ft_comp.files.recordings import read_recording
+from wrist_ft_comp.files.state_file import load_state
+from wrist_ft_comp.model.offline import simulate_drift
+from wrist_ft_comp.model.signals import AXES, Topics
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+
+HERE = Path(__file__).parent / 'fixtures' / 'v0_1_0'
+MODELS = sorted([*HERE.glob('models/*.yaml'), *HERE.glob('store/models/*.yaml')])
+#: N, N m, and without unit for sensitivity.
+TOLERANCE = 1e-9
+SECOND = 1_000_000_000
+STORED_HISTORY = [None, 'model_20261121T220509Z.yaml', 'model_20261121T220520Z.yaml']
+
+
+def read_json(name: str) -> Any:
+    return json.loads((HERE / name).read_text(encoding='utf-8'))
+
+
+EVALUATIONS = read_json('evaluations.json')
+RECORDINGS = read_json('recordings.json')
+
+every_model = pytest.mark.parametrize('path', MODELS, ids=lambda path: path.stem)
+
+
+def simulated(model: Any, path: Path) -> tuple[Any, Any]:
+    """Zero and sensitivity drift by batch, shape (N, 6) each."""
+    return tuple(simulate_drift(model, read_recording(path, period_s=model.period_ns / SECOND)))
+
+
+def fresh(model: Any) -> Any:
+    """A compensator that runs a model."""
+    return Compensator(model.thermometers, StreamSettings(), model)
+
+
+def resumed(model: Any, state: Any) -> Any:
+    """A compensator that goes on from a saved state, as the node does."""
+    compensator = fresh(model)
+    compensator.restore_tare(state.tare)
+    compensator.resume(state.thermal, 0.0)
+    return compensator
+
+
+def stream(compensator: Any, path: Path, first_ns: int) -> list[list[float]]:
+    """Feed temperatures one by one; the corrected wrench of every fourth row."""
+    outputs = []
+    with path.open(encoding='utf-8') as file:
+        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    for number, row in enumerate(rows):
+        stamp_ns = first_ns + round(row['stamp_s'] * SECOND)
+        names = [name for name in row if name.startswith('temperature')]
+        for thermometer, name in enumerate(names):
+            compensator.add_temperature(thermometer, stamp_ns, row[name])
+        if number % 4 == 3:
+            raw = [row.get(axis, 1.0) for axis in AXES]
+            outputs.append(compensator.correct(stamp_ns + SECOND, raw))
+    return outputs
+
+
+@pytest.fixture
+def printed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., str]:
+    """Run the command line where the fixtures lie; it has to succeed."""
+    monkeypatch.chdir(HERE)
+
+    def run(*words: object) -> str:
+        capsys.readouterr()
+        assert main([str(word) for word in words]) == 0, words
+        return capsys.readouterr().out
+
+    return run
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Any:
+    """A copy of the node's folder."""
+    return ModelStore(Path(shutil.copytree(HERE / 'store', tmp_path / 'moved')))
+
+
+def close(expected: Any) -> Any:
+    return pytest.approx(expected, abs=TOLERANCE, rel=0)
+
+
+def test_the_models_are_of_every_method_and_structure() -> None:
+    assert len(MODELS) == 18
+    axes = [
+        axis
+        for path in MODELS
+        for axis in yaml.safe_load(path.read_text(encoding='utf-8'))['axes'].values()
+    ]
+    chosen = {axis['chosen'].split(',')[0] for axis in axes}
+    assert chosen >= {
+        'none', 'static', 'pcr', 'pls', 'filtered_pls', 'arx_pls', 'PLS on a bank',
+        '1 time constant', '2 time constants', '3 time constants',
+    }  # fmt: skip
+    running = [axis['model'] for axis in axes if axis['model'] is not None]
+    assert {model['features']['kind'] for model in running} == {'powers', 'hats'}
+    assert {model['features']['degree'] for model in running} == {1, 2, 3}
+    assert {len(model['dynamics']['output_mean']) for model in running} == {1, 2}
+    assert any(model['filters'] for model in running)
+
+
+@every_model
+def test_a_model_gives_the_same_drift_in_a_batch(path: Path) -> None:
+    expected = read_json(str(path.relative_to(HERE).with_suffix('.json')))
+    stored = load_model(path)
+    assert stored.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    drifts = dict(
+        zip(
+            ('zero', 'sensitivity'), simulated(stored.model, HERE / expected['input']), strict=True
+        )
+    )
+    for part, drift in drifts.items():
+        wanted = np.zeros(drift.shape)
+        for axis, values in expected[part].items():
+            wanted[:, AXES.index(axis)] = values
+        np.testing.assert_allclose(drift, wanted, rtol=0, atol=TOLERANCE)
+
+
+@every_model
+def test_a_model_corrects_a_stream_to_the_same_wrenches(path: Path) -> None:
+    expected = read_json(str(path.relative_to(HERE).with_suffix('.json')))
+    outputs = stream(fresh(load_model(path).model), HERE / expected['input'], 0)
+    np.testing.assert_allclose(outputs, expected['stream'], rtol=0, atol=TOLERANCE)
+
+
+def same_numbers(value: Any, expected: Any) -> None:
+    """Whatever was printed then is printed now; there may be more."""
+    if isinstance(expected, dict):
+        for key, each in expected.items():
+            same_numbers(value[key], each)
+    elif isinstance(expected, float):
+        assert value == pytest.approx(expected, rel=1e-9, abs=0)
+    else:
+        assert value == expected
+
+
+@pytest.mark.parametrize('name', EVALUATIONS)
+def test_a_model_is_evaluated_to_the_same_figures(printed: Callable[..., str], name: str) -> None:
+    then = EVALUATIONS[name]
+    now = json.loads(printed('evaluate', *then['words'], '--json'))
+    assert then['printed']['axes']
+    same_numbers(now, then['printed'])
+
+
+@every_model
+def test_a_model_is_shown(printed: Callable[..., str], path: Path) -> None:
+    content = path.read_bytes()
+    shown = json.loads(printed('show', path, '--json'))
+    assert shown['sha256'] == hashlib.sha256(content).hexdigest()
+    for axis, entry in yaml.safe_load(content)['axes'].items():
+        assert shown['axes'][axis]['chosen'] == entry['chosen']
+        assert axis in printed('show', path)
+
+
+def test_a_stream_goes_on_from_the_saved_state() -> None:
+    expected = read_json('state.json')
+    stored = load_model(HERE / 'store/models' / str(STORED_HISTORY[-1]))
+    state = load_state(HERE / 'store/state.json')
+    assert state is not None
+    assert state.thermal is not None
+    assert state.model_sha256 == stored.sha256
+    assert state.tare.all()
+    compensator = resumed(stored.model, state)
+    held = compensator.correct(state.thermal.end_ns, [1.0] * len(AXES))
+    assert held == close(expected['held'])
+    first_ns = state.thermal.end_ns + 3 * stored.model.period_ns
+    outputs = stream(compensator, HERE / 'input_2.csv', first_ns)
+    np.testing.assert_allclose(outputs, expected['stream'], rtol=0, atol=TOLERANCE)
+    new = stream(fresh(stored.model), HERE / 'input_2.csv', first_ns)
+    assert not np.allclose(outputs, new, rtol=0, atol=0.1), 'the state counts'
+
+
+def names(store: Any) -> list[str | None]:
+    return [path and path.name for path in store.history()]
+
+
+def test_the_list_of_models_is_read_where_it_was_moved_to(store: Any) -> None:
+    assert names(store) == STORED_HISTORY
+    assert store.given() == ''
+    assert [path.name for path in store.recordings()] == ['recording_20261121T220452Z.csv']
+    for path in store.history()[1:]:
+        assert path.is_relative_to(store.directory)
+        assert load_model(path).model.thermometers == 2
+
+
+def test_the_list_of_models_is_rolled_back(store: Any) -> None:
+    for steps in (1, 2):
+        store.activate(store.history()[:-1])
+        assert names(store) == STORED_HISTORY[:-steps]
+    store.activate([*store.history(), store.directory / 'models' / str(STORED_HISTORY[1])])
+    assert names(ModelStore(store.directory)) == STORED_HISTORY[:2]
+
+
+@pytest.mark.parametrize('then', RECORDINGS, ids=lambda r: f'{r["path"]} {r["wrench_topic"]}')
+def test_a_recording_is_read_to_the_same_cells(then: dict[str, Any]) -> None:
+    topics = Topics(wrench=then['wrench_topic'])
+    recording = read_recording(HERE / then['path'], period_s=then['period_s'], topics=topics)
+    channels = np.hstack([recording.temperature_c, recording.wrench, recording.reference])
+    weights = np.arange(1, len(channels) + 1)[:, np.newaxis]
+    assert recording.first_cell == then['first_cell']
+    assert np.isfinite(channels).sum(axis=0).tolist() == then['present']
+    for key, sums in (('sum', channels), ('weighted_sum', weights * channels)):
+        np.testing.assert_allclose(np.nansum(sums, axis=0), then[key], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize('then', RECORDINGS, ids=lambda r: f'{r["path"]} {r["wrench_topic"]}')
+def test_a_recording_is_shown(printed: Callable[..., str], then: dict[str, Any]) -> None:
+    wrench = ('--wrench-topic', then['wrench_topic'])
+    assert 'temperature' in printed('show', then['path'], *wrench)
+
+
+def test_a_recording_is_compensated_to_the_same_wrenches(
+    printed: Callable[..., str], tmp_path: Path
+) -> None:
+    model, source = 'models/arx_pls_oe_loaded.yaml', 'recordings/loaded.csv'
+    printed('compensate', model, source, '-o', tmp_path / 'now.csv')
+    now, then, raw = (
+        read_recording(path, period_s=20).wrench
+        for path in (tmp_path / 'now.csv', HERE / 'recordings/compensated.csv', HERE / source)
+    )
+    np.testing.assert_allclose(now, then, rtol=0, atol=TOLERANCE)
+    assert np.nanmax(np.abs(now - raw)) > 1.0
+
+
+def test_a_model_of_a_later_version_is_refused(tmp_path: Path) -> None:
+    document = yaml.safe_load(MODELS[0].read_text(encoding='utf-8'))
+    path = tmp_path / 'later.yaml'
+    path.write_text(yaml.safe_dump({**document, 'version': 999}), encoding='utf-8')
+    with pytest.raises(ModelFileError, match='version 999'):
+        load_model(path)
+
+
+def test_a_state_of_a_later_version_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'state.json'
+    path.write_text(json.dumps({**read_json('store/state.json'), 'version': 999}))
+    with pytest.raises(StateFileError, match='version 999'):
+        load_state(path)
