@@ -7,6 +7,7 @@ where ROS 2 is missing.
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
+from functools import cached_property
 import os
 from pathlib import Path
 import queue
@@ -86,21 +87,23 @@ def ros_context(ros_domain: int) -> Iterator[Any]:
 
 
 class Bench:
-    """
-    Runs nodes in threads of their own, beside a helper node that listens, publishes and calls.
-
-    Attributes
-    ----------
-    helper : Node
-        The node that the methods below use.
-
-    """
+    """Runs nodes in threads of their own, beside a helper that listens, publishes and calls."""
 
     def __init__(self, context: Any) -> None:
         self.context = context
         self._stack = ExitStack()
         self._stops: list[threading.Event] = []
-        self.helper: Any = self.start(Node, 'helper', use_global_arguments=False)
+
+    @cached_property
+    def helper(self) -> Any:
+        """The node that the methods below use, made when it is first needed."""
+        return self.start(Node, 'helper', use_global_arguments=False)
+
+    def make(self, factory: Callable[..., Any], **kwargs: Any) -> Any:
+        """Make a node as ``start`` does, whose callbacks nobody calls."""
+        node = factory(context=self.context, **_node_arguments(kwargs))
+        self._stack.callback(node.destroy_node)
+        return node
 
     def start(self, factory: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         """

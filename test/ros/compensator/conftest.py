@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from functools import partial
 import itertools
 from pathlib import Path
 import queue
@@ -25,6 +26,7 @@ with suppress(ImportError):
     from rcl_interfaces.srv import SetParameters
     from rclpy.parameter import Parameter
     from rclpy.qos import QoSProfile
+    from rclpy.serialization import deserialize_message, serialize_message
     from sensor_msgs.msg import Temperature
     from std_srvs.srv import SetBool, Trigger
 
@@ -33,10 +35,13 @@ with suppress(ImportError):
 
 TIMEOUT_S = 60.0
 SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
 #: So few messages are under way at once that best effort loses none.
 WINDOW = 40
 #: Shorter than the node's own, for the tests' sake.
 DIAGNOSTICS_PERIOD_S, TARE_GRACE_S = 0.05, 0.2
+#: Between two looks at what a test waits for, s.
+PAUSE_S = 0.002
 _NUMBERS = itertools.count()
 
 
@@ -53,14 +58,14 @@ def stamp_ns(message: Any) -> int:
 
 class Rig:
     """
-    A compensator in a namespace of its own, and everything around it.
+    A compensator in a namespace of its own, whose callbacks are called as an executor would.
 
     Attributes
     ----------
     node : CompensatorNode
-        Under test, in a thread of its own.
-    outputs : queue of WrenchStamped
-        What it published on ``wrench`` and nobody took yet.
+        Under test.
+    outputs : queue
+        What it published on ``wrench``, as bytes or messages, and nobody took yet.
 
     """
 
@@ -69,61 +74,75 @@ class Rig:
         self.namespace = namespace
         self.directory = directory
         self.thermometers = options.pop('thermometers', 1)
-        topics = ['temperature', *(f'temperature_{j}' for j in range(2, self.thermometers + 1))]
-        parameters = {
+        self.topics = [
+            'temperature',
+            *(f'temperature_{j}' for j in range(2, self.thermometers + 1)),
+        ]
+        options['parameters'] = {
             'data_directory': str(directory),
-            'temperature_topics': topics,
+            'temperature_topics': self.topics,
             **options.pop('parameters', {}),
         }
-        self.node = options.pop('node', None) or bench.start(
-            CompensatorNode, namespace=namespace, parameters=parameters, **options
-        )
-        self.arrays = bench.listen(DiagnosticArray, '/diagnostics')
-        self.outputs = bench.listen(WrenchStamped, self.topic('wrench'), QoSProfile(depth=5000))
-        bench.wait_until(lambda: self.node._output.get_subscription_count() > 0, 'a listener')
-        self._raw = bench.publisher(WrenchStamped, self.topic('wrench_raw'))
-        self._temperatures = [bench.publisher(Temperature, self.topic(t)) for t in topics]
-        self._clients: dict[str, Any] = {}
+        self.outputs: queue.Queue[Any] = queue.Queue()
+        self._connect(options)
+
+    def _connect(self, options: dict[str, Any]) -> None:
+        """Make the node, and catch what it sends."""
+        self.node = self.bench.make(CompensatorNode, namespace=self.namespace, **options)
+        self._statuses: list[Any] = []
+        self.node._output.publish = self.outputs.put
+        self.node._diagnostics.publish = lambda array: self._statuses.extend(array.status)
+        for service in self.node._offered:
+            service._send = lambda response, answers: answers.put(response)
 
     def topic(self, name: str) -> str:
         """Topic of the node, by its relative name."""
         return f'{self.namespace}/{name}'
 
-    def reference(self) -> Callable[[int, Sequence[float]], None]:
-        """Give what publishes reference wrenches; only while a recording runs."""
-        publisher = self.bench.publisher(WrenchStamped, self.topic('wrench_reference'))
-        return lambda stamp, values: publisher.publish(wrench_message(stamp, 'world', values))
+    def send_reference(self, stamp: int, values: Iterable[float]) -> None:
+        """Send one reference wrench."""
+        self.node._on_reference(serialize_message(wrench_message(stamp, 'world', values)))
 
     def put(self, stamp: int, values: Iterable[float], frame: str = 'tool0') -> None:
         """Send one raw wrench."""
-        self._raw.publish(wrench_message(stamp, frame, values))
+        self.put_bytes(serialize_message(wrench_message(stamp, frame, values)))
 
     def put_bytes(self, data: bytes) -> None:
         """Send bytes where a raw wrench belongs."""
-        self._raw.publish(data)
+        self.node._on_wrench(data)
 
-    def put_temperature(self, stamp: int, *values: float, first: int = 0) -> None:
-        """Send one reading per value, of the thermometers from first on."""
-        for publisher, value in zip(self._temperatures[first:], values, strict=False):
+    def put_temperature(self, stamp: int, *values: float) -> None:
+        """Send one reading per value."""
+        for j, value in enumerate(values):
             message = Temperature(temperature=float(value))
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, SECOND)
-            publisher.publish(message)
+            self.put_temperature_bytes(j, serialize_message(message))
+
+    def put_temperature_bytes(self, thermometer: int, data: bytes) -> None:
+        """Send bytes where a temperature belongs."""
+        self.node._on_temperature(thermometer, data)
 
     def warm(self, stamp: int, *values: float) -> None:
         """Send one reading per thermometer, and wait until the node has them."""
         counts = self.node.health.counts
         goal = counts.temperatures + counts.bad_temperatures + len(values)
         self.put_temperature(stamp, *values)
-        pause = threading.Event()
-        for _ in range(int(TIMEOUT_S / 0.001)):
-            if counts.temperatures + counts.bad_temperatures >= goal:
-                return
-            pause.wait(0.001)
-        pytest.fail('waited for the temperatures')
+        self.wait_until(
+            lambda: counts.temperatures + counts.bad_temperatures >= goal, 'the temperatures'
+        )
+
+    def warm_up(self, celsius: float, seconds: int = 3, first: int = 0) -> None:
+        """Send a temperature every second, of every thermometer."""
+        for second in range(first, first + seconds):
+            self.warm(START + second * SECOND, *[celsius] * self.thermometers)
 
     def take(self, count: int = 1) -> list[Any]:
         """Take outputs in their order."""
-        return [self.outputs.get(timeout=TIMEOUT_S) for _ in range(count)]
+        taken = [self.outputs.get(timeout=TIMEOUT_S) for _ in range(count)]
+        return [
+            deserialize_message(each, WrenchStamped) if isinstance(each, bytes) else each
+            for each in taken
+        ]
 
     def ask_output(self, stamp: int, values: Iterable[float]) -> tuple[float, ...]:
         """Send one raw wrench; return what it is corrected to."""
@@ -134,21 +153,104 @@ class Rig:
 
     def stream(self, stamps: Sequence[int], wrenches: Any) -> np.ndarray:
         """Send raw wrenches; return what they are corrected to, shape (n, 6)."""
-        found = []
+        corrected = []
         for first in range(0, len(stamps), WINDOW):
             part = stamps[first : first + WINDOW]
             for stamp, values in zip(part, wrenches[first : first + WINDOW], strict=True):
                 self.put(int(stamp), values)
             messages = self.take(len(part))
             assert [stamp_ns(each) for each in messages] == [int(stamp) for stamp in part]
-            found += [six(each) for each in messages]
-        return np.array(found)
+            corrected += [six(each) for each in messages]
+        return np.array(corrected)
 
     def ask(self, service: str, data: bool | None = None) -> 'queue.Queue[Any]':
         """Call a service of the node; its answer comes in the queue."""
-        kind, request = Trigger, Trigger.Request()
-        if data is not None:
-            kind, request = SetBool, SetBool.Request(data=data)
+        answers: queue.Queue[Any] = queue.Queue()
+        name = f'{self.namespace}/wrist_ft_comp/{service}'
+        (served,) = (each for each in self.node.services if each.service_name == name)
+        kind, request = _request(data)
+        response = served.callback(request, kind.Response())
+        deferred = {id(getattr(each, 'service', None)): each for each in self.node._offered}
+        if id(served) in deferred:
+            deferred[id(served)]._on_header(response, answers)
+        else:
+            answers.put(response)
+        return answers
+
+    def call(self, service: str, data: bool | None = None) -> Any:
+        """Call a service of the node and return its answer."""
+        answers = self.ask(service, data)
+        self.wait_until(lambda: not answers.empty(), f'the answer of {service}')
+        return answers.get()
+
+    def set(self, name: str, value: Any) -> Any:
+        """Set a parameter; return the verdict."""
+        return self.node.set_parameters([Parameter(name, value=value)])[0]
+
+    def wait_until(self, condition: Callable[[], bool], what: str) -> None:
+        """Wait, while the node looks after itself."""
+        pause = threading.Event()
+        for _ in range(int(TIMEOUT_S / PAUSE_S)):
+            if condition():
+                return
+            self.node._keep_house()
+            pause.wait(PAUSE_S)
+        pytest.fail(f'waited {TIMEOUT_S} s for {what}')
+
+    def diagnosis(self, name: str, wanted: Callable[[Any], bool] = lambda _: True) -> Any:
+        """Return the next status of a name that is as wanted."""
+        full = f'{self.namespace.lstrip("/")}/wrist_ft_comp: {name}'
+        statuses: list[Any] = []
+
+        def told() -> bool:
+            statuses.extend(each for each in self._report() if each.name == full)
+            return bool(statuses) and wanted(statuses[-1])
+
+        self.wait_until(told, f'{full} to be as wanted')
+        return statuses[-1]
+
+    def _report(self) -> list[Any]:
+        """Give the statuses of now."""
+        self._statuses.clear()
+        self.node._keep_house()
+        self.node._diagnose()
+        return self._statuses
+
+
+class WiredRig(Rig):
+    """A compensator in a thread of its own, and everything around it, over DDS."""
+
+    def _connect(self, options: dict[str, Any]) -> None:
+        """Start the node, unless there is one, and what talks to it."""
+        bench, namespace = self.bench, self.namespace
+        self.node = options.pop('node', None) or bench.start(
+            CompensatorNode, namespace=namespace, **options
+        )
+        self.outputs = bench.listen(WrenchStamped, self.topic('wrench'), QoSProfile(depth=5000))
+        bench.wait_until(lambda: self.node._output.get_subscription_count() > 0, 'a listener')
+        self._arrays = bench.listen(DiagnosticArray, '/diagnostics')
+        self._raw = bench.publisher(WrenchStamped, self.topic('wrench_raw'))
+        self._temperatures = [bench.publisher(Temperature, self.topic(t)) for t in self.topics]
+        self._clients: dict[str, Any] = {}
+
+    def reference(self) -> Callable[[int, Sequence[float]], None]:
+        """Give what publishes reference wrenches; only while a recording runs."""
+        publisher = self.bench.publisher(WrenchStamped, self.topic('wrench_reference'))
+        return lambda stamp, values: publisher.publish(
+            serialize_message(wrench_message(stamp, 'world', values))
+        )
+
+    def put_bytes(self, data: bytes) -> None:
+        """Publish bytes where a raw wrench belongs."""
+        self._raw.publish(data)
+
+    def put_temperature_bytes(self, thermometer: int, data: bytes) -> None:
+        """Publish bytes where a temperature belongs."""
+        self._temperatures[thermometer].publish(data)
+
+    def ask(self, service: str, data: bool | None = None) -> 'queue.Queue[Any]':
+        """Call a service of the node; its answer comes in the queue."""
+        kind, request = _request(data)
         if service not in self._clients:
             name = f'{self.namespace}/wrist_ft_comp/{service}'
             self._clients[service] = self.bench.helper.create_client(kind, name)
@@ -158,10 +260,6 @@ class Rig:
         client.call_async(request).add_done_callback(lambda done: answers.put(done.result()))
         return answers
 
-    def call(self, service: str, data: bool | None = None) -> Any:
-        """Call a service of the node and return its answer."""
-        return self.ask(service, data).get(timeout=TIMEOUT_S)
-
     def set(self, name: str, value: Any) -> Any:
         """Set a parameter over the graph; return the verdict."""
         request = SetParameters.Request(
@@ -170,37 +268,46 @@ class Rig:
         service = f'{self.namespace}/wrist_ft_comp/set_parameters'
         return self.bench.call(SetParameters, service, request).results[0]
 
-    def diagnosis(self, concern: str, wanted: Callable[[Any], bool] | None = None) -> Any:
-        """Return the next status of a concern, or the next one that is as wanted."""
-        name = f'{self.namespace.lstrip("/")}/wrist_ft_comp: {concern}'
-        while not self.arrays.empty():
-            self.arrays.get()
-        found = 0
-        for _ in range(round(TIMEOUT_S / DIAGNOSTICS_PERIOD_S)):
-            for status in self.arrays.get(timeout=TIMEOUT_S).status:
-                if status.name != name:
-                    continue
-                found += 1  # the first may have been on its way before the call
-                if found > 1 if wanted is None else wanted(status):
-                    return status
-        pytest.fail(f'waited for {name} to be as wanted')
+    def wait_until(self, condition: Callable[[], bool], what: str) -> None:
+        """Wait for what the node does by itself."""
+        self.bench.wait_until(condition, what)
+
+    def _report(self) -> list[Any]:
+        """Wait for the next statuses."""
+        return list(self._arrays.get(timeout=TIMEOUT_S).status)
+
+
+def _request(data: bool | None) -> tuple[Any, Any]:
+    """Make a request: Trigger's, or SetBool's with data."""
+    if data is None:
+        return Trigger, Trigger.Request()
+    return SetBool, SetBool.Request(data=data)
 
 
 @pytest.fixture
-def rig(bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Rig]:
-    """Start compensators; each in its own namespace, all with the same data_directory."""
+def rig(bench: Any, tmp_path: Path) -> Callable[..., Rig]:
+    """Make compensators; each in its own namespace, all with the same data_directory."""
+    return partial(_make_rig, Rig, bench, tmp_path)
+
+
+@pytest.fixture
+def wired(bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., WiredRig]:
+    """Start compensators that talk over DDS, and often of their health."""
     period = 'wrist_ft_comp.ros.compensator_node._DIAGNOSTICS_PERIOD_S'
     monkeypatch.setattr(period, DIAGNOSTICS_PERIOD_S)
+    return partial(_make_rig, WiredRig, bench, tmp_path)
+
+
+@pytest.fixture(autouse=True)
+def short_grace(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wait less for the wrenches of a tare."""
     monkeypatch.setattr('wrist_ft_comp.ros.services.tare._GRACE_S', TARE_GRACE_S)
-    started: list[Rig] = []
 
-    def start(**options: Any) -> Rig:
-        namespace = options.pop('namespace', None) or f'/t{next(_NUMBERS)}'
-        directory = options.pop('directory', tmp_path / 'data')
-        started.append(Rig(bench, namespace, directory, **options))
-        return started[-1]
 
-    return start
+def _make_rig(kind: Callable[..., Any], bench: Any, tmp_path: Path, **options: Any) -> Any:
+    """Make a rig with a namespace of its own."""
+    namespace = options.pop('namespace', None) or f'/t{next(_NUMBERS)}'
+    return kind(bench, namespace, options.pop('directory', tmp_path / 'data'), **options)
 
 
 def lag_model(

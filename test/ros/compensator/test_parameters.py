@@ -23,8 +23,8 @@ OTHER = {
 }
 
 
-def test_every_parameter_is_described(rig):
-    node = rig()
+def test_every_parameter_is_described(wired):
+    node = wired()
     request = DescribeParameters.Request(names=[row.name for row in PARAMETERS])
     service = f'{node.namespace}/wrist_ft_comp/describe_parameters'
     shown = node.bench.call(DescribeParameters, service, request).descriptors

@@ -138,7 +138,7 @@ def test_a_broken_state_is_said_and_replaced(rig, stored, tmp_path, capfd, conte
     assert 'state.json is not a state file' in capfd.readouterr().err
     for second in range(3):
         node.warm(START + second * SECOND, 30.0)
-    node.bench.wait_until(lambda: node.node.state_keeper.saves > 0, 'a save')
+    node.wait_until(lambda: node.node.state_keeper.saves > 0, 'a save')
     assert load_state(path) is not None
 
 
@@ -159,7 +159,7 @@ def test_what_is_saved_is_what_the_stream_remembers(rig, stored):
         state = load_state(path)
         return state is not None and state.tare.any() and state.thermal.end_ns == expected.end_ns
 
-    node.bench.wait_until(saved, 'the save')
+    node.wait_until(saved, 'the save')
     state = load_state(path)
     assert state.model_sha256 == stored.sha256
     assert state.thermal.filters['force_z'] == pytest.approx(expected.filters['force_z'])
@@ -179,7 +179,7 @@ def test_a_disk_that_refuses_is_said_and_the_stream_goes_on(rig, stored, capfd):
     assert 'until then a restart loses the thermal state and the tare' in status.message
     assert node.ask_output(START, LOAD)[2] == pytest.approx(30.0)
     log = []
-    node.bench.wait_until(
+    node.wait_until(
         lambda: log.append(capfd.readouterr().err) or 'cannot be written' in ''.join(log),
         'the log',
     )

@@ -14,7 +14,7 @@ STAMPS = START + np.arange(51) * SECOND // 50
 def begin(node):
     """Ask for a tare; wait until the node has begun."""
     answers = node.ask('tare')
-    node.bench.wait_until(lambda: node.node.tare._running is not None, 'the tare')
+    node.wait_until(lambda: node.node.tare._running is not None, 'the tare')
     return answers
 
 
@@ -25,8 +25,8 @@ def tare(node, stamps=STAMPS, wrenches=None):
 
 
 @executors
-def test_a_tare_answers_with_the_offset_and_reads_zero_after(rig, executor):
-    node = rig(executor=executor)
+def test_a_tare_answers_with_the_offset_and_reads_zero_after(wired, executor):
+    node = wired(executor=executor)
     answer = tare(node)
     assert answer.success
     assert answer.message == (
@@ -61,9 +61,8 @@ def test_a_moving_load_is_refused_and_the_tare_stays(rig):
     assert tare(node, STAMPS + 15 * SECOND, moving).success
 
 
-@executors
-def test_a_tare_without_wrenches_is_answered(rig, executor):
-    node = rig(executor=executor, parameters={'tare.duration': 0.01})
+def test_a_tare_without_wrenches_is_answered(rig):
+    node = rig(parameters={'tare.duration': 0.01})
     answer = node.call('tare')
     assert not answer.success
     assert answer.message.startswith('Taring needs at least 10 wrenches; got 0.')

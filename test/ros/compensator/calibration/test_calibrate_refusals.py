@@ -15,7 +15,7 @@ def begin(node):
     """Call calibrate; return where the answer comes, and the process."""
     answers = node.ask('calibrate')
     control = node.node.calibration
-    node.bench.wait_until(lambda: control.running_s is not None, 'the calibration')
+    node.wait_until(lambda: control.running_s is not None, 'the calibration')
     return answers, control._running[0]
 
 
