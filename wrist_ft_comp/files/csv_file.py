@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 import difflib
 import io
-from math import isnan
+from math import isnan, nan
 import os
 from pathlib import Path
 import re
@@ -35,6 +35,18 @@ from wrist_ft_comp.model.signals import (
 #: Characters per piece, the bound of what is in memory: some 10 000 rows.
 CHUNK = 1_000_000
 _THERMOMETER = re.compile(r'temperature(_([2-9]|[1-9]\d+))?_c')
+
+
+def _nanoseconds(text: str) -> int:
+    """Convert decimal seconds to nanoseconds exactly."""
+    return round(Decimal(text) * NANOSECONDS)
+
+
+#: How a stamp is converted, and what its column is expected to hold.
+_STAMPS: dict[str, tuple[Callable[[str], int], str]] = {
+    'stamp_ns': (int, 'a whole number of nanoseconds'),
+    'stamp_s': (_nanoseconds, 'a decimal number of seconds'),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +90,7 @@ class CsvRecording:
         #: The first line, verbatim.
         self.header = first[0].rstrip('\n')
         self.delimiter = max(',;\t', key=self.header.count)
-        ((_, cells),) = self._split([self.header.strip()], 1)
+        (cells,) = self._split([self.header.strip()])
         self.columns = tuple(cell.strip() for cell in cells)
         if all(re.fullmatch(r'[-+.\deE]*', column) for column in self.columns):
             raise RecordingError(
@@ -103,7 +115,12 @@ class CsvRecording:
                 )
         self.require('stamp', tuple(_STAMPS))
         self._stamp = next(column for column in _STAMPS if column in self.columns)
-        self._warn_of_mistyped({self._stamp, *channels})
+        #: How the known columns are converted, and what they are expected to hold.
+        self._expected: dict[str, tuple[Callable[[str], float], str]] = {
+            self._stamp: _STAMPS[self._stamp],
+            **dict.fromkeys(channels, (_number, 'a number with a decimal point')),
+        }
+        self._warn_of_mistyped()
 
     def require(self, kind: str, names: Sequence[str]) -> None:
         """Refuse when none of the named columns is there, suggesting one that looks like it."""
@@ -116,10 +133,12 @@ class CsvRecording:
             f'{", ".join(self.columns)}. {remedy or "Rename or add the column."}'
         )
 
-    def _warn_of_mistyped(self, used: set[str]) -> None:
+    def _warn_of_mistyped(self) -> None:
         """Warn of columns that are not used but named almost like ones that would be."""
-        known = {*AXES, *REFERENCE_CHANNELS, 'temperature_c', 'temperature_2_c'} - used
-        for column in (column for column in self.columns if column not in used):
+        known = {*AXES, *REFERENCE_CHANNELS, 'temperature_c', 'temperature_2_c'} - {
+            *self._expected
+        }
+        for column in (column for column in self.columns if column not in self._expected):
             for near in difflib.get_close_matches(column.lower(), known, 1, 0.85):
                 self.warnings.append(
                     f'The column {column} of {self.path.name} is not used; if it is {near}, '
@@ -197,35 +216,57 @@ class CsvRecording:
         except OSError as error:
             raise RecordingError(f'{self.path} cannot be read: {error.strerror}.') from error
 
-    def _split(self, lines: list[str], first: int) -> Iterator[tuple[int, list[str]]]:
-        """Cut lines into cells, with the numbers of the lines; blank ones are skipped."""
-        reader = csv.reader(lines, delimiter=self.delimiter)
+    def _split(self, lines: Sequence[str]) -> list[list[str]]:
+        """Cut lines into cells."""
         try:
-            for row in reader:
-                if len(row) > 1 or ''.join(row).strip():
-                    yield first + reader.line_num - 1, row
+            return list(csv.reader(lines, delimiter=self.delimiter))
         except csv.Error as error:
             raise RecordingError(f'{self.path.name} is no CSV recording: {error}.') from error
 
     def _piece(self, lines: list[str], first: int) -> CsvPiece | None:
         """Convert lines; None where all are blank."""
-        numbers, rows = [], []
-        for number, row in self._split(lines, first):
-            if len(row) != len(self.columns):
-                raise RecordingError(
-                    f'Line {number} of {self.path.name} has {len(row)} cells; the header names '
-                    f'{len(self.columns)} columns. Repair or remove the line.'
-                )
-            numbers.append(number)
-            rows.append(row)
+        rows, width = self._split(lines), len(self.columns)
+        if set(map(len, rows)) != {width}:
+            rows = [row for row in rows if not _is_blank(row)]
+            for at, row in enumerate(rows):
+                if len(row) != width:
+                    problem = f' has {len(row)} cells; the header names {width} columns'
+                    raise self._refusal(problem, lines, first, at)
         if not rows:
             return None
         cells = list(zip(*rows, strict=True))
+        try:
+            return self._converted(cells)
+        except (ValueError, ArithmeticError):
+            problem, at = self._first_bad(cells)
+        raise self._refusal(problem, lines, first, at)
+
+    def _converted(self, cells: list[tuple[str, ...]]) -> CsvPiece:
+        """Convert columns of cells, whatever refuses."""
+        convert, _ = self._expected[self._stamp]
+        stamps = cells[self.columns.index(self._stamp)]
+        stamps_ns = np.fromiter(map(convert, stamps), np.int64, len(stamps))
         values, filled = {}, {}
         for channel in (channel for group in self.groups for channel in group):
-            column = cells[self.columns.index(channel)]
-            values[channel], filled[channel] = self._numbers(channel, column, numbers)
-        return CsvPiece(cells, self._stamps_ns(cells, numbers), values, filled)
+            values[channel], filled[channel] = _numbers(cells[self.columns.index(channel)])
+        return CsvPiece(cells, stamps_ns, values, filled)
+
+    def _first_bad(self, cells: list[tuple[str, ...]]) -> tuple[str, int]:
+        """Find the first cell that does not convert: what is wrong with it, and its row."""
+        for column, (convert, expected) in self._expected.items():
+            for at, cell in enumerate(cells[self.columns.index(column)]):
+                try:
+                    np.array(convert(cell), np.int64 if column == self._stamp else float)
+                except (ValueError, ArithmeticError):  # noqa: PERF203 -- once, and it is over
+                    return f', column {column}: expected {expected}, got {cell[:60]!r}', at
+        raise AssertionError
+
+    def _refusal(self, problem: str, lines: list[str], first: int, at: int) -> RecordingError:
+        """Say where a row is: lines that are blank are none, and one may have several lines."""
+        reader = csv.reader(lines, delimiter=self.delimiter)
+        ends = [reader.line_num for row in reader if not _is_blank(row)]
+        where = f'Line {first - 1 + ends[at]} of {self.path.name}'
+        return RecordingError(f'{where}{problem}. Repair or remove the line.')
 
     def _last_piece(self, last: str, line: int) -> CsvPiece | None:
         """Convert a last line without line end; None where it is what a power failure left."""
@@ -243,62 +284,25 @@ class CsvRecording:
             )
         return piece
 
-    def _stamps_ns(self, cells: list[tuple[str, ...]], lines: Sequence[int]) -> IntArray:
-        """Convert the stamps exactly."""
-        column = cells[self.columns.index(self._stamp)]
-        convert, expected = _STAMPS[self._stamp]
-        try:
-            return np.fromiter(map(convert, column), np.int64, len(column))
-        except (ValueError, ArithmeticError):
-            self._refuse_cell(self._stamp, expected, column, lines, lambda c: np.int64(convert(c)))
-            raise
 
-    def _numbers(
-        self, channel: str, column: Sequence[str], lines: Sequence[int]
-    ) -> tuple[FloatArray, BoolArray]:
-        """Convert a channel's cells; NaN where one is empty, and whether it is filled."""
-        count = len(column)
-        try:
-            return np.fromiter(map(float, column), float, count), np.ones(count, bool)
-        except ValueError:  # a cell is empty, or worse
-            stripped = [cell.strip() for cell in column]
-        try:
-            values = np.fromiter((float(cell or 'nan') for cell in stripped), float, count)
-        except ValueError:
-            expected = 'a number with a decimal point'
-            self._refuse_cell(channel, expected, stripped, lines, lambda c: float(c or 'nan'))
-            raise
-        return values, np.fromiter(map(bool, stripped), bool, count)
-
-    def _refuse_cell(
-        self,
-        column: str,
-        expected: str,
-        cells: Sequence[str],
-        lines: Sequence[int],
-        convert: Callable[[str], object],
-    ) -> None:
-        """Refuse the first cell that does not convert, and say where it is."""
-        for line, cell in zip(lines, cells, strict=True):
-            try:
-                convert(cell)
-            except (ValueError, ArithmeticError):  # noqa: PERF203 -- once, and then it is over
-                raise RecordingError(
-                    f'Line {line} of {self.path.name}, column {column}: expected {expected}, got '
-                    f'{cell[:60]!r}. Repair or remove the line.'
-                ) from None
+def _is_blank(row: Sequence[str]) -> bool:
+    """Tell whether nothing stands on a line."""
+    return len(row) < 2 and not ''.join(row).strip()
 
 
-def _nanoseconds(text: str) -> int:
-    """Convert decimal seconds to nanoseconds exactly."""
-    return int((Decimal(text) * NANOSECONDS).to_integral_value())
+def _number(cell: str) -> float:
+    """Convert a cell; an empty one is NaN."""
+    return float(cell) if cell.strip() else nan
 
 
-#: How each stamp column is converted, and what it is expected to hold.
-_STAMPS: dict[str, tuple[Callable[[str], int], str]] = {
-    'stamp_ns': (int, 'a whole number of nanoseconds'),
-    'stamp_s': (_nanoseconds, 'a decimal number of seconds'),
-}
+def _numbers(cells: Sequence[str]) -> tuple[FloatArray, BoolArray]:
+    """Convert a channel's cells, and tell which are filled."""
+    count = len(cells)
+    try:
+        return np.fromiter(map(float, cells), float, count), np.ones(count, bool)
+    except ValueError:  # a cell is empty, or worse
+        filled = np.fromiter((bool(cell.strip()) for cell in cells), bool, count)
+    return np.fromiter(map(_number, cells), float, count), filled
 
 
 def read_csv(path: Path, progress: Progress | None = None) -> tuple[Iterator[Samples], list[str]]:
