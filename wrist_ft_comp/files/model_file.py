@@ -6,6 +6,7 @@ time constants) and where it came from. Numbers are written so that they read ba
 """
 
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from datetime import datetime, timezone
 import hashlib
 from importlib.metadata import version
@@ -151,28 +152,25 @@ def _build_axis(entry: Document, thermometers: int) -> AxisModel:
     features, dynamics = entry['features'], entry['dynamics']
     inputs, latents = len(dynamics['input_mean']), len(dynamics['latents'])
     outputs = len(dynamics['output_mean'])
-    filtered = thermometers * max(len(entry['filters']), 1)
-    per_thermometer = {
-        key: _array(key, features[key], (filtered,))
-        for key in ('reference_c', 'lower_c', 'upper_c')
+    filtered = (thermometers * max(len(entry['filters']), 1),)
+    shapes: dict[str, tuple[int, ...]] = {
+        'input_mean': (inputs,),
+        'input_weight': (inputs,),
+        'rotations': (inputs, latents),
+        'output_loadings': (outputs, latents),
+        'output_weight': (outputs,),
+        'output_mean': (outputs,),
     }
     return AxisModel(
         Features(
             kind=features['kind'],
             degree=features['degree'],
             knots_c=tuple(_array('knots_c', k, (len(k),)) for k in features['knots_c']),
-            **per_thermometer,
+            **{k: _array(k, features[k], filtered) for k in ('reference_c', 'lower_c', 'upper_c')},
         ),
         ArxPls(
-            input_mean=_array('input_mean', dynamics['input_mean'], (inputs,)),
-            input_weight=_array('input_weight', dynamics['input_weight'], (inputs,)),
-            rotations=_array('rotations', dynamics['rotations'], (inputs, latents)),
             latents=tuple(_build_arx(latent) for latent in dynamics['latents']),
-            output_loadings=_array(
-                'output_loadings', dynamics['output_loadings'], (outputs, latents)
-            ),
-            output_weight=_array('output_weight', dynamics['output_weight'], (outputs,)),
-            output_mean=_array('output_mean', dynamics['output_mean'], (outputs,)),
+            **{key: _array(key, dynamics[key], shape) for key, shape in shapes.items()},
         ),
         tuple(_build_arx(each) for each in entry['filters']),
     )
@@ -276,53 +274,20 @@ def _axis_document(fit: AxisFit) -> Document:
         'rms_after': fit.rms_after,
         'reason': fit.reason,
         'time_constants_s': list(fit.time_constants_s),
-        'time_constant_errors_s': [_number(error) for error in fit.time_constant_errors_s],
-        'terms': [
-            {
-                'output': term.output,
-                'time_constant_s': term.time_constant_s,
-                'feature': term.feature,
-                'gain': term.gain,
-                'error': _number(term.error),
-            }
-            for term in fit.terms
-        ],
+        'time_constant_errors_s': _plain(fit.time_constant_errors_s),
+        'terms': _plain(fit.terms),
         'notes': list(fit.notes),
-        'candidates': [{'name': c.name, 'rms': c.rms} for c in fit.candidates],
-        'model': None if fit.model is None else _model_document(fit.model),
+        'candidates': _plain(fit.candidates),
+        'model': _plain(fit.model),
     }
 
 
-def _number(value: float) -> float | None:
-    """Write an unknown number as none: JSON and schemas know no NaN."""
-    return value if np.isfinite(value) else None
-
-
-def _model_document(model: AxisModel) -> Document:
-    """Turn what runs into plain values."""
-    features, dynamics = model.features, model.dynamics
-    return {
-        'filters': [_arx_document(each) for each in model.filters],
-        'features': {
-            'kind': features.kind,
-            'reference_c': features.reference_c.tolist(),
-            'lower_c': features.lower_c.tolist(),
-            'upper_c': features.upper_c.tolist(),
-            'degree': features.degree,
-            'knots_c': [knots.tolist() for knots in features.knots_c],
-        },
-        'dynamics': {
-            'input_mean': dynamics.input_mean.tolist(),
-            'input_weight': dynamics.input_weight.tolist(),
-            'rotations': dynamics.rotations.tolist(),
-            'latents': [_arx_document(each) for each in dynamics.latents],
-            'output_loadings': dynamics.output_loadings.tolist(),
-            'output_weight': dynamics.output_weight.tolist(),
-            'output_mean': dynamics.output_mean.tolist(),
-        },
-    }
-
-
-def _arx_document(arx: Arx) -> Document:
-    """Turn one filter or latent into plain values."""
-    return {'a': arx.a.tolist(), 'b': arx.b.tolist(), 'first_lag': arx.first_lag}
+def _plain(value: Any) -> Any:
+    """Turn records and arrays into plain values; an unknown number is none, for want of a NaN."""
+    if is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain(each) for each in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
