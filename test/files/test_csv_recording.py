@@ -11,7 +11,8 @@ import pytest
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files import csv_file as csv_text
-from wrist_ft_comp.files.csv_file import CsvRecording, CsvRecordingWriter, read_csv
+from wrist_ft_comp.files.csv_file import CsvRecording, CsvRecordingWriter
+from wrist_ft_comp.files.recordings import read_recording
 
 EPOCH = 1_723_248_197_123_456_789
 
@@ -146,7 +147,7 @@ HEADER = 'stamp_s,force_z,temperature_c\n'
 )
 def test_a_bad_file_is_refused_in_one_sentence_that_names_the_place(make_csv, text, said):
     with pytest.raises(RecordingError, match=said):
-        list(read_csv(make_csv(text))[0])
+        read_recording(make_csv(text))
 
 
 def test_a_missing_file_is_refused(tmp_path):
@@ -234,7 +235,7 @@ def test_random_damage_raises_nothing_but_recording_errors(make_csv):
             damaged[place] = rng.integers(256)
         said = 'run.csv'
         try:
-            list(read_csv(make_csv(bytes(damaged)))[0])
+            read_recording(make_csv(bytes(damaged)))
         except RecordingError as error:
             said = str(error)
         assert 'run.csv' in said

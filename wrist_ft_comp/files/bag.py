@@ -137,22 +137,8 @@ def open_bag(path: Path) -> Iterator[Bag]:
     """
     Open a bag for reading, for as long as the context lasts.
 
-    Parameters
-    ----------
-    path : Path
-        A rosbag2 folder, or one storage file. A folder without ``metadata.yaml``, as a killed
-        recorder leaves it, is read when it holds one storage file.
-
-    Yields
-    ------
-    Bag
-        Of a cut-off ``.mcap``, everything up to its last complete chunk.
-
-    Raises
-    ------
-    RecordingError
-        When it is missing, empty, no bag, or broken.
-
+    A folder without ``metadata.yaml``, as a killed recorder leaves it, is read when it holds one
+    storage file. Of a cut-off ``.mcap``, everything up to its last complete chunk is read.
     """
     chosen = _choose(path)
     with ExitStack() as stack:
@@ -271,27 +257,7 @@ def _end_of_last_record(file: BinaryIO) -> int:
 
 @contextmanager
 def write_bag(folder: Path, storage: str, compression: str) -> Iterator[Writer]:
-    """
-    Make a bag, for as long as the context lasts.
-
-    Parameters
-    ----------
-    folder : Path
-        It must not exist yet.
-    storage, compression : str
-        As a Bag says.
-
-    Yields
-    ------
-    Writer
-        For add_topic; ``write`` takes what that returns, ns and bytes.
-
-    Raises
-    ------
-    OSError
-        When it cannot be written.
-
-    """
+    """Make a bag in a new folder, for as long as the context lasts; an OSError if it cannot be."""
     try:
         writer = Writer(folder, version=9, storage_plugin=StoragePlugin[storage.upper()])
         writer.set_compression(_COMPRESSION[compression], CompressionFormat.ZSTD)

@@ -38,30 +38,7 @@ class _Stream:
 
 
 def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
-    """
-    Read wrench, temperatures and, where it is there, the reference.
-
-    Parameters
-    ----------
-    bag : Bag
-        An open bag.
-    topics : Topics
-        Where it holds what.
-    progress : callable, optional
-        Given the fraction read so far, 0 to 1.
-
-    Yields
-    ------
-    Samples
-        One per topic and batch.
-
-    Raises
-    ------
-    RecordingError
-        When a topic is missing or of the wrong type, a message is damaged, or a topic's messages
-        have no header stamps.
-
-    """
+    """Read wrench, temperatures and, where it is there, the reference; by topic and batch."""
     streams = _streams(bag, topics)
     total, seen = sum(c.msgcount for c in bag.connections if c.id in streams), 0
     unstamped = set(streams.values())
@@ -127,36 +104,10 @@ def rewrite_bag(  # noqa: PLR0913, PLR0917 - the front door's settings, passed t
     progress: Progress | None = None,
 ) -> tuple[str, ...]:
     """
-    Copy a bag with every message, and add the corrected wrench on a topic of its own.
+    Copy a bag with every message, and add the corrected wrench at the raw one's times.
 
-    Parameters
-    ----------
-    bag : Bag
-        An open bag.
-    target : Path
-        What to make, with storage and compression of the source: a folder or, where it is named
-        like one, the bare storage file.
-    correct : callable
-        Called with consecutive pieces of the raw wrench.
-    topics : Topics
-        Where the raw wrench is.
-    output_topic : str
-        Where the corrected one goes; recorded at the raw one's times.
-    progress : callable, optional
-        Given the fraction done, 0 to 1.
-
-    Returns
-    -------
-    tuple of str
-        What was lost, in sentences.
-
-    Raises
-    ------
-    RecordingError
-        When there is no such topic, the other is taken, or the target names another storage.
-    OSError
-        When the target cannot be written.
-
+    Storage and compression are those of the source. The target is a folder or, where it is named
+    like one, the bare storage file. Says what was lost.
     """
     bare = target.suffix in SUFFIXES
     if bare and SUFFIXES[target.suffix] != bag.storage:

@@ -132,29 +132,7 @@ def _layout(size: int, encapsulation: bytes, frame_length: bytes, count: int) ->
 
 
 def decode_many(messages: Sequence[bytes], count: int) -> tuple[IntArray, FloatArray]:
-    """
-    Read stamps and doubles of many messages at once.
-
-    Parameters
-    ----------
-    messages : sequence of bytes
-        n serialized messages of one type; frame names and byte orders may differ.
-    count : int
-        Doubles per message.
-
-    Returns
-    -------
-    stamps_ns : ndarray of int64, shape (n,)
-        Header stamps.
-    values : ndarray, shape (n, count)
-        The doubles, in the message's order and unit.
-
-    Raises
-    ------
-    RecordingError
-        As locate.
-
-    """
+    """Read stamps, ns, shape (n,), and doubles, shape (n, count), of n messages at once."""
     stamps_ns = np.empty(len(messages), np.int64)
     values = np.empty((len(messages), count))
     for places, records in _records(messages, count):
@@ -165,27 +143,7 @@ def decode_many(messages: Sequence[bytes], count: int) -> tuple[IntArray, FloatA
 
 
 def encode_many(messages: Sequence[bytes], values: FloatArray) -> list[bytes]:
-    """
-    Write other doubles behind the headers of many messages at once.
-
-    Parameters
-    ----------
-    messages : sequence of bytes
-        n serialized messages; they stay as they are.
-    values : ndarray, shape (n, count)
-        New doubles.
-
-    Returns
-    -------
-    list of bytes, length n
-        Each message with its own header, byte for byte, and the new doubles.
-
-    Raises
-    ------
-    RecordingError
-        As locate.
-
-    """
+    """Write other doubles, shape (n, count), behind the headers of n messages at once."""
     encoded = list(messages)
     for places, records in _records(messages, values.shape[1]):
         records['doubles'] = values[places]

@@ -104,22 +104,7 @@ def read_chamber_table(path: Path, *, keep_copied_columns: bool = False) -> Cham
 
 
 def rewrite_table(source: Path, target: Path, correct: Correction) -> tuple[str, ...]:
-    """
-    Copy a table with its outputs corrected as force z, without the columns that are left out.
-
-    Parameters
-    ----------
-    source, target : Path
-        Chamber table, and the file to make.
-    correct : callable
-        Called once, with the table's nominal times.
-
-    Returns
-    -------
-    tuple of str
-        Which columns were left out, in sentences.
-
-    """
+    """Copy a table, its outputs corrected as force z; says which columns were left out."""
     table = read_chamber_table(source)
     stamps_ns = table.reading_stamps_ns.T.ravel()
     wrench = np.full((len(stamps_ns), len(AXES)), np.nan)

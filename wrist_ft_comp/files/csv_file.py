@@ -135,9 +135,8 @@ class CsvRecording:
 
     def _warn_of_mistyped(self) -> None:
         """Warn of columns that are not used but named almost like ones that would be."""
-        known = {*AXES, *REFERENCE_CHANNELS, 'temperature_c', 'temperature_2_c'} - {
-            *self._expected
-        }
+        known = {*AXES, *REFERENCE_CHANNELS, 'temperature_c', 'temperature_2_c'}
+        known -= self._expected.keys()
         for column in (column for column in self.columns if column not in self._expected):
             for near in difflib.get_close_matches(column.lower(), known, 1, 0.85):
                 self.warnings.append(
@@ -147,24 +146,10 @@ class CsvRecording:
 
     def pieces(self, progress: Progress | None = None) -> Iterator[CsvPiece]:
         """
-        Read the rows piece by piece.
+        Read the rows piece by piece, in order, never an empty one.
 
-        Parameters
-        ----------
-        progress : callable, optional
-            Given the fraction read so far, 0 to 1.
-
-        Yields
-        ------
-        CsvPiece
-            In order of the file, never an empty one.
-
-        Raises
-        ------
-        RecordingError
-            Naming the line when a row has another number of cells than the header, a stamp is no
-            time or a value is no number; or when there is no row.
-
+        A row that is longer or shorter than the header, a stamp that is no time, and a value that
+        is no number are refused, naming the line; so is a file without rows.
         """
         rows = 0
         with self._open() as text:
@@ -305,57 +290,10 @@ def _numbers(cells: Sequence[str]) -> tuple[FloatArray, BoolArray]:
     return np.fromiter(map(_number, cells), float, count), filled
 
 
-def read_csv(path: Path, progress: Progress | None = None) -> tuple[Iterator[Samples], list[str]]:
-    """
-    Read a recording that has a wrench and a temperature.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    progress : callable, optional
-        Given the fraction read so far, 0 to 1.
-
-    Returns
-    -------
-    samples : iterator of Samples
-        In order of the file; it raises RecordingError as CsvRecording.pieces does.
-    warnings : list of str
-        What was left out; complete when the samples are through.
-
-    Raises
-    ------
-    RecordingError
-        As CsvRecording, and when the header names no wrench or no temperature.
-
-    """
-    recording = CsvRecording(path)
-    recording.require('raw wrench', AXES)
-    recording.require('temperature', ('temperature_c',))
-    return recording.samples(progress), recording.warnings
-
-
 def rewrite_csv(
     source: Path, target: Path, correct: Correction, progress: Progress | None = None
 ) -> tuple[str, ...]:
-    """
-    Copy a CSV recording, its wrench columns corrected and everything else verbatim.
-
-    Parameters
-    ----------
-    source, target : Path
-        CSV recording, and the file to make.
-    correct : callable
-        Called with consecutive pieces of the recording.
-    progress : callable, optional
-        Given the fraction done, 0 to 1.
-
-    Returns
-    -------
-    tuple of str
-        What was left out, in sentences.
-
-    """
+    """Copy a recording, its wrench corrected and all else verbatim; says what was left out."""
     recording = CsvRecording(source)
     recording.require('raw wrench', AXES)
     with target.open('x', encoding='utf-8', newline='') as file:

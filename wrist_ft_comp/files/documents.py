@@ -31,19 +31,8 @@ def replace_file(target: Path, text: str) -> None:
     """
     Write a text file; an existing one is replaced in one step, when the new one is on the disk.
 
-    Parameters
-    ----------
-    target : Path
-        The file; its folder must exist.
-    text : str
-        Its content. File names in it may hold bytes that are no text; they become "?".
-
-    Raises
-    ------
-    OSError
-        When the target is a device or a pipe, which must not be replaced, or the disk refuses;
-        what was there before stays.
-
+    Devices and pipes are not replaced. Where it raises OSError, what was there before stays. File
+    names in the text may hold bytes that are no text; they become "?".
     """
     if target.exists() and not (target.is_file() or target.is_dir()):
         raise FileExistsError(errno.EEXIST, 'It is no regular file', str(target))
@@ -64,20 +53,7 @@ def replace_file(target: Path, text: str) -> None:
 
 
 def remove_leftovers(folder: Path) -> int:
-    """
-    Remove temporary neighbours that a killed process left behind.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to look; it need not exist.
-
-    Returns
-    -------
-    int
-        How many were removed.
-
-    """
+    """Remove temporary neighbours that killed processes left behind; says how many."""
     removed = 0
     for path in folder.glob(f'.*{_SUFFIX}'):
         with suppress(OSError):
@@ -106,22 +82,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def write_report(path: Path, page: str) -> None:
-    """
-    Write a report; an existing one is replaced in one step.
-
-    Parameters
-    ----------
-    path : Path
-        Target.
-    page : str
-        HTML.
-
-    Raises
-    ------
-    RecordingError
-        When it cannot be written.
-
-    """
+    """Write a report, HTML; an existing one is replaced in one step."""
     try:
         replace_file(path, page)
     except OSError as error:

@@ -54,20 +54,7 @@ class ModelStore:
         return sorted((self.directory / 'recordings').glob('*.csv'))[-MAX_RECORDINGS:]
 
     def locate(self, given: str) -> Path:
-        """
-        Find a file that a person named.
-
-        Parameters
-        ----------
-        given : str
-            Absolute, below ``~``, or relative to this folder or else to the working directory.
-
-        Returns
-        -------
-        Path
-            Whether it exists is not said.
-
-        """
+        """Find a file that a person named: absolute, below ``~``, in this folder, or from here."""
         path = _expanded(given)
         inside = self.directory / path
         try:
@@ -85,20 +72,7 @@ class ModelStore:
             return False  # a loop of links, or no possible name, leads nowhere
 
     def history(self) -> list[Path | None]:
-        """
-        List the models that were active, newest last.
-
-        Returns
-        -------
-        list of Path or None
-            The last is active now; None stands for "no model"; empty when nothing ever was.
-
-        Raises
-        ------
-        ModelFileError
-            When the list cannot be read.
-
-        """
+        """List the models that were active, newest last; None stands for "no model"."""
         entries = self._read()['history']
         return [None if entry is None else self.directory / entry for entry in entries]
 

@@ -13,7 +13,7 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.bag import open_bag, SUFFIXES
 from wrist_ft_comp.files.bag_recording import read_bag, rewrite_bag
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
-from wrist_ft_comp.files.csv_file import CsvRecording, read_csv, rewrite_csv
+from wrist_ft_comp.files.csv_file import CsvRecording, rewrite_csv
 from wrist_ft_comp.model.batch_grid import GridBuilder
 from wrist_ft_comp.model.signals import (
     AXES,
@@ -112,7 +112,10 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
             bag = stack.enter_context(open_bag(path))
             blocks, warnings = read_bag(bag, topics or Topics(), progress), bag.warnings
         elif kind == CSV:
-            blocks, warnings = read_csv(path, progress)
+            text = CsvRecording(path)
+            text.require('raw wrench', AXES)
+            text.require('temperature', ('temperature_c',))
+            blocks, warnings = text.samples(progress), text.warnings
         else:
             table = read_chamber_table(path, keep_copied_columns=keep_copied_columns)
             blocks = table.samples()
