@@ -168,26 +168,10 @@ def fit_one_step(
     """
     Least squares on the one-step error over one or several recordings (eq. 21 and 22).
 
-    Measurement noise biases it, and its poles may lie outside the unit circle; see ``stabilise``.
-
-    Parameters
-    ----------
-    segments : sequence of pairs of ndarrays, shape (N_i,)
-        Score t_r and output u_r of each recording; each has its own unknown constant in u. Rows
-        that touch a NaN are left out.
-    order, inputs, first_lag : int
-        n, m and g.
-
-    Returns
-    -------
-    Arx
-        The coefficients θ_r, a with the sign of the module's equation.
-
-    Raises
-    ------
-    TooShortError
-        When a segment is shorter than the longest lag, or too few rows are complete.
-
+    A segment is score t_r and output u_r of a recording, shape (N_i,), each with its own unknown
+    constant in u; rows that touch a NaN are left out. Measurement noise biases it, and its poles
+    may lie outside the unit circle; see ``stabilise``. Raises TooShortError when a segment is
+    shorter than the longest lag, or too few rows are complete.
     """
     parts = []
     for t, u in segments:

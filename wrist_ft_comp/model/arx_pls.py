@@ -189,20 +189,8 @@ def from_gains(
 
     y ∘ W_y = Σ_k G_kᵀ H_k(x): the singular vectors of W_x⁻¹ G_k are latents with the dynamics H_k.
 
-    Parameters
-    ----------
-    bank : sequence of K Arx
-        H_k, with static gain 1.
-    gains : ndarray, shape (K, F, M)
-        G_k, from inputs in their own unit to outputs times output_weight.
-    input_mean, input_weight, output_weight : ndarray, shapes (F,), (F,) and (M,)
-        Of the model; inputs of weight 0 must have no gain.
-
-    Returns
-    -------
-    ArxPls or None
-        With zero output mean; None when all gains are zero.
-
+    G_k, of shape (K, F, M), go from inputs in their own unit to outputs times output_weight.
+    Inputs of weight 0 must have no gain. The output mean is zero; all gains zero give None.
     """
     rotations: list[FloatArray] = []
     loadings: list[FloatArray] = []

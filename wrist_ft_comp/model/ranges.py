@@ -11,26 +11,7 @@ PERIODS_S = (0.1, 600.0)
 def check_range(
     name: str, value: float, least: float, most: float = math.inf, *, above: bool = False
 ) -> None:
-    """
-    Refuse a number outside its range; NaN and infinities always are.
-
-    Parameters
-    ----------
-    name : str
-        Of the setting, for the message.
-    value : float
-        What was chosen.
-    least, most : float
-        The range, ends included.
-    above : bool
-        Whether the lower end is not.
-
-    Raises
-    ------
-    SettingsError
-        With name, range and value.
-
-    """
+    """Raise SettingsError for NaN, infinities and what lies outside; ``above`` excludes least."""
     inside = least < value <= most if above else least <= value <= most
     if math.isfinite(value) and inside:
         return

@@ -1,5 +1,5 @@
 """
-Reducing a running stream to one row per thermal cell: what the node's own recording holds.
+Averages of a running stream, one row per thermal cell: what the node's own recording holds.
 
 The fit works on cell means, so a row per cell loses nothing that it would use, and an hour at
 1 kHz is 3600 rows. Wrenches wait for the temperatures of their cell; when those stay away, both
@@ -13,36 +13,90 @@ from wrist_ft_comp.model.signals import AXES, REFERENCE_CHANNELS, temperature_ch
 from wrist_ft_comp.model.stream_grid import CompletedCells
 
 _NAN = float('nan')
-
-
 #: Rows wait at most this many cells for wrenches that are late.
 _PATIENCE_CELLS = 50
-
-
 #: So many cells of wrenches wait for temperatures.
 _HELD_CELLS = 600
 
-
+#: Stamp of a cell's middle, ns, and values in the order of row_channels.
 Row = tuple[int, list[float]]
 
 
 def row_channels(thermometers: int) -> tuple[str, ...]:
-    """
-    Name the columns of a row.
-
-    Parameters
-    ----------
-    thermometers : int
-        Number of thermometers J.
-
-    Returns
-    -------
-    tuple of str, length 12 + J
-        Raw wrench, reference wrench, temperatures.
-
-    """
+    """Name the 12 + J columns of a row: raw wrench, reference wrench, temperatures."""
     temperatures = tuple(temperature_channel(j) for j in range(thermometers))
     return (*AXES, *REFERENCE_CHANNELS, *temperatures)
+
+
+class CellAverager:
+    """Collects wrenches and completed thermal cells, h = period_ns, into rows."""
+
+    def __init__(self, period_ns: int, thermometers: int) -> None:
+        self._period_ns, self._thermometers = period_ns, thermometers
+        self._raw, self._reference = _CellMeans(), _CellMeans()
+        self._waiting: list[tuple[int, list[float]]] = []
+        #: Whether wrenches got rows of their own since the last temperature.
+        self._silent = False
+
+    def add_raw(self, stamp_ns: int, wrench: Sequence[float]) -> None:
+        """Take a raw wrench, N and N m, axis order AXES."""
+        self._raw.add(stamp_ns // self._period_ns, wrench)
+
+    def add_reference(self, stamp_ns: int, wrench: Sequence[float]) -> None:
+        """Take a reference wrench, N and N m, axis order AXES."""
+        self._reference.add(stamp_ns // self._period_ns, wrench)
+
+    def add_cells(self, completed: Sequence[CompletedCells]) -> None:
+        """Take cells whose temperatures are complete; held values are not written as measured."""
+        for cells in completed:
+            self._silent = False
+            temperatures = [
+                float(value) if measured else _NAN
+                for value, measured in zip(cells.temperature_c, cells.measured, strict=True)
+            ]
+            first, end = cells.first_cell, cells.first_cell + cells.count
+            self._waiting.append((first, temperatures))
+            self._waiting += [(cell, temperatures) for cell in self._raw.between(first + 1, end)]
+
+    def rows(self, *, final: bool = False) -> list[Row]:
+        """
+        Take the rows that are complete: later wrenches have come, or they are overdue.
+
+        A temperature that comes later than its wrenches could wait gets a row of its own, whose
+        stamp may lie before those of rows that were taken. Cells without any sample are left out;
+        all others are taken when nothing more will come.
+        """
+        return [row for row in self._complete(final=final) if not all(map(isnan, row[1]))]
+
+    def _complete(self, *, final: bool) -> Iterator[Row]:
+        """Take complete cells, those without any sample included."""
+        yield from self._complete_with_temperatures(final=final)
+        absent = [_NAN] * self._thermometers
+        held = 0 if final and self._silent else _HELD_CELLS
+        for cell in sorted({*self._raw.overdue(held), *self._reference.overdue(held)}):
+            self._silent = True
+            yield self._row(cell, absent)
+            self._raw.end_at(cell)
+            self._reference.end_at(cell)
+
+    def _complete_with_temperatures(self, *, final: bool) -> Iterator[Row]:
+        """Take cells whose temperatures are complete, too."""
+        while self._waiting:
+            cell, temperatures = self._waiting[0]
+            overdue = self._waiting[-1][0] - cell > _PATIENCE_CELLS
+            # A reference is waited for when there is one at all.
+            behind = self._raw.latest <= cell or 0 <= self._reference.latest <= cell
+            if behind and not overdue and not final:
+                return
+            del self._waiting[0]
+            yield self._row(cell, temperatures)
+            self._raw.forget_before(cell)
+            self._reference.forget_before(cell)
+
+    def _row(self, cell: int, temperatures: list[float]) -> Row:
+        """Make a cell's row of its temperatures, °C, and its means."""
+        values = [*self._raw.pop(cell), *self._reference.pop(cell), *temperatures]
+        return cell * self._period_ns + self._period_ns // 2, values
 
 
 class _CellMeans:
@@ -89,97 +143,3 @@ class _CellMeans:
         """Drop what came too late."""
         for old in [number for number in self._cells if number < cell]:
             del self._cells[old]
-
-
-class CellAverager:
-    """
-    Collects wrenches and completed thermal cells into rows.
-
-    Parameters
-    ----------
-    period_ns : int
-        Cell length h, ns.
-    thermometers : int
-        Number of thermometers J.
-
-    """
-
-    def __init__(self, period_ns: int, thermometers: int) -> None:
-        self._period_ns = period_ns
-        self._thermometers = thermometers
-        self._raw = _CellMeans()
-        self._reference = _CellMeans()
-        self._waiting: list[tuple[int, list[float]]] = []
-        #: Whether wrenches got rows of their own since the last temperature.
-        self._silent = False
-
-    def add_raw(self, stamp_ns: int, wrench: Sequence[float]) -> None:
-        """Take a raw wrench, N and N m, axis order AXES."""
-        self._raw.add(stamp_ns // self._period_ns, wrench)
-
-    def add_reference(self, stamp_ns: int, wrench: Sequence[float]) -> None:
-        """Take a reference wrench, N and N m, axis order AXES."""
-        self._reference.add(stamp_ns // self._period_ns, wrench)
-
-    def add_cells(self, completed: Sequence[CompletedCells]) -> None:
-        """Take cells whose temperatures are complete; held values are not written as measured."""
-        for cells in completed:
-            self._silent = False
-            temperatures = [
-                float(value) if measured else _NAN
-                for value, measured in zip(cells.temperature_c, cells.measured, strict=True)
-            ]
-            first, end = cells.first_cell, cells.first_cell + cells.count
-            self._waiting.append((first, temperatures))
-            self._waiting += [(cell, temperatures) for cell in self._raw.between(first + 1, end)]
-
-    def rows(self, *, final: bool = False) -> list[Row]:
-        """
-        Take the rows that are complete: later wrenches have come, or they are overdue.
-
-        A temperature that comes later than its wrenches could wait gets a row of its own, whose
-        stamp may lie before those of rows that were taken.
-
-        Parameters
-        ----------
-        final : bool
-            Take all, because nothing more will come.
-
-        Returns
-        -------
-        list of tuples of int and list of float
-            Stamp of the cell's middle, ns, and values in the order of row_channels; cells
-            without any sample are left out.
-
-        """
-        return [row for row in self._complete(final=final) if not all(map(isnan, row[1]))]
-
-    def _complete(self, *, final: bool) -> Iterator[Row]:
-        """Take complete cells, those without any sample included."""
-        yield from self._complete_with_temperatures(final=final)
-        absent = [_NAN] * self._thermometers
-        held = 0 if final and self._silent else _HELD_CELLS
-        for cell in sorted({*self._raw.overdue(held), *self._reference.overdue(held)}):
-            self._silent = True
-            yield self._row(cell, absent)
-            self._raw.end_at(cell)
-            self._reference.end_at(cell)
-
-    def _complete_with_temperatures(self, *, final: bool) -> Iterator[Row]:
-        """Take cells whose temperatures are complete, too."""
-        while self._waiting:
-            cell, temperatures = self._waiting[0]
-            overdue = self._waiting[-1][0] - cell > _PATIENCE_CELLS
-            # A reference is waited for when there is one at all.
-            behind = self._raw.latest <= cell or 0 <= self._reference.latest <= cell
-            if behind and not overdue and not final:
-                return
-            del self._waiting[0]
-            yield self._row(cell, temperatures)
-            self._raw.forget_before(cell)
-            self._reference.forget_before(cell)
-
-    def _row(self, cell: int, temperatures: list[float]) -> Row:
-        """Make a cell's row of its temperatures, °C, and its means."""
-        values = [*self._raw.pop(cell), *self._reference.pop(cell), *temperatures]
-        return cell * self._period_ns + self._period_ns // 2, values

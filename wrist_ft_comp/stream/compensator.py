@@ -154,22 +154,7 @@ class Compensator:
         return Advance(cells, retared)
 
     def correct(self, stamp_ns: int, raw: Sequence[float]) -> list[float]:
-        """
-        Correct one wrench.
-
-        Parameters
-        ----------
-        stamp_ns : int
-            Its stamp, ns.
-        raw : sequence of 6 floats
-            Raw wrench, N and N m, axis order AXES.
-
-        Returns
-        -------
-        list of 6 floats
-            ŵ = (r - o - tare) / (1 + s); without a model, r - tare.
-
-        """
+        """Correct one wrench: ŵ = (r - o - tare) / (1 + s); without a model, r - tare."""
         share = self._share(stamp_ns)
         return [
             (r - offset - share * step) / (gain + share * gain_step)

@@ -19,17 +19,7 @@ from wrist_ft_comp.stream.warm_restart import fill_gap, SPAN_S, ThermalMemory
 
 
 class History:
-    """
-    The temperatures of some hours: cell by cell, and as means over SPAN_S for a restart.
-
-    Parameters
-    ----------
-    period_ns : int
-        Cell length h, ns.
-    history_s : float
-        How long they are kept, s.
-
-    """
+    """The temperatures of some hours: cell by cell, and as means over SPAN_S for a restart."""
 
     def __init__(self, period_ns: int, history_s: float) -> None:
         most = max(round(history_s * NANOSECONDS / period_ns), 1)

@@ -12,48 +12,21 @@ from wrist_ft_comp.model.signals import AXES, FloatArray
 
 #: Limits for torques are limits for forces times this lever arm, m.
 TORQUE_LEVER_M = 0.1
-
-
 #: Sensitivity drift beyond this is no sensor's; it is clamped.
 MAX_SENSITIVITY = 0.5
-
-
 #: Nor does sensitivity move by more than this per second.
 MAX_SENSITIVITY_RATE = 0.01
 
 
 def axis_limits(force_limit: float) -> FloatArray:
-    """
-    Spread a limit for forces over the six axes.
-
-    Parameters
-    ----------
-    force_limit : float
-        N.
-
-    Returns
-    -------
-    ndarray, shape (6,)
-        N, and N m after multiplication by TORQUE_LEVER_M.
-
-    """
+    """Spread a limit for forces, N, over the six axes, N and N m, by TORQUE_LEVER_M."""
     return np.array(
         [force_limit * (1.0 if axis.startswith('force') else TORQUE_LEVER_M) for axis in AXES]
     )
 
 
 class Limits:
-    """
-    Keeps a drift within its limits, and remembers which axes they held back.
-
-    Parameters
-    ----------
-    max_drift_n : float
-        Largest zero drift of a force, N; of a torque, a tenth of the number in N m.
-    max_rate_n_s : float
-        How fast the zero drift of a force may move, N/s; of a torque, a tenth in N m/s.
-
-    """
+    """Keeps a drift within its limits, as StreamSettings, and tells which axes they held back."""
 
     def __init__(self, max_drift_n: float, max_rate_n_s: float) -> None:
         #: Axes whose drift would be larger.
@@ -67,17 +40,7 @@ class Limits:
         """
         Keep a drift from being too large.
 
-        Parameters
-        ----------
-        target : Drift
-            What the model says, arrays of shape (6,).
-
-        Returns
-        -------
-        Drift
-            The nearest that is allowed; 0 for what is not a number, as a model of absurd numbers
-            can make it.
-
+        What is not a number, as a model of absurd numbers can make it, becomes 0.
         """
         result = Drift(
             *(
@@ -89,24 +52,7 @@ class Limits:
         return result
 
     def rate_limit(self, target: Drift, here: Drift, seconds: float) -> Drift:
-        """
-        Keep a drift from moving too fast.
-
-        Parameters
-        ----------
-        target : Drift
-            Where it should be, arrays of shape (6,).
-        here : Drift
-            Where it is.
-        seconds : float
-            How long the way may take, s.
-
-        Returns
-        -------
-        Drift
-            The nearest to the target that can be reached.
-
-        """
+        """Keep a drift from moving too fast: the nearest to the target within some seconds."""
         result = Drift(
             *(
                 np.clip(part, start - rate * seconds, start + rate * seconds)

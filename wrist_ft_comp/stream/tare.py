@@ -17,14 +17,8 @@ class TareCollector:
     """
     Collects raw wrenches over a stretch of stamps.
 
-    Parameters
-    ----------
-    duration_s : float
-        How long, s.
-    max_deviation_n : float
-        How far the mean of any fifth of the time may be from the whole mean, N; torques, a tenth
-        of the number in N m.
-
+    The mean of any fifth of the time may be at most max_deviation_n off the whole mean, N; of a
+    torque, a tenth of the number in N m.
     """
 
     def __init__(self, duration_s: float, max_deviation_n: float) -> None:

@@ -10,31 +10,19 @@ kept back is dropped.
 
 from wrist_ft_comp.model.signals import NANOSECONDS
 
+#: Thermometer, counted from 0, stamp, ns, and temperature, °C.
 Sample = tuple[int, int, float]
-
 
 #: Stamps that are farther apart than this leap.
 _LEAP_NS = 60 * NANOSECONDS
-
-
 #: A slow thermometer's samples are that far apart always; a leap is several times as far.
 _STEPS = 4
-
-
 #: So many samples in their order are a time of their own, however far apart they are.
 _ENOUGH = 3
 
 
 class TimestampFilter:
-    """
-    Looks at the stamps of several thermometers.
-
-    Parameters
-    ----------
-    thermometers : int
-        Number of thermometers J.
-
-    """
+    """Looks at the stamps of several thermometers."""
 
     def __init__(self, thermometers: int) -> None:
         #: Stray samples that were dropped.
@@ -50,37 +38,15 @@ class TimestampFilter:
 
     def expect(self, stamp_ns: int) -> None:
         """
-        Say where the stamps are to go on, before the first sample.
+        Say, before the first sample, where another stream ended.
 
-        Parameters
-        ----------
-        stamp_ns : int
-            Where another stream ended, ns; a first sample far from it is kept back, too, but going
-            on from there is no leap: it may have ended long ago.
-
+        A first sample far from there is kept back, too, but going on from it is no leap: the other
+        stream may have ended long ago.
         """
         self._expected = stamp_ns
 
     def admit(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[Sample]:
-        """
-        Take one sample.
-
-        Parameters
-        ----------
-        thermometer : int
-            Which one, counted from 0.
-        stamp_ns : int
-            Its stamp, ns.
-        temperature_c : float
-            °C.
-
-        Returns
-        -------
-        list of tuples of int, int and float
-            The samples that count now, in their order: none, this one, or those that were kept
-            back and this one.
-
-        """
+        """Take one; give those that count now: none, this, or some kept back and this."""
         sample = (thermometer, stamp_ns, temperature_c)
         last, kept = self._last[thermometer], self._kept[thermometer]
         before = self._expected if last is None else last
