@@ -15,7 +15,7 @@ setup(
     packages=find_packages(include=[package_name, f'{package_name}.*']),
     package_data={
         f'{package_name}.files': ['*.schema.json'],
-        f'{package_name}.report': ['*.css'],
+        f'{package_name}.report': ['templates/*'],
     },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
@@ -33,6 +33,7 @@ setup(
         'PyYAML>=6.0,<7',
         'jsonschema>=4.10,<5',
         'matplotlib>=3.6,<4',
+        'jinja2>=3.1,<4',
         'tqdm>=4.66,<5',
         'rosbags>=0.11,<0.12',
     ],

@@ -16,6 +16,7 @@ SETUP = (ROOT / 'setup.py').read_text('utf-8')
 #: rosdep's key by the name that is imported, where it isn't the same.
 KEYS = {
     'hypothesis': 'python3-hypothesis',
+    'jinja2': 'python3-jinja2',
     'jsonschema': 'python3-jsonschema',
     'matplotlib': 'python3-matplotlib',
     'numpy': 'python3-numpy',

@@ -20,11 +20,15 @@ from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.arx import Orders
 from wrist_ft_comp.model.signals import AXES, Recording
-from wrist_ft_comp.report.evaluation import evaluate
+from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
 
 Array = np.ndarray
 Z = AXES.index('force_z')
 CELLS = 480
+
+
+def evaluate(*compared: object) -> object:
+    return judge_errors([tared_errors(*compared)])  # type: ignore[arg-type]
 
 
 def settings(method: str, reference: str = 'unloaded', **more: object) -> CalibrationSettings:

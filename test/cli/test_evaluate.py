@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from wrist_ft_comp.cli.main import main
-from wrist_ft_comp.model import drift_model as drift
+from wrist_ft_comp.model import drift_model
 
 KEYS = {'rms_before', 'rms_after', 'max_before', 'max_after'}
 
@@ -139,34 +139,6 @@ def test_several_recordings_are_pooled(done, make, model, tmp_path):
     assert [each['duration_s'] for each in found['recordings']] == [100, 300]
 
 
-def test_recordings_are_pooled_by_the_cells_that_were_compared(done, make, model, tmp_path):
-    short, long = make.drifting(100, seed=1), make.drifting(300, seed=2)
-    long['force_z'] = [value if k < 40 else '' for k, value in enumerate(long['force_z'])]
-    paths = [
-        make.csv(tmp_path / f'{name}.csv', columns)
-        for name, columns in (('short', short), ('long', long))
-    ]
-    found = json.loads(done('evaluate', model, *paths, '--json'))
-    parts = [each['axes']['force_z'] for each in found['recordings']]
-    for key in ('rms_before', 'rms_after'):
-        squares = np.average([part[key] ** 2 for part in parts], weights=[100, 40])
-        assert found['axes']['force_z'][key] == pytest.approx(np.sqrt(squares))
-
-
-def test_pooling_takes_axes_from_where_they_are(done, make, model, tmp_path):
-    one, two = make.drifting(100, seed=1), make.drifting(300, seed=2)
-    del one['torque_x']
-    paths = [make.csv(tmp_path / f'{k}.csv', columns) for k, columns in enumerate((one, two))]
-    found = json.loads(done('evaluate', model, *paths, '--json'))
-    parts = [each['axes'] for each in found['recordings']]
-    assert list(found['axes']) == ['force_z', 'torque_x']
-    assert 'torque_x' not in parts[0]
-    for key, value in parts[1]['torque_x'].items():
-        assert found['axes']['torque_x'][key] == pytest.approx(value)
-    for key in ('max_before', 'max_after'):
-        assert found['axes']['force_z'][key] == max(part['force_z'][key] for part in parts)
-
-
 def test_the_table_fits_the_screen_and_names_units(done, drift_csv, model):
     lines = done('evaluate', model, drift_csv).splitlines()
     assert [line.split()[0] for line in lines[:3]] == ['axis', 'force_z', 'torque_x']
@@ -209,13 +181,13 @@ def test_a_report_tells_what_was_printed(done, make, model, tmp_path):
 
 def test_every_recording_is_simulated_once(done, make, model, tmp_path, monkeypatch):
     paths = [make.csv(tmp_path / f'{seed}.csv', make.drifting(seed=seed)) for seed in (1, 2)]
-    runs, run_once = [], drift.run
+    runs, run_once = [], drift_model.run
 
     def counted(*arguments):
         runs.append(arguments)
         return run_once(*arguments)
 
-    monkeypatch.setattr(drift, 'run', counted)
+    monkeypatch.setattr(drift_model, 'run', counted)
     done('evaluate', model, *paths, '--report', tmp_path / 'r.html')
     assert len(runs) == len(paths)
 

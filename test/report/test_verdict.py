@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.result import FoldErrors
-from wrist_ft_comp.report.verdict import Evidence, judge, THRESHOLDS
+from wrist_ft_comp.calibration.result import FoldErrors, HARMFUL_RATIO
+from wrist_ft_comp.report.verdict import Evidence, GOOD_REMAINDER, judge, NOISE_MARGIN
 
 FINE = Evidence('N', before=10.0, after=1.0, noise=0.01, compensated=True)
 JUST = 1e-9
@@ -19,12 +19,12 @@ def level(**changes):
 @pytest.mark.parametrize(
     ('changes', 'expected'),
     [
-        ({'after': 10 * THRESHOLDS.good_remainder - JUST}, 'good'),
-        ({'after': 10 * THRESHOLDS.good_remainder + JUST}, 'weak'),
-        ({'after': 10 * THRESHOLDS.harmful - JUST}, 'weak'),
-        ({'after': 10 * THRESHOLDS.harmful + JUST}, 'harmful'),
-        ({'after': 8.0, 'noise': 8.0 / THRESHOLDS.noise_margin + JUST}, 'good'),
-        ({'after': 8.0, 'noise': 8.0 / THRESHOLDS.noise_margin - JUST}, 'weak'),
+        ({'after': 10 * GOOD_REMAINDER - JUST}, 'good'),
+        ({'after': 10 * GOOD_REMAINDER + JUST}, 'weak'),
+        ({'after': 10 * HARMFUL_RATIO - JUST}, 'weak'),
+        ({'after': 10 * HARMFUL_RATIO + JUST}, 'harmful'),
+        ({'after': 8.0, 'noise': 8.0 / NOISE_MARGIN + JUST}, 'good'),
+        ({'after': 8.0, 'noise': 8.0 / NOISE_MARGIN - JUST}, 'weak'),
         ({'slowest_s': 5000.0 - JUST, 'longest_s': 10000.0}, 'good'),
         ({'slowest_s': 5000.0 + JUST, 'longest_s': 10000.0}, 'weak'),
         ({'slowest_s': 5000.0}, 'good'),

@@ -2,11 +2,11 @@
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wrist_ft_comp.calibration.chamber import chamber_figures, ChamberFigures, compensate_table
+from wrist_ft_comp.calibration.chamber import chamber_figures, compensate_table
 from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.tables import (
     chamber_table_text,
@@ -22,8 +22,8 @@ from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.signals import NANOSECONDS, Progress, Recording, Reference
-from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors, TaredErrors
+from wrist_ft_comp.model.signals import NANOSECONDS, Progress, Reference
+from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors
 from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
 from wrist_ft_comp.report.page import page
 
@@ -35,36 +35,6 @@ examples:
   wrist_ft_comp evaluate model.yaml wednesday.mcap
   wrist_ft_comp evaluate model.yaml loaded.csv --reference recorded --json
 """
-
-
-@dataclass(frozen=True, eq=False)
-class _Judged:
-    """
-    One recording and what a model leaves of its drift.
-
-    Attributes
-    ----------
-    path : Path
-        As typed.
-    recording : Recording
-        On the model's grid.
-    reference : {'unloaded', 'constant', 'recorded'}
-        What it was compared with.
-    errors : TaredErrors
-        Of every cell.
-    axes : dict of str to AxisEvaluation
-        By axis.
-    figures : dict of str to ChamberFigures
-        Of a chamber table, by title.
-
-    """
-
-    path: Path
-    recording: Recording
-    reference: Reference
-    errors: TaredErrors
-    axes: dict[str, AxisEvaluation]
-    figures: dict[str, ChamberFigures]
 
 
 def add_parser(commands: 'Commands') -> None:
@@ -104,20 +74,19 @@ def run(arguments: argparse.Namespace) -> int:
             for number, path in enumerate(arguments.recordings)
         ]
     pooled = judge_errors([each.errors for each in judged])
-    shown = [EvaluatedRecording(e.recording, e.reference, e.errors, e.figures) for e in judged]
-    view = evaluation_view(stored, shown, arguments.tare)
+    view = evaluation_view(stored, judged, arguments.tare)
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
     if arguments.json:
-        found = _as_json(stored, arguments.tare, pooled, judged)
+        figures = _as_json(arguments, stored, pooled, judged)
         options.print_json(
-            {**found, 'verdicts': verdicts_json(verdicts), 'warnings': view.warnings}
+            {**figures, 'verdicts': verdicts_json(verdicts), 'warnings': view.warnings}
         )
     else:
         units = {axis.axis: axis.unit for axis in view.axes}
         print(f'{evaluation_text(pooled, units)}\n\n{verdict_text(verdicts)}')
-        for each in judged:
+        for path, each in zip(arguments.recordings, judged, strict=True):
             if each.figures:
-                print(f'\n{each.path}\n{chamber_table_text(each.figures)}')
+                print(f'\n{path}\n{chamber_table_text(each.figures)}')
     print_warnings(view.warnings)
     if arguments.report:
         write_report(arguments.report, page(view))
@@ -131,7 +100,7 @@ def _judge(
     stored: StoredModel,
     path: Path,
     progress: Progress,
-) -> _Judged:
+) -> EvaluatedRecording:
     """Read a recording and compare; chamber tables have loads and figures of their own."""
     keep = arguments.keep_copied_columns
     recording = read_recording(
@@ -150,8 +119,7 @@ def _judge(
         table = read_chamber_table(path, keep_copied_columns=keep)
         figures['raw'] = chamber_figures(table)
         figures['compensated'] = chamber_figures(compensate_table(table, stored.model))
-    recording = replace(recording, warnings=warnings)
-    return _Judged(path, recording, reference, errors, judge_errors([errors]), figures)
+    return EvaluatedRecording(replace(recording, warnings=warnings), reference, errors, figures)
 
 
 def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]) -> str:
@@ -174,29 +142,30 @@ def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]
 
 
 def _as_json(
+    arguments: argparse.Namespace,
     stored: StoredModel,
-    tare_s: float,
     pooled: dict[str, AxisEvaluation],
-    judged: Sequence[_Judged],
+    judged: Sequence[EvaluatedRecording],
 ) -> dict[str, object]:
     """Everything a script may want."""
+    by_path = dict(zip(map(str, arguments.recordings), judged, strict=True))
     return {
         'model': str(stored.path),
         'sha256': stored.sha256,
-        'tare_s': tare_s,
+        'tare_s': arguments.tare,
         'axes': {axis: asdict(e) for axis, e in pooled.items()},
         'recordings': [
             {
                 'name': each.recording.name,
-                'path': str(each.path),
+                'path': str(path),
                 'reference': each.reference,
                 'duration_s': each.recording.duration_s,
-                'axes': {axis: asdict(e) for axis, e in each.axes.items()},
+                'axes': {axis: asdict(e) for axis, e in judge_errors([each.errors]).items()},
                 'warnings': list(each.recording.warnings),
             }
-            for each in judged
+            for path, each in zip(arguments.recordings, judged, strict=True)
         ],
         'chamber_tables': figures_json(
-            {str(each.path): each.figures for each in judged if each.figures}
+            {path: each.figures for path, each in by_path.items() if each.figures}
         ),
     }

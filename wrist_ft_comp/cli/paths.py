@@ -8,7 +8,7 @@ from wrist_ft_comp.files import model_file
 from wrist_ft_comp.files.bag import SUFFIXES
 from wrist_ft_comp.files.chamber_table import is_chamber_table
 from wrist_ft_comp.files.documents import beginning
-from wrist_ft_comp.report.page import GENERATOR
+from wrist_ft_comp.report import GENERATOR
 
 
 def is_model(path: Path) -> bool:

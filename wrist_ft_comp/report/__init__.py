@@ -1,5 +1,14 @@
 """
 What a person reads: the verdict, its evidence, and a page with pictures.
 
-Read ``evaluation`` and ``verdict`` first; ``page`` puts everything together.
+Read ``evaluation`` (what a model leaves of the drift) and ``verdict`` (is that good?) first;
+``coverage`` and ``advice`` say what is missing. ``of_calibration`` and ``of_evaluation`` fill the
+records of ``view``, which ``page`` turns into HTML by ``templates``, with ``pictures``. Nothing
+here opens a file: pages are text.
+
+From outside: ``tared_errors``, ``judge_errors``, ``initial_tare``, ``calibration_verdicts``,
+``calibration_view``, ``evaluation_view``, ``page``, and the demo's ``draw_drift``.
 """
+
+#: What every page names as its generator, by which it is known again.
+GENERATOR = 'wrist_ft_comp report'

@@ -8,16 +8,10 @@ from wrist_ft_comp.report.verdict import Level
 
 #: A recording should last this many times the slowest time constant …
 _TIME_CONSTANTS = 4.0
-
-
 #: … and at least so long, s.
 _SHORT_S = 3600.0
-
-
 #: One direction counts as missing when it holds less than this share of the other.
 _ONE_WAY = 0.2
-
-
 #: Temperatures closer than this are the same, K.
 _SAME_K = 0.5
 
@@ -69,9 +63,7 @@ def what_to_record_next(  # noqa: PLR0913 -- what a calibration knows, each a pl
     ]
 
 
-def what_was_not_learnt(
-    coverage: Coverage, learnt_c: Sequence[tuple[float, float]]
-) -> Iterator[str]:
+def what_was_not_learnt(coverage: Coverage, learnt_c: Sequence[tuple[float, float]]) -> str:
     """
     Say where a recording went that the model does not know.
 
@@ -82,10 +74,10 @@ def what_was_not_learnt(
     learnt_c : sequence of (float, float)
         Lowest and highest temperature of each thermometer that the model was learnt from, °C.
 
-    Yields
-    ------
+    Returns
+    -------
     str
-        Sentences; at least one.
+        A sentence.
 
     """
     outside = [
@@ -93,13 +85,12 @@ def what_was_not_learnt(
         for number, (seen, known) in enumerate(zip(coverage.range_c, learnt_c, strict=True))
         if seen[0] < known[0] - _SAME_K or seen[1] > known[1] + _SAME_K
     ]
-    if outside:
-        yield (
-            f'Here {" and ".join(outside)} left the temperatures that the model was learnt at. '
-            'Calibrate again with these recordings among the others.'
-        )
-    else:
-        yield 'Nothing: the model was learnt at all the temperatures of these recordings.'
+    if not outside:
+        return 'Nothing: the model was learnt at all the temperatures of these recordings.'
+    return (
+        f'Here {" and ".join(outside)} left the temperatures that the model was learnt at. '
+        'Calibrate again with these recordings among the others.'
+    )
 
 
 def _temperatures(coverage: Coverage) -> Iterator[str]:

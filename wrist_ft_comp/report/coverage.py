@@ -14,27 +14,15 @@ from wrist_ft_comp.model.signals import AXES, FloatArray, IntArray, Recording, s
 
 #: What a robot's wrist may meet: from a hall on a cold morning to hours of hard work, °C.
 WORKING_RANGE_C = (15.0, 50.0)
-
-
 #: Width of the bins in which time is counted, K.
 BIN_K = 1.0
-
-
 #: Rise and fall are counted between means over this time, so that noise is no cooling, s.
 _TREND_S = 300.0
 
 
 @dataclass(frozen=True)
 class LoadRange:
-    """
-    Loads of one axis.
-
-    Attributes
-    ----------
-    low, high, deviation : float
-        Smallest, largest, and standard deviation, N or N m.
-
-    """
+    """Smallest and largest load of one axis, and its standard deviation, N or N m."""
 
     low: float
     high: float
@@ -124,7 +112,7 @@ def unseen_temperatures(coverage: Coverage) -> list[tuple[float, float]]:
         From, to, °C, increasing; holes between what was seen are among them.
 
     """
-    low, high = (float(bound) for bound in coverage.range_c[coverage.leading])
+    low, high = coverage.range_c[coverage.leading].tolist()
     empty = np.concatenate(([False], coverage.seconds[coverage.leading] == 0, [False]))
     edges = coverage.edges_c[np.flatnonzero(np.diff(empty))].tolist()
     holes = [
@@ -160,9 +148,9 @@ def _moves(recording: Recording, at: IntArray, thermometer: int) -> FloatArray:
 def _loads(recordings: Sequence[Recording]) -> dict[str, LoadRange]:
     """Range of the reference wrench, by axis."""
     reference = np.concatenate([recording.reference for recording in recordings])
-    found = {}
+    loads = {}
     for axis, column in zip(AXES, reference.T, strict=True):
         known = column[np.isfinite(column)]
         if len(known):
-            found[axis] = LoadRange(float(known.min()), float(known.max()), float(known.std()))
-    return found
+            loads[axis] = LoadRange(float(known.min()), float(known.max()), float(known.std()))
+    return loads

@@ -1,4 +1,4 @@
-"""Using a model on whole recordings: correcting every wrench, and judging what is left."""
+"""What a model leaves of the drift in recordings: errors cell by cell, and their figures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,9 +8,24 @@ import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model import drift_model
-from wrist_ft_comp.model.drift_model import Drift, DriftModel
+from wrist_ft_comp.model.drift_model import Drift, DriftModel, no_drift
 from wrist_ft_comp.model.offline import simulate_drift
 from wrist_ft_comp.model.signals import AXES, FloatArray, Recording, Reference
+
+
+class TaredErrors(NamedTuple):
+    """
+    Errors of every cell of a recording, tared and against the reference.
+
+    Attributes
+    ----------
+    before, after : ndarray, shape (N, 6)
+        Raw and compensated, N and N m, axis order AXES; NaN where there is nothing to compare.
+
+    """
+
+    before: FloatArray
+    after: FloatArray
 
 
 @dataclass(frozen=True)
@@ -31,110 +46,6 @@ class AxisEvaluation:
     rms_after: float
     max_before: float
     max_after: float
-
-
-class TaredErrors(NamedTuple):
-    """
-    What is left of the drift in every cell of a recording, tared and against the reference.
-
-    Attributes
-    ----------
-    before, after : ndarray, shape (N, 6)
-        Raw and compensated, N and N m, axis order AXES; NaN where there is nothing to compare.
-
-    """
-
-    before: FloatArray
-    after: FloatArray
-
-
-def evaluate(
-    model: DriftModel, recording: Recording, reference: Reference, tare_s: float = 60.0
-) -> dict[str, AxisEvaluation]:
-    """
-    Compare raw and compensated means of thermal cells with the reference, both tared.
-
-    Parameters
-    ----------
-    model, recording, reference, tare_s
-        As for tared_errors.
-
-    Returns
-    -------
-    dict of str to AxisEvaluation
-        By axis, those that were recorded.
-
-    Raises
-    ------
-    RecordingError
-        As tared_errors.
-
-    """
-    return judge_errors([tared_errors(model, recording, reference, tare_s)])
-
-
-def judge_errors(recordings: Sequence[TaredErrors]) -> dict[str, AxisEvaluation]:
-    """
-    Put the errors of recordings into figures: all cells alike in which both are known.
-
-    Parameters
-    ----------
-    recordings : sequence of TaredErrors
-        From tared_errors, at least one.
-
-    Returns
-    -------
-    dict of str to AxisEvaluation
-        By axis, those that any recording has.
-
-    """
-    before, after = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
-    judged = {}
-    for column, axis in enumerate(AXES):
-        both = np.stack((before[:, column], after[:, column]))
-        both = both[:, np.isfinite(both).all(axis=0)]
-        if both.shape[1]:
-            rms = np.sqrt(np.mean(both**2, axis=1))
-            peak = np.max(np.abs(both), axis=1)
-            judged[axis] = AxisEvaluation(
-                float(rms[0]), float(rms[1]), float(peak[0]), float(peak[1])
-            )
-    return judged
-
-
-def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> FloatArray:
-    """
-    Tare on the first, unloaded seconds of a recording.
-
-    Parameters
-    ----------
-    model, recording
-        As for simulate_drift.
-    tare_s : float
-        How long, s, from each axis' first wrench; 0 gives no tare.
-
-    Returns
-    -------
-    ndarray, shape (6,)
-        Raw offset, N and N m.
-
-    """
-    if tare_s == 0:
-        return np.zeros(len(AXES))
-    unloaded = np.zeros_like(recording.wrench)
-    return _tare(recording, unloaded, simulate_drift(model, recording), tare_s)
-
-
-def _tare(recording: Recording, true: FloatArray, simulated: Drift, tare_s: float) -> FloatArray:
-    """Tare as a robot does under the load w: r - o - (1 + s) w, shape (6,)."""
-    offset = recording.wrench - simulated.zero - (1.0 + simulated.sensitivity) * true
-    tare = np.zeros(len(AXES))
-    for column, values in enumerate(offset.T):
-        at = np.flatnonzero(np.isfinite(values))
-        if len(at):
-            first = (at - at[0]) * recording.period_s < max(tare_s, recording.period_s)
-            tare[column] = values[at[first]].mean()
-    return tare
 
 
 def tared_errors(
@@ -167,10 +78,9 @@ def tared_errors(
     """
     simulated = simulate_drift(model, recording)
     true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
-    nothing = Drift(np.zeros_like(simulated.zero), np.zeros_like(simulated.sensitivity))
     before, after = (
-        drift_model.correct(recording.wrench, part, _tare(recording, true, part, tare_s)) - true
-        for part in (nothing, simulated)
+        drift_model.correct(recording.wrench, drift, _tare(recording, true, drift, tare_s)) - true
+        for drift in (no_drift(len(recording)), simulated)
     )
     if not (np.isfinite(before) & np.isfinite(after)).any():
         raise RecordingError(
@@ -178,3 +88,65 @@ def tared_errors(
             'reference unloaded or constant, or record it.'
         )
     return TaredErrors(before, after)
+
+
+def judge_errors(recordings: Sequence[TaredErrors]) -> dict[str, AxisEvaluation]:
+    """
+    Put the errors of recordings into figures: all cells alike in which both are known.
+
+    Parameters
+    ----------
+    recordings : sequence of TaredErrors
+        From tared_errors, at least one.
+
+    Returns
+    -------
+    dict of str to AxisEvaluation
+        By axis, those that any recording has.
+
+    """
+    before, after = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
+    judged = {}
+    for column, axis in enumerate(AXES):
+        both = np.stack((before[:, column], after[:, column]))
+        both = both[:, np.isfinite(both).all(axis=0)]
+        if both.shape[1]:
+            rms = np.sqrt(np.mean(both**2, axis=1))
+            peak = np.max(np.abs(both), axis=1)
+            judged[axis] = AxisEvaluation(*rms.tolist(), *peak.tolist())
+    return judged
+
+
+def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> FloatArray:
+    """
+    Tare on the first, unloaded seconds of a recording.
+
+    Parameters
+    ----------
+    model, recording
+        As for tared_errors.
+    tare_s : float
+        How long, s, from each axis' first wrench; 0 gives no tare.
+
+    Returns
+    -------
+    ndarray, shape (6,)
+        Raw offset, N and N m.
+
+    """
+    if tare_s == 0:
+        return np.zeros(len(AXES))
+    unloaded = np.zeros_like(recording.wrench)
+    return _tare(recording, unloaded, simulate_drift(model, recording), tare_s)
+
+
+def _tare(recording: Recording, true: FloatArray, drift: Drift, tare_s: float) -> FloatArray:
+    """Tare as a robot does under the load w: r - o - (1 + s) w, shape (6,)."""
+    offset = recording.wrench - drift.zero - (1.0 + drift.sensitivity) * true
+    tare = np.zeros(len(AXES))
+    for column, values in enumerate(offset.T):
+        cells = np.flatnonzero(np.isfinite(values))
+        if len(cells):
+            tared = (cells - cells[0]) * recording.period_s < max(tare_s, recording.period_s)
+            tare[column] = values[cells[tared]].mean()
+    return tare

@@ -7,7 +7,7 @@ import numpy as np
 from wrist_ft_comp.calibration.chamber import ChamberFigures
 from wrist_ft_comp.calibration.result import AxisFit, Calibration, HeldOut, rms_by_fold
 from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.signals import noise_level, Recording, Reference
+from wrist_ft_comp.model.signals import IntArray, noise_level, Recording, Reference
 from wrist_ft_comp.report.advice import what_to_record_next
 from wrist_ft_comp.report.coverage import cover
 from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
@@ -15,12 +15,8 @@ from wrist_ft_comp.report.view import (
     AxisView,
     drifts_removed,
     ErrorSeries,
-    model_provenance,
-    model_sources,
     recording_starts_h,
     ReportView,
-    Source,
-    thermometer_series,
 )
 
 
@@ -76,51 +72,49 @@ def calibration_view(
         Ready to be written.
 
     """
+    fits = calibration.fits
     verdicts = calibration_verdicts(calibration, recordings)
     coverage = cover(recordings)
     # An axis that was refused drifts, and is explained no better than a weak one.
     levels: dict[str, Level] = {
-        axis: 'weak' if calibration.fits[axis].refusal else verdict.level
-        for axis, verdict in verdicts.items()
+        axis: 'weak' if fits[axis].refusal else verdict.level for axis, verdict in verdicts.items()
     }
+    advice = what_to_record_next(
+        coverage,
+        levels,
+        reference,
+        [recording.duration_s for recording in recordings],
+        max(map(_slowest_s, fits.values()), default=0.0),
+        chamber=not all(_held_out(fit).tared for fit in fits.values()),
+    )
+    # Refusals are verdicts here.
+    refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportView(
         kind='calibration',
-        model=stored.path.name,
+        stored=stored,
+        recordings=recordings,
+        coverage=coverage,
         explanation=_explanation(calibration, recordings, reference),
         axes=tuple(
             _axis_view(axis, fit, verdicts[axis], recordings, coverage.leading)
-            for axis, fit in calibration.fits.items()
+            for axis, fit in fits.items()
         ),
-        thermometers=thermometer_series(recordings),
-        sources=tuple(Source(each.name, each.duration_s / 3600) for each in recordings),
-        coverage=coverage,
-        advice=tuple(
-            what_to_record_next(
-                coverage,
-                levels,
-                reference,
-                [each.duration_s for each in recordings],
-                max(map(_slowest_s, calibration.fits.values()), default=0.0),
-                chamber=not all(_held_out(fit).tared for fit in calibration.fits.values()),
-            )
-        ),
-        warnings=_warnings(calibration),
-        learnt_from=model_sources(stored),
-        provenance=model_provenance(stored),
+        advice=tuple(advice),
+        warnings=tuple(each for each in calibration.warnings if not each.startswith(refusals)),
         tables=tables or {},
     )
-
-
-def _warnings(calibration: Calibration) -> tuple[str, ...]:
-    """Leave out the refusals, which are verdicts here."""
-    refusals = tuple(fit.refusal for fit in calibration.fits.values() if fit.refusal)
-    return tuple(each for each in calibration.warnings if not each.startswith(refusals))
 
 
 def _held_out(fit: AxisFit) -> HeldOut:
     """Return the errors that every identified axis carries."""
     assert fit.held_out is not None  # noqa: S101 -- identify_axis always keeps them
     return fit.held_out
+
+
+def _parts(held_out: HeldOut) -> IntArray:
+    """Give every fold of every recording a number, shape (n,)."""
+    parts: IntArray = held_out.recording * (held_out.fold.max() + 1) + held_out.fold
+    return parts
 
 
 def _slowest_s(fit: AxisFit) -> float:
@@ -132,7 +126,7 @@ def _slowest_s(fit: AxisFit) -> float:
 def _judge(fit: AxisFit, longest_s: float) -> Verdict:
     """Judge one axis."""
     held_out = _held_out(fit)
-    parts = held_out.recording * (held_out.fold.max() + 1) + held_out.fold
+    parts = _parts(held_out)
     tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
     return judge(
         Evidence(
@@ -153,8 +147,21 @@ def _judge(fit: AxisFit, longest_s: float) -> Verdict:
 def _axis_view(
     axis: str, fit: AxisFit, verdict: Verdict, recordings: Sequence[Recording], leading: int
 ) -> AxisView:
-    """Fill the view of one axis."""
+    """Fill the view of one axis, with its held-out errors over time and temperature."""
     held_out = _held_out(fit)
+    period_h = recordings[0].period_s / 3600
+    temperature_c = [
+        recordings[number].temperature_c[round(cell), leading]
+        for number, cell in zip(held_out.recording, held_out.cell, strict=True)
+    ]
+    series = ErrorSeries(
+        hours=recording_starts_h(recordings)[held_out.recording]
+        + (held_out.cell + 0.5) * period_h,
+        temperature_c=np.array(temperature_c),
+        before=held_out.before,
+        after=held_out.after,
+        part=_parts(held_out),
+    )
     return AxisView(
         axis=axis,
         unit=fit.unit,
@@ -163,7 +170,7 @@ def _axis_view(
         rms_after=fit.rms_after,
         peak_before=float(np.abs(held_out.before).max()),
         peak_after=float(np.abs(held_out.after).max()),
-        series=_series(held_out, recordings, leading),
+        series=series,
         drifts=drifts_removed(fit.model),
         chosen=fit.chosen,
         reason='' if fit.refusal else fit.reason,
@@ -174,33 +181,17 @@ def _axis_view(
     )
 
 
-def _series(held_out: HeldOut, recordings: Sequence[Recording], leading: int) -> ErrorSeries:
-    """Lay held-out errors out over time and temperature."""
-    starts = recording_starts_h(recordings)
-    period_h = recordings[0].period_s / 3600
-    temperature_c = [
-        recordings[number].temperature_c[round(cell), leading]
-        for number, cell in zip(held_out.recording, held_out.cell, strict=True)
-    ]
-    return ErrorSeries(
-        hours=starts[held_out.recording] + (held_out.cell + 0.5) * period_h,
-        temperature_c=np.array(temperature_c),
-        before=held_out.before,
-        after=held_out.after,
-        part=held_out.recording * (held_out.fold.max() + 1) + held_out.fold,
-    )
-
-
 def _explanation(
     calibration: Calibration, recordings: Sequence[Recording], reference: Reference
 ) -> str:
     """Say what was held out, and from where errors are counted."""
-    held_out = _held_out(next(iter(calibration.fits.values())))
-    count = len(np.unique(held_out.fold))
+    held_out = [_held_out(fit) for fit in calibration.fits.values()]
+    first = held_out[0]
+    count = len(np.unique(first.fold))
     if len(recordings) > 1:
         blocks = f'Each of the {count} recordings was held out in turn'
         zero = 'the mean of the recording'
-    elif held_out.tared:
+    elif first.tared:
         minutes = recordings[0].duration_s / count / 60
         blocks = (
             f'The recording was cut into {count} blocks of {minutes:.0f} min, and each was held '
@@ -210,14 +201,11 @@ def _explanation(
     else:
         blocks = f'Each of the {count} plateaus was held out in turn'
         zero = 'the mean of the other plateaus'
-    trend = (
-        ', and from a straight line over recordings that last a third of a day'
-        if any(_held_out(fit).detrended for fit in calibration.fits.values())
-        else ''
-    )
-    tared = ': what is compared is drift after a tare' if held_out.tared else ''
+    if any(each.detrended for each in held_out):
+        zero += ', and from a straight line over recordings that last a third of a day'
+    tared = ': what is compared is drift after a tare' if first.tared else ''
     return (
         f'{blocks}: a model that was fitted to the others ran on its temperatures alone. Errors '
-        f'are means over {held_out.bin_s:g} s, counted from {zero}{trend}, with compensation and '
+        f'are means over {first.bin_s:g} s, counted from {zero}, with compensation and '
         f'without{tared}. Reference: {reference}.'
     )

@@ -1,6 +1,6 @@
 """The view of an evaluation: what a model leaves of the drift in recordings."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 import math
 from pathlib import Path
@@ -20,12 +20,9 @@ from wrist_ft_comp.report.view import (
     AxisView,
     drifts_removed,
     ErrorSeries,
-    model_provenance,
     model_sources,
     recording_starts_h,
     ReportView,
-    Source,
-    thermometer_series,
 )
 
 
@@ -85,48 +82,42 @@ def evaluation_view(
             'These recordings are in different units. Evaluate chamber tables and other '
             'recordings apart.'
         )
-    judged = [judge_errors([each.errors]) for each in evaluated]
-    each = tuple(zip(recordings, judged, strict=True))
-    pooled = judge_errors([each.errors for each in evaluated])
     coverage = cover(recordings)
     series = _series(evaluated, coverage.leading)
+    pooled = judge_errors([each.errors for each in evaluated])
+    parts = [(each.recording.name, judge_errors([each.errors])) for each in evaluated]
     ranges_c = [tuple(each['range_c']) for each in stored.document['thermometers']]
+    references = ', '.join(dict.fromkeys(each.reference for each in evaluated))
+    learnt = {Path(source.name).name for source in model_sources(stored)}
+    no_proof = [
+        f'By its name, {recording.name} is among the recordings that the model was learnt from, '
+        'so it does not show what the model does on another day.'
+        for recording in recordings
+        if recording.name in learnt
+    ]
     return ReportView(
         kind='evaluation',
-        model=stored.path.name,
-        explanation=_explanation(evaluated, tare_s),
-        axes=tuple(_axis_view(stored, axis, pooled[axis], series[axis], each) for axis in pooled),
-        thermometers=thermometer_series(recordings),
-        sources=tuple(Source(each.name, each.duration_s / 3600) for each in recordings),
+        stored=stored,
+        recordings=recordings,
         coverage=coverage,
-        advice=tuple(what_was_not_learnt(coverage, ranges_c)),
-        warnings=(
-            *_no_proof(stored, recordings),
-            *dict.fromkeys(w for each in recordings for w in each.warnings),
+        explanation=(
+            'The model ran on the temperatures of these recordings alone. Raw and compensated '
+            f'wrenches were both tared on the first {tare_s:g} s. Reference: {references}.'
         ),
-        learnt_from=model_sources(stored),
-        provenance=model_provenance(stored),
-        tables={each.recording.name: each.figures for each in evaluated if each.figures},
-    )
-
-
-def _no_proof(stored: StoredModel, recordings: Sequence[Recording]) -> Iterator[str]:
-    """Say which recordings the model was learnt from: on those it has to be good."""
-    learnt = {Path(source.name).name for source in model_sources(stored)}
-    for recording in recordings:
-        if recording.name in learnt:
-            yield (
-                f'By its name, {recording.name} is among the recordings that the model was learnt '
-                'from, so it does not show what the model does on another day.'
+        axes=tuple(
+            _axis_view(
+                stored,
+                axis,
+                unit=recordings[0].unit_of(axis),
+                errors=errors,
+                series=series[axis],
+                parts=[(name, axes[axis]) for name, axes in parts if axis in axes],
             )
-
-
-def _explanation(evaluated: Sequence[EvaluatedRecording], tare_s: float) -> str:
-    """Say how the errors came about."""
-    references = ', '.join(dict.fromkeys(each.reference for each in evaluated))
-    return (
-        'The model ran on the temperatures of these recordings alone. Raw and compensated '
-        f'wrenches were both tared on the first {tare_s:g} s. Reference: {references}.'
+            for axis, errors in pooled.items()
+        ),
+        advice=(what_was_not_learnt(coverage, ranges_c),),
+        warnings=(*no_proof, *dict.fromkeys(w for each in recordings for w in each.warnings)),
+        tables={each.recording.name: each.figures for each in evaluated if each.figures},
     )
 
 
@@ -135,40 +126,36 @@ def _series(evaluated: Sequence[EvaluatedRecording], leading: int) -> dict[str, 
     starts = recording_starts_h([each.recording for each in evaluated])
     parts = []
     for number, each in enumerate(evaluated):
-        recording = each.recording
-        hours = starts[number] + recording.elapsed_s / 3600
-        at = recording.temperature_c[:, leading]
-        parts.append((hours, at, *each.errors, np.full(len(recording), number)))
-    hours, at, before, after, part = (
-        np.concatenate(columns) for columns in zip(*parts, strict=True)
-    )
-    found = {}
+        hours = starts[number] + each.recording.elapsed_s / 3600
+        at = each.recording.temperature_c[:, leading]
+        parts.append((hours, at, *each.errors, np.full(len(hours), number)))
+    hours, at, before, after, part = map(np.concatenate, zip(*parts, strict=True))
+    series = {}
     for column, axis in enumerate(AXES):
         rows = np.isfinite(before[:, column]) & np.isfinite(after[:, column])
-        found[axis] = ErrorSeries(
+        series[axis] = ErrorSeries(
             hours[rows], at[rows], before[rows, column], after[rows, column], part[rows]
         )
-    return found
+    return series
 
 
-def _axis_view(
+def _axis_view(  # noqa: PLR0913 -- what is known of one axis, each a plain value
     stored: StoredModel,
     axis: str,
+    *,
+    unit: str,
     errors: AxisEvaluation,
     series: ErrorSeries,
-    each: Sequence[tuple[Recording, dict[str, AxisEvaluation]]],
+    parts: Sequence[tuple[str, AxisEvaluation]],
 ) -> AxisView:
     """Fill the view of one axis; a model need not know it."""
     model = stored.model.axes.get(axis)
     entry = stored.document['axes'].get(axis, {})
-    unit = each[0][0].unit_of(axis)
-    parts = [(recording.name, found[axis]) for recording, found in each if axis in found]
-    noise = noise_level([series.after[series.part == part] for part in np.unique(series.part)])
     evidence = Evidence(
         unit=unit,
         before=errors.rms_before,
         after=errors.rms_after,
-        noise=noise,
+        noise=noise_level([series.after[series.part == part] for part in np.unique(series.part)]),
         compensated=model is not None,
         blocks=FoldErrors(
             np.array([part.rms_before for _, part in parts]),

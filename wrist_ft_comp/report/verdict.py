@@ -15,11 +15,9 @@ from typing import Literal
 
 import numpy as np
 
-from wrist_ft_comp.calibration.result import FoldErrors
+from wrist_ft_comp.calibration.result import FoldErrors, HARMFUL_RATIO
 
 Level = Literal['good', 'weak', 'harmful', 'uncalibrated']
-
-
 #: For people, the best first.
 LEVEL_NAMES: dict[Level, str] = {
     'good': 'good',
@@ -27,33 +25,12 @@ LEVEL_NAMES: dict[Level, str] = {
     'harmful': 'harmful',
     'uncalibrated': 'not calibrated',
 }
-
-
-@dataclass(frozen=True)
-class Thresholds:
-    """
-    Where one level ends and the next begins; all are ratios.
-
-    Attributes
-    ----------
-    good_remainder : float
-        Largest share of the drift that a good axis leaves.
-    noise_margin : float
-        What is no larger than this many times the noise counts as noise.
-    harmful : float
-        Leaving more than this many times the drift is harm; less may be chance.
-    long_time_constant : float
-        A time constant longer than this share of the longest recording is not sure.
-
-    """
-
-    good_remainder: float = 0.25
-    noise_margin: float = 1.5
-    harmful: float = 1.05
-    long_time_constant: float = 0.5
-
-
-THRESHOLDS = Thresholds()
+#: Largest share of the drift that a good axis leaves.
+GOOD_REMAINDER = 0.25
+#: What is no larger than this many times the noise counts as noise.
+NOISE_MARGIN = 1.5
+#: A time constant longer than this share of the longest recording is not sure.
+SURE_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -99,23 +76,13 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Verdict:
-    """
-    A judgement.
-
-    Attributes
-    ----------
-    level : {'good', 'weak', 'harmful', 'uncalibrated'}
-        As in the module's table.
-    sentence : str
-        Why, with numbers.
-
-    """
+    """A level of the module's table, and a sentence that says why, with numbers."""
 
     level: Level
     sentence: str
 
 
-def judge(evidence: Evidence, thresholds: Thresholds = THRESHOLDS) -> Verdict:
+def judge(evidence: Evidence) -> Verdict:
     """
     Judge one axis.
 
@@ -123,8 +90,6 @@ def judge(evidence: Evidence, thresholds: Thresholds = THRESHOLDS) -> Verdict:
     ----------
     evidence : Evidence
         What is known.
-    thresholds : Thresholds
-        The table.
 
     Returns
     -------
@@ -132,40 +97,32 @@ def judge(evidence: Evidence, thresholds: Thresholds = THRESHOLDS) -> Verdict:
         Level and sentence.
 
     """
+    before, after = evidence.before, evidence.after
     if not evidence.compensated:
-        return Verdict('uncalibrated', _why_uncalibrated(evidence, thresholds))
-    figures = f'{evidence.before:.3g} → {evidence.after:.3g} {evidence.unit} RMS'
-    if evidence.after > thresholds.harmful * evidence.before:
+        return Verdict('uncalibrated', _why_uncalibrated(evidence))
+    figures = f'{before:.3g} → {after:.3g} {evidence.unit} RMS'
+    if after > HARMFUL_RATIO * before:
         return Verdict(
             'harmful', f'The model leaves more drift than no compensation would: {figures}.'
         )
-    left = f'{_percent(evidence)} % of the drift is left ({figures})'
-    noise = _is_noise(evidence.after, evidence, thresholds)
-    doubts = _doubts(evidence, thresholds)
-    if not noise and evidence.after > thresholds.good_remainder * evidence.before:
-        limit = f'{100 * thresholds.good_remainder:g} %'
-        doubts.insert(0, f'a good axis leaves at most {limit}')
+    share = f'{100 * after / before:.2g}' if before > 0 else '0'
+    remainder = f'{share} % of the drift is left ({figures})'
+    is_noise = after <= NOISE_MARGIN * evidence.noise
+    doubts = _doubts(evidence)
+    if not is_noise and after > GOOD_REMAINDER * before:
+        doubts.insert(0, f'a good axis leaves at most {100 * GOOD_REMAINDER:g} %')
     if doubts:
-        return Verdict('weak', f'{left}; {"; ".join(doubts)}.')
-    return Verdict('good', f'{left}{", no more than the noise of the sensor" if noise else ""}.')
+        return Verdict('weak', f'{remainder}; {"; ".join(doubts)}.')
+    noise = ', no more than the noise of the sensor' if is_noise else ''
+    return Verdict('good', f'{remainder}{noise}.')
 
 
-def _percent(evidence: Evidence) -> str:
-    """Share of the drift that is left, in %."""
-    return f'{100 * evidence.after / evidence.before:.2g}' if evidence.before > 0 else '0'
-
-
-def _is_noise(error: float, evidence: Evidence, thresholds: Thresholds) -> bool:
-    """Tell whether an error is no larger than noise makes it."""
-    return bool(error <= thresholds.noise_margin * evidence.noise)
-
-
-def _why_uncalibrated(evidence: Evidence, thresholds: Thresholds) -> str:
+def _why_uncalibrated(evidence: Evidence) -> str:
     """Say why an axis is passed through."""
     drift = f'{evidence.before:.3g} {evidence.unit} RMS'
     if evidence.refusal:
         return f'{evidence.refusal}. It is passed through, with a drift of {drift}.'
-    if _is_noise(evidence.before, evidence, thresholds):
+    if evidence.before <= NOISE_MARGIN * evidence.noise:
         return (
             f'There is nothing to remove: its drift of {drift} is no more than the noise of the '
             'sensor. It is passed through.'
@@ -179,23 +136,20 @@ def _why_uncalibrated(evidence: Evidence, thresholds: Thresholds) -> str:
     )
 
 
-def _doubts(evidence: Evidence, thresholds: Thresholds) -> list[str]:
+def _doubts(evidence: Evidence) -> list[str]:
     """List what speaks against trusting the figures."""
-    found = []
-    blocks = evidence.blocks
-    if blocks is not None:
-        worse = (blocks.after > thresholds.harmful * blocks.before) & (
-            blocks.after > thresholds.noise_margin * evidence.noise
-        )
-        count = int(np.count_nonzero(worse))
-        if count:
-            found.append(
-                f'in {count} of {len(worse)} {evidence.block_name}s it leaves more than no '
-                'compensation'
+    doubts = []
+    if evidence.blocks is not None:
+        before, after = evidence.blocks
+        worse = (after > HARMFUL_RATIO * before) & (after > NOISE_MARGIN * evidence.noise)
+        if worse.any():
+            doubts.append(
+                f'in {np.count_nonzero(worse)} of {len(worse)} {evidence.block_name}s it leaves '
+                'more than no compensation'
             )
-    if evidence.slowest_s > thresholds.long_time_constant * evidence.longest_s > 0:
-        found.append(
+    if evidence.slowest_s > SURE_SHARE * evidence.longest_s > 0:
+        doubts.append(
             f'its slowest time constant, {evidence.slowest_s:.0f} s, is not sure after '
             f'{evidence.longest_s:.0f} s of recording'
         )
-    return found
+    return doubts

@@ -1,4 +1,4 @@
-"""What the views of a calibration and of an evaluation have in common."""
+"""What a page shows: records that are filled from a calibration or from an evaluation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,95 +17,52 @@ from wrist_ft_comp.report.verdict import Verdict
 
 @dataclass(frozen=True, eq=False)
 class ErrorSeries:
-    """
-    Errors of one axis, over time and over temperature.
+    """Errors of one axis, over time and over temperature; all arrays of shape (n,)."""
 
-    Attributes
-    ----------
-    hours : ndarray, shape (n,)
-        Time, h, all recordings one after the other.
-    temperature_c : ndarray, shape (n,)
-        Of the leading thermometer, °C.
-    before, after : ndarray, shape (n,)
-        Error without and with compensation, N or N m.
-    part : ndarray of int, shape (n,)
-        Lines are not drawn from one part to the next.
-
-    """
-
+    #: Time, h, all recordings one after the other.
     hours: FloatArray
+    #: Of the leading thermometer.
     temperature_c: FloatArray
+    #: Without and with compensation, in the axis' unit.
     before: FloatArray
     after: FloatArray
+    #: Lines are not drawn from one part to the next.
     part: IntArray
 
 
 @dataclass(frozen=True, eq=False)
 class AxisView:
-    """
-    One axis.
-
-    Attributes
-    ----------
-    axis, unit : str
-        Name, and N, N m, or what its recordings are in.
-    verdict : Verdict
-        Level and sentence.
-    rms_before, rms_after, peak_before, peak_after : float
-        In the unit.
-    series : ErrorSeries
-        What the figures were made of.
-    drifts : str
-        Which drifts are removed.
-    chosen : str
-        Name of the candidate that was chosen.
-    reason : str
-        Why it was chosen; empty if that is not known.
-    time_constants_s, time_constant_errors_s : tuple of float
-        And their standard errors, s; NaN where unknown.
-    candidates : tuple of Candidate
-        All that were tried.
-    notes : tuple of str
-        What could not be learnt, and the like.
-    parts : tuple of (str, float, float)
-        Name of each recording, and root mean square without and with compensation; empty where
-        errors are held out.
-
-    """
+    """One axis."""
 
     axis: str
+    #: N, N m, or what its recordings are in; so are the figures.
     unit: str
     verdict: Verdict
     rms_before: float
     rms_after: float
     peak_before: float
     peak_after: float
+    #: What the figures were made of.
     series: ErrorSeries
+    #: Which drifts are removed.
     drifts: str
+    #: Name of the candidate that was chosen, and why; the reason may be unknown.
     chosen: str
     reason: str = ''
+    #: With their standard errors, NaN where unknown.
     time_constants_s: tuple[float, ...] = ()
     time_constant_errors_s: tuple[float, ...] = ()
+    #: All that were tried.
     candidates: tuple[Candidate, ...] = ()
+    #: What could not be learnt, and the like.
     notes: tuple[str, ...] = ()
+    #: Name of each recording, RMS without and with compensation; empty where errors are held out.
     parts: tuple[tuple[str, float, float], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class ThermometerSeries:
-    """
-    One thermometer over time.
-
-    Attributes
-    ----------
-    name : str
-        For people.
-    hours, temperature_c : ndarray, shape (n,)
-        Time, h, and temperature, °C.
-    part : ndarray of int, shape (n,)
-        Recording.
-
-    """
+    """One thermometer over time; arrays of shape (n,), a part is a recording."""
 
     name: str
     hours: FloatArray
@@ -115,71 +72,77 @@ class ThermometerSeries:
 
 @dataclass(frozen=True)
 class Source:
-    """
-    A recording.
-
-    Attributes
-    ----------
-    name : str
-        Path or name.
-    hours : float
-        Its length, h; NaN if unknown.
-    sha256 : str
-        Of its bytes; empty if unknown.
-
-    """
+    """A recording: path or name, length if known, hash of its bytes if known."""
 
     name: str
-    hours: float
+    hours: float | None = None
     sha256: str = ''
 
 
 @dataclass(frozen=True, eq=False)
 class ReportView:
-    """
-    A report's content.
-
-    Attributes
-    ----------
-    kind : {'calibration', 'evaluation'}
-        What it reports on.
-    model : str
-        Name of the model file.
-    explanation : str
-        How the errors came about.
-    axes : tuple of AxisView
-        In axis order.
-    thermometers : tuple of ThermometerSeries
-        The one inside the sensor first.
-    sources : tuple of Source
-        The recordings that the errors are of.
-    coverage : Coverage
-        Temperatures and loads of these.
-    advice : tuple of str
-        What to record next.
-    warnings : tuple of str
-        What a person should know.
-    tables : mapping of str to mapping of str to ChamberFigures
-        Figures of chamber tables, by name, then by title.
-    learnt_from : tuple of Source
-        What the model was made of.
-    provenance : mapping of str to str
-        Hash, versions, settings.
-
-    """
+    """A report's content."""
 
     kind: Literal['calibration', 'evaluation']
-    model: str
-    explanation: str
-    axes: tuple[AxisView, ...]
-    thermometers: tuple[ThermometerSeries, ...]
-    sources: tuple[Source, ...]
+    stored: StoredModel
+    #: That the errors are of, with the same thermometers.
+    recordings: Sequence[Recording]
+    #: Temperatures and loads of these.
     coverage: Coverage
+    #: How the errors came about.
+    explanation: str
+    #: In axis order.
+    axes: tuple[AxisView, ...]
+    #: What to record next.
     advice: tuple[str, ...]
+    #: What a person should know.
     warnings: tuple[str, ...]
-    learnt_from: tuple[Source, ...]
-    provenance: Mapping[str, str]
+    #: Figures of chamber tables, by name, then by title.
     tables: Mapping[str, Mapping[str, ChamberFigures]] = field(default_factory=dict)
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """The recordings that the errors are of."""
+        return tuple(Source(each.name, each.duration_s / 3600) for each in self.recordings)
+
+    @property
+    def learnt_from(self) -> tuple[Source, ...]:
+        """What the model was made of."""
+        return model_sources(self.stored)
+
+    @property
+    def thermometers(self) -> tuple[ThermometerSeries, ...]:
+        """The one inside the sensor first."""
+        starts = recording_starts_h(self.recordings)
+        hours = np.concatenate(
+            [
+                start + each.elapsed_s / 3600
+                for start, each in zip(starts, self.recordings, strict=True)
+            ]
+        )
+        part = np.concatenate([np.full(len(each), i) for i, each in enumerate(self.recordings)])
+        columns = np.concatenate([each.temperature_c for each in self.recordings]).T
+        return tuple(
+            ThermometerSeries(f'thermometer {j + 1}', hours, column, part)
+            for j, column in enumerate(columns)
+        )
+
+    @property
+    def provenance(self) -> dict[str, str]:
+        """Where the model came from, for people, by what it says."""
+        document = self.stored.document
+        provenance = document['provenance']
+        ranges = (each['range_c'] for each in document['thermometers'])
+        return {
+            'model file': str(self.stored.path),
+            'SHA-256': self.stored.sha256,
+            'made': str(provenance.get('created', 'at an unknown time')),
+            'recorded': f'{document["duration_s"] / 3600:.2f} h',
+            'temperatures': ', '.join(f'{low:.1f} to {high:.1f} °C' for low, high in ranges),
+            'thermal period': f'{self.stored.model.period_ns / NANOSECONDS:g} s',
+            'versions': _listed(provenance.get('versions')),
+            'settings': _listed(provenance.get('settings')),
+        }
 
 
 def drifts_removed(model: AxisModel | None) -> str:
@@ -190,103 +153,21 @@ def drifts_removed(model: AxisModel | None) -> str:
 
 
 def recording_starts_h(recordings: Sequence[Recording]) -> FloatArray:
-    """
-    Put recordings one after the other.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        In order.
-
-    Returns
-    -------
-    ndarray, shape (recordings,)
-        Where each begins, h.
-
-    """
+    """Put recordings one after the other: where each begins, h, shape (recordings,)."""
     ends_h = np.cumsum([recording.duration_s / 3600 for recording in recordings])
     return np.concatenate(([0.0], ends_h[:-1]))
 
 
-def thermometer_series(recordings: Sequence[Recording]) -> tuple[ThermometerSeries, ...]:
-    """
-    Lay temperatures out over time.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        With the same thermometers.
-
-    Returns
-    -------
-    tuple of ThermometerSeries
-        One per thermometer.
-
-    """
-    starts = recording_starts_h(recordings)
-    hours = np.concatenate(
-        [start + each.elapsed_s / 3600 for start, each in zip(starts, recordings, strict=True)]
-    )
-    part = np.concatenate([np.full(len(each), i) for i, each in enumerate(recordings)])
-    columns = np.concatenate([each.temperature_c for each in recordings]).T
-    return tuple(
-        ThermometerSeries(f'thermometer {j + 1}', hours, column, part)
-        for j, column in enumerate(columns)
-    )
-
-
 def model_sources(stored: StoredModel) -> tuple[Source, ...]:
-    """
-    List what a model was made from; people may have edited its provenance.
-
-    Parameters
-    ----------
-    stored : StoredModel
-        The model.
-
-    Returns
-    -------
-    tuple of Source
-        Without lengths, which a model file does not hold.
-
-    """
+    """List what a model was made from; people may have edited its provenance."""
     recordings = stored.document['provenance'].get('recordings')
     if not isinstance(recordings, list):
         return ()
     return tuple(
-        Source(str(each.get('path', '?')), float('nan'), str(each.get('sha256', '')))
+        Source(str(each.get('path', '?')), sha256=str(each.get('sha256', '')))
         for each in recordings
         if isinstance(each, dict)
     )
-
-
-def model_provenance(stored: StoredModel) -> dict[str, str]:
-    """
-    Say where a model came from, for people.
-
-    Parameters
-    ----------
-    stored : StoredModel
-        The model.
-
-    Returns
-    -------
-    dict of str to str
-        By what it says.
-
-    """
-    provenance = stored.document['provenance']
-    ranges = (each['range_c'] for each in stored.document['thermometers'])
-    return {
-        'model file': str(stored.path),
-        'SHA-256': stored.sha256,
-        'made': str(provenance.get('created', 'at an unknown time')),
-        'recorded': f'{stored.document["duration_s"] / 3600:.2f} h',
-        'temperatures': ', '.join(f'{low:.1f} to {high:.1f} °C' for low, high in ranges),
-        'thermal period': f'{stored.model.period_ns / NANOSECONDS:g} s',
-        'versions': _listed(provenance.get('versions')),
-        'settings': _listed(provenance.get('settings')),
-    }
 
 
 def _listed(values: Any) -> str:

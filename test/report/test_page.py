@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files import documents as atomic
-from wrist_ft_comp.files.documents import write_report
-from wrist_ft_comp.report.evaluation import evaluate
+from wrist_ft_comp.report.evaluation import judge_errors
 from wrist_ft_comp.report.of_calibration import calibration_view
 from wrist_ft_comp.report.of_evaluation import evaluation_view
 from wrist_ft_comp.report.page import headline, number, page
@@ -72,7 +70,7 @@ def test_long_recordings_make_no_larger_page(make, tmp_path):
     """Ten hours at one cell a second, which is what a node sees."""
     long = make.recording(cells=36_000)
     _, stored = make.learn([make.recording()], tmp_path, method='pls')
-    view = evaluation_view(stored, [make.evaluated(stored, long, 'unloaded')], 60.0)
+    view = evaluation_view(stored, [make.evaluated(stored, long)], 60.0)
     assert len(page(view).encode()) < MAX_BYTES
 
 
@@ -186,8 +184,9 @@ def test_pictures_of_a_calibration_show_its_held_out_errors(view):
 def test_the_numbers_of_an_evaluation_are_its_own(make, tmp_path):
     _, stored = make.learn([make.recording()], tmp_path, method='pls')
     other = make.recording('other.csv', 5)
-    judged = evaluate(stored.model, other, 'unloaded', 60.0)
-    view = evaluation_view(stored, [make.evaluated(stored, other, 'unloaded')], 60.0)
+    shown = make.evaluated(stored, other)
+    judged = judge_errors([shown.errors])
+    view = evaluation_view(stored, [shown], 60.0)
     for axis in view.axes:
         assert axis.rms_after == judged[axis.axis].rms_after
         assert axis.peak_before == judged[axis.axis].max_before
@@ -215,10 +214,10 @@ def test_a_chamber_table_is_in_units_of_its_own(text):
 def test_an_evaluation_on_what_was_learnt_is_no_proof(make, tmp_path):
     _, stored = make.learn([make.recording('a.csv')], tmp_path, method='pls')
     same, other = make.recording('a.csv'), make.recording('b.csv', 1)
-    said = evaluation_view(stored, [make.evaluated(stored, same, 'unloaded')], 60.0).warnings
-    assert said[0].startswith('By its name, a.csv is among')
-    said = evaluation_view(stored, [make.evaluated(stored, other, 'unloaded')], 60.0).warnings
-    assert said == other.warnings
+    warnings = evaluation_view(stored, [make.evaluated(stored, same)], 60.0).warnings
+    assert warnings[0].startswith('By its name, a.csv is among')
+    warnings = evaluation_view(stored, [make.evaluated(stored, other)], 60.0).warnings
+    assert warnings == other.warnings
 
 
 def test_what_cannot_be_compared_is_a_sentence(make, tmp_path):
@@ -265,34 +264,5 @@ def test_where_it_comes_from_is_said(text, view):
 
 def test_names_that_are_no_text_do_not_stop_the_report(make, tmp_path):
     _, stored = make.learn([make.recording()], tmp_path, method='pls')
-    path = tmp_path / 'r.html'
-    shown = [make.evaluated(stored, make.recording('\udcff.csv'), 'unloaded')]
-    write_report(path, page(evaluation_view(stored, shown, 60.0)))
-    assert '?.csv' in path.read_text(encoding='utf-8')
-
-
-def test_an_old_report_is_replaced_and_nothing_else_is_left(view, tmp_path):
-    path = tmp_path / 'r.html'
-    path.write_text('old')
-    write_report(path, page(view('none')))
-    assert Outline(path.read_text(encoding='utf-8')).seen[0] == 'html'
-    assert [each.name for each in tmp_path.iterdir()] == ['r.html']
-
-
-def test_a_failure_keeps_the_old_report(view, tmp_path, monkeypatch):
-    path = tmp_path / 'r.html'
-    path.write_text('old')
-
-    def full(_):
-        raise OSError(28, 'No space left on device')
-
-    monkeypatch.setattr(atomic, 'sync', full)
-    with pytest.raises(RecordingError, match='No space left'):
-        write_report(path, page(view('none')))
-    assert path.read_text() == 'old'
-    assert [each.name for each in tmp_path.iterdir()] == ['r.html']
-
-
-def test_a_missing_folder_is_a_sentence(view, tmp_path):
-    with pytest.raises(RecordingError, match='cannot be written'):
-        write_report(tmp_path / 'no' / 'r.html', page(view('none')))
+    shown = [make.evaluated(stored, make.recording('\udcff.csv'))]
+    assert b'?.csv' in page(evaluation_view(stored, shown, 60.0)).encode(errors='replace')

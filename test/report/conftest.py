@@ -20,7 +20,7 @@ from wrist_ft_comp.report.view import ReportView
 
 #: Markup in it, and longer than a line of a telephone.
 NAME = '<b>a_name_without_any_space_' + 'x' * 60 + '.csv & "quotes"'
-TABLE = Path(__file__).parents[3] / 'data/keller_pa10/table2_sensor_b_raw.csv'
+TABLE = Path(__file__).parents[2] / 'data/keller_pa10/table2_sensor_b_raw.csv'
 KINDS = ('good', 'weak', 'none', 'evaluation', 'chamber')
 
 
@@ -60,7 +60,7 @@ def learn(recordings, folder, reference='unloaded', **identification):
     return found, save_model(folder / '<i>model.yaml', found, provenance)
 
 
-def evaluated(stored, recording, reference):
+def evaluated(stored, recording, reference='unloaded'):
     """Compare a recording with its reference."""
     errors = tared_errors(stored.model, recording, reference)
     return EvaluatedRecording(recording, reference, errors)
@@ -101,7 +101,7 @@ def view(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], ReportView
         if kind == 'evaluation':
             _, stored = learn([make_recording('monday.csv')], folder, method='pls')
             shown = [
-                evaluated(stored, make_recording(), 'unloaded'),
+                evaluated(stored, make_recording()),
                 evaluated(stored, make_recording('second.csv', 1), 'constant'),
             ]
             return evaluation_view(stored, shown, 60.0)
