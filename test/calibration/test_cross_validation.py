@@ -1,14 +1,192 @@
-"""What is drawn is what is said: the errors on held-out blocks and the figures made of them."""
+"""How candidates are scored, against refitting by hand, and that what is drawn is what is said."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 
 from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.cross_validation import (
+    _score_fold,
+    fold_errors,
+    uncompensated_errors,
+    unexplained,
+)
 from wrist_ft_comp.calibration.result import rms_by_fold
-from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings, METHODS
-from wrist_ft_comp.identification.axis_data import JUDGED_PARTS
+from wrist_ft_comp.calibration.settings import (
+    CalibrationSettings,
+    IdentificationSettings,
+    METHODS,
+)
+from wrist_ft_comp.identification.axis_data import AxisData, build_axis_data, JUDGED_PARTS
+from wrist_ft_comp.identification.bins import bin_axis_data
+from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
+from wrist_ft_comp.identification.output_error import Structure
+from wrist_ft_comp.identification.pls import fit_pls
+from wrist_ft_comp.identification.regression import MAX_LATENTS, RIDGE_STRENGTHS, TINY_RIDGE
+from wrist_ft_comp.model.arx import relaxation
+from wrist_ft_comp.model.arx_pls import ArxPls
+from wrist_ft_comp.model.axis_model import AxisModel
+from wrist_ft_comp.model.features import Features
+from wrist_ft_comp.model.signals import Recording
 
+Array = np.ndarray
+Bank = Callable[..., list[Array]]
+Stack = Callable[..., tuple[Array, Array, Array]]
+Centre = Callable[[Array, Array], Array]
+Solve = Callable[[Array, Array, float], Array]
 CELLS = 720
+FEATURES = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), degree=2)
+GRID = np.array([0.0, 50.0, 150.0, 400.0, 1200.0])
+LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
+TEMPERATURE_C = np.linspace(20, 40, CELLS)
+PARTS = 3
+STRUCTURES = [
+    Structure('static', 2),
+    Structure('static, degree 1', 1),
+    Structure('ridge', 2, bank_s=(50.0, 400.0), regression='ridge'),
+    Structure('PLS', 1, bank_s=(0.0, 50.0, 400.0), regression='PLS'),
+    Structure('one', 1, free_time_constants=1),
+    Structure('one, degree 2', 2, free_time_constants=1),
+    Structure('two', 1, free_time_constants=2),
+]
+
+
+def moments_of(problem: AxisData, parts: int = 1) -> Moments:
+    cells = bin_axis_data(problem, 1)
+    return accumulate(cells, bank_inputs(cells, FEATURES, GRID), GRID, parts)
+
+
+def choices(structure: Structure) -> list[tuple[float, ...]]:
+    """List the time constants that are tried."""
+    if structure.free_time_constants:
+        return list(combinations(GRID[1:], structure.free_time_constants))
+    return [structure.bank_s or (0.0,)]
+
+
+def regress(structure: Structure, x: Array, y: Array, solve: Solve) -> list[Array]:
+    """Regress by hand, with every strength."""
+    if structure.regression == 'ridge':
+        return [solve(x, y, strength) for strength in RIDGE_STRENGTHS]
+    if structure.regression == 'PLS':
+        scale = np.linalg.norm(x, axis=0)
+        fits = [
+            fit_pls(x / scale, y[:, np.newaxis], latents)
+            for latents in range(1, min(MAX_LATENTS, x.shape[1]) + 1)
+        ]
+        thetas = [fit.coefficients[:, 0] / scale for fit in fits]
+        return thetas + [thetas[-1]] * (MAX_LATENTS - len(thetas))
+    return [solve(x, y, TINY_RIDGE)]
+
+
+@pytest.mark.parametrize('structure', STRUCTURES, ids=lambda structure: structure.name)
+def test_held_out_errors_are_those_of_refitting_without_each_block(  # noqa: PLR0913, PLR0917
+    noisy_problem: AxisData,
+    textbook_bank: Bank,
+    stack_samples: Stack,
+    centre: Centre,
+    augmented_ridge: Solve,
+    structure: Structure,
+) -> None:
+    moments, judged = moments_of(noisy_problem), moments_of(noisy_problem, PARTS)
+    scores = [_score_fold(moments, judged, structure, structure.degree, fold) for fold in range(3)]
+    found = np.concatenate(scores, axis=1)
+    expected = []
+    for block in range(3):
+        fits = []
+        for taus in choices(structure):
+            banked = textbook_bank(noisy_problem, np.array(taus), structure.degree)
+            x, y, recordings = stack_samples(noisy_problem, banked, {0, 1, 2} - {block})
+            x, y = centre(x, recordings), centre(y, recordings)
+            thetas = regress(structure, x, y, augmented_ridge)
+            fits.append((np.sum((y - x @ thetas[0]) ** 2), banked, thetas))
+        _, banked, thetas = min(fits, key=lambda fit: fit[0])
+        x, y, _ = stack_samples(noisy_problem, banked, {block})
+        left = y[:, np.newaxis] - x @ np.stack(thetas, axis=1)
+        parts = np.array_split((left - left.mean(axis=0)) ** 2, PARTS)
+        expected.append(np.stack([part.mean(axis=0) for part in parts], axis=1))
+    np.testing.assert_allclose(found, np.concatenate(expected, axis=1), rtol=1e-5)
+
+
+def test_without_compensation_a_recording_is_left_around_its_mean(
+    noisy_problem: AxisData,
+) -> None:
+    found = uncompensated_errors(moments_of(noisy_problem, PARTS))
+    expected = []
+    for values in noisy_problem.residual:
+        seen = values[np.isfinite(values)]
+        expected += [part.mean() for part in np.array_split((seen - seen.mean()) ** 2, PARTS)]
+    np.testing.assert_allclose(found, expected, rtol=1e-8)
+
+
+def test_what_a_model_leaves_is_the_measurement_minus_its_free_run(
+    make_recording: Callable[..., Recording],
+    lagged: Callable[..., Array],
+) -> None:
+    dynamics = ArxPls(
+        np.zeros(1), np.ones(1), np.ones((1, 1)), (relaxation(300.0, 10.0),),
+        np.array([[0.5], [2e-3]]), np.ones(2), np.array([0.0, 0.01]),
+    )  # fmt: skip
+    features = Features('powers', np.array([20.0]), np.zeros(1), np.full(1, 99.0))
+    noise = np.random.default_rng(4).standard_normal(CELLS)
+    moved = lagged(TEMPERATURE_C - 20, 300.0)
+    raw = (1 + 0.01 + 2e-3 * moved) * LOAD + 0.5 * moved + noise
+    recording = make_recording(TEMPERATURE_C, {'force_x': raw}, {'force_x': LOAD})
+    data = build_axis_data([recording], 'force_x', 'recorded', [np.zeros(CELLS, dtype=np.int64)])
+    model = AxisModel(features, dynamics)
+    np.testing.assert_allclose(unexplained(data, model)[0], noise, atol=1e-9)
+    np.testing.assert_array_equal(unexplained(data, None)[0], data.residual[0])
+    zero_drift_only = replace(
+        dynamics,
+        output_loadings=np.array([[0.5]]),
+        output_weight=np.ones(1),
+        output_mean=np.zeros(1),
+    )
+    without = AxisModel(features, zero_drift_only)
+    np.testing.assert_allclose(
+        unexplained(data, without)[0], noise + (0.01 + 2e-3 * moved) * LOAD, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize('tared', [True, False])
+def test_a_fold_is_scored_in_parts_around_a_constant_per_recording(
+    make_recording: Callable[..., Recording], tared: bool
+) -> None:
+    """Of means over 30 s; plateaus, which are not tared, around the mean of all else."""
+    recordings = [make_recording(TEMPERATURE_C, {'force_x': 0.0}) for _ in range(2)]
+    rng = np.random.default_rng(5)
+    folds = [rng.integers(0, 3, CELLS) for _ in range(2)]
+    data = replace(build_axis_data(recordings, 'force_x', 'unloaded', folds), tared=tared)
+    left = [rng.standard_normal(CELLS) + 100 * i for i in range(2)]
+    left[0][::7] = np.nan
+    for fold in range(3):
+        expected = []
+        for numbers, values in zip(folds, left, strict=True):
+            bins: dict[int, list[float]] = {}
+            others = []
+            for cell, (n, v) in enumerate(zip(numbers, values, strict=True)):
+                if n == fold and np.isfinite(v):
+                    bins.setdefault(cell // 3, []).append(v)
+                elif np.isfinite(v):
+                    others.append(v)
+            inside = [sum(each) / len(each) for each in bins.values()]
+            constant = np.mean(inside if tared else others)
+            parts = np.array_split(inside, 4)
+            expected += [np.mean([(v - constant) ** 2 for v in part]) for part in parts]
+        assert fold_errors(data, left, fold) == pytest.approx(expected)
+
+
+def test_fewer_bins_than_parts_are_scored_one_by_one(
+    make_recording: Callable[..., Recording],
+) -> None:
+    recording = make_recording(TEMPERATURE_C, {'force_x': 0.0})
+    data = build_axis_data([recording], 'force_x', 'unloaded', [np.zeros(CELLS, dtype=np.int64)])
+    left = np.full(CELLS, np.nan)
+    left[[0, 1, 90]] = 1.0, 3.0, 6.0
+    assert fold_errors(data, [left], 0) == [4.0, 4.0]
+    assert fold_errors(data, [np.full(CELLS, np.nan)], 0) == []
 
 
 def lagging(make_recording, warm_up, lagged, seed, *, loaded=False, **more):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
-from wrist_ft_comp.identification.pls_arx import identify
-from wrist_ft_comp.model.arx import Arx, Orders, relaxation, static_gain
-from wrist_ft_comp.model.arx_pls import ArxPls, from_gains
+from wrist_ft_comp.identification.pls_arx import identify, OBSERVATION_WINDOW_S, observe_drift
+from wrist_ft_comp.model.arx import Orders
+from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import Recording
 
@@ -17,6 +17,7 @@ Array = np.ndarray
 TWO = Features('powers', np.array([30.0, 25.0]), np.zeros(2), np.full(2, 99.0), degree=2)
 ONE = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0))
 CELLS = 400
+LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
 
 
 @pytest.fixture(scope='module')
@@ -186,41 +187,52 @@ class TestDegenerateData:
         assert identify(method, pose(temperatures, nothing), TWO, Orders())[0] is None
 
 
-class TestConversion:
-    @pytest.mark.parametrize('inputs', [1, 4])
-    @pytest.mark.parametrize('outputs', [1, 2])
-    def test_the_free_run_is_the_sum_of_filtered_gains(
-        self, lagged: Callable[..., Array], inputs: int, outputs: int
-    ) -> None:
-        rng = np.random.default_rng([inputs, outputs])
-        taus = (0.0, 40.0, 700.0)
-        gains = rng.standard_normal((3, inputs, outputs))
-        x = np.cumsum(rng.standard_normal((200, inputs)), axis=0) * [1e3, 1, 1e-3, 1][:inputs]
-        mean, weight = x.mean(axis=0), 1 / x.std(axis=0)
-        output_weight = np.array([2.0, 0.1])[:outputs]
-        model = from_gains(
-            [relaxation(tau, 10.0) for tau in taus], gains, mean, weight, output_weight
-        )
-        assert model is not None
-        _, found = model.run(model.start(x[0]), x)
-        expected = np.zeros((200, outputs))
-        for tau, gain in zip(taus, gains, strict=True):
-            filtered = x - mean
-            if tau:
-                filtered = np.stack([lagged(column, tau) for column in filtered.T], axis=1)
-            expected += filtered @ gain / output_weight
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
-        assert np.abs(expected).max() > 1
+class TestObservedDrift:
+    @pytest.fixture
+    def observe(self, make_recording: Callable[..., Recording]) -> Callable[..., Array]:
+        """Observe the drift of a raw wrench beside a load, over a rise from 20 to 40 °C."""
 
-    def test_lost_rank_needs_fewer_latents(self) -> None:
-        gains = np.zeros((2, 3, 2))
-        gains[1] = np.outer([1.0, 2.0, 3.0], [1.0, -1.0])
-        bank = [static_gain(), relaxation(10.0, 1.0)]
-        model = from_gains(bank, gains, np.zeros(3), np.ones(3), np.ones(2))
-        assert model is not None
-        assert len(model.latents) == 1
-        assert isinstance(model.latents[0], Arx)
+        def make(raw: Array, load: Array | None = None) -> Array:
+            recordings = [
+                make_recording(
+                    np.linspace(20, 40, CELLS),
+                    {'force_x': raw},
+                    {'force_x': LOAD if load is None else load},
+                )
+            ]
+            reference = 'unloaded' if load is None else 'recorded'
+            folds = [np.zeros(CELLS, dtype=np.int64)]
+            return observe_drift(build_axis_data(recordings, 'force_x', reference, folds))[0]
 
-    def test_no_gain_at_all_is_no_model(self) -> None:
-        bank = [static_gain()]
-        assert from_gains(bank, np.zeros((1, 3, 2)), np.zeros(3), np.ones(3), np.ones(2)) is None
+        return make
+
+    def test_without_load_it_is_the_residual(self, observe: Callable[..., Array]) -> None:
+        np.testing.assert_array_equal(observe(LOAD), LOAD[:, np.newaxis])
+
+    def test_windows_do_not_cross_gaps(self, observe: Callable[..., Array]) -> None:
+        """Drift jumps in the gap, which lies inside what would be one window."""
+        cells = round(OBSERVATION_WINDOW_S / 10.0)
+        before, after = slice(0, cells // 2), slice(cells // 2 + 10, None)
+        sensitivity, zero, gap = np.full(CELLS, 0.02), np.full(CELLS, 3.0), np.zeros(CELLS)
+        sensitivity[after], zero[after] = -0.03, -5.0
+        gap[before.stop : after.start] = np.nan
+        found = observe((1 + sensitivity) * LOAD + zero + gap, LOAD)
+        seen = np.isfinite(found).all(axis=1)
+        assert (~seen).sum() <= 10 + 10  # the gap, and at most a last window of few cells
+        np.testing.assert_allclose(found[seen, 0], zero[seen], atol=1e-9)
+        np.testing.assert_allclose(found[seen, 1], sensitivity[seen], atol=1e-12)
+        assert {0.02, -0.03} == set(np.round(found[seen, 1], 9))
+
+    def test_slow_drift_is_followed(self, observe: Callable[..., Array]) -> None:
+        theta = np.linspace(-10, 10, CELLS)
+        error = observe((1 + 1e-3 * theta) * LOAD + 0.2 * theta, LOAD)
+        error -= np.stack((0.2 * theta, 1e-3 * theta), axis=1)
+        # A window spans 1.5 K: its slope is at most that far behind, plus what 0.2 N/K leaks.
+        assert np.nanmax(np.abs(error[:, 1])) < 0.2 * 1.5 / 30 / 2
+        assert np.sqrt(np.nanmean(error[:, 0] ** 2)) < 0.2
+
+    def test_windows_without_load_are_not_observed(self, observe: Callable[..., Array]) -> None:
+        quiet = LOAD.copy()
+        quiet[120:180] = 5.0
+        found = observe(1.1 * quiet, quiet)
+        np.testing.assert_array_equal(np.isnan(found[:, 1]), (quiet != LOAD))
