@@ -232,14 +232,6 @@ def test_the_errors_add_up_to_the_figures(method, count, run):
     assert total(held_out, held_out.after) == pytest.approx(fit.rms_after, rel=1e-6)
 
 
-def test_loaded_recordings_add_up_too(run):
-    fit = learn([run(seed, loaded=True) for seed in range(2)], reference='recorded')
-    held_out = fit.held_out
-    assert len(fit.model.dynamics.output_mean) == 2
-    assert total(held_out, held_out.before) == pytest.approx(fit.rms_before, rel=1e-6)
-    assert total(held_out, held_out.after) == pytest.approx(fit.rms_after, rel=1e-6)
-
-
 def test_a_long_recording_is_judged_beside_its_trend(make_recording):
     """Nine hours: creep is not counted against a candidate, neither here nor in its score."""
     hours = np.arange(540) / 60
@@ -251,13 +243,6 @@ def test_a_long_recording_is_judged_beside_its_trend(make_recording):
     assert held_out.detrended
     assert total(held_out, held_out.before) == pytest.approx(fit.rms_before, rel=1e-6)
     assert total(held_out, held_out.after) == pytest.approx(fit.rms_after, rel=1e-6)
-
-
-def test_without_compensation_nothing_changes(make_recording, warm_up):
-    noise = np.random.default_rng(5).normal(0, 1, CELLS)
-    fit = learn([make_recording(warm_up(CELLS, 1), {'force_z': noise})])
-    assert fit.model is None
-    np.testing.assert_array_equal(fit.held_out.before, fit.held_out.after)
 
 
 def test_bins_stand_in_time_order_within_their_recording(run):

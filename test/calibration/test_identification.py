@@ -225,24 +225,6 @@ class TestNothingToLearn:
         _, sensitivity = drift_of(calibration, runs[0])
         assert np.abs(sensitivity).max() < 0.1
 
-    def test_a_room_thermometer_that_only_differs_between_recordings_is_ignored(
-        self, simulate: Callable[..., Recording], lagged: Callable[..., Array]
-    ) -> None:
-        def room(recording: Recording, second: Array) -> Recording:
-            both = np.column_stack((recording.temperature_c, second))
-            return replace(recording, temperature_c=both, measured=np.ones(both.shape, dtype=bool))
-
-        truth = {800.0: 0.5}
-        runs = [
-            room(simulate(i, truth, noise=0.01), np.full(CELLS, celsius))
-            for i, celsius in enumerate((21.3, 24.7, 22.9))
-        ]
-        new = room(simulate(9, truth, share=0.8), np.linspace(21.5, 24.5, CELLS))
-        expected = centred(0.5 * lagged(new.temperature_c[:, 0], 800.0))
-        for method in ('arx_pls_oe', 'auto', 'filtered_pls'):
-            found, _ = drift_of(calibrate(runs, settings(method)), new)
-            assert np.abs(centred(found) - expected).max() < 0.2
-
 
 class TestEveryMethod:
     @pytest.mark.parametrize('method', METHODS)
@@ -299,28 +281,6 @@ class TestEveryMethod:
             'force_z'
         ]
         assert judged.rms_after < 0.9 * judged.rms_before
-
-    @pytest.mark.parametrize('method', METHODS)
-    def test_the_same_data_give_the_same_model(
-        self, simulate: Callable[..., Recording], method: str
-    ) -> None:
-        runs = [simulate(i, {300.0: 0.5}, noise=0.1) for i in range(2)]
-        first, second = (drift_of(calibrate(runs, settings(method)), runs[0])[0] for _ in '12')
-        np.testing.assert_array_equal(first, second)
-
-    @pytest.mark.parametrize('method', METHODS)
-    def test_a_soaked_sensor_at_the_reference_has_no_zero_drift(
-        self, simulate: Callable[..., Recording], method: str
-    ) -> None:
-        runs = [simulate(i, {300.0: 0.5}, noise=0.1) for i in range(2)]
-        calibration = calibrate(runs, settings(method))
-        fit = calibration.fits['force_z'].model
-        assert fit is not None
-        at = fit.features.reference_c
-        _, found = drift_model.step(
-            calibration.model, drift_model.start(calibration.model, at), at
-        )
-        np.testing.assert_allclose(found.zero, 0, atol=1e-9)
 
 
 class TestFeaturesAndGrid:

@@ -6,7 +6,6 @@ import pytest
 from wrist_ft_comp.calibration.calibrate import summarise
 from wrist_ft_comp.calibration.result import AxisFit, Calibration
 from wrist_ft_comp.model.drift_model import DriftModel
-from wrist_ft_comp.model.signals import AXES
 
 
 @pytest.fixture
@@ -58,7 +57,7 @@ def test_an_axis_without_compensation_says_so(make):
 def test_harm_is_called_harm(make):
     worse = summarise(make({'force_z': fit(before=1.0, after=2.0)})).splitlines()[0]
     assert worse.endswith('WORSE THAN NONE')
-    assert 'WORSE' not in summarise(make({'force_z': fit(before=1.0, after=1.0)}))
+    assert 'WORSE' not in summarise(make({'force_z': fit(before=1.0, after=1.04)}))
 
 
 def test_recordings_are_summed_up_and_warnings_follow(make):
@@ -68,11 +67,3 @@ def test_recordings_are_summed_up_and_warnings_follow(make):
         'warning: One.',
         'warning: Two.',
     ]
-
-
-@pytest.mark.parametrize('chosen', ['bank of relaxations, degree 2', '3 time constants, degree 2'])
-def test_lines_fit_an_editor(chosen, make):
-    fits = {axis: fit(chosen, 123.4, 0.01234) for axis in AXES}
-    lines = summarise(make(fits)).splitlines()
-    assert len(lines) == len(AXES) + 1
-    assert max(map(len, lines)) < 100

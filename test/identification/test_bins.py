@@ -42,19 +42,6 @@ def moments_of(binned: BinnedData, parts: int = 1) -> Moments:
     return accumulate(binned, bank_inputs(binned, features, STATIC), STATIC, parts)
 
 
-def test_moments_are_those_of_every_cell(problem: AxisData) -> None:
-    """Temperatures are constant within bins, loads are not."""
-    single, binned = bin_axis_data(problem, 1), bin_axis_data(problem, WIDTH)
-    assert (single.cells, binned.cells) == (1, WIDTH)
-    assert len(binned.temperature_c[0]) == CELLS // WIDTH + 1
-    cells, bins = moments_of(single), moments_of(binned)
-    np.testing.assert_allclose(bins.products, cells.products, rtol=1e-10, atol=1e-7)
-    np.testing.assert_allclose(bins.sums, cells.sums, rtol=1e-10, atol=1e-9)
-    np.testing.assert_array_equal(bins.counts, cells.counts)
-    np.testing.assert_array_equal(bins.fold, cells.fold)
-    np.testing.assert_array_equal(bins.recording, cells.recording)
-
-
 def test_every_sum_is_the_textbook_loop(problem: AxisData) -> None:
     binned = bin_axis_data(problem, WIDTH)
     for i, sums in enumerate(binned.sums):
