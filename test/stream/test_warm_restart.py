@@ -19,6 +19,7 @@ from wrist_ft_comp.stream.warm_restart import (
     longest_gap_s,
     MOST_GAP_S,
     slowest_time_constant_s,
+    ThermalMemory,
 )
 
 MakeModel = Callable[..., DriftModel]
@@ -50,11 +51,21 @@ def feed(compensator: Compensator, first: float, end: float, rate_hz: float = 2.
     return seen
 
 
-def restarted(model: DriftModel, before: Compensator, at_least_s: float = 0.0) -> Compensator:
-    memory = before.memory()
+def ran(model: DriftModel, seconds: int) -> Compensator:
+    compensator = Compensator(1, SETTINGS, model)
+    feed(compensator, 0, seconds)
+    return compensator
+
+
+def memory_of(compensator: Compensator) -> ThermalMemory:
+    memory = compensator.memory()
     assert memory is not None
+    return memory
+
+
+def restarted(model: DriftModel, before: Compensator, at_least_s: float = 0.0) -> Compensator:
     after = Compensator(1, SETTINGS, model)
-    after.resume(memory, at_least_s)
+    after.resume(memory_of(before), at_least_s)
     return after
 
 
@@ -96,8 +107,7 @@ def test_without_its_memory_it_would_not(model: DriftModel) -> None:
 
 
 def test_the_drift_is_subtracted_before_the_first_temperature(model: DriftModel) -> None:
-    killed = Compensator(1, SETTINGS, model)
-    feed(killed, 0, 400)
+    killed = ran(model, 400)
     again = restarted(model, killed)
     assert again.compensating
     assert again.tracker.awaiting_gap
@@ -120,13 +130,9 @@ def test_a_gap_without_length_changes_nothing(model: DriftModel) -> None:
         for compensator in (never, again) if second >= 200 else (again,):
             compensator.add_temperature(0, START + second * SECOND, warming(second))
     np.testing.assert_allclose(again.compensation.zero, never.compensation.zero, rtol=1e-12)
-    memories = again.memory(), never.memory()
-    assert memories[0] is not None
-    assert memories[1] is not None
-    assert memories[0].end_ns == memories[1].end_ns
-    np.testing.assert_allclose(
-        memories[0].filters['force_z'], memories[1].filters['force_z'], rtol=1e-12
-    )
+    resumed, whole = memory_of(again), memory_of(never)
+    assert resumed.end_ns == whole.end_ns
+    np.testing.assert_allclose(resumed.filters['force_z'], whole.filters['force_z'], rtol=1e-12)
 
 
 class TestGap:
@@ -145,8 +151,7 @@ class TestGap:
     ) -> None:
         killed = Compensator(1, StreamSettings(max_drift_rate_n_s=1e3), model)
         feed(killed, 0, 400)
-        memory = killed.memory()
-        assert memory is not None
+        memory = memory_of(killed)
         again = Compensator(1, StreamSettings(max_drift_rate_n_s=1e3), model)
         again.resume(memory, at_least_s)
         first = memory.end_ns + round(gap_s) * SECOND
@@ -162,8 +167,7 @@ class TestGap:
     def test_that_is_refused_moves_the_output_no_faster_than_the_rate(
         self, model: DriftModel
     ) -> None:
-        killed = Compensator(1, SETTINGS, model)
-        feed(killed, 0, 400)
+        killed = ran(model, 400)
         again = restarted(model, killed)
         held = again.compensation.zero[2]
         for second in range(3):
@@ -172,10 +176,8 @@ class TestGap:
         assert again.limits.too_fast
 
     def test_is_crossed_on_a_straight_line(self, model: DriftModel) -> None:
-        killed = Compensator(1, SETTINGS, model)
-        feed(killed, 0, 100)
-        memory = killed.memory()
-        assert memory is not None
+        killed = ran(model, 100)
+        memory = memory_of(killed)
         first = memory.end_ns // SECOND + 3
         found = fill_gap(model, memory, first, memory.temperature_c + 4.0, 0.0)
         assert found.temperature_c is not None
@@ -198,10 +200,8 @@ class TestLongestGap:
 def test_a_memory_belongs_to_models_of_its_form_only(
     model: DriftModel, make_model: MakeModel
 ) -> None:
-    killed = Compensator(1, SETTINGS, model)
-    feed(killed, 0, 10)
-    memory = killed.memory()
-    assert memory is not None
+    killed = ran(model, 10)
+    memory = memory_of(killed)
     assert belongs_to(model, memory)
     two = replace(memory, temperature_c=np.array([20.0, 20.0]))
     longer = replace(memory, filters={**memory.filters, 'force_z': np.zeros((1, 2))})
@@ -220,33 +220,22 @@ def test_nothing_is_remembered_before_the_first_temperature(model: DriftModel) -
     assert Compensator(1, SETTINGS).memory() is None
 
 
-def test_a_model_that_goes_live_ends_the_wait_for_the_gap(
-    model: DriftModel, make_model: MakeModel
-) -> None:
-    killed = Compensator(1, SETTINGS, model)
-    feed(killed, 0, 100)
-    again = restarted(model, killed)
-    again.go_live(make_model({'force_z': (1.0, 0.0, 30.0)}))
-    assert not again.tracker.awaiting_gap
-    assert again.compensating
-
-
 def test_a_model_that_goes_live_before_the_first_temperature_is_remembered(
     model: DriftModel, make_model: MakeModel
 ) -> None:
     """A rollback, then a second kill: the tare belongs to a drift that must not be lost."""
-    killed = Compensator(1, SETTINGS, model)
-    feed(killed, 0, 700)
+    killed = ran(model, 700)
     again = restarted(model, killed)
     other = make_model({'force_z': (-1.0, 0.0, 900.0)})
+    assert again.tracker.awaiting_gap
     again.go_live(other)
+    assert again.compensating
+    assert not again.tracker.awaiting_gap
     once_more = restarted(other, again)
     assert once_more.compensation.zero[2] == again.compensation.zero[2] != 0.0
-    memories = killed.memory(), once_more.memory()
-    assert memories[0] is not None
-    assert memories[1] is not None
-    assert memories[1].end_ns == memories[0].end_ns
-    assert len(memories[1].history) == len(memories[0].history)
+    before, after = memory_of(killed), memory_of(once_more)
+    assert after.end_ns == before.end_ns
+    assert len(after.history) == len(before.history)
 
 
 def test_a_model_that_goes_live_after_a_restart_knows_what_was_before_it(
@@ -268,12 +257,10 @@ def test_a_model_that_goes_live_after_a_restart_knows_what_was_before_it(
 
 def test_a_gap_that_was_crossed_is_a_part_of_the_history(model: DriftModel) -> None:
     """Or a second restart would leave it out, and what was before it would seem too recent."""
-    killed = Compensator(1, SETTINGS, model)
-    feed(killed, 0, 300)
+    killed = ran(model, 300)
     again = restarted(model, killed)
     feed(again, 900, 910)
-    memory = again.memory()
-    assert memory is not None
+    memory = memory_of(again)
     assert sum(count for _, count in memory.history) == len(again.tracker.history.cells) == 909
     between = np.repeat([value for value, _ in memory.history], [n for _, n in memory.history])
     np.testing.assert_allclose(
@@ -281,33 +268,23 @@ def test_a_gap_that_was_crossed_is_a_part_of_the_history(model: DriftModel) -> N
     )
 
 
-def test_a_memory_that_is_refused_leaves_no_history(model: DriftModel) -> None:
-    killed = Compensator(1, SETTINGS, model)
-    feed(killed, 0, 700)
-    again = restarted(model, killed)
-    feed(again, -5000, -4990)
-    assert again.tracker.forgot
-    assert len(again.tracker.history.cells) < 12
-
-
-def test_that_a_memory_was_refused_is_not_told_of_the_next_model(
+def test_a_memory_that_was_refused_leaves_no_history_and_is_not_told_of_the_next_model(
     make_model: MakeModel, model: DriftModel
 ) -> None:
-    killed = Compensator(1, SETTINGS, model)
-    feed(killed, 0, 700)
+    killed = ran(model, 700)
     for following in (None, make_model({'force_z': (1.0, 0.0, 60.0)})):
         again = restarted(model, killed)
         feed(again, -5000, -4990)
         assert again.tracker.forgot
+        assert len(again.tracker.history.cells) < 12
         again.go_live(following)
         assert not again.tracker.forgot
 
 
-def test_blocks_are_means_of_cells(model: DriftModel) -> None:
+def test_what_is_remembered_are_means_of_cells(model: DriftModel) -> None:
     compensator = Compensator(1, SETTINGS, model)
     feed(compensator, 0, 151, 1.0)
-    memory = compensator.memory()
-    assert memory is not None
+    memory = memory_of(compensator)
     assert [cells for _, cells in memory.history] == [1, 60, 60, 29]
     cells = [warming(second) for second in range(150)]
     expected = [cells[0], np.mean(cells[1:61]), np.mean(cells[61:121]), np.mean(cells[121:])]
@@ -318,8 +295,7 @@ def test_blocks_are_means_of_cells(model: DriftModel) -> None:
 def test_a_stray_stamp_right_after_the_restart_does_not_cost_the_memory(
     model: DriftModel, leap_s: int
 ) -> None:
-    killed = Compensator(1, SETTINGS, model)
-    feed(killed, 0, 700)
+    killed = ran(model, 700)
     again = restarted(model, killed)
     again.add_temperature(0, START + (705 + leap_s) * SECOND, 25.0)
     feed(again, 706, 710)
