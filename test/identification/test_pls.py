@@ -107,6 +107,17 @@ def test_nipals_of_the_textbook_gives_the_same(inputs: int, outputs: int, latent
 
 
 @shapes
+def test_scikit_learn_predicts_the_same(inputs: int, outputs: int, latents: int) -> None:
+    regression = pytest.importorskip(
+        'sklearn.cross_decomposition', reason='scikit-learn is not installed'
+    ).PLSRegression
+    x, y = made_up(60, inputs, outputs)
+    peer = regression(n_components=latents, scale=False, tol=1e-24, max_iter=20_000).fit(x, y)
+    ours = x @ fit_pls(x, y, latents).coefficients
+    np.testing.assert_allclose(ours, peer.predict(x).reshape(ours.shape), atol=1e-9)
+
+
+@shapes
 def test_pcr_is_scikit_learns_pca_with_linear_regression(
     inputs: int, outputs: int, latents: int
 ) -> None:
