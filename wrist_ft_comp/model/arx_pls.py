@@ -102,7 +102,7 @@ class ArxPls:
         """Advance by N cells, x of shape (N, F), outputs (N, M): the fold of step, faster."""
         numerators, denominators, _ = self._filters
         t = self._scores(x)
-        if not state.shape[1]:
+        if not (len(x) and state.shape[1]):
             return state, self._outputs(numerators[:, 0] * t)
         u, after = np.empty_like(t), np.empty_like(state)
         for r in range(len(self.latents)):
@@ -128,24 +128,21 @@ def _filter(
 
     lfilter itself would bring most of scipy into the node, which runs this when a model goes live.
     """
-    z, feedback = state.tolist(), denominator[1:].tolist()
-    u: list[float] = []
-    products = [(b * t).tolist() for b in numerator]
-    if len(z) == 1:  # A relaxation, as nearly all are: four times as fast without the inner loop.
-        (z_0,), (a_1,) = z, feedback
-        for direct, delayed in zip(*products, strict=True):
-            y = z_0 + direct
-            z_0 = delayed - a_1 * y
-            u.append(y)
-        return np.array(u), np.array([z_0])
-    for direct, *delayed in zip(*products, strict=True):
-        y = z[0] + direct
-        z = [
-            later + product - a * y
-            for later, product, a in zip((*z[1:], 0.0), delayed, feedback, strict=True)
-        ]
-        u.append(y)
-    return np.array(u), np.array(z)
+    direct = numerator[0] * t
+    if len(state) == 1 and not numerator[1]:
+        # A relaxation, as nearly all are: u(k) = b_0 t(k) - a_1 u(k-1), with no inner loop.
+        direct[:1] += state
+        a_1, last = denominator[1].item(), 0.0
+        u = np.array([last := now - a_1 * last for now in direct.tolist()])
+        return u, -a_1 * u[-1:]
+    z, feedback, outputs = state.tolist(), denominator[1:].tolist(), []
+    delayed = np.multiply.outer(t, numerator[1:]).tolist()
+    for now, later in zip(direct.tolist(), delayed, strict=True):
+        last = z[0] + now
+        outputs.append(last)
+        shifted = zip((*z[1:], 0.0), later, feedback, strict=True)
+        z = [kept + product - a * last for kept, product, a in shifted]
+    return np.array(outputs), np.array(z)
 
 
 def from_loadings(
