@@ -44,7 +44,7 @@ def test_errors_are_tared_on_the_first_minute_after_the_calibration():
 
 
 def test_the_judgement_is_a_hand_computation():
-    judged = demo.judge(make_log())
+    judged = demo.judge_errors([demo.errors(make_log())])
     since = np.arange(1, 200) - 30.5
     for gain, axis in enumerate(AXES, start=1):
         assert judged[axis].rms_before == pytest.approx(gain * np.sqrt(np.mean(since**2)))
@@ -55,7 +55,7 @@ def test_the_judgement_is_a_hand_computation():
 
 def test_a_log_without_wrenches_after_the_calibration_is_told():
     with pytest.raises(RecordingError, match='No wrench was received'):
-        demo.judge(make_log(calibrated_s=1000))
+        demo.errors(make_log(calibrated_s=1000))
 
 
 @pytest.mark.parametrize(('kept', 'code'), [(0.05, 0), (0.2, 1)])

@@ -3,7 +3,7 @@
 import argparse
 from dataclasses import asdict
 from pathlib import Path
-from typing import get_args, TYPE_CHECKING
+from typing import get_args
 
 from wrist_ft_comp.calibration.calibrate import summarise
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings, METHODS
@@ -24,9 +24,6 @@ from wrist_ft_comp.model.ranges import PERIODS_S
 from wrist_ft_comp.report.of_calibration import calibration_verdicts
 from wrist_ft_comp.report.verdict import Verdict
 
-if TYPE_CHECKING:
-    from wrist_ft_comp.cli.options import Commands
-
 EXAMPLES = """\
 examples:
   wrist_ft_comp calibrate warm_up.mcap -o model.yaml
@@ -36,7 +33,7 @@ examples:
 """
 
 
-def add_parser(commands: 'Commands') -> None:
+def add_parser(commands: options.Commands) -> None:
     """Add the command."""
     parser = commands.add_parser(
         'calibrate',
@@ -118,17 +115,17 @@ def run(arguments: argparse.Namespace) -> int:
     paths.check_report_target(arguments.report, [arguments.output, *arguments.recordings])
     job = _job(arguments)
     with options.progress_bar('calibrating') as progress:
-        found = run_job(job, progress)
-    tables = judge_chamber_tables(job, found.stored)
-    verdicts = calibration_verdicts(found.calibration, found.recordings)
+        outcome = run_job(job, progress)
+    tables = judge_chamber_tables(job, outcome.stored)
+    verdicts = calibration_verdicts(outcome.calibration, outcome.recordings)
     if arguments.json:
-        options.print_json(_as_json(found, verdicts, tables))
+        options.print_json(_as_json(outcome, verdicts, tables))
     else:
-        print(summarise(found.calibration))
-        print(f'\n{verdict_text(verdicts)}\n\nsaved as {found.stored.path}')
+        print(summarise(outcome.calibration))
+        print(f'\n{verdict_text(verdicts)}\n\nsaved as {outcome.stored.path}')
         for name, columns in tables.items():
             print(f'\n{name}\n{chamber_table_text(columns)}')
-    report_job(job, found, tables)
+    report_job(job, outcome, tables)
     if job.report and not arguments.json:
         print(f'report: {job.report}')
     return 0
@@ -138,15 +135,14 @@ def _job(arguments: argparse.Namespace) -> CalibrationJob:
     """Build the job; chamber tables have their own defaults, and knots mean hats."""
     if arguments.hat_temperatures and arguments.features == 'powers':
         raise SettingsError('--hat-temperatures belongs to --features hats; leave one out.')
-    hats: FeatureKind | None = 'hats' if arguments.hat_temperatures else None
     tables = all(path.is_file() and is_chamber_table(path) for path in arguments.recordings)
-    default: FeatureKind = 'hats' if tables else 'powers'
+    default: FeatureKind = 'hats' if tables or arguments.hat_temperatures else 'powers'
     settings = CalibrationSettings(
         reference=arguments.reference or ('recorded' if tables else 'unloaded'),
         min_temperature_span_k=arguments.min_temperature_span,
         identification=IdentificationSettings(
             method=arguments.method or ('pls' if tables else 'auto'),
-            features=arguments.features or hats or default,
+            features=arguments.features or default,
             degree=arguments.degree,
             hat_temperatures_c=arguments.hat_temperatures,
             latents=arguments.latents,
@@ -164,13 +160,13 @@ def _job(arguments: argparse.Namespace) -> CalibrationJob:
 
 
 def _as_json(
-    found: JobOutcome, verdicts: dict[str, Verdict], tables: dict[str, ChamberColumns]
+    outcome: JobOutcome, verdicts: dict[str, Verdict], tables: dict[str, ChamberColumns]
 ) -> dict[str, object]:
     """Everything a script may want."""
-    calibration = found.calibration
+    calibration = outcome.calibration
     return {
-        'model': str(found.stored.path),
-        'sha256': found.stored.sha256,
+        'model': str(outcome.stored.path),
+        'sha256': outcome.stored.sha256,
         'axes': {
             axis: {
                 'verdict': verdicts[axis].level,

@@ -57,26 +57,10 @@ class JobOutcome:
 
 def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome:
     """
-    Read, fit, save the model; the report is left to report_job.
+    Read, fit, and save the model; the report is left to report_job.
 
-    Parameters
-    ----------
-    job : CalibrationJob
-        The job.
-    progress : callable, optional
-        Told the share that is done, 0 to 1.
-
-    Returns
-    -------
-    JobOutcome
-        What was found, and what was saved.
-
-    Raises
-    ------
-    WristFtCompError
-        When a recording is unusable, the calibration is refused, or the model cannot be saved;
-        nothing is changed then.
-
+    The progress is told the share that is done, 0 to 1. When a recording is unusable, the
+    calibration is refused or the model cannot be saved, an error says why and nothing is changed.
     """
     report = progress or (lambda _: None)
     recordings, used, left_out = _read(job, report)

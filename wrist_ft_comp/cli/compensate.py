@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 import gc
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from wrist_ft_comp.calibration.chamber import table_tare
 from wrist_ft_comp.cli import options, paths
@@ -18,9 +17,6 @@ from wrist_ft_comp.model.offline import correct_many, track_drift
 from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS, Recording
 from wrist_ft_comp.report.evaluation import initial_tare
 
-if TYPE_CHECKING:
-    from wrist_ft_comp.cli.options import Commands
-
 EXAMPLES = """\
 examples:
   wrist_ft_comp compensate model.yaml run.csv -o compensated.csv
@@ -28,7 +24,7 @@ examples:
 """
 
 
-def add_parser(commands: 'Commands') -> None:
+def add_parser(commands: options.Commands) -> None:
     """Add the command."""
     parser = commands.add_parser(
         'compensate',
@@ -86,8 +82,8 @@ def run(arguments: argparse.Namespace) -> int:
         )
     warnings = (*recording.warnings, *warnings, *range_warnings(stored, recording))
     if arguments.json:
-        found = {'output': arguments.output, 'tare': dict(zip(AXES, tare.tolist(), strict=True))}
-        options.print_json({**found, 'warnings': warnings})
+        answer = {'output': arguments.output, 'tare': dict(zip(AXES, tare.tolist(), strict=True))}
+        options.print_json({**answer, 'warnings': warnings})
         return 0
     print_warnings(warnings)
     print(f'wrote {arguments.output}')

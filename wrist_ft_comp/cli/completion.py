@@ -3,12 +3,9 @@
 import argparse
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from wrist_ft_comp.cli import options
 from wrist_ft_comp.errors import SettingsError
-
-if TYPE_CHECKING:
-    from wrist_ft_comp.cli.options import Commands
 
 EXAMPLES = """\
 examples:
@@ -21,7 +18,7 @@ zsh looks into ~/.zfunc when ~/.zshrc says, before compinit: fpath+=~/.zfunc
 _SHELLS = ('bash', 'zsh')
 
 
-def add_parser(commands: 'Commands', parser: argparse.ArgumentParser) -> None:
+def add_parser(commands: options.Commands, parser: argparse.ArgumentParser) -> None:
     """Add the command; the parser is the one whose words are completed."""
     own = commands.add_parser(
         'completion',

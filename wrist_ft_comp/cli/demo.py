@@ -14,75 +14,39 @@ import subprocess
 import sys
 import tempfile
 import threading
-from typing import NoReturn, TextIO, TYPE_CHECKING
+from typing import NoReturn, TextIO
 
 from matplotlib.figure import Figure
-import numpy as np
 from tqdm import tqdm
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.evaluate import evaluation_text
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import DemoLog, load_demo_log
-from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray, NANOSECONDS
-from wrist_ft_comp.report.evaluation import AxisEvaluation
+from wrist_ft_comp.model.signals import AXES, axis_unit, NANOSECONDS
+from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, TaredErrors
 from wrist_ft_comp.report.pictures import draw_drift, DriftSeries, save_png, TemperatureSeries
 
-if TYPE_CHECKING:
-    from wrist_ft_comp.cli.options import Commands
-
 TOPICS = ('temperature', 'temperature_2')
-
-
 #: The sensor warms up, rests, works, and cools while recording; then it lives another day.
 _RECORD_DUTY = ((0, 0.0), (300, 0.9), (3600, 0.0), (5700, 0.5), (8100, 1.0), (9600, 0.0))
-
-
 _RECORD_S = 11400
-
-
 _TEST_DUTY = ((0, 0.0), (2400, 0.7), (4800, 0.2), (6600, 1.0), (8400, 0.0), (9300, 0.6))
-
-
 _TEST_S = 10800
-
-
 _END_TIMEOUT_S = 10.0
-
-
 _LOOK_AFTER_S = 0.5
-
-
 #: Domains that Linux keeps free of ephemeral ports, from the end that people don't begin with.
 _DOMAINS = range(60, 101)
-
-
 _Process = subprocess.Popen[str]
-
-
 _Event = dict[str, object]
 
 
 def play(folder: Path, log_file: Path, sensor: tuple[int, float], messages: TextIO) -> None:
     """
-    Run the three processes until the operator is done.
+    Run the three processes until the operator is done, and end them.
 
-    Parameters
-    ----------
-    folder : Path
-        For the compensator's recordings and models.
-    log_file : Path
-        Where the operator puts what it received.
-    sensor : (int, float)
-        Specimen of the simulated sensor, and how many times faster than real time it runs.
-    messages : TextIO
-        Where what the operator says is printed.
-
-    Raises
-    ------
-    RecordingError
-        When a process ends early, or the operator fails; all have ended then.
-
+    The sensor is its specimen, and how many times faster than real time it runs. The operator puts
+    what it received into the log file; what it says is printed to the messages.
     """
     with ExitStack() as stack:
         running = {'compensator': stack.enter_context(_process(*_compensator(folder)))}
@@ -222,11 +186,7 @@ def _process(module: str, *arguments: str, stdout: int | None = None) -> Iterato
 
 
 _TARE_S = 60.0
-
-
 _WANTED_RATIO = 10.0
-
-
 EXAMPLES = """\
 examples:
   wrist_ft_comp demo
@@ -235,7 +195,7 @@ examples:
 """
 
 
-def add_parser(commands: 'Commands') -> None:
+def add_parser(commands: options.Commands) -> None:
     """Add the command."""
     parser = commands.add_parser(
         'demo',
@@ -289,12 +249,12 @@ def run(arguments: argparse.Namespace) -> int:
         messages = sys.stderr if arguments.json else sys.stdout
         play(Path(folder), log_file, (arguments.seed, arguments.speed), messages)
         log = load_demo_log(log_file)
-    results = judge(log)
+    results = judge_errors([errors(log)])
     picture = arguments.output / 'demo.png'
     save_png(picture, _draw(log))
     ratio = results['force_z'].rms_before / results['force_z'].rms_after
     if arguments.json:
-        axes = {axis: asdict(found) for axis, found in results.items()}
+        axes = {axis: asdict(each) for axis, each in results.items()}
         options.print_json({'axes': axes, 'wrenches': len(log.stamps_ns), 'picture': picture})
     else:
         print(_text(results, len(log.stamps_ns)))
@@ -312,26 +272,8 @@ def _text(results: dict[str, AxisEvaluation], wrenches: int) -> str:
     )
 
 
-def errors(log: DemoLog) -> tuple[FloatArray, FloatArray]:
-    """
-    Compare with the reference everything after the calibration, tared on its first minute.
-
-    Parameters
-    ----------
-    log : DemoLog
-        What was received.
-
-    Returns
-    -------
-    tuple of ndarrays, shape (n, 6)
-        Raw and compensated minus reference.
-
-    Raises
-    ------
-    RecordingError
-        When nothing was received in that minute.
-
-    """
+def errors(log: DemoLog) -> TaredErrors:
+    """Compare with the reference what came after the calibration, tared on its first minute."""
     after = log.stamps_ns > log.calibrated_ns
     since = log.stamps_ns[after] - log.calibrated_ns
     tare = since <= _TARE_S * NANOSECONDS
@@ -340,37 +282,8 @@ def errors(log: DemoLog) -> tuple[FloatArray, FloatArray]:
             f'No wrench was received in the {_TARE_S:g} s after the calibration, so the '
             'demonstration cannot be judged. Try a lower --speed.'
         )
-    raw, compensated = (
-        wrench[after] - log.reference[after] for wrench in (log.raw, log.compensated)
-    )
-    return raw - raw[tare].mean(axis=0), compensated - compensated[tare].mean(axis=0)
-
-
-def judge(log: DemoLog) -> dict[str, AxisEvaluation]:
-    """
-    Compute drift without and with compensation, per axis.
-
-    Parameters
-    ----------
-    log : DemoLog
-        What was received.
-
-    Returns
-    -------
-    dict of str to AxisEvaluation
-        Over all wrenches after the calibration.
-
-    """
-    raw, compensated = errors(log)
-    return {
-        axis: AxisEvaluation(
-            float(np.sqrt(np.mean(raw[:, i] ** 2))),
-            float(np.sqrt(np.mean(compensated[:, i] ** 2))),
-            float(np.max(np.abs(raw[:, i]))),
-            float(np.max(np.abs(compensated[:, i]))),
-        )
-        for i, axis in enumerate(AXES)
-    }
+    parts = (wrench[after] - log.reference[after] for wrench in (log.raw, log.compensated))
+    return TaredErrors(*(part - part[tare].mean(axis=0) for part in parts))
 
 
 def _draw(log: DemoLog) -> Figure:

@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from wrist_ft_comp.calibration.chamber import chamber_figures, compensate_table
 from wrist_ft_comp.cli import options, paths
@@ -27,9 +26,6 @@ from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_
 from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
 from wrist_ft_comp.report.page import page
 
-if TYPE_CHECKING:
-    from wrist_ft_comp.cli.options import Commands
-
 EXAMPLES = """\
 examples:
   wrist_ft_comp evaluate model.yaml wednesday.mcap
@@ -37,7 +33,7 @@ examples:
 """
 
 
-def add_parser(commands: 'Commands') -> None:
+def add_parser(commands: options.Commands) -> None:
     """Add the command."""
     parser = commands.add_parser(
         'evaluate',
@@ -78,9 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
     if arguments.json:
         figures = _as_json(arguments, stored, pooled, judged)
-        options.print_json(
-            {**figures, 'verdicts': verdicts_json(verdicts), 'warnings': view.warnings}
-        )
+        also = {'verdicts': verdicts_json(verdicts), 'warnings': view.warnings}
+        options.print_json({**figures, **also})
     else:
         units = {axis.axis: axis.unit for axis in view.axes}
         print(f'{evaluation_text(pooled, units)}\n\n{verdict_text(verdicts)}')
@@ -96,10 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _judge(
-    arguments: argparse.Namespace,
-    stored: StoredModel,
-    path: Path,
-    progress: Progress,
+    arguments: argparse.Namespace, stored: StoredModel, path: Path, progress: Progress
 ) -> EvaluatedRecording:
     """Read a recording and compare; chamber tables have loads and figures of their own."""
     keep = arguments.keep_copied_columns

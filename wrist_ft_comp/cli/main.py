@@ -16,8 +16,6 @@ from wrist_ft_comp.errors import WristFtCompError
 
 #: What a shell reports for a command that Ctrl-C ended.
 _INTERRUPTED = 130
-
-
 EXAMPLES = """\
 examples:
   wrist_ft_comp calibrate warm_up.mcap -o model.yaml
@@ -44,20 +42,7 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """
-    Run a command.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments behind the program's name; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit code.
-
-    """
+    """Run a command, with the process's arguments by default; returns the exit code."""
     _print_any_text()
     try:
         return _run(sys.argv[1:] if argv is None else argv)

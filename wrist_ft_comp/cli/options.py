@@ -9,15 +9,14 @@ import json
 import math
 from pathlib import Path
 import re
-from typing import Any, get_args, TYPE_CHECKING
+from typing import Any, get_args, TypeAlias
 
 from tqdm import tqdm
 
 from wrist_ft_comp.model.signals import Progress, Reference, Topics
 
-if TYPE_CHECKING:
-    Commands = argparse._SubParsersAction['Parser']  # noqa: SLF001 -- it has no public name
-
+#: What a command adds its parser to.
+Commands: TypeAlias = 'argparse._SubParsersAction[Parser]'  # noqa: SLF001 -- it has no public name
 RECORDING_HELP = (
     'a rosbag2 folder, a bare .mcap or .db3, a CSV file, or a chamber table '
     '(see the README for their columns)'
@@ -60,20 +59,7 @@ def _did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def number(low: float, high: float = math.inf) -> Callable[[str], float]:
-    """
-    Make a parser of finite numbers in a range.
-
-    Parameters
-    ----------
-    low, high : float
-        What is allowed, both included.
-
-    Returns
-    -------
-    callable
-        For ``add_argument(type=…)``.
-
-    """
+    """Make a parser of finite numbers in a range, for ``add_argument(type=…)``."""
 
     def parse(text: str) -> float:
         try:
@@ -156,15 +142,7 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 
 def print_json(value: object) -> None:
-    """
-    Print JSON for scripts: nothing else goes to standard output then.
-
-    Parameters
-    ----------
-    value : object
-        Dictionaries, lists and plain values; numbers that are not finite become null.
-
-    """
+    """Print JSON for scripts; numbers that are not finite become null."""
     print(json.dumps(_finite(value), indent=1, allow_nan=False, default=str))
 
 
@@ -179,20 +157,7 @@ def _finite(value: object) -> object:
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[Progress]:
-    """
-    Show progress on standard error; nothing when that is not a terminal.
-
-    Parameters
-    ----------
-    what : str
-        What is going on.
-
-    Yields
-    ------
-    callable
-        To be told the share that is done, 0 to 1.
-
-    """
+    """Show progress on standard error where that is a terminal; lends what is told the share."""
     form = '{desc} {percentage:3.0f}%|{bar}| {elapsed}'
     with tqdm(total=1.0, desc=what, disable=None, leave=False, bar_format=form) as bar:
 

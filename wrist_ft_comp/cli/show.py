@@ -2,8 +2,8 @@
 
 import argparse
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.tables import table_text
@@ -20,16 +20,11 @@ from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import NANOSECONDS
 from wrist_ft_comp.report.view import drifts_removed
 
-if TYPE_CHECKING:
-    from wrist_ft_comp.cli.options import Commands
-
 #: What a model is for, to whoever finds one.
 _PURPOSE = (
     'It predicts from temperatures how a wrist force/torque sensor drifts. The node',
     '"compensator" runs it (parameter model_file); wrist_ft_comp evaluate judges it.',
 )
-
-
 EXAMPLES = """\
 examples:
   wrist_ft_comp show model.yaml
@@ -37,7 +32,7 @@ examples:
 """
 
 
-def add_parser(commands: 'Commands') -> None:
+def add_parser(commands: options.Commands) -> None:
     """Add the command."""
     parser = commands.add_parser(
         'show',
@@ -65,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     with options.progress_bar('reading') as progress:
         summary = describe_recording(arguments.file, options.topics_from(arguments), progress)
     if arguments.json:
-        options.print_json(_summary_json(summary))
+        options.print_json(asdict(summary))
     else:
         print(_text(summary, arguments.file))
     return 0
@@ -178,29 +173,14 @@ def _use(summary: RecordingSummary, path: Path) -> Iterator[str]:
         return
     kinds = {RAW_WRENCH: '/WrenchStamped', TEMPERATURE: '/Temperature'}
     options_of = {RAW_WRENCH: '--wrench-topic', TEMPERATURE: '--temperature-topic'}
-    found = {
+    fitting = {
         role: [c.name for c in summary.channels if c.kind.endswith(kinds[role]) and not c.role]
         for role in lacks
     }
-    missing = [role for role in lacks if not found[role]]
+    missing = [role for role in lacks if not fitting[role]]
     if missing:
         yield f'It holds no {" and no ".join(missing)}, so nothing can be learnt from it.'
         return
-    names = [f'{options_of[role]} {name}' for role in lacks for name in found[role]]
+    names = [f'{options_of[role]} {name}' for role in lacks for name in fitting[role]]
     yield "If these are the sensor's topics, learn from them (its own thermometer first):"
     yield f'wrist_ft_comp calibrate {path} -o model.yaml {" ".join(names)}'
-
-
-def _summary_json(summary: RecordingSummary) -> dict[str, object]:
-    """Describe a recording for scripts."""
-    return {
-        'name': summary.name,
-        'kind': summary.kind,
-        'first_ns': summary.first_ns,
-        'last_ns': summary.last_ns,
-        'channels': [
-            {'name': c.name, 'kind': c.kind, 'samples': c.samples, 'role': c.role}
-            for c in summary.channels
-        ],
-        'warnings': list(summary.warnings),
-    }

@@ -1,4 +1,4 @@
-"""What a person should know besides the result: lines on standard error."""
+"""What the commands print: tables, verdicts, warnings, and the same for scripts."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -15,34 +15,13 @@ from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
 
 #: Columns of a terminal that nobody has made wider.
 WIDTH = 80
-
-
 _GAP = '  '
-
-
 #: Of figures that are small numbers.
 _FORMS = {'max_sensitivity_drift': '.4f'}
 
 
 def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """
-    Align a table, first column to the left, the others to the right.
-
-    Cells of a table that would be wider than the screen are broken into several lines.
-
-    Parameters
-    ----------
-    header : sequence of str
-        Column titles.
-    rows : sequence of sequences of str
-        Cells.
-
-    Returns
-    -------
-    str
-        Lines of at most 80 characters.
-
-    """
+    """Align a table of at most 80 columns: the first to the left, the others to the right."""
     table = [list(header), *(list(row) for row in rows)]
     widths = _fitting([max(len(row[i]) for row in table) for i in range(len(header))])
     return '\n'.join(line for row in table for line in _lines(row, widths))
@@ -68,20 +47,7 @@ def _lines(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
 
 
 def verdict_text(verdicts: Mapping[str, Verdict]) -> str:
-    """
-    Say of every axis whether it is good, and why.
-
-    Parameters
-    ----------
-    verdicts : mapping of str to Verdict
-        By axis.
-
-    Returns
-    -------
-    str
-        Lines of at most 80 characters.
-
-    """
+    """Say of every axis whether it is good, and why."""
     return '\n'.join(
         textwrap.fill(
             f'{axis}: {LEVEL_NAMES[verdict.level]}. {verdict.sentence}',
@@ -98,20 +64,7 @@ def verdicts_json(verdicts: Mapping[str, Verdict]) -> dict[str, dict[str, str]]:
 
 
 def chamber_table_text(columns: Mapping[str, ChamberFigures]) -> str:
-    """
-    Put the figures of several versions of a chamber table side by side.
-
-    Parameters
-    ----------
-    columns : mapping of str to ChamberFigures
-        By title.
-
-    Returns
-    -------
-    str
-        Lines.
-
-    """
+    """Put the figures of several versions of a chamber table, by title, side by side."""
     return table_text(
         ['', *columns],
         [
@@ -127,20 +80,7 @@ def chamber_table_text(columns: Mapping[str, ChamberFigures]) -> str:
 def figures_json(
     tables: Mapping[str, Mapping[str, ChamberFigures]],
 ) -> dict[str, dict[str, dict[str, float]]]:
-    """
-    Turn the figures of chamber tables into plain values.
-
-    Parameters
-    ----------
-    tables : mapping of str to mapping of str to ChamberFigures
-        By path, then by title.
-
-    Returns
-    -------
-    dict
-        The same, %FS and %FS/°C.
-
-    """
+    """Turn figures of chamber tables, by path and title, into plain values: %FS and %FS/°C."""
     return {
         path: {title: asdict(figures) for title, figures in columns.items()}
         for path, columns in tables.items()
@@ -148,15 +88,7 @@ def figures_json(
 
 
 def print_warnings(sentences: Iterable[str]) -> None:
-    """
-    Print warnings to standard error, each once.
-
-    Parameters
-    ----------
-    sentences : iterable of str
-        Of two that begin alike the longer one is printed.
-
-    """
+    """Print warnings to standard error; of two that begin alike, the longer one only."""
     distinct = dict.fromkeys(sentences)
     for sentence in distinct:
         if not any(other != sentence and other.startswith(sentence) for other in distinct):
@@ -164,30 +96,15 @@ def print_warnings(sentences: Iterable[str]) -> None:
 
 
 def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]:
-    """
-    Say where a recording is colder or hotter than what a model was learnt from.
-
-    Parameters
-    ----------
-    stored : StoredModel
-        With the range of every thermometer.
-    recording : Recording
-        With the same thermometers.
-
-    Returns
-    -------
-    tuple of str
-        One sentence per thermometer that leaves its range.
-
-    """
-    found = []
+    """Say of every thermometer where a recording leaves the range that a model was learnt from."""
+    sentences = []
     for number, column in enumerate(recording.temperature_c.T):
         low, high = stored.document['thermometers'][number]['range_c']
         share = float(np.mean((column < low) | (column > high)))
         if share > 0:
-            found.append(
+            sentences.append(
                 f'Thermometer {number + 1} of {recording.name} goes from {column.min():.1f} to '
                 f'{column.max():.1f} °C; the model was learnt from {low:.1f} to {high:.1f} °C. '
                 f'For {100 * share:.2g} % of the time the correction is a guess.'
             )
-    return tuple(found)
+    return tuple(sentences)
