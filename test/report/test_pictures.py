@@ -11,14 +11,14 @@ from wrist_ft_comp.report.pictures import draw_drift, DriftSeries, save_png, Tem
 DRAWN = (pictures.RAW_COLOUR, pictures.COMPENSATED_COLOUR)
 
 
-def figure(axes=3, points=200, title='force', marks=None):
+def figure(axes=3, points=200, title='force'):
     t = np.linspace(0, 7200, points)
     series = [DriftSeries(f'{title} {k}', t, t / 100 + k, np.sin(t / 500)) for k in range(axes)]
     temperatures = [
         TemperatureSeries('temperature_c', t, 20 + t / 600),
         TemperatureSeries('temperature_2_c', t, 22 + t / 900),
     ]
-    return draw_drift(series, temperatures, marks)
+    return draw_drift(series, temperatures)
 
 
 def pixels(image, colour):
@@ -64,16 +64,9 @@ def test_panels_are_named_and_axes_have_units():
     assert legend == ['without', 'with']
 
 
-def test_long_recordings_are_thinned_out():
+def test_long_recordings_are_thinned_out_but_not_to_a_sketch():
     drawn = figure(1, points=50_000)
-    assert len(drawn.axes[0].lines[0].get_xdata()) < 10_000
-
-
-def test_marks_stand_in_every_panel():
-    drawn = figure(2, marks={'calibrated': 3600.0})
-    for panel in drawn.axes:
-        assert [text.get_text() for text in panel.texts] == ['calibrated']
-        assert panel.lines[-1].get_xdata()[0] == 1.0
+    assert 4_000 <= len(drawn.axes[0].lines[0].get_xdata()) < 10_000
 
 
 def test_more_thermometers_than_colours_are_all_drawn():

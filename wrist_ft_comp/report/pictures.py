@@ -1,17 +1,16 @@
 """
-The pictures of a report: SVG that takes its colours from the page, light or dark, and its fonts.
+The pictures: the report's, SVG that takes colours and fonts from the page, and the demo's, a PNG.
 
 Without compensation is dashed, or a cross; with it is solid, or a dot: colour is never needed.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from html import escape
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, NamedTuple
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -25,215 +24,30 @@ from wrist_ft_comp.model.signals import FloatArray, IntArray
 from wrist_ft_comp.report.coverage import Coverage, WORKING_RANGE_C
 from wrist_ft_comp.report.view import ErrorSeries, ThermometerSeries
 
-# Okabe and Ito's palette: distinguishable with every common colour deficiency, and in grey.
-RAW_COLOUR = '#D55E00'
-
-
-COMPENSATED_COLOUR = '#0072B2'
-
-
-_TEMPERATURE_COLOURS = ('#009E73', '#CC79A7', '#E69F00', '#56B4E9')
-
-
-_POINTS = 4000
-
-
-@dataclass(frozen=True, eq=False)
-class DriftSeries:
-    """
-    One axis over time.
-
-    Attributes
-    ----------
-    title : str
-        Name of the axis, with its unit.
-    elapsed_s : ndarray, shape (n,)
-        Time, s.
-    raw, compensated : ndarray, shape (n,)
-        What is left without and with compensation, N or N m.
-
-    """
-
-    title: str
-    elapsed_s: FloatArray
-    raw: FloatArray
-    compensated: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class TemperatureSeries:
-    """
-    One thermometer over time.
-
-    Attributes
-    ----------
-    title : str
-        Its name.
-    elapsed_s, temperature_c : ndarray, shape (n,)
-        Time, s, and temperature, °C.
-
-    """
-
-    title: str
-    elapsed_s: FloatArray
-    temperature_c: FloatArray
-
-
-def draw_drift(
-    axes: Sequence[DriftSeries],
-    temperatures: Sequence[TemperatureSeries],
-    marks: Mapping[str, float] | None = None,
-) -> Figure:
-    """
-    Draw every axis over time, without and with compensation, above the temperatures.
-
-    Parameters
-    ----------
-    axes : sequence of DriftSeries
-        One panel each, two beside each other.
-    temperatures : sequence of TemperatureSeries
-        The last panel.
-    marks : mapping of str to float, optional
-        Times to mark, s, by their names.
-
-    Returns
-    -------
-    Figure
-        For save_png.
-
-    """
-    rows = -(-len(axes) // 2) + 1
-    figure = Figure(figsize=(10.0, 2.2 * rows), layout='constrained')
-    grid = figure.add_gridspec(rows, 2)
-    for number, series in enumerate(axes):
-        panel = figure.add_subplot(grid[number // 2, number % 2])
-        every = slice(None, None, max(len(series.elapsed_s) // _POINTS, 1))
-        hours = series.elapsed_s[every] / 3600
-        panel.plot(hours, series.raw[every], color=RAW_COLOUR, lw=1.0, label='without')
-        panel.plot(
-            hours, series.compensated[every], color=COMPENSATED_COLOUR, lw=1.0, label='with'
-        )
-        panel.set_title(series.title, fontsize=10)
-        if number == 0:
-            panel.legend(title='compensation', fontsize=8, title_fontsize=8)
-        _decorate(panel, marks or {})
-    panel = figure.add_subplot(grid[rows - 1, :])
-    for thermometer, colour in zip(temperatures, _TEMPERATURE_COLOURS * 25, strict=False):
-        every = slice(None, None, max(len(thermometer.elapsed_s) // _POINTS, 1))
-        panel.plot(
-            thermometer.elapsed_s[every] / 3600,
-            thermometer.temperature_c[every],
-            color=colour,
-            label=thermometer.title,
-        )
-    panel.set_title('temperature, °C', fontsize=10)
-    panel.set_xlabel('time, h')
-    panel.legend(fontsize=8)
-    _decorate(panel, marks or {})
-    return figure
-
-
-def _decorate(panel: Axes, marks: Mapping[str, float]) -> None:
-    """Add grid lines and marks."""
-    panel.grid(alpha=0.3)
-    for name, at_s in marks.items():
-        panel.axvline(at_s / 3600, color='0.4', lw=1.0, ls='--')
-        panel.annotate(
-            name,
-            (at_s / 3600, 1.0),
-            xycoords=('data', 'axes fraction'),
-            xytext=(3, -9),
-            textcoords='offset points',
-            fontsize=7,
-            color='0.3',
-        )
-
-
-def save_png(path: Path, figure: Figure) -> None:
-    """
-    Save a picture.
-
-    Parameters
-    ----------
-    path : Path
-        Target.
-    figure : Figure
-        What to save.
-
-    Raises
-    ------
-    RecordingError
-        When the file cannot be written.
-
-    """
-    FigureCanvasAgg(figure)
-    try:
-        figure.savefig(path, dpi=120)
-    except OSError as error:
-        raise RecordingError(f'{path} cannot be written: {error.strerror}.') from error
-
-
 # Placeholders for the page's colours; the style sheet defines what they stand for.
 _INK, _GRID, _WITHOUT, _WITH = '#0a0b01', '#0a0b02', '#0a0b03', '#0a0b04'
-
-
 _THERMOMETERS = (('#0a0b05', '-'), ('#0a0b06', '--'), ('#0a0b07', '-.'), ('#0a0b08', ':'))
-
-
 _VARIABLES = {
     _INK: 'ink', _GRID: 'grid', _WITHOUT: 'without', _WITH: 'with',
     **{colour: f'thermometer-{j + 1}' for j, (colour, _) in enumerate(_THERMOMETERS)},
 }  # fmt: skip
-
-
 _SIZE = (4.6, 2.7)
-
-
 #: Parts of a line in which the lowest and the highest point are kept.
 _BUCKETS = 240
-
-
 #: Points of a cloud.
 _POINTS = 300
-
-
 #: Samples further apart than this many times the usual distance are not joined.
 _GAP = 10.0
-
-
-def thin_out(x: FloatArray, y: FloatArray, buckets: int) -> tuple[FloatArray, FloatArray]:
-    """
-    Keep the lowest and the highest point of every stretch of a line.
-
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-        The line.
-    buckets : int
-        Number of stretches; a line of at most twice as many points stays as it is.
-
-    Returns
-    -------
-    tuple of ndarrays, shape (m,)
-        m is at most twice the number of stretches; every peak is kept.
-
-    """
-    if len(x) <= 2 * buckets:
-        return x, y
-    edges = np.linspace(0, len(x), buckets + 1).astype(int)
-    kept = sorted(
-        {
-            int(start + pick(y[start:end]))
-            for start, end in pairwise(edges)
-            for pick in (np.argmin, np.argmax)
-        }
-    )
-    return x[kept], y[kept]
+# The PNG's, by Okabe and Ito: distinguishable with every common colour deficiency, and in grey.
+RAW_COLOUR, COMPENSATED_COLOUR = '#D55E00', '#0072B2'
+_TEMPERATURE_COLOURS = ('#009E73', '#CC79A7', '#E69F00', '#56B4E9')
+#: Points of one of its lines.
+_PNG_POINTS = 4000
 
 
 def errors_over_time(series: ErrorSeries, unit: str) -> Figure:
     """Draw the errors of an axis over time; thin lines where one part ends and the next begins."""
-    figure, panel = _panel(_SIZE, 'time, h', f'error, {unit}')
+    figure, panel = _panel('time, h', f'error, {unit}')
     for at in np.flatnonzero(np.diff(series.part)):
         panel.axvline(series.hours[at : at + 2].mean(), color=_INK, lw=0.6, ls=':')
     for values, colour, style, width, label in (
@@ -248,7 +62,7 @@ def errors_over_time(series: ErrorSeries, unit: str) -> Figure:
 
 def errors_over_temperature(series: ErrorSeries, unit: str) -> Figure:
     """Draw the errors of an axis over the temperature of the leading thermometer."""
-    figure, panel = _panel(_SIZE, 'temperature, °C', f'error, {unit}')
+    figure, panel = _panel('temperature, °C', f'error, {unit}')
     every = slice(None, None, max(-(-len(series.hours) // _POINTS), 1))
     at = series.temperature_c[every]
     panel.plot(at, series.before[every], ls='', marker='x', ms=3.2, mew=0.8, color=_WITHOUT,
@@ -262,7 +76,7 @@ def errors_over_temperature(series: ErrorSeries, unit: str) -> Figure:
 
 def temperatures_over_time(thermometers: tuple[ThermometerSeries, ...]) -> Figure:
     """Draw all thermometers over time."""
-    figure, panel = _panel(_SIZE, 'time, h', 'temperature, °C')
+    figure, panel = _panel('time, h', 'temperature, °C')
     for j, each in enumerate(thermometers):
         colour, style = _THERMOMETERS[j % len(_THERMOMETERS)]
         _line(panel, each.hours, each.temperature_c, each.part, color=colour, ls=style, lw=1.4,
@@ -273,7 +87,7 @@ def temperatures_over_time(thermometers: tuple[ThermometerSeries, ...]) -> Figur
 
 def time_over_temperature(coverage: Coverage) -> Figure:
     """Draw how long the leading thermometer was at which temperature, and what it has not seen."""
-    figure, panel = _panel(_SIZE, 'temperature, °C', 'minutes per kelvin')
+    figure, panel = _panel('temperature, °C', 'minutes per kelvin')
     edges, minutes = coverage.edges_c, coverage.seconds[coverage.leading] / 60
     panel.bar(edges[:-1], minutes, np.diff(edges), align='edge', color=_WITH, label='seen')
     low, high = WORKING_RANGE_C
@@ -287,9 +101,64 @@ def time_over_temperature(coverage: Coverage) -> Figure:
     return figure
 
 
-def _panel(size: tuple[float, float], x_label: str, y_label: str) -> tuple[Figure, Axes]:
+def svg_text(figure: Figure, name: str, description: str) -> str:
+    """
+    Turn a picture into SVG that can stand inside a page, beside others, in the page's colours.
+
+    Parameters
+    ----------
+    figure : Figure
+        What to show.
+    name : str
+        Letters and digits, put before every id; each picture of a page needs another one.
+    description : str
+        What it shows, for those who can't see it.
+
+    Returns
+    -------
+    str
+        From ``<svg`` on; the same figure gives the same text.
+
+    """
+    FigureCanvasSVG(figure)
+    buffer = StringIO()
+    # Text stays text: sharper, smaller, and found by a search.
+    with rc_context({'svg.hashsalt': name, 'svg.fonttype': 'none', 'hatch.color': _GRID}):
+        figure.savefig(buffer, format='svg', transparent=True, metadata={'Date': None})
+    text = buffer.getvalue()
+    text = re.sub(r'<metadata>.*?</metadata>', '', text[text.index('<svg') :], flags=re.DOTALL)
+    text = re.sub(r'(\bid="|href="#|url\(#)', rf'\g<1>{name}-', text)
+    text = re.sub(r'<!--.*?-->\s*', '', text)
+    # Matplotlib writes "font: 10px 'DejaVu Sans', …", newer ones size and family apart.
+    text = re.sub(r'font: ([\d.]+)px [^;"]*', r'font-size: \1px', text)
+    text = re.sub(r'font-family: [^;"]*;? ?', '', text)
+    for colour, variable in _VARIABLES.items():
+        text = text.replace(colour, f'var(--{variable})')
+    return text.replace('<svg', f'<svg role="img" aria-label="{escape(description)}"', 1)
+
+
+def thin_out(x: FloatArray, y: FloatArray, buckets: int) -> tuple[FloatArray, FloatArray]:
+    """
+    Keep the lowest and the highest point of every stretch of a line, so that every peak is kept.
+
+    A line of at most twice as many points as there are stretches stays as it is.
+    """
+    if len(x) <= 2 * buckets:
+        return x, y
+    edges = np.linspace(0, len(x), buckets + 1).astype(int)
+    kept = sorted(
+        {
+            int(start + pick(y[start:end]))
+            for start, end in pairwise(edges)
+            for pick in (np.argmin, np.argmax)
+        }
+    )
+    return x[kept], y[kept]
+
+
+def _panel(x_label: str, y_label: str) -> tuple[Figure, Axes]:
     """Prepare a picture with one pair of axes."""
-    figure = Figure(figsize=size, layout='constrained')
+    figure = Figure(figsize=_SIZE, layout='constrained')
     panel = figure.add_subplot()
     panel.set_xlabel(x_label, color=_INK)
     panel.set_ylabel(y_label, color=_INK)
@@ -327,37 +196,72 @@ def _line(panel: Axes, x: FloatArray, y: FloatArray, part: IntArray, **style: An
     panel.plot(np.concatenate(xs), np.concatenate(ys), marker=lonely, ms=2, **style)
 
 
-def svg_text(figure: Figure, name: str, description: str) -> str:
+class DriftSeries(NamedTuple):
+    """What is left of an axis' drift over time, shapes (n,); its title names the unit."""
+
+    title: str
+    elapsed_s: FloatArray
+    raw: FloatArray
+    compensated: FloatArray
+
+
+class TemperatureSeries(NamedTuple):
+    """A thermometer over time, shapes (n,)."""
+
+    title: str
+    elapsed_s: FloatArray
+    temperature_c: FloatArray
+
+
+def draw_drift(axes: Sequence[DriftSeries], temperatures: Sequence[TemperatureSeries]) -> Figure:
     """
-    Turn a picture into SVG that can stand inside a page, beside others, in the page's colours.
+    Draw every axis over time, without and with compensation, above the temperatures.
 
     Parameters
     ----------
-    figure : Figure
-        What to show.
-    name : str
-        Letters and digits, put before every id; each picture of a page needs another one.
-    description : str
-        What it shows, for those who can't see it.
+    axes : sequence of DriftSeries
+        One panel each, two beside each other.
+    temperatures : sequence of TemperatureSeries
+        The last panel.
 
     Returns
     -------
-    str
-        From ``<svg`` on; the same figure gives the same text.
+    Figure
+        For save_png.
 
     """
-    FigureCanvasSVG(figure)
-    buffer = StringIO()
-    # Text stays text: sharper, smaller, and found by a search.
-    with rc_context({'svg.hashsalt': name, 'svg.fonttype': 'none', 'hatch.color': _GRID}):
-        figure.savefig(buffer, format='svg', transparent=True, metadata={'Date': None})
-    text = buffer.getvalue()
-    text = re.sub(r'<metadata>.*?</metadata>', '', text[text.index('<svg') :], flags=re.DOTALL)
-    text = re.sub(r'(\bid="|href="#|url\(#)', rf'\g<1>{name}-', text)
-    text = re.sub(r'<!--.*?-->\s*', '', text)
-    # Matplotlib writes "font: 10px 'DejaVu Sans', …", newer ones size and family apart.
-    text = re.sub(r'font: ([\d.]+)px [^;"]*', r'font-size: \1px', text)
-    text = re.sub(r'font-family: [^;"]*;? ?', '', text)
-    for colour, variable in _VARIABLES.items():
-        text = text.replace(colour, f'var(--{variable})')
-    return text.replace('<svg', f'<svg role="img" aria-label="{escape(description)}"', 1)
+    rows = -(-len(axes) // 2) + 1
+    figure = Figure(figsize=(10.0, 2.2 * rows), layout='constrained')
+    grid = figure.add_gridspec(rows, 2)
+    for number, (title, elapsed_s, raw, compensated) in enumerate(axes):
+        panel = figure.add_subplot(grid[number // 2, number % 2])
+        _png_line(panel, elapsed_s, raw, color=RAW_COLOUR, lw=1.0, label='without')
+        _png_line(panel, elapsed_s, compensated, color=COMPENSATED_COLOUR, lw=1.0, label='with')
+        panel.set_title(title, fontsize=10)
+        panel.grid(alpha=0.3)
+        if number == 0:
+            panel.legend(title='compensation', fontsize=8, title_fontsize=8)
+    panel = figure.add_subplot(grid[rows - 1, :])
+    for number, (title, elapsed_s, temperature_c) in enumerate(temperatures):
+        colour = _TEMPERATURE_COLOURS[number % len(_TEMPERATURE_COLOURS)]
+        _png_line(panel, elapsed_s, temperature_c, color=colour, label=title)
+    panel.set_title('temperature, °C', fontsize=10)
+    panel.set_xlabel('time, h')
+    panel.grid(alpha=0.3)
+    panel.legend(fontsize=8)
+    return figure
+
+
+def _png_line(panel: Axes, elapsed_s: FloatArray, values: FloatArray, **style: Any) -> None:
+    """Draw a line of a few thousand points."""
+    every = slice(None, None, max(len(elapsed_s) // _PNG_POINTS, 1))
+    panel.plot(elapsed_s[every] / 3600, values[every], **style)
+
+
+def save_png(path: Path, figure: Figure) -> None:
+    """Save a picture; raises RecordingError when the file cannot be written."""
+    FigureCanvasAgg(figure)
+    try:
+        figure.savefig(path, dpi=120)
+    except OSError as error:
+        raise RecordingError(f'{path} cannot be written: {error.strerror}.') from error
