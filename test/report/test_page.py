@@ -1,6 +1,6 @@
 """The page is read as a browser would: its tags, its text, what it loads, its pictures."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 from html.parser import HTMLParser
 from itertools import pairwise
 import re
@@ -123,7 +123,7 @@ def test_every_axis_has_its_verdict_and_its_numbers(kind, text, view):
     whole = Outline(text(kind)).whole
     for axis in view(kind).axes:
         assert whole.count(axis.verdict.sentence) == 2  # at the top, and at the axis
-        for value in (axis.rms_before, axis.rms_after, axis.peak_before, axis.peak_after):
+        for value in astuple(axis.errors):
             assert number(value) in whole
         for candidate in axis.candidates:
             assert number(candidate.rms) in whole
@@ -172,33 +172,30 @@ def test_a_calibration_says_what_was_held_out(text):
 
 def test_pictures_of_a_calibration_show_its_held_out_errors(view):
     for axis in view('good').axes:
-        assert np.abs(axis.series.after).max() == axis.peak_after
+        assert np.abs(axis.series.after).max() == axis.errors.max_after
         per_part = [
             np.mean(axis.series.after[axis.series.part == part] ** 2)
             for part in np.unique(axis.series.part)
         ]
         # Scores weigh the quarters of a block alike, which hardly differ in length.
-        assert np.sqrt(np.mean(per_part)) == pytest.approx(axis.rms_after, rel=1e-2)
+        assert np.sqrt(np.mean(per_part)) == pytest.approx(axis.errors.rms_after, rel=1e-2)
 
 
 def test_the_numbers_of_an_evaluation_are_its_own(make, tmp_path):
     _, stored = make.learn([make.recording()], tmp_path, method='pls')
     other = make.recording('other.csv', 5)
     shown = make.evaluated(stored, other)
-    judged = judge_errors([shown.errors])
     view = evaluation_view(stored, [shown], 60.0)
-    for axis in view.axes:
-        assert axis.rms_after == judged[axis.axis].rms_after
-        assert axis.peak_before == judged[axis.axis].max_before
+    assert {axis.axis: axis.errors for axis in view.axes} == judge_errors([shown.errors])
 
 
 def test_an_evaluation_says_what_was_learnt_and_tells_recordings_apart(view):
     for axis in view('evaluation').axes:
         assert axis.reason.startswith('pls')
         assert len(axis.time_constant_errors_s) == len(axis.time_constants_s)
-        assert [name for name, *_ in axis.parts] == [s.name for s in view('evaluation').sources]
-        squares = np.square([after for _, _, after in axis.parts])
-        assert np.sqrt(squares.mean()) == pytest.approx(axis.rms_after)
+        assert [name for name, _ in axis.parts] == [s.name for s in view('evaluation').sources]
+        squares = np.square([errors.rms_after for _, errors in axis.parts])
+        assert np.sqrt(squares.mean()) == pytest.approx(axis.errors.rms_after)
     whole = Outline(page(view('evaluation'))).whole
     assert whole.count('Recording by recording') == len(view('evaluation').axes)
     assert 'Recording by recording' not in Outline(page(view('good'))).whole

@@ -10,14 +10,9 @@ from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import IntArray, noise_level, Recording, Reference
 from wrist_ft_comp.report.advice import what_to_record_next
 from wrist_ft_comp.report.coverage import cover
+from wrist_ft_comp.report.evaluation import AxisEvaluation
 from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
-from wrist_ft_comp.report.view import (
-    AxisView,
-    drifts_removed,
-    ErrorSeries,
-    recording_starts_h,
-    ReportView,
-)
+from wrist_ft_comp.report.view import axis_view, ErrorSeries, recording_starts_h, ReportView
 
 
 def calibration_verdicts(
@@ -40,7 +35,7 @@ def calibration_verdicts(
 
     """
     longest_s = max(recording.duration_s for recording in recordings)
-    return {axis: _judge(fit, longest_s) for axis, fit in calibration.fits.items()}
+    return {axis: judge(_evidence(fit, longest_s)) for axis, fit in calibration.fits.items()}
 
 
 def calibration_view(
@@ -73,17 +68,32 @@ def calibration_view(
 
     """
     fits = calibration.fits
-    verdicts = calibration_verdicts(calibration, recordings)
     coverage = cover(recordings)
+    durations_s = [recording.duration_s for recording in recordings]
+    axes = tuple(
+        axis_view(
+            stored,
+            axis,
+            _evidence(fit, max(durations_s)),
+            AxisEvaluation(
+                fit.rms_before,
+                fit.rms_after,
+                float(np.abs(_held_out(fit).before).max()),
+                float(np.abs(_held_out(fit).after).max()),
+            ),
+            _series(_held_out(fit), recordings, coverage.leading),
+        )
+        for axis, fit in fits.items()
+    )
     # An axis that was refused drifts, and is explained no better than a weak one.
     levels: dict[str, Level] = {
-        axis: 'weak' if fits[axis].refusal else verdict.level for axis, verdict in verdicts.items()
+        each.axis: 'weak' if fits[each.axis].refusal else each.verdict.level for each in axes
     }
     advice = what_to_record_next(
         coverage,
         levels,
         reference,
-        [recording.duration_s for recording in recordings],
+        durations_s,
         max(map(_slowest_s, fits.values()), default=0.0),
         chamber=not all(_held_out(fit).tared for fit in fits.values()),
     )
@@ -95,10 +105,7 @@ def calibration_view(
         recordings=recordings,
         coverage=coverage,
         explanation=_explanation(calibration, recordings, reference),
-        axes=tuple(
-            _axis_view(axis, fit, verdicts[axis], recordings, coverage.leading)
-            for axis, fit in fits.items()
-        ),
+        axes=axes,
         advice=tuple(advice),
         warnings=tuple(each for each in calibration.warnings if not each.startswith(refusals)),
         tables=tables or {},
@@ -123,61 +130,39 @@ def _slowest_s(fit: AxisFit) -> float:
     return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
 
 
-def _judge(fit: AxisFit, longest_s: float) -> Verdict:
-    """Judge one axis."""
+def _evidence(fit: AxisFit, longest_s: float) -> Evidence:
+    """Collect what is known about one axis."""
     held_out = _held_out(fit)
     parts = _parts(held_out)
     tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
-    return judge(
-        Evidence(
-            unit=fit.unit,
-            before=fit.rms_before,
-            after=fit.rms_after,
-            noise=noise_level([held_out.after[parts == part] for part in np.unique(parts)]),
-            compensated=fit.model is not None,
-            best_candidate=min(tried, default=None),
-            blocks=rms_by_fold(held_out),
-            slowest_s=_slowest_s(fit),
-            longest_s=longest_s,
-            refusal=fit.refusal,
-        )
+    return Evidence(
+        unit=fit.unit,
+        before=fit.rms_before,
+        after=fit.rms_after,
+        noise=noise_level([held_out.after[parts == part] for part in np.unique(parts)]),
+        compensated=fit.model is not None,
+        best_candidate=min(tried, default=None),
+        blocks=rms_by_fold(held_out),
+        slowest_s=_slowest_s(fit),
+        longest_s=longest_s,
+        refusal=fit.refusal,
     )
 
 
-def _axis_view(
-    axis: str, fit: AxisFit, verdict: Verdict, recordings: Sequence[Recording], leading: int
-) -> AxisView:
-    """Fill the view of one axis, with its held-out errors over time and temperature."""
-    held_out = _held_out(fit)
+def _series(held_out: HeldOut, recordings: Sequence[Recording], leading: int) -> ErrorSeries:
+    """Lay held-out errors out over time and temperature."""
+    starts = recording_starts_h(recordings)
     period_h = recordings[0].period_s / 3600
     temperature_c = [
         recordings[number].temperature_c[round(cell), leading]
         for number, cell in zip(held_out.recording, held_out.cell, strict=True)
     ]
-    series = ErrorSeries(
-        hours=recording_starts_h(recordings)[held_out.recording]
-        + (held_out.cell + 0.5) * period_h,
+    return ErrorSeries(
+        hours=starts[held_out.recording] + (held_out.cell + 0.5) * period_h,
         temperature_c=np.array(temperature_c),
         before=held_out.before,
         after=held_out.after,
         part=_parts(held_out),
-    )
-    return AxisView(
-        axis=axis,
-        unit=fit.unit,
-        verdict=verdict,
-        rms_before=fit.rms_before,
-        rms_after=fit.rms_after,
-        peak_before=float(np.abs(held_out.before).max()),
-        peak_after=float(np.abs(held_out.after).max()),
-        series=series,
-        drifts=drifts_removed(fit.model),
-        chosen=fit.chosen,
-        reason='' if fit.refusal else fit.reason,
-        time_constants_s=fit.time_constants_s,
-        time_constant_errors_s=fit.time_constant_errors_s,
-        candidates=fit.candidates,
-        notes=fit.notes,
     )
 
 

@@ -2,23 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-import math
 from pathlib import Path
 
 import numpy as np
 
 from wrist_ft_comp.calibration.chamber import ChamberFigures
-from wrist_ft_comp.calibration.result import Candidate, FoldErrors
+from wrist_ft_comp.calibration.result import FoldErrors
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import AXES, noise_level, Recording, Reference
 from wrist_ft_comp.report.advice import what_was_not_learnt
 from wrist_ft_comp.report.coverage import cover
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, TaredErrors
-from wrist_ft_comp.report.verdict import Evidence, judge
+from wrist_ft_comp.report.verdict import Evidence
 from wrist_ft_comp.report.view import (
-    AxisView,
-    drifts_removed,
+    axis_view,
     ErrorSeries,
     model_sources,
     recording_starts_h,
@@ -85,7 +83,13 @@ def evaluation_view(
     coverage = cover(recordings)
     series = _series(evaluated, coverage.leading)
     pooled = judge_errors([each.errors for each in evaluated])
-    parts = [(each.recording.name, judge_errors([each.errors])) for each in evaluated]
+    named = [(each.recording.name, judge_errors([each.errors])) for each in evaluated]
+    axes = []
+    for axis, errors in pooled.items():
+        parts = [(name, judged[axis]) for name, judged in named if axis in judged]
+        compensated = axis in stored.model.axes
+        evidence = _evidence(recordings[0].unit_of(axis), errors, series[axis], parts, compensated)
+        axes.append(axis_view(stored, axis, evidence, errors, series[axis], parts=parts))
     ranges_c = [tuple(each['range_c']) for each in stored.document['thermometers']]
     references = ', '.join(dict.fromkeys(each.reference for each in evaluated))
     learnt = {Path(source.name).name for source in model_sources(stored)}
@@ -104,17 +108,7 @@ def evaluation_view(
             'The model ran on the temperatures of these recordings alone. Raw and compensated '
             f'wrenches were both tared on the first {tare_s:g} s. Reference: {references}.'
         ),
-        axes=tuple(
-            _axis_view(
-                stored,
-                axis,
-                unit=recordings[0].unit_of(axis),
-                errors=errors,
-                series=series[axis],
-                parts=[(name, axes[axis]) for name, axes in parts if axis in axes],
-            )
-            for axis, errors in pooled.items()
-        ),
+        axes=tuple(axes),
         advice=(what_was_not_learnt(coverage, ranges_c),),
         warnings=(*no_proof, *dict.fromkeys(w for each in recordings for w in each.warnings)),
         tables={each.recording.name: each.figures for each in evaluated if each.figures},
@@ -139,48 +133,23 @@ def _series(evaluated: Sequence[EvaluatedRecording], leading: int) -> dict[str, 
     return series
 
 
-def _axis_view(  # noqa: PLR0913 -- what is known of one axis, each a plain value
-    stored: StoredModel,
-    axis: str,
-    *,
+def _evidence(
     unit: str,
     errors: AxisEvaluation,
     series: ErrorSeries,
     parts: Sequence[tuple[str, AxisEvaluation]],
-) -> AxisView:
-    """Fill the view of one axis; a model need not know it."""
-    model = stored.model.axes.get(axis)
-    entry = stored.document['axes'].get(axis, {})
-    evidence = Evidence(
+    compensated: bool,
+) -> Evidence:
+    """Collect what is known about one axis."""
+    return Evidence(
         unit=unit,
         before=errors.rms_before,
         after=errors.rms_after,
         noise=noise_level([series.after[series.part == part] for part in np.unique(series.part)]),
-        compensated=model is not None,
+        compensated=compensated,
         blocks=FoldErrors(
             np.array([part.rms_before for _, part in parts]),
             np.array([part.rms_after for _, part in parts]),
         ),
         block_name='recording',
-    )
-    return AxisView(
-        axis=axis,
-        unit=unit,
-        verdict=judge(evidence),
-        rms_before=errors.rms_before,
-        rms_after=errors.rms_after,
-        peak_before=errors.max_before,
-        peak_after=errors.max_after,
-        series=series,
-        drifts=drifts_removed(model),
-        chosen=entry.get('chosen', 'none'),
-        reason=entry.get('reason', ''),
-        time_constants_s=tuple(entry.get('time_constants_s', ())),
-        time_constant_errors_s=tuple(
-            math.nan if error is None else error
-            for error in entry.get('time_constant_errors_s', ())
-        ),
-        candidates=tuple(Candidate(c['name'], c['rms']) for c in entry.get('candidates', ())),
-        notes=tuple(entry.get('notes', ())),
-        parts=tuple((name, part.rms_before, part.rms_after) for name, part in parts),
     )

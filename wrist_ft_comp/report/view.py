@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+import math
 from typing import Any, Literal
 
 import numpy as np
@@ -12,7 +13,8 @@ from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS, Recording
 from wrist_ft_comp.report.coverage import Coverage
-from wrist_ft_comp.report.verdict import Verdict
+from wrist_ft_comp.report.evaluation import AxisEvaluation
+from wrist_ft_comp.report.verdict import Evidence, judge, Verdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,26 +40,23 @@ class AxisView:
     #: N, N m, or what its recordings are in; so are the figures.
     unit: str
     verdict: Verdict
-    rms_before: float
-    rms_after: float
-    peak_before: float
-    peak_after: float
-    #: What the figures were made of.
+    errors: AxisEvaluation
+    #: What the errors were made of.
     series: ErrorSeries
+    #: Each recording and its errors; empty where errors are held out.
+    parts: Sequence[tuple[str, AxisEvaluation]]
     #: Which drifts are removed.
     drifts: str
     #: Name of the candidate that was chosen, and why; the reason may be unknown.
     chosen: str
-    reason: str = ''
+    reason: str
     #: With their standard errors, NaN where unknown.
-    time_constants_s: tuple[float, ...] = ()
-    time_constant_errors_s: tuple[float, ...] = ()
+    time_constants_s: tuple[float, ...]
+    time_constant_errors_s: tuple[float, ...]
     #: All that were tried.
-    candidates: tuple[Candidate, ...] = ()
+    candidates: tuple[Candidate, ...]
     #: What could not be learnt, and the like.
-    notes: tuple[str, ...] = ()
-    #: Name of each recording, RMS without and with compensation; empty where errors are held out.
-    parts: tuple[tuple[str, float, float], ...] = ()
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +142,35 @@ class ReportView:
             'versions': _listed(provenance.get('versions')),
             'settings': _listed(provenance.get('settings')),
         }
+
+
+def axis_view(  # noqa: PLR0913 -- what is known of one axis, each a plain value
+    stored: StoredModel,
+    axis: str,
+    evidence: Evidence,
+    errors: AxisEvaluation,
+    series: ErrorSeries,
+    *,
+    parts: Sequence[tuple[str, AxisEvaluation]] = (),
+) -> AxisView:
+    """Judge an axis, and say of it what the model's file does; a model need not know it."""
+    entry = stored.document['axes'].get(axis, {})
+    spreads = entry.get('time_constant_errors_s', ())
+    return AxisView(
+        axis=axis,
+        unit=evidence.unit,
+        verdict=judge(evidence),
+        errors=errors,
+        series=series,
+        parts=parts,
+        drifts=drifts_removed(stored.model.axes.get(axis)),
+        chosen=entry.get('chosen', 'none'),
+        reason='' if evidence.refusal else entry.get('reason', ''),
+        time_constants_s=tuple(entry.get('time_constants_s', ())),
+        time_constant_errors_s=tuple(math.nan if each is None else each for each in spreads),
+        candidates=tuple(Candidate(c['name'], c['rms']) for c in entry.get('candidates', ())),
+        notes=tuple(entry.get('notes', ())),
+    )
 
 
 def drifts_removed(model: AxisModel | None) -> str:
