@@ -1,5 +1,6 @@
 """Samples onto the thermal grid, as a batch."""
 
+from dataclasses import replace
 import math
 
 from hypothesis import given, settings
@@ -9,7 +10,7 @@ import pytest
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.batch_grid import grid_samples, GridBuilder, MAX_CELLS
-from wrist_ft_comp.model.signals import AXES, Recording, Samples, temperature_channel
+from wrist_ft_comp.model.signals import AXES, noise_level, Recording, Samples, temperature_channel
 
 SECOND = 1_000_000_000
 #: Stamps as they are since 1970, so that rounding to floats would show.
@@ -109,30 +110,6 @@ def test_cells_are_half_open(origin: int) -> None:
     )
     assert recording.first_cell == origin // SECOND
     np.testing.assert_array_equal(recording.temperature_c[:, 0], [2.0, 10.0])
-
-
-def test_a_cell_without_a_sample_holds_the_last_value() -> None:
-    recording = grid_samples(
-        [samples('temperature_c', (0.5, 20.0), (3.5, 26.0)), wrenches(0.1, 5.2)]
-    )
-    np.testing.assert_array_equal(recording.temperature_c[:, 0], [20, 20, 20, 26, 26, 26])
-    np.testing.assert_array_equal(recording.measured[:, 0], [1, 0, 0, 1, 0, 0])
-    np.testing.assert_array_equal(np.isfinite(recording.wrench[:, 2]), [1, 0, 0, 0, 0, 1])
-
-
-def test_the_first_cell_is_the_one_by_whose_end_all_thermometers_have_reported() -> None:
-    """The second one reported before, and again later: its value is held from before."""
-    recording = grid_samples(
-        [
-            samples('temperature_c', (10.2, 1.0), (11.2, 2.0), (12.2, 3.0)),
-            samples('temperature_2_c', (5.5, 7.0), (8.5, 8.0), (12.5, 9.0)),
-            wrenches(3.0, 11.0),
-        ]
-    )
-    assert recording.first_cell == 10
-    np.testing.assert_array_equal(recording.temperature_c, [[1, 8], [2, 8], [3, 9]])
-    np.testing.assert_array_equal(recording.measured, [[1, 0], [1, 0], [1, 1]])
-    np.testing.assert_array_equal(np.isfinite(recording.wrench[:, 2]), [0, 1, 0])
 
 
 def test_several_channels_of_one_block_share_their_stamps() -> None:
@@ -246,11 +223,13 @@ def test_a_period_out_of_range_is_refused(period_s: float) -> None:
         GridBuilder('a.csv', period_s)
 
 
-def test_samples_are_not_modified() -> None:
-    block = samples('temperature_c', (0, 20), (0, 30), (1, math.nan), (2, 22))
-    kept = block.values.copy()
-    grid_samples([block, wrenches(0)], max_bad_share=1.0)
-    np.testing.assert_array_equal(block.values, kept)
+def test_noise_is_told_apart_from_slow_motion_and_steps() -> None:
+    rng = np.random.default_rng(0)
+    series = [np.cumsum(np.full(5000, 0.01)) + rng.normal(0, 0.3, 5000) for _ in range(2)]
+    series[0][2000:] += 50.0
+    series[1][::7] = np.nan
+    assert noise_level(series) == pytest.approx(0.3, rel=0.03)
+    assert noise_level([np.full(5, np.nan), np.array([1.0])]) == 0.0
 
 
 class TestRecords:
@@ -285,6 +264,13 @@ class TestRecords:
             'wrench': np.zeros((3, 6)),
             'reference': np.zeros((3, 6)),
         }
-        Recording(**whole)  # type: ignore[arg-type]
+        right = Recording(**whole)  # type: ignore[arg-type]
+        assert (right.period_s, right.duration_s, right.elapsed_s.tolist()) == (
+            1,
+            3,
+            [0.5, 1.5, 2.5],
+        )
+        assert [right.unit_of(axis) for axis in ('force_x', 'torque_z')] == ['N', 'N m']
+        assert replace(right, unit='mV/V').unit_of('torque_z') == 'mV/V'
         with pytest.raises(RecordingError, match=sentence):
             Recording(**{**whole, **change})  # type: ignore[arg-type]

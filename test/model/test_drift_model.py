@@ -68,13 +68,6 @@ def test_run_is_the_fold_of_step_wherever_it_is_split(
         np.testing.assert_allclose(state[axis], value, atol=1e-12)
 
 
-def test_a_soaked_sensor_does_not_drift(model: DriftModel) -> None:
-    soaked = np.tile([31.0, 25.0], (50, 1))
-    _, found = drift_model.run(model, drift_model.start(model, soaked[0]), soaked)
-    np.testing.assert_allclose(found.zero, np.tile(found.zero[0], (50, 1)), atol=1e-12)
-    assert found.zero[0, 0] == pytest.approx(0.5 * 8.0)
-
-
 numbers = st.floats(-1e3, 1e3)
 six = arrays(float, 6, elements=numbers)
 
@@ -103,16 +96,6 @@ def test_thermometers_outside_the_calibrated_range_are_named(
     model = make_model(TRUTH, thermometers=3, range_c=(10.0, 40.0))
     assert model.outside(np.array([10.0, 25.0, 40.0])) == []
     assert model.outside(np.array([9.9, 25.0, 40.1])) == [0, 2]
-
-
-def test_beyond_the_calibrated_range_the_drift_goes_on_for_a_fifth_of_it(
-    make_model: Callable[..., DriftModel],
-) -> None:
-    model = make_model({'force_x': (0.5, 0.0, 10.0)}, range_c=(10.0, 40.0))
-    for celsius, followed in ((39.0, 39.0), (44.0, 44.0), (90.0, 46.0), (-50.0, 4.0)):
-        at = np.array([celsius])
-        _, found = drift_model.step(model, drift_model.start(model, at), at)
-        assert found.zero[0] == pytest.approx(0.5 * (followed - 20.0))
 
 
 class TestUncertainty:

@@ -24,11 +24,6 @@ def test_powers_are_ordered_by_power_then_thermometer() -> None:
     assert features.thermometers == 2
 
 
-def test_powers_vanish_at_the_reference() -> None:
-    features = Features('powers', np.array([20.0]), *WIDE, degree=4)
-    np.testing.assert_array_equal(features.expand(np.array([20.0])), np.zeros(4))
-
-
 @pytest.mark.parametrize('shape', [(2,), (5, 2), (3, 4, 2)])
 def test_every_leading_shape_is_expanded_row_by_row(shape: tuple[int, ...]) -> None:
     temperature = np.random.default_rng(0).uniform(-10, 60, shape)
@@ -111,12 +106,6 @@ def test_features_are_named_in_the_order_of_their_values() -> None:
     assert dict(zip(knots.names, knots.expand(np.array([22.5, 10.0])), strict=True)) == {
         name: float(name in {'T1 near 22.5 °C', 'T2 near 10 °C'}) for name in knots.names
     }
-
-
-def test_temperatures_are_not_modified() -> None:
-    temperature = np.array([[5.0], [500.0]])
-    hats([0.0, 25.0]).expand(temperature)
-    np.testing.assert_array_equal(temperature, [[5.0], [500.0]])
 
 
 @pytest.mark.parametrize('knots', [[], [20.0], [20.0, 20.0], [30.0, 20.0], [0.0, np.nan]])

@@ -1,4 +1,4 @@
-"""The drift between thermal cells: reached one cell after a cell's end, and ramped to."""
+"""The drift of a whole recording, and its wrenches corrected, offline."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,50 +6,53 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.offline import correct_many, simulate_drift, track_drift
-from wrist_ft_comp.model.signals import AXES, Recording
+from wrist_ft_comp.model.signals import Recording
 
-Z = AXES.index('force_z')
-CELLS = 60
-
-
-@pytest.fixture(scope='module')
-def model(make_model: Callable[..., DriftModel]) -> DriftModel:
-    return make_model({'force_z': (0.4, 1e-2, 50.0)}, period_s=10.0)
+Array = np.ndarray
+AXES = {'force_z': (0.4, 1e-3, 50.0), 'torque_x': (0.01, 0.0, 5.0)}
+FIRST, CELLS = 7, 60
 
 
 @pytest.fixture(scope='module')
-def recording(make_recording: Callable[..., Recording]) -> Recording:
-    temperature_c = 20 + np.linspace(0, 15, CELLS)
-    return make_recording(temperature_c, {'force_z': np.zeros(CELLS)}, first_cell=1000)
+def recording(
+    make_recording: Callable[..., Recording], warm_up: Callable[..., Array]
+) -> Recording:
+    return make_recording(warm_up(CELLS, 1), {'force_z': 1.0}, first_cell=FIRST)
 
 
 def test_a_cells_drift_is_reached_one_cell_after_its_end_and_ramped_to(
-    model: DriftModel, recording: Recording
+    make_model: Callable[..., DriftModel], recording: Recording
 ) -> None:
-    track, simulated = track_drift(model, recording), simulate_drift(model, recording)
+    model = make_model(AXES, period_s=10.0)
+    simulated, track = simulate_drift(model, recording), track_drift(model, recording)
+    at = np.array([0, FIRST + 1, FIRST + 2, FIRST + 6.5, FIRST + CELLS + 1, 999])
+    raw, tare = np.random.default_rng(0).standard_normal((6, 6)), np.arange(6.0)
+    corrected = correct_many(track, np.round(at * 1e10).astype(int), raw, tare)
+    cells = [[0, 0], [0, 0], [0, 0], [4, 5], [-1, -1], [-1, -1]]
+    zero, sensitivity = (part[cells].mean(axis=1) for part in simulated)
+    np.testing.assert_allclose(corrected * (1 + sensitivity) + zero + tare, raw, atol=1e-12)
+    assert np.ptp(zero[:, 2]) > 1
+    shift = 176_722_560  # since 1970, in cells of 10 s
+    late = track_drift(model, replace(recording, first_cell=FIRST + shift))
+    stamps = np.round((at + shift) * 1e9).astype(int) * 10
+    np.testing.assert_allclose(correct_many(late, stamps, raw, tare), corrected, atol=1e-9)
 
-    def zero_at(cell: float) -> float:
-        stamps = np.full(2, round(cell * recording.period_ns))
-        one, nothing = correct_many(track, stamps, np.array([[1.0] * 6, [0.0] * 6]))[:, Z]
-        return float(-nothing / (one - nothing))  # -(0 - o)/(1 + s) over 1/(1 + s)
 
-    first = recording.first_cell
-    for k in range(CELLS):
-        assert zero_at(first + k + 2) == pytest.approx(simulated.zero[k, Z], abs=1e-9)
-    half_way = (simulated.zero[4, Z] + simulated.zero[5, Z]) / 2
-    assert zero_at(first + 6.5) == pytest.approx(half_way, abs=1e-9)
-    assert zero_at(first - 5) == pytest.approx(simulated.zero[0, Z], abs=1e-9)
-    assert zero_at(first + CELLS + 99) == pytest.approx(simulated.zero[-1, Z], abs=1e-9)
-
-
-def test_stamps_since_1970_lose_nothing(model: DriftModel, recording: Recording) -> None:
-    shift = 176_722_560  # cells of 10 s
-    late = replace(recording, first_cell=recording.first_cell + shift)
-    stamps = (recording.first_cell * 10**10) + np.arange(1, 500) * 1_234_567_891
-    raw = np.full((len(stamps), 6), 10.0)
-    early = correct_many(track_drift(model, recording), stamps, raw)
-    shifted = correct_many(track_drift(model, late), stamps + shift * 10**10, raw)
-    np.testing.assert_allclose(shifted, early, atol=1e-9)
-    assert np.ptp(early[:, Z]) > 1
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'period_s': 1.0}, 'cells of 10.0 s, the model runs on 1.0 s'),
+        ({'thermometers': 2}, 'has 1 thermometers, the model expects 2'),
+    ],
+)
+def test_a_recording_that_does_not_fit_is_refused(
+    make_model: Callable[..., DriftModel],
+    recording: Recording,
+    change: dict[str, float],
+    sentence: str,
+) -> None:
+    with pytest.raises(RecordingError, match=sentence):
+        track_drift(make_model(AXES, **{'period_s': 10.0, **change}), recording)
