@@ -1,0 +1,267 @@
+"""What a careful engineer would fit to means of ten seconds: from days to a predictor."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise, product
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.signal import lfilter
+from sklearn.cross_decomposition import PLSRegression
+
+from wrist_ft_comp.core.recording import FloatArray, Recording
+
+BLOCK_S, TARE_S = 10.0, 60.0
+BANKS_S = ((0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), (0.0, 20.0, 60.0), (0.0, 100.0, 600.0))
+BANK_S = BANKS_S[0]
+STRENGTHS = 10.0 ** np.arange(-8.0, 0.5, 0.5)
+SHARPNESS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Day:
+    """Means of ten seconds: temperature (M, J) in °C, drift and load (M, 6), every period_s."""
+
+    temperature_c: FloatArray
+    drift: FloatArray
+    load: FloatArray
+    period_s: float
+
+
+#: Predicts the drift of a day's six axes, shape (M, 6), from other days.
+Peer = Callable[[Sequence[Day], Day], FloatArray]
+#: Columns (M, p) that describe a day, and the degree of each.
+Features = Callable[[Day], tuple[FloatArray, FloatArray]]
+
+
+def block_means(values: FloatArray, cells: int) -> FloatArray:
+    """Means of so many rows, leaving the last incomplete ones out."""
+    whole = values[: len(values) // cells * cells]
+    return np.asarray(whole.reshape(-1, cells, values.shape[1]).mean(axis=1))
+
+
+def day_of(each: Recording) -> Day:
+    """Average a recording."""
+    cells = max(1, round(BLOCK_S / each.period_s))
+    columns = (each.temperature_c, each.wrench - each.reference, each.reference)
+    return Day(*(block_means(part, cells) for part in columns), cells * each.period_s)
+
+
+def tared(error: FloatArray, period_s: float) -> FloatArray:
+    """Zero every axis on its first minute, NaN left out."""
+    with np.errstate(invalid='ignore'):
+        first = error[: max(1, round(TARE_S / period_s))]
+        return np.asarray(error - np.nan_to_num(np.nanmean(first, axis=0)))
+
+
+def root_mean_square(values: FloatArray) -> FloatArray:
+    """Root of the mean square of every axis, NaN left out, shape (6,)."""
+    return np.asarray(np.sqrt(np.nanmean(values**2, axis=0)))
+
+
+def polynomial(degree: int, day: Day) -> tuple[FloatArray, FloatArray]:
+    """Powers of the first thermometer's temperature."""
+    return bank(degree, (0.0,), day, thermometers=1)
+
+
+def bank(
+    degree: int, taus_s: Sequence[float], day: Day, thermometers: int | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Powers of all temperatures, each behind relaxations that start from rest."""
+    theta = (day.temperature_c[:, :thermometers] - 25.0) / 10.0
+    powers = np.concatenate([theta**power for power in range(1, degree + 1)], axis=1)
+    columns = []
+    for tau_s in taus_s:
+        pole = np.exp(-day.period_s / tau_s) if tau_s else 0.0
+        columns.append(lfilter([1 - pole], [1, -pole], powers, axis=0, zi=pole * powers[:1])[0])
+    degrees = np.repeat(np.arange(1, degree + 1), theta.shape[1])
+    return np.concatenate(columns, axis=1), np.tile(degrees, len(taus_s))
+
+
+def lags(day: Day) -> tuple[FloatArray, FloatArray]:
+    """Temperatures of the last 40 minutes, in steps of two."""
+    steps = np.arange(20) * round(120 / day.period_s)
+    rows = np.maximum(np.arange(len(day.temperature_c))[:, None] - steps, 0)
+    columns = np.concatenate([column[rows] for column in day.temperature_c.T], axis=1)
+    return columns, np.ones(columns.shape[1], dtype=int)
+
+
+def design(features: Features, day: Day, axis: int) -> tuple[FloatArray, FloatArray]:
+    """Columns for zero drift and, where there are loads, for gain drift (degree 0)."""
+    columns, degrees = features(day)
+    load = day.load[:, axis]
+    if not np.nanstd(load) > 0:
+        return columns, degrees
+    first = columns[:, degrees == 1]
+    times = load[:, None] * np.concatenate((np.ones((len(load), 1)), first), axis=1)
+    return np.concatenate((columns, times), axis=1), np.concatenate(
+        (degrees, np.zeros(times.shape[1], dtype=int))
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """Normal equations of one part of the days, centred, and the part itself."""
+
+    normal: FloatArray
+    right: FloatArray
+    columns: FloatArray
+    drift: FloatArray
+    period_s: float
+
+
+def fold(features: Features, day: Day, axis: int) -> Fold:
+    """Centre a day and form its normal equations."""
+    columns, _ = design(features, day, axis)
+    there = np.isfinite(day.drift[:, axis])
+    columns, drift = columns[there], day.drift[there, axis]
+    x, y = columns - columns.mean(axis=0), drift - drift.mean()
+    return Fold(x.T @ x, x.T @ y, columns, drift, day.period_s)
+
+
+def parts(days: Sequence[Day]) -> list[Day]:
+    """Leave days out, or thirds of a single one."""
+    if len(days) > 1:
+        return list(days)
+    (day,) = days
+    edges = np.linspace(0, len(day.drift), 4).astype(int)
+    return [
+        Day(day.temperature_c[a:b], day.drift[a:b], day.load[a:b], day.period_s)
+        for a, b in pairwise(edges)
+    ]
+
+
+def solved(folds: Sequence[Fold], strength: float) -> FloatArray:
+    """Solve ridge, its strength relative to the diagonal of the normal matrix."""
+    normal = np.sum([each.normal for each in folds], axis=0)
+    right = np.sum([each.right for each in folds], axis=0)
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal / np.outer(size, size) + strength * np.eye(len(size))
+    return np.asarray(np.linalg.solve(scaled, right / size) / size)
+
+
+def held_out(folds: Sequence[Fold], strength: float) -> float:
+    """Tared error of parts that were left out, relative to what no model leaves."""
+    after, before = [], []
+    for out, each in enumerate(folds):
+        gains = solved([other for other in folds if other is not folds[out]], strength)
+        error = tared((each.drift - each.columns @ gains)[:, None], each.period_s)
+        after.append(error)
+        before.append(tared(each.drift[:, None], each.period_s))
+    return float(np.std(np.concatenate(after)) / np.std(np.concatenate(before)))
+
+
+def axes_of(days: Sequence[Day]) -> list[int]:
+    """Number the axes that were recorded."""
+    return [axis for axis in range(6) if np.isfinite(days[0].drift[:, axis]).any()]
+
+
+def nothing(_: Sequence[Day], judged: Day) -> FloatArray:
+    """Re-zero at the start, which everybody does."""
+    return np.zeros_like(judged.drift)
+
+
+def plain(features: Features, days: Sequence[Day], judged: Day) -> FloatArray:
+    """Fit by least squares."""
+    return averaged([(features, 1e-12)], days, judged)
+
+
+def chosen_ridge(candidates: Sequence[Features], days: Sequence[Day], judged: Day) -> FloatArray:
+    """Choose features and strength by leaving recordings out."""
+    return averaged(list(product(candidates, STRENGTHS)), days, judged, best_only=True)
+
+
+def averaged(
+    candidates: Sequence[tuple[Features, float]],
+    days: Sequence[Day],
+    judged: Day,
+    *,
+    best_only: bool = False,
+) -> FloatArray:
+    """Average ridge fits with weights (held-out error)^-8, or take the best of them."""
+    result = np.zeros_like(judged.drift)
+    sources = list(dict.fromkeys(features for features, _ in candidates))
+    for axis in axes_of(days):
+        pieces = {each: [fold(each, part, axis) for part in parts(days)] for each in sources}
+        whole = {each: [fold(each, day, axis) for day in days] for each in sources}
+        errors = np.array([held_out(pieces[each], s) for each, s in candidates])
+        weights = (errors / errors.min()) ** -SHARPNESS
+        if best_only:
+            weights = np.eye(len(errors))[int(np.argmin(errors))]
+        for weight, (each, strength) in zip(weights / weights.sum(), candidates, strict=True):
+            if weight > 0:
+                columns, _ = design(each, judged, axis)
+                result[:, axis] += weight * columns @ solved(whole[each], strength)
+    return result
+
+
+def most_likely(features: Features, days: Sequence[Day], judged: Day) -> FloatArray:
+    """Give every degree a prior variance, by marginal likelihood with white residuals."""
+    result = np.zeros_like(judged.drift)
+    for axis in axes_of(days):
+        folds = [fold(features, day, axis) for day in days]
+        columns, degrees = design(features, judged, axis)
+        rows = sum(len(each.drift) for each in folds) - len(folds)
+        total = sum(float(np.sum((each.drift - each.drift.mean()) ** 2)) for each in folds)
+        normal = np.sum([each.normal for each in folds], axis=0)
+        size = np.sqrt(np.maximum(np.diag(normal), 1e-300) / rows)
+        scaled = normal / np.outer(size, size)
+        right = np.sum([each.right for each in folds], axis=0) / size
+        kinds, which = np.unique(degrees, return_inverse=True)
+
+        def gains(
+            logs: FloatArray,
+            scaled: FloatArray = scaled,
+            right: FloatArray = right,
+            which: FloatArray = which,
+        ) -> tuple[FloatArray, float]:
+            root = np.exp(logs[which] / 2)  # prior deviation over noise
+            inner = np.eye(len(root)) + scaled * np.outer(root, root)
+            found = root * np.linalg.solve(inner, root * right)
+            return found, float(np.linalg.slogdet(inner)[1])
+
+        def surprise(
+            logs: FloatArray,
+            gains: Callable[[FloatArray], tuple[FloatArray, float]] = gains,
+            right: FloatArray = right,
+            total: float = total,
+            rows: int = rows,
+        ) -> float:
+            found, volume = gains(logs)
+            return rows * float(np.log(max(total - right @ found, 1e-12 * total))) + volume
+
+        start: FloatArray = np.zeros(len(kinds))
+        best = minimize(surprise, start, bounds=[(-25, 25)] * len(start), method='L-BFGS-B')
+        result[:, axis] = columns @ (gains(best.x)[0] / size)
+    return result
+
+
+def lagged_pls(days: Sequence[Day], judged: Day) -> FloatArray:
+    """Fit scikit-learn's PLS with six components."""
+    result = np.zeros_like(judged.drift)
+    for axis in axes_of(days):
+        folds = [fold(lags, day, axis) for day in days]
+        x = np.concatenate([each.columns - each.columns.mean(axis=0) for each in folds])
+        y = np.concatenate([each.drift - each.drift.mean() for each in folds])
+        estimator = PLSRegression(n_components=6).fit(x, y)
+        result[:, axis] = np.ravel(estimator.predict(design(lags, judged, axis)[0]))
+    return result
+
+
+POLYNOMIALS = tuple(partial(polynomial, degree) for degree in (1, 2, 3))
+MEMBERS = [
+    *((partial(bank, d, taus), s) for taus in BANKS_S for d in (1, 2, 3) for s in (1e-2, 1e-4, 1e-6)),
+    *((each, 1e-9) for each in POLYNOMIALS),
+]
+
+PEERS: dict[str, Peer] = {
+    'nothing': nothing,
+    'line': partial(plain, POLYNOMIALS[0]),
+    'square': partial(plain, POLYNOMIALS[1]),
+    'cubic': partial(plain, POLYNOMIALS[2]),
+    'PLS on lags': lagged_pls,
+    'ridge bank': partial(chosen_ridge, [partial(bank, 1, BANK_S), partial(bank, 2, BANK_S)]),
+    'likely bank': partial(most_likely, partial(bank, 2, BANK_S)),
+    'mean of 30': partial(averaged, MEMBERS),
+}
