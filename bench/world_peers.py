@@ -49,15 +49,19 @@ def day_of(each: Recording) -> Day:
 
 
 def tared(error: FloatArray, period_s: float) -> FloatArray:
-    """Zero every axis on its first minute, NaN left out."""
-    with np.errstate(invalid='ignore'):
-        first = error[: max(1, round(TARE_S / period_s))]
-        return np.asarray(error - np.nan_to_num(np.nanmean(first, axis=0)))
+    """Zero every column on its first minute; a NaN there counts for nothing."""
+    first = error[: max(1, round(TARE_S / period_s))]
+    there = np.isfinite(first)
+    mean = np.where(there, first, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
+    return np.asarray(error - mean)
 
 
 def root_mean_square(values: FloatArray) -> FloatArray:
-    """Root of the mean square of every axis, NaN left out, shape (6,)."""
-    return np.asarray(np.sqrt(np.nanmean(values**2, axis=0)))
+    """Root of the mean square of every column without its NaN; NaN where nothing is left."""
+    there = np.isfinite(values)
+    squares = np.where(there, values, 0.0) ** 2
+    with np.errstate(invalid='ignore'):
+        return np.asarray(np.sqrt(squares.sum(axis=0) / there.sum(axis=0)))
 
 
 def polynomial(degree: int, day: Day) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,95 @@
+"""
+Sensors that are real: a load cell, an inertial sensor in a climate chamber, the paper's tables.
+
+Load cell: hmd83, TANEN project, CC BY 4.0. Inertial sensor: Copyright (c) 2024 tofupilot, MIT.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from scenarios import load_cell, LOAD_CELL
+from worlds_drawn import World
+
+from wrist_ft_comp.core.calibration import CalibrationSettings
+from wrist_ft_comp.core.chamber_fit import (
+    chamber_figures,
+    ChamberFigures,
+    compensate_table,
+    leave_one_temperature_out,
+    table_recording,
+)
+from wrist_ft_comp.core.calibration import calibrate
+from wrist_ft_comp.core.recording import AXES, Recording, Samples
+from wrist_ft_comp.core.sampling import grid_samples
+from wrist_ft_comp.files.chamber_table import read_chamber_table
+
+IMU = LOAD_CELL.parents[1] / 'imu_chamber' / 'imu_chamber.csv'
+TABLES = Path(__file__).parents[1] / 'data' / 'keller_pa10'
+CREDITS = {
+    'load cell': 'load cell: hmd83, TANEN project, CC BY 4.0',
+    'six axes': 'six axes: inertial sensor, Copyright (c) 2024 tofupilot, MIT',
+}
+#: Learnt on rows from 1 up to one of these, judged on the rest.
+SPLITS = (6180, 4800, 5400, 6600, 7200)
+_COLUMNS = (*(f'imu.acc.{axis}' for axis in 'xyz'), *(f'imu.gyro.{axis}' for axis in 'xyz'))
+
+
+def chamber_part(values: 'np.void', first: int, last: int) -> Recording:
+    """Put some rows of the inertial sensor onto cells of 1 s; acceleration is read as force."""
+    rows = values[first:last]
+    stamps_ns = (rows['timestamp'] * 1000).astype(np.int64)
+    wrench = np.stack([rows[name] for name in _COLUMNS], axis=1)
+    return grid_samples(
+        [
+            Samples(('temperature_c',), stamps_ns, rows['imu.temperature'][:, np.newaxis]),
+            Samples(AXES, stamps_ns, wrench),
+        ],
+        name='six axes',
+        period_s=1.0,
+    )
+
+
+def with_zero_reference(each: Recording) -> Recording:
+    """Say that the true load did not change."""
+    return Recording(
+        each.name,
+        each.period_ns,
+        each.first_cell,
+        each.temperature_c,
+        each.measured,
+        each.wrench,
+        np.where(np.isfinite(each.wrench), 0.0, np.nan),
+    )
+
+
+def six_axes(split: int) -> World | None:
+    """Learn on the rows before the split, judge on the rest; None where the file is not."""
+    if not IMU.exists():
+        return None
+    rows = np.genfromtxt(IMU, delimiter=',', names=True, deletechars='')
+    learn, judge = (
+        with_zero_reference(chamber_part(rows, *span)) for span in ((1, split), (split, len(rows)))
+    )
+    return World([learn], judge, np.zeros_like(judge.wrench), 'constant')
+
+
+def load_cell_world() -> World | None:
+    """Learn on the first 20 h, judge on the rest; None where the file is not."""
+    both = load_cell()
+    if both is None:
+        return None
+    return World([both[0]], both[1], np.zeros_like(both[1].wrench), 'constant')
+
+
+def chamber_rows() -> dict[str, ChamberFigures | None]:
+    """Figures of the paper's raw tables: raw, fitted by auto, every temperature left out once."""
+    result: dict[str, ChamberFigures | None] = {}
+    settings = CalibrationSettings(reference='recorded')
+    for sensor, name in (('A', 'table1_sensor_a_raw.csv'), ('B', 'table2_sensor_b_raw.csv')):
+        table = read_chamber_table(TABLES / name)
+        result[f'{sensor}, raw'] = chamber_figures(table)
+        model = calibrate([table_recording(table, 1.0)], settings).model
+        result[f'{sensor}, in sample'] = chamber_figures(compensate_table(table, model))
+        left_out = leave_one_temperature_out(table, settings, 1.0)
+        result[f'{sensor}, left out'] = None if left_out is None else chamber_figures(left_out)
+    return result
