@@ -38,8 +38,12 @@ def main() -> None:
     try:
         calibration = calibrate(learn, settings)
         parts = simulate_drift(calibration.model, judge)
-        drift = parts.zero + np.where(parts.sensitivity == 0, 0, parts.sensitivity * judge.reference)
-        claim = np.array([calibration.fits[a].rms_after if a in calibration.fits else np.nan for a in AXES])
+        drift = parts.zero + np.where(
+            parts.sensitivity == 0, 0, parts.sensitivity * judge.reference
+        )
+        claim = np.array(
+            [calibration.fits[a].rms_after if a in calibration.fits else np.nan for a in AXES]
+        )
     except WristFtCompError as error:
         print(error)
     np.savez(answer, drift=drift, claim=claim)

@@ -127,7 +127,9 @@ def rod(rng: np.random.Generator, others: BoolArray) -> Body:
     room[-1] += between(rng, 0.05, 0.5)
     capacity = np.full(nodes, 10.0)
     capacity[[0, -1]] += np.exp(rng.uniform(np.log(20.0), np.log(300.0), 2))
-    return _body(rng, capacity, edges, np.full(nodes - 1, between(rng, 8.0, 40.0)), room, others, 0)
+    return _body(
+        rng, capacity, edges, np.full(nodes - 1, between(rng, 8.0, 40.0)), room, others, 0
+    )
 
 
 def _body(
@@ -164,7 +166,7 @@ def _body(
 
 
 def draw_others(rng: np.random.Generator) -> BoolArray:
-    """Draw which sources act beside the motor, none to two of them, shape (4,)."""
+    """Draw which sources act beside the motor, mostly two of them, shape (4,)."""
     others = np.zeros(4, dtype=bool)
     count = rng.choice(3, p=(0.05, 0.35, 0.6))
     others[rng.choice([ROOM, COOLANT, SUN], count, replace=False)] = True

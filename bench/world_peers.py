@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from itertools import pairwise, product
 
 import numpy as np
@@ -14,7 +14,6 @@ from wrist_ft_comp.core.recording import FloatArray, Recording
 
 BLOCK_S, TARE_S = 10.0, 60.0
 BANKS_S = ((0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), (0.0, 20.0, 60.0), (0.0, 100.0, 600.0))
-BANK_S = BANKS_S[0]
 STRENGTHS = 10.0 ** np.arange(-8.0, 0.5, 0.5)
 SHARPNESS = 8
 
@@ -91,9 +90,15 @@ def lags(day: Day) -> tuple[FloatArray, FloatArray]:
     return columns, np.ones(columns.shape[1], dtype=int)
 
 
+@lru_cache(maxsize=64)
+def described(features: Features, day: Day) -> tuple[FloatArray, FloatArray]:
+    """Describe a day once for its six axes."""
+    return features(day)
+
+
 def design(features: Features, day: Day, axis: int) -> tuple[FloatArray, FloatArray]:
     """Columns for zero drift and, where there are loads, for gain drift (degree 0)."""
-    columns, degrees = features(day)
+    columns, degrees = described(features, day)
     load = day.load[:, axis]
     if not np.nanstd(load) > 0:
         return columns, degrees
@@ -186,8 +191,9 @@ def averaged(
     """Average ridge fits with weights (held-out error)^-8, or take the best of them."""
     result = np.zeros_like(judged.drift)
     sources = list(dict.fromkeys(features for features, _ in candidates))
+    pieces_of_days = parts(days)
     for axis in axes_of(days):
-        pieces = {each: [fold(each, part, axis) for part in parts(days)] for each in sources}
+        pieces = {each: [fold(each, part, axis) for part in pieces_of_days] for each in sources}
         whole = {each: [fold(each, day, axis) for day in days] for each in sources}
         errors = np.array([held_out(pieces[each], s) for each, s in candidates])
         weights = (errors / errors.min()) ** -SHARPNESS
@@ -254,10 +260,8 @@ def lagged_pls(days: Sequence[Day], judged: Day) -> FloatArray:
 
 
 POLYNOMIALS = tuple(partial(polynomial, degree) for degree in (1, 2, 3))
-MEMBERS = [
-    *((partial(bank, d, taus), s) for taus in BANKS_S for d in (1, 2, 3) for s in (1e-2, 1e-4, 1e-6)),
-    *((each, 1e-9) for each in POLYNOMIALS),
-]
+BANKS = [partial(bank, degree, taus_s) for taus_s in BANKS_S for degree in (1, 2, 3)]
+MEMBERS = [*product(BANKS, (1e-2, 1e-4, 1e-6)), *product(POLYNOMIALS, (1e-9,))]
 
 PEERS: dict[str, Peer] = {
     'nothing': nothing,
@@ -265,7 +269,7 @@ PEERS: dict[str, Peer] = {
     'square': partial(plain, POLYNOMIALS[1]),
     'cubic': partial(plain, POLYNOMIALS[2]),
     'PLS on lags': lagged_pls,
-    'ridge bank': partial(chosen_ridge, [partial(bank, 1, BANK_S), partial(bank, 2, BANK_S)]),
-    'likely bank': partial(most_likely, partial(bank, 2, BANK_S)),
+    'ridge bank': partial(chosen_ridge, BANKS[:2]),
+    'likely bank': partial(most_likely, BANKS[1]),
     'mean of 30': partial(averaged, MEMBERS),
 }

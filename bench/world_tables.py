@@ -39,7 +39,9 @@ class Result:
     seconds: FloatArray
 
 
-def intervals(statistic: Callable[[FloatArray], float], *shares: FloatArray) -> tuple[float, float]:
+def intervals(
+    statistic: Callable[[FloatArray], float], *shares: FloatArray
+) -> tuple[float, float]:
     """Draw worlds again and again: 95 % of a statistic, or of its ratio between two methods."""
     rng = np.random.default_rng(0)
     worlds = len(shares[0])
@@ -52,7 +54,9 @@ def intervals(statistic: Callable[[FloatArray], float], *shares: FloatArray) -> 
     return float(low), float(high)
 
 
-def print_family(title: str, results: Mapping[str, Result], peer: str, ours: Sequence[str]) -> None:
+def print_family(
+    title: str, results: Mapping[str, Result], peer: str, ours: Sequence[str]
+) -> None:
     """Print one family: every method, and how ours stand to the family's best peer."""
     worlds = len(next(iter(results.values())).left)
     print(f'\n{title}: drift left in {worlds} worlds, as a share of the uncompensated')

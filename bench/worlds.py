@@ -105,7 +105,9 @@ def report_seed() -> int:
 def print_real(methods: Sequence[str]) -> None:
     """Print what is left of the spread of real sensors."""
     worlds = {f'six axes, {split}': six_axes(split) for split in SPLITS}
-    print('\nsix real axes, learnt before a row, judged after: spread left, geometric mean (worst)')
+    print(
+        '\nsix real axes, learnt before a row, judged after: spread left, geometric mean (worst)'
+    )
     if None in worlds.values():
         print('skipped: imu_chamber.csv is not beside the project')
     else:

@@ -102,12 +102,14 @@ def draw_gauges(rng: np.random.Generator, body: Body, kind: str) -> Gauges:
     if kind == 'rod':
         first = int(rng.integers(8, 20))
         flexure = np.arange(first, first + 12)
+        pairs = np.stack((flexure[:6], flexure[6:]), axis=1)
     else:
+        pairs = body.edges
         flexure = rng.choice(nodes, min(nodes, int(rng.integers(1, 4))), replace=False)
     linear = np.zeros((nodes, axes))
     linear[flexure] = rng.dirichlet(np.ones(len(flexure)), axes).T * rng.choice([-1, 1], axes)
     for _ in range(2):
-        ends = body.edges[rng.integers(len(body.edges), size=axes)]
+        ends = pairs[rng.integers(len(pairs), size=axes)]
         weight = rng.normal(0, 0.5, axes)
         linear[ends[:, 0], np.arange(axes)] += weight
         linear[ends[:, 1], np.arange(axes)] -= weight
@@ -196,7 +198,7 @@ def family(name: str, seed: int) -> World:
     """
     kind = FAMILIES[name]
     rng = np.random.default_rng([seed, list(FAMILIES).index(name)])
-    others = draw_others(rng)
+    others = draw_others(rng) | np.array([False, kind.body == 'rod', False, False])
     body = rod(rng, others) if kind.body == 'rod' else network(rng, others)
     sources = draw_sources(rng, others)
     thermometers = draw_thermometers(
