@@ -13,7 +13,7 @@ import numpy as np
 from wrist_ft_comp import WristFtCompError
 from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
 from wrist_ft_comp.core.evaluation import simulate_drift
-from wrist_ft_comp.core.recording import AXES, Recording
+from wrist_ft_comp.core.recording import AXES, FloatArray, Recording
 
 
 def main() -> None:
@@ -34,7 +34,8 @@ def main() -> None:
         ]
         settings = CalibrationSettings(reference=str(file['kind']))  # type: ignore[arg-type]
     *learn, judge = recordings
-    drift, claim = np.zeros_like(judge.wrench), np.full(len(AXES), np.nan)
+    drift: FloatArray = np.zeros_like(judge.wrench)
+    claim: FloatArray = np.full(len(AXES), np.nan)
     try:
         calibration = calibrate(learn, settings)
         parts = simulate_drift(calibration.model, judge)

@@ -4,13 +4,15 @@ Sensors that are real: a load cell, an inertial sensor in a climate chamber, the
 Load cell: hmd83, TANEN project, CC BY 4.0. Inertial sensor: Copyright (c) 2024 tofupilot, MIT.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scenarios import load_cell, LOAD_CELL
+from numpy.typing import NDArray
+from scenarios import LOAD_CELL, load_cell
 from worlds_drawn import World
 
-from wrist_ft_comp.core.calibration import CalibrationSettings
+from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
 from wrist_ft_comp.core.chamber_fit import (
     chamber_figures,
     ChamberFigures,
@@ -18,7 +20,6 @@ from wrist_ft_comp.core.chamber_fit import (
     leave_one_temperature_out,
     table_recording,
 )
-from wrist_ft_comp.core.calibration import calibrate
 from wrist_ft_comp.core.recording import AXES, Recording, Samples
 from wrist_ft_comp.core.sampling import grid_samples
 from wrist_ft_comp.files.chamber_table import read_chamber_table
@@ -34,9 +35,8 @@ SPLITS = (6180, 4800, 5400, 6600, 7200)
 _COLUMNS = (*(f'imu.acc.{axis}' for axis in 'xyz'), *(f'imu.gyro.{axis}' for axis in 'xyz'))
 
 
-def chamber_part(values: 'np.void', first: int, last: int) -> Recording:
+def chamber_part(rows: NDArray[np.void]) -> Recording:
     """Put some rows of the inertial sensor onto cells of 1 s; acceleration is read as force."""
-    rows = values[first:last]
     stamps_ns = (rows['timestamp'] * 1000).astype(np.int64)
     wrench = np.stack([rows[name] for name in _COLUMNS], axis=1)
     return grid_samples(
@@ -51,15 +51,7 @@ def chamber_part(values: 'np.void', first: int, last: int) -> Recording:
 
 def with_zero_reference(each: Recording) -> Recording:
     """Say that the true load did not change."""
-    return Recording(
-        each.name,
-        each.period_ns,
-        each.first_cell,
-        each.temperature_c,
-        each.measured,
-        each.wrench,
-        np.where(np.isfinite(each.wrench), 0.0, np.nan),
-    )
+    return replace(each, reference=np.where(np.isfinite(each.wrench), 0.0, np.nan))
 
 
 def six_axes(split: int) -> World | None:
@@ -68,7 +60,7 @@ def six_axes(split: int) -> World | None:
         return None
     rows = np.genfromtxt(IMU, delimiter=',', names=True, deletechars='')
     learn, judge = (
-        with_zero_reference(chamber_part(rows, *span)) for span in ((1, split), (split, len(rows)))
+        with_zero_reference(chamber_part(part)) for part in (rows[1:split], rows[split:])
     )
     return World([learn], judge, np.zeros_like(judge.wrench), 'constant')
 

@@ -2,7 +2,7 @@
 Bodies that conduct heat, and days that warm them: none of them is the package's own simulator.
 
 A body is a network of heat capacities; a conducting rod is one with forty in a row. Temperatures
-are exact for drives that are constant over a step, because every mode of the body is run by itself.
+are exact for drives that are constant over a step, because every mode of the body runs by itself.
 Drives are, in this order: room and coolant, °C; motor and sun, as a share of their full power.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from wrist_ft_comp.core.recording import BoolArray, FloatArray
+from wrist_ft_comp.core.recording import BoolArray, FloatArray, IntArray
 
 ROOM, COOLANT, MOTOR, SUN = range(4)
 NIGHT_S, NIGHT_STEP_S = 36_000, 60.0
@@ -39,7 +39,7 @@ class Body:
     rates: FloatArray
     shapes: FloatArray
     inlets: FloatArray
-    edges: FloatArray
+    edges: IntArray
 
     @property
     def nodes(self) -> int:
@@ -116,7 +116,8 @@ def network(rng: np.random.Generator, others: BoolArray) -> Body:
     capacity = np.exp(rng.uniform(np.log(10.0), np.log(300.0), nodes))
     room = np.exp(rng.uniform(np.log(0.005), np.log(0.05), nodes))
     room[int(rng.integers(nodes))] += between(rng, 0.1, 0.5)
-    return _body(rng, capacity, np.array(edges), conductance, room, others)
+    inlet = place_sources(rng, rng.integers(nodes, size=3), room, others)
+    return body_of(rng, capacity, np.array(edges), conductance, inlet)
 
 
 def rod(rng: np.random.Generator, others: BoolArray) -> Body:
@@ -127,28 +128,32 @@ def rod(rng: np.random.Generator, others: BoolArray) -> Body:
     room[-1] += between(rng, 0.05, 0.5)
     capacity = np.full(nodes, 10.0)
     capacity[[0, -1]] += np.exp(rng.uniform(np.log(20.0), np.log(300.0), 2))
-    return _body(
-        rng, capacity, edges, np.full(nodes - 1, between(rng, 8.0, 40.0)), room, others, 0
-    )
+    conductance = np.full(nodes - 1, between(rng, 8.0, 40.0))
+    at = np.array([nodes - 1, 0, rng.integers(nodes, size=3)[2]])
+    inlet = place_sources(rng, at, room, others)
+    return body_of(rng, capacity, edges, conductance, inlet)
 
 
-def _body(
+def place_sources(
+    rng: np.random.Generator, at: IntArray, room: FloatArray, others: BoolArray
+) -> FloatArray:
+    """Let coolant, motor and sun act at a node each, the room everywhere, shape (n, 4)."""
+    inlet = np.zeros((len(room), 4))
+    inlet[:, ROOM] = room
+    inlet[at[0], COOLANT] = between(rng, 0.3, 2.0) * others[COOLANT]
+    inlet[at[1], MOTOR] = 1.0
+    inlet[at[2], SUN] = float(others[SUN])
+    return inlet
+
+
+def body_of(
     rng: np.random.Generator,
     capacity: FloatArray,
-    edges: FloatArray,
+    edges: IntArray,
     conductance: FloatArray,
-    room: FloatArray,
-    others: BoolArray,
-    motor: int | None = None,
+    inlet: FloatArray,
 ) -> Body:
-    """Place the sources, scale the slowest time constant and the powers, find the modes."""
-    nodes = len(capacity)
-    at = rng.integers(nodes, size=3)
-    inlet = np.zeros((nodes, 4))
-    inlet[:, ROOM] = room
-    inlet[at[0] if motor is None else -1, COOLANT] = between(rng, 0.3, 2.0) * others[COOLANT]
-    inlet[at[1] if motor is None else motor, MOTOR] = 1.0
-    inlet[at[2], SUN] = float(others[SUN])
+    """Find the modes, scale the slowest time constant and the powers."""
     stiffness = np.diag(inlet[:, ROOM] + inlet[:, COOLANT])
     for (i, j), value in zip(edges, conductance, strict=True):
         stiffness[[i, j], [i, j]] += value
@@ -212,8 +217,8 @@ def draw_day(
         Temperatures of the nodes in the night and by day, °C.
 
     """
-    night = np.arange(-NIGHT_S, 0, NIGHT_STEP_S)
-    day = np.arange(seconds, dtype=float)
+    night: FloatArray = np.arange(-NIGHT_S, 0, NIGHT_STEP_S, dtype=float)
+    day: FloatArray = np.arange(seconds, dtype=float)
     base_c, phase_s = float(rng.uniform(17.0, 27.0)), float(rng.uniform(0.0, DAY_S))
     switch_s, clouds = between(rng, 1200.0, 3600.0), levels(rng, seconds, 300, 3000)
     doors = lag(levels(rng, seconds, 600, 3600)[:, None], 600.0, np.zeros(1))[:, 0]

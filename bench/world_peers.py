@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 from sklearn.cross_decomposition import PLSRegression
 
-from wrist_ft_comp.core.recording import FloatArray, Recording
+from wrist_ft_comp.core.recording import FloatArray, IntArray, Recording
 
 BLOCK_S, TARE_S = 10.0, 60.0
 BANKS_S = ((0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), (0.0, 20.0, 60.0), (0.0, 100.0, 600.0))
@@ -31,7 +31,7 @@ class Day:
 #: Predicts the drift of a day's six axes, shape (M, 6), from other days.
 Peer = Callable[[Sequence[Day], Day], FloatArray]
 #: Columns (M, p) that describe a day, and the degree of each.
-Features = Callable[[Day], tuple[FloatArray, FloatArray]]
+Features = Callable[[Day], tuple[FloatArray, IntArray]]
 
 
 def block_means(values: FloatArray, cells: int) -> FloatArray:
@@ -43,8 +43,11 @@ def block_means(values: FloatArray, cells: int) -> FloatArray:
 def day_of(each: Recording) -> Day:
     """Average a recording."""
     cells = max(1, round(BLOCK_S / each.period_s))
-    columns = (each.temperature_c, each.wrench - each.reference, each.reference)
-    return Day(*(block_means(part, cells) for part in columns), cells * each.period_s)
+    temperature_c, drift, load = (
+        block_means(part, cells)
+        for part in (each.temperature_c, each.wrench - each.reference, each.reference)
+    )
+    return Day(temperature_c, drift, load, cells * each.period_s)
 
 
 def tared(error: FloatArray, period_s: float) -> FloatArray:
@@ -63,14 +66,14 @@ def root_mean_square(values: FloatArray) -> FloatArray:
         return np.asarray(np.sqrt(squares.sum(axis=0) / there.sum(axis=0)))
 
 
-def polynomial(degree: int, day: Day) -> tuple[FloatArray, FloatArray]:
+def polynomial(degree: int, day: Day) -> tuple[FloatArray, IntArray]:
     """Powers of the first thermometer's temperature."""
     return bank(degree, (0.0,), day, thermometers=1)
 
 
 def bank(
     degree: int, taus_s: Sequence[float], day: Day, thermometers: int | None = None
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, IntArray]:
     """Powers of all temperatures, each behind relaxations that start from rest."""
     theta = (day.temperature_c[:, :thermometers] - 25.0) / 10.0
     powers = np.concatenate([theta**power for power in range(1, degree + 1)], axis=1)
@@ -82,7 +85,7 @@ def bank(
     return np.concatenate(columns, axis=1), np.tile(degrees, len(taus_s))
 
 
-def lags(day: Day) -> tuple[FloatArray, FloatArray]:
+def lags(day: Day) -> tuple[FloatArray, IntArray]:
     """Temperatures of the last 40 minutes, in steps of two."""
     steps = np.arange(20) * round(120 / day.period_s)
     rows = np.maximum(np.arange(len(day.temperature_c))[:, None] - steps, 0)
@@ -91,12 +94,12 @@ def lags(day: Day) -> tuple[FloatArray, FloatArray]:
 
 
 @lru_cache(maxsize=64)
-def described(features: Features, day: Day) -> tuple[FloatArray, FloatArray]:
+def described(features: Features, day: Day) -> tuple[FloatArray, IntArray]:
     """Describe a day once for its six axes."""
     return features(day)
 
 
-def design(features: Features, day: Day, axis: int) -> tuple[FloatArray, FloatArray]:
+def design(features: Features, day: Day, axis: int) -> tuple[FloatArray, IntArray]:
     """Columns for zero drift and, where there are loads, for gain drift (degree 0)."""
     columns, degrees = described(features, day)
     load = day.load[:, axis]
@@ -153,8 +156,8 @@ def solved(folds: Sequence[Fold], strength: float) -> FloatArray:
 def held_out(folds: Sequence[Fold], strength: float) -> float:
     """Tared error of parts that were left out, relative to what no model leaves."""
     after, before = [], []
-    for out, each in enumerate(folds):
-        gains = solved([other for other in folds if other is not folds[out]], strength)
+    for each in folds:
+        gains = solved([other for other in folds if other is not each], strength)
         error = tared((each.drift - each.columns @ gains)[:, None], each.period_s)
         after.append(error)
         before.append(tared(each.drift[:, None], each.period_s))
@@ -162,7 +165,7 @@ def held_out(folds: Sequence[Fold], strength: float) -> float:
 
 
 def axes_of(days: Sequence[Day]) -> list[int]:
-    """Number the axes that were recorded."""
+    """List the numbers of the axes that were recorded."""
     return [axis for axis in range(6) if np.isfinite(days[0].drift[:, axis]).any()]
 
 
@@ -210,41 +213,33 @@ def most_likely(features: Features, days: Sequence[Day], judged: Day) -> FloatAr
     """Give every degree a prior variance, by marginal likelihood with white residuals."""
     result = np.zeros_like(judged.drift)
     for axis in axes_of(days):
-        folds = [fold(features, day, axis) for day in days]
         columns, degrees = design(features, judged, axis)
-        rows = sum(len(each.drift) for each in folds) - len(folds)
-        total = sum(float(np.sum((each.drift - each.drift.mean()) ** 2)) for each in folds)
-        normal = np.sum([each.normal for each in folds], axis=0)
-        size = np.sqrt(np.maximum(np.diag(normal), 1e-300) / rows)
-        scaled = normal / np.outer(size, size)
-        right = np.sum([each.right for each in folds], axis=0) / size
-        kinds, which = np.unique(degrees, return_inverse=True)
-
-        def gains(
-            logs: FloatArray,
-            scaled: FloatArray = scaled,
-            right: FloatArray = right,
-            which: FloatArray = which,
-        ) -> tuple[FloatArray, float]:
-            root = np.exp(logs[which] / 2)  # prior deviation over noise
-            inner = np.eye(len(root)) + scaled * np.outer(root, root)
-            found = root * np.linalg.solve(inner, root * right)
-            return found, float(np.linalg.slogdet(inner)[1])
-
-        def surprise(
-            logs: FloatArray,
-            gains: Callable[[FloatArray], tuple[FloatArray, float]] = gains,
-            right: FloatArray = right,
-            total: float = total,
-            rows: int = rows,
-        ) -> float:
-            found, volume = gains(logs)
-            return rows * float(np.log(max(total - right @ found, 1e-12 * total))) + volume
-
-        start: FloatArray = np.zeros(len(kinds))
-        best = minimize(surprise, start, bounds=[(-25, 25)] * len(start), method='L-BFGS-B')
-        result[:, axis] = columns @ (gains(best.x)[0] / size)
+        result[:, axis] = columns @ likely([fold(features, day, axis) for day in days], degrees)
     return result
+
+
+def likely(folds: Sequence[Fold], degrees: IntArray) -> FloatArray:
+    """Find the gains of the most likely prior variances, one per degree, shape (p,)."""
+    rows = sum(len(each.drift) - 1 for each in folds)
+    total = sum(float(np.sum((each.drift - each.drift.mean()) ** 2)) for each in folds)
+    normal = np.sum([each.normal for each in folds], axis=0)
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300) / rows)
+    right = np.sum([each.right for each in folds], axis=0) / size
+    kinds, which = np.unique(degrees, return_inverse=True)
+
+    def inner(logs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        root = np.exp(logs[which] / 2)  # prior deviation over noise
+        return root, np.eye(len(root)) + normal * np.outer(root / size, root / size)
+
+    def surprise(logs: FloatArray) -> float:
+        root, matrix = inner(logs)
+        explained = float(root * right @ np.linalg.solve(matrix, root * right))
+        misfit = max(total - explained, 1e-12 * total)
+        return rows * float(np.log(misfit)) + float(np.linalg.slogdet(matrix)[1])
+
+    start: FloatArray = np.zeros(len(kinds))
+    root, matrix = inner(minimize(surprise, start, bounds=[(-25, 25)] * len(start)).x)
+    return np.asarray(root * np.linalg.solve(matrix, root * right) / size)
 
 
 def lagged_pls(days: Sequence[Day], judged: Day) -> FloatArray:

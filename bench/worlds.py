@@ -24,7 +24,7 @@ from real_worlds import chamber_rows, CREDITS, load_cell_world, six_axes, SPLITS
 from scenarios import SCENARIOS
 from world_autos import Answer, auto_before, auto_here, BEFORE, prepare_before, ROOT
 from world_peers import block_means, day_of, Peer, PEERS, root_mean_square, tared
-from world_tables import claims, draw, pooled, print_family, Result
+from world_tables import draw, pooled, print_family, Result
 from worlds_drawn import FAMILIES, family, World
 
 from wrist_ft_comp.core.recording import FloatArray

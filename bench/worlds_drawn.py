@@ -22,7 +22,8 @@ from thermal_networks import (
     rod,
 )
 
-from wrist_ft_comp.core.recording import AXES, FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.core.problem import Reference
+from wrist_ft_comp.core.recording import AXES, FloatArray, IntArray, NANOSECONDS, Recording
 
 #: °C at which the sensor was calibrated at its factory, and newtons (or N m) of drift per kelvin.
 FACTORY_C = 22.0
@@ -38,7 +39,7 @@ class World:
     learn: list[Recording]
     judge: Recording
     truth: FloatArray
-    reference: str = 'recorded'
+    reference: Reference = 'recorded'
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ class Gauges:
 class Thermometers:
     """Where they are, and their lag, noise and quantum."""
 
-    nodes: FloatArray
+    nodes: IntArray
     lag_s: FloatArray
     noise_k: FloatArray
     quantum_k: float
@@ -101,7 +102,7 @@ def draw_gauges(rng: np.random.Generator, body: Body, kind: str) -> Gauges:
     axes, nodes = len(AXES), body.nodes
     if kind == 'rod':
         first = int(rng.integers(8, 20))
-        flexure = np.arange(first, first + 12)
+        flexure: IntArray = np.arange(first, first + 12)
         pairs = np.stack((flexure[:6], flexure[6:]), axis=1)
     else:
         pairs = body.edges
@@ -206,7 +207,7 @@ def family(name: str, seed: int) -> World:
     )
     gauges = draw_gauges(rng, body, kind.body)
     tau_s = between(rng, 60.0, 2400.0)
-    days = []
+    days: list[tuple[FloatArray, FloatArray]] = []
     for number in range(kind.days + 1):
         seconds = int(3600 * (kind.hours if number < kind.days else 2.5))
         night, day = draw_day(rng, body, sources, seconds)
