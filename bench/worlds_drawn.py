@@ -13,6 +13,7 @@ import numpy as np
 from thermal_networks import (
     between,
     Body,
+    COOLANT,
     draw_day,
     draw_others,
     draw_sources,
@@ -199,7 +200,9 @@ def family(name: str, seed: int) -> World:
     """
     kind = FAMILIES[name]
     rng = np.random.default_rng([seed, list(FAMILIES).index(name)])
-    others = draw_others(rng) | np.array([False, kind.body == 'rod', False, False])
+    others = draw_others(rng)
+    if kind.body in {'rod', 'lag'}:  # a rod's other end; a lag is not seen to begin at rest
+        others[COOLANT] = kind.body == 'rod'
     body = rod(rng, others) if kind.body == 'rod' else network(rng, others)
     sources = draw_sources(rng, others)
     thermometers = draw_thermometers(
