@@ -5,11 +5,13 @@ Answer for version 0.1.0, which has to be first on PYTHONPATH.
 them.
 """
 
+import os
 from pathlib import Path
 import sys
 
 import numpy as np
 
+import wrist_ft_comp
 from wrist_ft_comp import WristFtCompError
 from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
 from wrist_ft_comp.core.evaluation import simulate_drift
@@ -19,6 +21,8 @@ from wrist_ft_comp.core.recording import AXES, FloatArray, Recording
 def main() -> None:
     """Calibrate on all recordings but the last, predict the last one's drift."""
     question, answer = map(Path, sys.argv[1:])
+    if not Path(wrist_ft_comp.__file__).is_relative_to(os.environ['PYTHONPATH']):
+        raise SystemExit(f'{wrist_ft_comp.__file__} is not version 0.1.0.')
     with np.load(question) as file:
         recordings = [
             Recording(

@@ -17,7 +17,7 @@ from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
 from wrist_ft_comp.core.evaluation import simulate_drift
 from wrist_ft_comp.core.recording import AXES, FloatArray
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).resolve().parents[1]
 BEFORE = '6587219'  # version 0.1.0
 BEFORE_TREE = ROOT / 'build' / f'tree-{BEFORE}'
 #: 0.1.0 answers the same question the same way for ever, so its answers are kept here.
@@ -49,14 +49,16 @@ def auto_here(world: World) -> Answer:
 
 def prepare_before() -> str:
     """Unpack version 0.1.0 from the repository; returns why not, or nothing."""
-    if (BEFORE_TREE / 'wrist_ft_comp').exists():
+    if BEFORE_TREE.exists():
         return ''
     command = ['git', 'archive', BEFORE, 'wrist_ft_comp']
     packed = subprocess.run(command, cwd=ROOT, capture_output=True, check=False)
     if packed.returncode:
         return packed.stderr.decode().strip()
     with tarfile.open(fileobj=io.BytesIO(packed.stdout)) as archive:
-        archive.extractall(BEFORE_TREE, filter='data')
+        part = BEFORE_TREE.with_suffix('.part')
+        archive.extractall(part, filter='data')
+        part.replace(BEFORE_TREE)
     return ''
 
 

@@ -143,12 +143,12 @@ def print_real(methods: Sequence[str]) -> None:
 
 def print_chamber() -> None:
     """Print the paper's tables, fitted and with every temperature left out in turn."""
-    print("\nthe paper's chamber tables by auto, %FS: max |K_s| per °C, zero spread")
+    print("\nthe paper's chamber tables, %FS: max |K_s| per °C, zero spread")
     for title, figures in chamber_rows().items():
         if figures is None:
-            print(f'{title:16} refused')
+            print(f'{title:28} refused')
         else:
-            print(f'{title:16}{figures.max_sensitivity_drift:9.4f}{figures.zero_spread:9.3f}')
+            print(f'{title:28}{figures.max_sensitivity_drift:9.4f}{figures.zero_spread:9.3f}')
 
 
 def arguments() -> argparse.Namespace:
@@ -159,7 +159,11 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--dev', action='store_true', help='worlds to develop on')
     parser.add_argument('--worlds', type=int, default=20, help='per family')
     parser.add_argument(
-        '--families', nargs='*', default=[*FAMILIES, *SCENARIOS], help='and scenarios'
+        '--families',
+        nargs='*',
+        default=[*FAMILIES, *SCENARIOS],
+        choices=[*FAMILIES, *SCENARIOS],
+        help='and scenarios',
     )
     parser.add_argument('--methods', nargs='*', default=METHODS, choices=METHODS)
     parser.add_argument('--jobs', type=int, default=min(2, os.cpu_count() or 1))
