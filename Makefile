@@ -51,6 +51,7 @@ lint: $(READY)
 bench: $(READY)
 	$(BIN)/python bench/reading.py
 	$(BIN)/python bench/accuracy.py
+	$(BIN)/python bench/worlds.py
 	$(BIN)/python bench/practice.py
 	$(BIN)/python bench/identification.py
 	$(BIN)/python bench/stream.py

@@ -1,0 +1,99 @@
+"""
+Sensors that are real: a load cell, an inertial sensor in a climate chamber, the paper's tables.
+
+Load cell: hmd83, TANEN project, CC BY 4.0. Inertial sensor: Copyright (c) 2024 tofupilot, MIT.
+"""
+
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scenarios import LOAD_CELL, load_cell
+from worlds_drawn import World
+
+from wrist_ft_comp import WristFtCompError
+from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
+from wrist_ft_comp.core.chamber_fit import (
+    chamber_figures,
+    ChamberFigures,
+    compensate_table,
+    leave_one_temperature_out,
+    table_recording,
+)
+from wrist_ft_comp.core.identification import IdentificationSettings
+from wrist_ft_comp.core.recording import AXES, Recording, Samples
+from wrist_ft_comp.core.sampling import grid_samples
+from wrist_ft_comp.files.chamber_table import read_chamber_table
+
+IMU = LOAD_CELL.parents[1] / 'imu_chamber' / 'imu_chamber.csv'
+TABLES = Path(__file__).parents[1] / 'data' / 'keller_pa10'
+CREDITS = {
+    'load cell': 'load cell: hmd83, TANEN project, CC BY 4.0',
+    'six axes': 'six axes: inertial sensor, Copyright (c) 2024 tofupilot, MIT',
+}
+#: The default for chamber tables in 0.1.0, and everybody else's default.
+CHAMBER_METHODS = {
+    'pls on hats': IdentificationSettings(method='pls', features='hats'),
+    'auto': IdentificationSettings(),
+}
+#: Learnt on rows from 1 up to one of these, judged on the rest.
+SPLITS = (6180, 4800, 5400, 6600, 7200)
+_COLUMNS = (*(f'imu.acc.{axis}' for axis in 'xyz'), *(f'imu.gyro.{axis}' for axis in 'xyz'))
+
+
+def chamber_part(rows: NDArray[np.void]) -> Recording:
+    """Put some rows of the inertial sensor onto cells of 1 s; acceleration is read as force."""
+    stamps_ns = (rows['timestamp'] * 1000).astype(np.int64)
+    wrench = np.stack([rows[name] for name in _COLUMNS], axis=1)
+    return grid_samples(
+        [
+            Samples(('temperature_c',), stamps_ns, rows['imu.temperature'][:, np.newaxis]),
+            Samples(AXES, stamps_ns, wrench),
+        ],
+        name='six axes',
+        period_s=1.0,
+    )
+
+
+def with_zero_reference(each: Recording) -> Recording:
+    """Say that the true load did not change."""
+    return replace(each, reference=np.where(np.isfinite(each.wrench), 0.0, np.nan))
+
+
+def six_axes(split: int) -> World | None:
+    """Learn on the rows before the split, judge on the rest; None where the file is not."""
+    if not IMU.exists():
+        return None
+    rows = np.genfromtxt(IMU, delimiter=',', names=True, deletechars='')
+    learn, judge = (
+        with_zero_reference(chamber_part(part)) for part in (rows[1:split], rows[split:])
+    )
+    return World([learn], judge, np.zeros_like(judge.wrench), 'constant')
+
+
+def load_cell_world() -> World | None:
+    """Learn on the first 20 h, judge on the rest; None where the file is not."""
+    both = load_cell()
+    if both is None:
+        return None
+    return World([both[0]], both[1], np.zeros_like(both[1].wrench), 'constant')
+
+
+def chamber_rows() -> dict[str, ChamberFigures | None]:
+    """Figures of the paper's tables: raw, fitted, every temperature left out; None if refused."""
+    result: dict[str, ChamberFigures | None] = {}
+    for sensor, name in (('A', 'table1_sensor_a_raw.csv'), ('B', 'table2_sensor_b_raw.csv')):
+        table = read_chamber_table(TABLES / name)
+        result[f'{sensor}, raw'] = chamber_figures(table)
+        for title, identification in CHAMBER_METHODS.items():
+            settings = CalibrationSettings(reference='recorded', identification=identification)
+            fitted, left_out = None, leave_one_temperature_out(table, settings, 1.0)
+            with suppress(WristFtCompError):
+                model = calibrate([table_recording(table, 1.0)], settings).model
+                fitted = compensate_table(table, model)
+            for what, each in (('in sample', fitted), ('left out', left_out)):
+                figures = None if each is None else chamber_figures(each)
+                result[f'{sensor}, {title}, {what}'] = figures
+    return result

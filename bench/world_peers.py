@@ -1,0 +1,270 @@
+"""What a careful engineer would fit to means of ten seconds: from days to a predictor."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from itertools import pairwise, product
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.signal import lfilter
+from sklearn.cross_decomposition import PLSRegression
+
+from wrist_ft_comp.core.recording import FloatArray, IntArray, Recording
+
+BLOCK_S, TARE_S = 10.0, 60.0
+BANKS_S = ((0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), (0.0, 20.0, 60.0), (0.0, 100.0, 600.0))
+STRENGTHS = 10.0 ** np.arange(-8.0, 0.5, 0.5)
+SHARPNESS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Day:
+    """Means of ten seconds: temperature (M, J) in °C, drift and load (M, 6), every period_s."""
+
+    temperature_c: FloatArray
+    drift: FloatArray
+    load: FloatArray
+    period_s: float
+
+
+#: Predicts the drift of a day's six axes, shape (M, 6), from other days.
+Peer = Callable[[Sequence[Day], Day], FloatArray]
+#: Columns (M, p) that describe a day, and the degree of each.
+Features = Callable[[Day], tuple[FloatArray, IntArray]]
+
+
+def block_means(values: FloatArray, cells: int) -> FloatArray:
+    """Means of so many rows, leaving the last incomplete ones out."""
+    whole = values[: len(values) // cells * cells]
+    return np.asarray(whole.reshape(-1, cells, values.shape[1]).mean(axis=1))
+
+
+def day_of(each: Recording) -> Day:
+    """Average a recording."""
+    cells = max(1, round(BLOCK_S / each.period_s))
+    temperature_c, drift, load = (
+        block_means(part, cells)
+        for part in (each.temperature_c, each.wrench - each.reference, each.reference)
+    )
+    return Day(temperature_c, drift, load, cells * each.period_s)
+
+
+def tared(error: FloatArray, period_s: float) -> FloatArray:
+    """Zero every column on its first minute; a NaN there counts for nothing."""
+    first = error[: max(1, round(TARE_S / period_s))]
+    there = np.isfinite(first)
+    mean = np.where(there, first, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
+    return np.asarray(error - mean)
+
+
+def root_mean_square(values: FloatArray) -> FloatArray:
+    """Root of the mean square of every column without its NaN; NaN where nothing is left."""
+    there = np.isfinite(values)
+    squares = np.where(there, values, 0.0) ** 2
+    with np.errstate(invalid='ignore'):
+        return np.asarray(np.sqrt(squares.sum(axis=0) / there.sum(axis=0)))
+
+
+def polynomial(degree: int, day: Day) -> tuple[FloatArray, IntArray]:
+    """Powers of the first thermometer's temperature."""
+    return bank(degree, (0.0,), day, thermometers=1)
+
+
+def bank(
+    degree: int, taus_s: Sequence[float], day: Day, thermometers: int | None = None
+) -> tuple[FloatArray, IntArray]:
+    """Powers of all temperatures, each behind relaxations that start from rest."""
+    theta = (day.temperature_c[:, :thermometers] - 25.0) / 10.0
+    powers = np.concatenate([theta**power for power in range(1, degree + 1)], axis=1)
+    columns = []
+    for tau_s in taus_s:
+        pole = np.exp(-day.period_s / tau_s) if tau_s else 0.0
+        columns.append(lfilter([1 - pole], [1, -pole], powers, axis=0, zi=pole * powers[:1])[0])
+    degrees = np.repeat(np.arange(1, degree + 1), theta.shape[1])
+    return np.concatenate(columns, axis=1), np.tile(degrees, len(taus_s))
+
+
+def lags(day: Day) -> tuple[FloatArray, IntArray]:
+    """Temperatures of the last 40 minutes, in steps of two."""
+    steps = np.arange(20) * round(120 / day.period_s)
+    rows = np.maximum(np.arange(len(day.temperature_c))[:, None] - steps, 0)
+    columns = np.concatenate([column[rows] for column in day.temperature_c.T], axis=1)
+    return columns, np.ones(columns.shape[1], dtype=int)
+
+
+@lru_cache(maxsize=64)
+def described(features: Features, day: Day) -> tuple[FloatArray, IntArray]:
+    """Describe a day once for its six axes."""
+    return features(day)
+
+
+def design(features: Features, day: Day, axis: int) -> tuple[FloatArray, IntArray]:
+    """Columns for zero drift and, where there are loads, for gain drift (degree 0)."""
+    columns, degrees = described(features, day)
+    load = day.load[:, axis]
+    if not np.nanstd(load) > 0:
+        return columns, degrees
+    first = columns[:, degrees == 1]
+    times = load[:, None] * np.concatenate((np.ones((len(load), 1)), first), axis=1)
+    return np.concatenate((columns, times), axis=1), np.concatenate(
+        (degrees, np.zeros(times.shape[1], dtype=int))
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """Normal equations of one part of the days, centred, and the part itself."""
+
+    normal: FloatArray
+    right: FloatArray
+    columns: FloatArray
+    drift: FloatArray
+    period_s: float
+
+
+def fold(features: Features, day: Day, axis: int) -> Fold:
+    """Centre a day and form its normal equations."""
+    columns, _ = design(features, day, axis)
+    there = np.isfinite(day.drift[:, axis])
+    columns, drift = columns[there], day.drift[there, axis]
+    x, y = columns - columns.mean(axis=0), drift - drift.mean()
+    return Fold(x.T @ x, x.T @ y, columns, drift, day.period_s)
+
+
+def parts(days: Sequence[Day]) -> list[Day]:
+    """Leave days out, or thirds of a single one."""
+    if len(days) > 1:
+        return list(days)
+    (day,) = days
+    edges = np.linspace(0, len(day.drift), 4).astype(int)
+    return [
+        Day(day.temperature_c[a:b], day.drift[a:b], day.load[a:b], day.period_s)
+        for a, b in pairwise(edges)
+    ]
+
+
+def solved(folds: Sequence[Fold], strength: float) -> FloatArray:
+    """Solve ridge, its strength relative to the diagonal of the normal matrix."""
+    normal = np.sum([each.normal for each in folds], axis=0)
+    right = np.sum([each.right for each in folds], axis=0)
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal / np.outer(size, size) + strength * np.eye(len(size))
+    return np.asarray(np.linalg.solve(scaled, right / size) / size)
+
+
+def held_out(folds: Sequence[Fold], strength: float) -> float:
+    """Tared error of parts that were left out, relative to what no model leaves."""
+    after, before = [], []
+    for each in folds:
+        gains = solved([other for other in folds if other is not each], strength)
+        error = tared((each.drift - each.columns @ gains)[:, None], each.period_s)
+        after.append(error)
+        before.append(tared(each.drift[:, None], each.period_s))
+    return float(np.std(np.concatenate(after)) / np.std(np.concatenate(before)))
+
+
+def axes_of(days: Sequence[Day]) -> list[int]:
+    """List the numbers of the axes that were recorded."""
+    return [axis for axis in range(6) if np.isfinite(days[0].drift[:, axis]).any()]
+
+
+def nothing(_: Sequence[Day], judged: Day) -> FloatArray:
+    """Re-zero at the start, which everybody does."""
+    return np.zeros_like(judged.drift)
+
+
+def plain(features: Features, days: Sequence[Day], judged: Day) -> FloatArray:
+    """Fit by least squares."""
+    return averaged([(features, 1e-12)], days, judged)
+
+
+def chosen_ridge(candidates: Sequence[Features], days: Sequence[Day], judged: Day) -> FloatArray:
+    """Choose features and strength by leaving recordings out."""
+    return averaged(list(product(candidates, STRENGTHS)), days, judged, best_only=True)
+
+
+def averaged(
+    candidates: Sequence[tuple[Features, float]],
+    days: Sequence[Day],
+    judged: Day,
+    *,
+    best_only: bool = False,
+) -> FloatArray:
+    """Average ridge fits with weights (held-out error)^-8, or take the best of them."""
+    result = np.zeros_like(judged.drift)
+    sources = list(dict.fromkeys(features for features, _ in candidates))
+    pieces_of_days = parts(days)
+    for axis in axes_of(days):
+        pieces = {each: [fold(each, part, axis) for part in pieces_of_days] for each in sources}
+        whole = {each: [fold(each, day, axis) for day in days] for each in sources}
+        errors = np.array([held_out(pieces[each], s) for each, s in candidates])
+        weights = (errors / errors.min()) ** -SHARPNESS
+        if best_only:
+            weights = np.eye(len(errors))[int(np.argmin(errors))]
+        for weight, (each, strength) in zip(weights / weights.sum(), candidates, strict=True):
+            if weight > 0:
+                columns, _ = design(each, judged, axis)
+                result[:, axis] += weight * columns @ solved(whole[each], strength)
+    return result
+
+
+def most_likely(features: Features, days: Sequence[Day], judged: Day) -> FloatArray:
+    """Give every degree a prior variance, by marginal likelihood with white residuals."""
+    result = np.zeros_like(judged.drift)
+    for axis in axes_of(days):
+        columns, degrees = design(features, judged, axis)
+        result[:, axis] = columns @ likely([fold(features, day, axis) for day in days], degrees)
+    return result
+
+
+def likely(folds: Sequence[Fold], degrees: IntArray) -> FloatArray:
+    """Find the gains of the most likely prior variances, one per degree, shape (p,)."""
+    rows = sum(len(each.drift) - 1 for each in folds)
+    total = sum(float(np.sum((each.drift - each.drift.mean()) ** 2)) for each in folds)
+    normal = np.sum([each.normal for each in folds], axis=0)
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300) / rows)
+    right = np.sum([each.right for each in folds], axis=0) / size
+    kinds, which = np.unique(degrees, return_inverse=True)
+
+    def inner(logs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        root = np.exp(logs[which] / 2)  # prior deviation over noise
+        return root, np.eye(len(root)) + normal * np.outer(root / size, root / size)
+
+    def surprise(logs: FloatArray) -> float:
+        root, matrix = inner(logs)
+        explained = float(root * right @ np.linalg.solve(matrix, root * right))
+        misfit = max(total - explained, 1e-12 * total)
+        return rows * float(np.log(misfit)) + float(np.linalg.slogdet(matrix)[1])
+
+    start: FloatArray = np.zeros(len(kinds))
+    root, matrix = inner(minimize(surprise, start, bounds=[(-25, 25)] * len(start)).x)
+    return np.asarray(root * np.linalg.solve(matrix, root * right) / size)
+
+
+def lagged_pls(days: Sequence[Day], judged: Day) -> FloatArray:
+    """Fit scikit-learn's PLS with six components."""
+    result = np.zeros_like(judged.drift)
+    for axis in axes_of(days):
+        folds = [fold(lags, day, axis) for day in days]
+        x = np.concatenate([each.columns - each.columns.mean(axis=0) for each in folds])
+        y = np.concatenate([each.drift - each.drift.mean() for each in folds])
+        estimator = PLSRegression(n_components=6).fit(x, y)
+        result[:, axis] = np.ravel(estimator.predict(design(lags, judged, axis)[0]))
+    return result
+
+
+POLYNOMIALS = tuple(partial(polynomial, degree) for degree in (1, 2, 3))
+BANKS = [partial(bank, degree, taus_s) for taus_s in BANKS_S for degree in (1, 2, 3)]
+MEMBERS = [*product(BANKS, (1e-2, 1e-4, 1e-6)), *product(POLYNOMIALS, (1e-9,))]
+
+PEERS: dict[str, Peer] = {
+    'nothing': nothing,
+    'line': partial(plain, POLYNOMIALS[0]),
+    'square': partial(plain, POLYNOMIALS[1]),
+    'cubic': partial(plain, POLYNOMIALS[2]),
+    'PLS on lags': lagged_pls,
+    'ridge bank': partial(chosen_ridge, BANKS[:2]),
+    'likely bank': partial(most_likely, BANKS[1]),
+    'mean of 30': partial(averaged, MEMBERS),
+}

@@ -1,0 +1,232 @@
+"""
+Worlds to learn from and to be judged on, drawn by seed.
+
+``family(name, seed)`` gives a ``World``: ``learn`` (a list of Recording), ``judge`` (a Recording),
+``truth``, the drift of the judged day without its noise, shape (N, 6), axis order AXES, and
+``reference``, what to tell the calibration. Recordings have thermal cells of 1 s, the raw wrench
+and its reference; the drift is raw minus reference. ``FAMILIES`` names the families.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from thermal_networks import (
+    between,
+    Body,
+    COOLANT,
+    draw_day,
+    draw_others,
+    draw_sources,
+    lag,
+    network,
+    NIGHT_STEP_S,
+    rod,
+)
+
+from wrist_ft_comp.core.problem import Reference
+from wrist_ft_comp.core.recording import AXES, FloatArray, IntArray, NANOSECONDS, Recording
+
+#: °C at which the sensor was calibrated at its factory, and newtons (or N m) of drift per kelvin.
+FACTORY_C = 22.0
+UNITS = np.array([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
+LOADS = np.array([20.0, 20.0, 20.0, 1.0, 1.0, 1.0])
+QUANTA_K = (0.01, 0.03125, 0.0625, 0.1)
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """Recordings to learn from, one to be judged on, and its drift (N, 6) without noise."""
+
+    learn: list[Recording]
+    judge: Recording
+    truth: FloatArray
+    reference: Reference = 'recorded'
+
+
+@dataclass(frozen=True)
+class Family:
+    """What the worlds of a family have in common; without thermometers: one or two of them."""
+
+    title: str
+    thermometers: int
+    days: int
+    hours: float = 2.5
+    loaded: bool = False
+    body: str = 'network'
+
+
+FAMILIES: dict[str, Family] = {
+    'two_four': Family('two thermometers, four loaded days', 2, 4, loaded=True),
+    'one_three': Family('one thermometer, three days', 1, 3),
+    'long_day': Family('a single long day', 0, 1, hours=8.0),
+    'two_days': Family('two days', 0, 2),
+    'single_lag': Family('a single lag', 1, 3, body='lag'),
+    'nothing': Family('nothing to learn', 0, 3, body='nothing'),
+    'rod_two': Family('rod, two thermometers, four loaded days', 2, 4, loaded=True, body='rod'),
+    'rod_one': Family('rod, one thermometer, three days', 1, 3, body='rod'),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Gauges:
+    """
+    How six axes see n nodes.
+
+    Attributes
+    ----------
+    linear, square, gain : ndarray, shape (n, 6)
+        Zero drift per K and per K², gain drift per K.
+    creep, noise : ndarray, shape (6,)
+        Largest zero drift of a day without any temperature, and noise of a cell.
+
+    """
+
+    linear: FloatArray
+    square: FloatArray
+    gain: FloatArray
+    creep: FloatArray
+    noise: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Thermometers:
+    """Where they are, and their lag, noise and quantum."""
+
+    nodes: IntArray
+    lag_s: FloatArray
+    noise_k: FloatArray
+    quantum_k: float
+
+
+def draw_gauges(rng: np.random.Generator, body: Body, kind: str) -> Gauges:
+    """Mix temperatures, differences between neighbours and squares, axis by axis."""
+    axes, nodes = len(AXES), body.nodes
+    if kind == 'rod':
+        first = int(rng.integers(8, 20))
+        flexure: IntArray = np.arange(first, first + 12)
+        pairs = np.stack((flexure[:6], flexure[6:]), axis=1)
+    else:
+        pairs = body.edges
+        flexure = rng.choice(nodes, min(nodes, int(rng.integers(1, 4))), replace=False)
+    linear = np.zeros((nodes, axes))
+    linear[flexure] = rng.dirichlet(np.ones(len(flexure)), axes).T * rng.choice([-1, 1], axes)
+    for _ in range(2):
+        ends = pairs[rng.integers(len(pairs), size=axes)]
+        weight = rng.normal(0, 0.5, axes)
+        linear[ends[:, 0], np.arange(axes)] += weight
+        linear[ends[:, 1], np.arange(axes)] -= weight
+    square = np.zeros_like(linear)
+    square[rng.choice(flexure, axes), np.arange(axes)] = rng.normal(0, 0.01, axes)
+    gain = np.zeros_like(linear)
+    gain[rng.choice(flexure, axes), np.arange(axes)] = rng.normal(0, 4e-4, axes)
+    size = UNITS * np.exp(rng.uniform(np.log(0.3), np.log(3.0), axes))
+    drifts = (rng.random(axes) > 0.02) & (kind != 'nothing')
+    creep = size * np.where(rng.random(axes) < 0.1, np.exp(rng.uniform(-4, -1, axes)), 0.0)
+    noise = size * np.exp(rng.uniform(np.log(0.01), np.log(0.1), axes))
+    return Gauges(size * drifts * linear, size * drifts * square, gain * drifts, creep, noise)
+
+
+def draw_thermometers(rng: np.random.Generator, body: Body, count: int, kind: str) -> Thermometers:
+    """Put thermometers at random nodes; of a rod, one near each end."""
+    if kind == 'rod':
+        nodes = np.array([rng.integers(20, 38), rng.integers(2, 10)])[:count]
+    else:
+        nodes = rng.choice(body.nodes, count, replace=False)
+    slowest_s = 2.0 if kind == 'lag' else 60.0
+    return Thermometers(
+        nodes,
+        np.exp(rng.uniform(0, np.log(slowest_s), count)),
+        np.exp(rng.uniform(np.log(0.005), np.log(0.05), count)),
+        float(rng.choice(QUANTA_K)),
+    )
+
+
+def read(
+    rng: np.random.Generator, thermometers: Thermometers, night: FloatArray, day: FloatArray
+) -> FloatArray:
+    """Read the thermometers, shape (N, J)."""
+    columns = []
+    for node, tau_s, noise_k in zip(
+        thermometers.nodes, thermometers.lag_s, thermometers.noise_k, strict=True
+    ):
+        seen = lag(day[:, [node]], tau_s, night[-1, [node]])[:, 0]
+        noisy = seen + rng.normal(0, noise_k, len(seen))
+        columns.append(thermometers.quantum_k * np.round(noisy / thermometers.quantum_k))
+    return np.stack(columns, axis=1)
+
+
+def record(
+    rng: np.random.Generator, gauges: Gauges, temperature_c: FloatArray, day: FloatArray, load: int
+) -> tuple[Recording, FloatArray]:
+    """Read a day's wrench under loads that change every 5 s, and its drift without noise."""
+    cells, axes = len(day), len(AXES)
+    held = rng.normal(0, LOADS, (cells // 5 + 1, axes)) + rng.normal(0, LOADS / 2, axes)
+    true = load * np.repeat(held, 5, axis=0)[:cells]
+    theta = day - FACTORY_C
+    hours = np.arange(cells)[:, None] / 3600
+    crept = gauges.creep * rng.uniform(-1, 1, axes) * np.log1p(hours)
+    drift = theta @ gauges.linear + theta**2 @ gauges.square + crept + theta @ gauges.gain * true
+    offset = rng.normal(0, LOADS)
+    raw = true + drift + offset + rng.normal(0, gauges.noise, (cells, axes))
+    measured = np.ones(temperature_c.shape, dtype=bool)
+    return Recording('day', NANOSECONDS, 0, temperature_c, measured, raw, true), drift
+
+
+def shift_of(rng: np.random.Generator, learnt: FloatArray, judged: FloatArray) -> float:
+    """Often move a day up to a third of the calibrated span beyond all learnt days, K."""
+    beyond = float(rng.uniform(0, 1 / 3)) * float(np.ptp(learnt))
+    side = rng.random()
+    if side < 0.35:
+        return float(learnt.max() - judged.max()) + beyond
+    return float(learnt.min() - judged.min()) - beyond if side < 0.6 else 0.0
+
+
+def family(name: str, seed: int) -> World:
+    """
+    Draw a world of a family.
+
+    Parameters
+    ----------
+    name : str
+        One of FAMILIES.
+    seed : int
+        Any; the same one gives the same world.
+
+    Returns
+    -------
+    World
+        Days to learn from, a day to be judged on, and its drift without noise.
+
+    """
+    kind = FAMILIES[name]
+    rng = np.random.default_rng([seed, list(FAMILIES).index(name)])
+    others = draw_others(rng)
+    if kind.body in {'rod', 'lag'}:  # a rod's other end; a lag is not seen to begin at rest
+        others[COOLANT] = kind.body == 'rod'
+    body = rod(rng, others) if kind.body == 'rod' else network(rng, others)
+    sources = draw_sources(rng, others)
+    thermometers = draw_thermometers(
+        rng, body, kind.thermometers or int(rng.integers(1, 3)), kind.body
+    )
+    gauges = draw_gauges(rng, body, kind.body)
+    tau_s = between(rng, 60.0, 2400.0)
+    days: list[tuple[FloatArray, FloatArray]] = []
+    for number in range(kind.days + 1):
+        seconds = int(3600 * (kind.hours if number < kind.days else 2.5))
+        night, day = draw_day(rng, body, sources, seconds)
+        if number == kind.days:
+            node = thermometers.nodes[0]
+            learnt = np.concatenate([earlier[:, node] for _, earlier in days])
+            shift = shift_of(rng, learnt, day[:, node])
+            night, day = night + shift, day + shift
+        days.append((night, day))
+    recorded = []
+    for night, day in days:
+        readings = read(rng, thermometers, night, day)
+        felt = day
+        if kind.body == 'lag':
+            seen = np.repeat(night[:, thermometers.nodes], body.nodes, axis=1)
+            slept = lag(seen, tau_s, seen[0], NIGHT_STEP_S)[-1]
+            felt = lag(np.repeat(day[:, thermometers.nodes], body.nodes, axis=1), tau_s, slept)
+        recorded.append(record(rng, gauges, readings, felt, int(kind.loaded)))
+    return World([each for each, _ in recorded[:-1]], *recorded[-1])
