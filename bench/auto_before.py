@@ -10,12 +10,11 @@ from pathlib import Path
 import sys
 
 import numpy as np
-
-import wrist_ft_comp
-from wrist_ft_comp import WristFtCompError
 from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
 from wrist_ft_comp.core.evaluation import simulate_drift
-from wrist_ft_comp.core.recording import AXES, FloatArray, Recording
+from wrist_ft_comp.core.recording import AXES, Recording
+
+import wrist_ft_comp
 
 
 def main() -> None:
@@ -36,10 +35,10 @@ def main() -> None:
             )
             for number in range(int(file['count']))
         ]
-        settings = CalibrationSettings(reference=str(file['kind']))  # type: ignore[arg-type]
+        settings = CalibrationSettings(reference=str(file['kind']))
     *learn, judge = recordings
-    drift: FloatArray = np.zeros_like(judge.wrench)
-    claim: FloatArray = np.full(len(AXES), np.nan)
+    drift: np.ndarray = np.zeros_like(judge.wrench)
+    claim: np.ndarray = np.full(len(AXES), np.nan)
     try:
         calibration = calibrate(learn, settings)
         parts = simulate_drift(calibration.model, judge)
@@ -49,7 +48,7 @@ def main() -> None:
         claim = np.array(
             [calibration.fits[a].rms_after if a in calibration.fits else np.nan for a in AXES]
         )
-    except WristFtCompError as error:
+    except wrist_ft_comp.WristFtCompError as error:
         print(error)
     np.savez(answer, drift=drift, claim=claim)
 

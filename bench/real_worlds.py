@@ -6,6 +6,7 @@ Load cell: hmd83, TANEN project, CC BY 4.0. Inertial sensor: Copyright (c) 2024 
 
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,19 +14,20 @@ from numpy.typing import NDArray
 from scenarios import LOAD_CELL, load_cell
 from worlds_drawn import World
 
-from wrist_ft_comp import WristFtCompError
-from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
-from wrist_ft_comp.core.chamber_fit import (
+from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.chamber import (
     chamber_figures,
     ChamberFigures,
     compensate_table,
     leave_one_temperature_out,
     table_recording,
 )
-from wrist_ft_comp.core.identification import IdentificationSettings
-from wrist_ft_comp.core.recording import AXES, Recording, Samples
-from wrist_ft_comp.core.sampling import grid_samples
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.files.chamber_table import read_chamber_table
+from wrist_ft_comp.model.batch_grid import grid_samples
+from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.model.signals import AXES, Recording, Samples
 
 IMU = LOAD_CELL.parents[1] / 'imu_chamber' / 'imu_chamber.csv'
 TABLES = Path(__file__).parents[1] / 'data' / 'keller_pa10'
@@ -81,6 +83,11 @@ def load_cell_world() -> World | None:
     return World([both[0]], both[1], np.zeros_like(both[1].wrench), 'constant')
 
 
+def learnt_from_one(settings: CalibrationSettings, recording: Recording) -> DriftModel:
+    """Calibrate from one recording."""
+    return calibrate([recording], settings).model
+
+
 def chamber_rows() -> dict[str, ChamberFigures | None]:
     """Figures of the paper's tables: raw, fitted, every temperature left out; None if refused."""
     result: dict[str, ChamberFigures | None] = {}
@@ -89,9 +96,12 @@ def chamber_rows() -> dict[str, ChamberFigures | None]:
         result[f'{sensor}, raw'] = chamber_figures(table)
         for title, identification in CHAMBER_METHODS.items():
             settings = CalibrationSettings(reference='recorded', identification=identification)
-            fitted, left_out = None, leave_one_temperature_out(table, settings, 1.0)
+            fitted, left_out = (
+                None,
+                leave_one_temperature_out(table, partial(learnt_from_one, settings), 1.0),
+            )
             with suppress(WristFtCompError):
-                model = calibrate([table_recording(table, 1.0)], settings).model
+                model = learnt_from_one(settings, table_recording(table, 1.0))
                 fitted = compensate_table(table, model)
             for what, each in (('in sample', fitted), ('left out', left_out)):
                 figures = None if each is None else chamber_figures(each)

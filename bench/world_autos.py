@@ -2,24 +2,20 @@
 
 from dataclasses import dataclass
 import hashlib
-import io
 import os
-from pathlib import Path
 import subprocess
 import sys
-import tarfile
 
+from baseline import baseline, ROOT
 import numpy as np
 from worlds_drawn import World
 
-from wrist_ft_comp import WristFtCompError
-from wrist_ft_comp.core.calibration import calibrate, CalibrationSettings
-from wrist_ft_comp.core.evaluation import simulate_drift
-from wrist_ft_comp.core.recording import AXES, FloatArray
+from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.settings import CalibrationSettings
+from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.model.offline import simulate_drift
+from wrist_ft_comp.model.signals import AXES, FloatArray
 
-ROOT = Path(__file__).resolve().parents[1]
-BEFORE = '6587219'  # version 0.1.0
-BEFORE_TREE = ROOT / 'build' / f'tree-{BEFORE}'
 #: 0.1.0 answers the same question the same way for ever, so its answers are kept here.
 ANSWERS = ROOT / 'build' / 'worlds'
 
@@ -47,21 +43,6 @@ def auto_here(world: World) -> Answer:
     return Answer(drift, claim)
 
 
-def prepare_before() -> str:
-    """Unpack version 0.1.0 from the repository; returns why not, or nothing."""
-    if BEFORE_TREE.exists():
-        return ''
-    command = ['git', 'archive', BEFORE, 'wrist_ft_comp']
-    packed = subprocess.run(command, cwd=ROOT, capture_output=True, check=False)
-    if packed.returncode:
-        return packed.stderr.decode().strip()
-    with tarfile.open(fileobj=io.BytesIO(packed.stdout)) as archive:
-        part = BEFORE_TREE.with_suffix('.part')
-        archive.extractall(part, filter='data')
-        part.replace(BEFORE_TREE)
-    return ''
-
-
 def auto_before(world: World) -> Answer:
     """Ask version 0.1.0 in a process of its own."""
     recordings = [*world.learn, world.judge]
@@ -85,7 +66,7 @@ def auto_before(world: World) -> Answer:
             **arrays,  # type: ignore[arg-type] # none of them is called allow_pickle
         )
         script = str(ROOT / 'bench' / 'auto_before.py')
-        environment = {**os.environ, 'PYTHONPATH': str(BEFORE_TREE)}
+        environment = {**os.environ, 'PYTHONPATH': str(baseline())}
         subprocess.run(
             [sys.executable, script, str(question), str(part)],
             env=environment,

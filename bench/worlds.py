@@ -19,20 +19,21 @@ import time
 os.environ.setdefault('OMP_NUM_THREADS', '1')
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
+from baseline import baseline, ROOT
 import numpy as np
 from real_worlds import chamber_rows, CREDITS, load_cell_world, six_axes, SPLITS
 from scenarios import SCENARIOS
-from world_autos import Answer, auto_before, auto_here, BEFORE, prepare_before, ROOT
+from world_autos import Answer, auto_before, auto_here
 from world_peers import block_means, day_of, Peer, PEERS, root_mean_square, tared
 from world_tables import draw, pooled, print_family, Result
 from worlds_drawn import FAMILIES, family, World
 
-from wrist_ft_comp.core.recording import FloatArray
+from wrist_ft_comp.model.signals import FloatArray
 
 __all__ = ['FAMILIES', 'World', 'family']
 
 #: What decides how drift is learnt, now and after it has moved: its last commit draws the worlds.
-LEARNING = ('core', 'identification', 'calibration', 'model')
+LEARNING = ('identification', 'calibration')
 DEVELOPMENT_SEED = 1000
 AUTO, BEFORE_AUTO, TRUTH = 'auto', 'auto of 0.1.0', 'the truth'
 METHODS = (*PEERS, BEFORE_AUTO, AUTO, TRUTH)
@@ -176,19 +177,19 @@ def main() -> None:
     """Judge all methods in all worlds."""
     options = arguments()
     first = DEVELOPMENT_SEED if options.dev else report_seed()
-    missing = prepare_before() if BEFORE_AUTO in options.methods else ''
-    if missing:
-        print(f'auto of 0.1.0 skipped: commit {BEFORE} cannot be unpacked: {missing}')
-    methods = tuple(each for each in options.methods if not (missing and each == BEFORE_AUTO))
+    if BEFORE_AUTO in options.methods:
+        baseline()  # once, before several processes want it
     results: dict[str, dict[str, Result]] = {}
     with ProcessPoolExecutor(options.jobs) as pool:
         for name in options.families:
             title = FAMILIES[name].title if name in FAMILIES else f'scenario: {name}'
-            tasks = [(name, first + number, methods) for number in range(options.worlds)]
+            tasks = [
+                (name, first + number, tuple(options.methods)) for number in range(options.worlds)
+            ]
             rows = list(pool.map(judge, tasks))
             results[title] = {
                 method: Result(*(np.array([row[i][part] for row in rows]) for part in range(3)))
-                for i, method in enumerate(methods)
+                for i, method in enumerate(options.methods)
             }
             peer = BEST_PEER.get(name, OVERALL_PEER)
             print_family(f'{title} [{name}]', results[title], peer, (BEFORE_AUTO, AUTO))
@@ -197,7 +198,7 @@ def main() -> None:
         together = pooled([results[title] for title in ours])
         print_family('all families', together, OVERALL_PEER, (BEFORE_AUTO, AUTO))
     if not options.no_real:
-        print_real([each for each in methods if each != TRUTH])
+        print_real([each for each in options.methods if each != TRUTH])
         print_chamber()
     if options.picture:
         draw(results, options.picture)

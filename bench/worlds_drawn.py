@@ -23,8 +23,14 @@ from thermal_networks import (
     rod,
 )
 
-from wrist_ft_comp.core.problem import Reference
-from wrist_ft_comp.core.recording import AXES, FloatArray, IntArray, NANOSECONDS, Recording
+from wrist_ft_comp.model.signals import (
+    AXES,
+    FloatArray,
+    IntArray,
+    NANOSECONDS,
+    Recording,
+    Reference,
+)
 
 #: °C at which the sensor was calibrated at its factory, and newtons (or N m) of drift per kelvin.
 FACTORY_C = 22.0
