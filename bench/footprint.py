@@ -2,7 +2,7 @@
 What an idle node takes, beside a plain typed relay and version 0.1.0.
 
 ``python bench/footprint.py [--repeats N]``. By turns, each as a process of its own: the relay
-that a user would write, the compensator with a model, and that of 0.1.0 with the same model. Ten
+that a user would write, the compensator without and with a model, and that of 0.1.0 with it. Ten
 wrenches a second are sent, and a temperature with each. Measured are the processor time until the
 first wrench has passed, and the resident memory a while later. Medians go to standard output,
 everything to ``out/footprint.json``. Exit code 1 above the limit.
@@ -112,10 +112,10 @@ def measure(sensor: Sensor, words: list[str], path: Path) -> dict[str, float]:
     }
 
 
-def compensator(model: Path, data: Path) -> list[str]:
-    """Command of a compensator with a folder of its own."""
-    given = ('-p', f'model_file:={model}', '-p', f'data_directory:={data}')
-    return ['-m', 'wrist_ft_comp.ros.compensator_node', '--ros-args', *given]
+def compensator(data: Path, *model: str) -> list[str]:
+    """Command of a compensator, as setup.py installs it, with a new folder of its own."""
+    start = 'from wrist_ft_comp.ros.executables import compensator; compensator()'
+    return ['-c', start, '--ros-args', '-p', f'data_directory:={data}', *model]
 
 
 def main() -> int:
@@ -128,15 +128,17 @@ def main() -> int:
     context: Any = Context()
     context.init([])
     sensor = Sensor(context)
-    runs: dict[str, list[dict[str, float]]] = {'relay': [], 'compensator': [], VERSION: []}
+    runs: dict[str, list[dict[str, float]]] = {}
     with tempfile.TemporaryDirectory() as name:
-        model, old = make_model(Path(name)), baseline()
+        folder, model = Path(name), ('-p', f'model_file:={make_model(Path(name))}')
         for number in range(repeats):
-            new = compensator(model, Path(name, f'new_{number}'))
-            before = compensator(model, Path(name, f'old_{number}'))
-            runs['relay'].append(measure(sensor, ['-c', RELAY], ROOT))
-            runs['compensator'].append(measure(sensor, new, ROOT))
-            runs[VERSION].append(measure(sensor, before, old))
+            for who, words, path in (
+                ('relay', ['-c', RELAY], ROOT),
+                ('no model', compensator(folder / f'{number}_none'), ROOT),
+                ('compensator', compensator(folder / f'{number}_new', *model), ROOT),
+                (VERSION, compensator(folder / f'{number}_old', *model), baseline()),
+            ):
+                runs.setdefault(who, []).append(measure(sensor, words, path))
     sensor.close()
     context.try_shutdown()
     figures = {

@@ -13,9 +13,9 @@ from wrist_ft_comp.ros.running import make_executor
 SOURCE = """
 import sys
 from rclpy.node import Node
-from wrist_ft_comp import SettingsError, WristFtCompError
+from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.ros.parameters import Parameter, declare
-from wrist_ft_comp.ros.running import EXECUTOR_PARAMETER, run_node
+from wrist_ft_comp.ros.running import EXECUTOR_PARAMETER, run_nodes
 
 class Example(Node):
     def __init__(self, **kwargs):
@@ -26,7 +26,7 @@ class Example(Node):
     def tick(self):
         LINE
 
-code = run_node(Example, sys.argv)
+code = run_nodes(lambda **options: [Example(**options)], sys.argv)
 print('code', code)
 sys.exit(code)
 """

@@ -12,8 +12,6 @@ import tempfile
 import time
 from typing import Any
 
-import jsonschema
-
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 
 Document = dict[str, Any]
@@ -158,6 +156,8 @@ class Kind:
                 f'{path} is of version {document.get("version")!r}; this package reads version '
                 f'{self.version}. {self.renewed_by}, or install the package that wrote it.'
             )
+        import jsonschema  # noqa: PLC0415 -- a node without model and state starts faster
+
         errors = list(jsonschema.Draft202012Validator(_schema(self.schema)).iter_errors(document))
         if errors:
             first = jsonschema.exceptions.best_match(errors)

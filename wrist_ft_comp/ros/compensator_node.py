@@ -77,6 +77,7 @@ class CompensatorNode(Node):
         model = None if first.stored is None else first.stored.model
         compensator = Compensator(len(topics), _stream_settings(chosen), model)
         self._log = log
+        self._topics: tuple[str, ...] = topics
         self.store = store
         self.compensator = compensator
         self.health = InputHealth(len(topics))
@@ -90,7 +91,16 @@ class CompensatorNode(Node):
         self._silent = chosen['uncalibrated'] == 'silent'
         self._newest: tuple[int, Sequence[float], bytes] | None = None
         self._reported = time.monotonic(), copy(self.health.counts)
-        self._create_topics(topics, log)
+        self._create_publishers()
+        self._raw = self._subscribe(
+            WrenchStamped, 'wrench_raw', self._on_wrench, messages.FAST_SENSOR
+        )
+        self._temperatures = [
+            self._subscribe(
+                Temperature, topic, partial(self._on_temperature, j), messages.SLOW_SENSOR
+            )
+            for j, topic in enumerate(topics)
+        ]
         self._offered = [
             DeferredService(self, Trigger, '~/calibrate', self.calibration.on_request),
             DeferredService(self, Trigger, '~/tare', self.tare.on_request),
@@ -105,33 +115,22 @@ class CompensatorNode(Node):
         self.create_timer(_HOUSEKEEPING_PERIOD_S, self._keep_house, clock=steady)
         self.create_timer(_DIAGNOSTICS_PERIOD_S, self._diagnose, clock=steady)
 
-    def _create_topics(self, temperature_topics: Sequence[str], log: NodeLog) -> None:
-        """Create publishers and subscriptions; QoS may be overridden by parameters."""
-        incompatible = self.health.incompatible
+    def _create_publishers(self) -> None:
+        """Create publishers; QoS of the output may be overridden by parameters."""
         self._output = self.create_publisher(
             WrenchStamped,
             'wrench',
             messages.own(messages.OUTPUT),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-            event_callbacks=messages.subscribers_deaf('wrench', incompatible, log),
+            event_callbacks=messages.subscribers_deaf(
+                'wrench', self.health.incompatible, self._log
+            ),
         )
         self._drift = self.create_publisher(WrenchStamped, '~/drift', messages.OUTPUT)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', messages.OUTPUT)
 
-        def subscribe(kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any) -> Any:
-            unheard = messages.publishers_unheard(topic, incompatible, log)
-            return self._subscribe(kind, topic, callback, qos, event_callbacks=unheard)
-
-        self._raw: Any = subscribe(
-            WrenchStamped, 'wrench_raw', self._on_wrench, messages.FAST_SENSOR
-        )
-        self._temperatures: list[Any] = [
-            subscribe(Temperature, topic, partial(self._on_temperature, j), messages.SLOW_SENSOR)
-            for j, topic in enumerate(temperature_topics)
-        ]
-
     def _subscribe(
-        self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any, **more: Any
+        self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any
     ) -> Any:
         """Subscribe to serialized messages; QoS may be overridden by parameters."""
         return self.create_subscription(
@@ -141,19 +140,16 @@ class CompensatorNode(Node):
             messages.own(qos),
             raw=True,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-            **more,
+            event_callbacks=messages.publishers_unheard(
+                topic, self.health.incompatible, self._log
+            ),
         )
 
-    def _subscribe_reference(self) -> Callable[[], None]:
+    def _subscribe_reference(self) -> Callable[[], object]:
         """Subscribe to the reference wrench; what is returned ends that again."""
-        subscription = self._subscribe(
-            WrenchStamped, 'wrench_reference', self._on_reference, messages.FAST_SENSOR
-        )
-
-        def unsubscribe() -> None:
-            self.destroy_subscription(subscription)
-
-        return unsubscribe
+        topic, qos = 'wrench_reference', messages.FAST_SENSOR
+        reference = self._subscribe(WrenchStamped, topic, self._on_reference, qos)
+        return partial(self.destroy_subscription, reference)
 
     def _on_wrench(self, data: bytes) -> None:
         """Correct one wrench and send it on; the header passes through untouched."""
@@ -317,7 +313,7 @@ class CompensatorNode(Node):
             recording_failure=self.recording.failure,
             last_refusal=self._log.last_refusal,
             wrench_topic=self._raw.topic_name,
-            temperature_topics=self._settings()['temperature_topics'],
+            temperature_topics=self._topics,
             wrench_publishers=self.count_publishers(self._raw.topic_name),
             temperature_publishers=tuple(
                 self.count_publishers(each.topic_name) for each in self._temperatures

@@ -5,6 +5,7 @@ This module imports no rclpy, so that a node asked for where there is no ROS 2 e
 sentence.
 """
 
+import gc
 from importlib import import_module
 import sys
 
@@ -21,6 +22,7 @@ def simulated_sensor() -> int:
 
 def _run(name: str) -> int:
     """Run a node's main function, or say why there can be no node."""
+    gc.disable()  # what start-up makes lives as long as the node (running.py enables it)
     try:
         module = import_module(f'wrist_ft_comp.ros.{name}_node')
     except ModuleNotFoundError as error:

@@ -5,6 +5,7 @@ Defaults are those of the settings classes, where these have them.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 import math
@@ -183,16 +184,11 @@ def descriptor(row: Parameter, read_only: bool | None = None) -> ParameterDescri
     if row.is_array or (low, high) == (-math.inf, math.inf):
         return result
     if row.element_type is float:
-        result.floating_point_range = [
-            FloatingPointRange(from_value=float(low), to_value=float(high))
-        ]
+        range_ = FloatingPointRange(from_value=float(low), to_value=float(high))
+        result.floating_point_range = [range_]
     else:
-        result.integer_range = [
-            IntegerRange(
-                from_value=int(max(low, _SMALLEST_INTEGER)),
-                to_value=int(high) if math.isfinite(high) else _LARGEST_INTEGER,
-            )
-        ]
+        low, high = max(low, _SMALLEST_INTEGER), min(high, _LARGEST_INTEGER)
+        result.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
     return result
 
 
@@ -207,20 +203,18 @@ def _converted_where_possible(
     rows: dict[str, Parameter], given: Sequence[RosParameter]
 ) -> list[RosParameter]:
     """Convert the parameters of a set request; what cannot be converted stays as it is."""
-    return [_converted_or_as_given(rows.get(each.name), each) for each in given]
-
-
-def _converted_or_as_given(row: Parameter | None, given: RosParameter) -> RosParameter:
-    """Convert one parameter of a set request, if the table has it and its value fits."""
-    if row is None or given.value is None:
-        return given
-    try:
-        return ros_parameter(row, converted(row, given.value))
-    except SettingsError:
-        if row.ros_type == _Type.DOUBLE and type(given.value) is int:
+    result = list(given)
+    for place, each in enumerate(given):
+        row = rows.get(each.name)
+        if row is None or each.value is None:
+            continue
+        with suppress(SettingsError):
+            result[place] = ros_parameter(row, converted(row, each.value))
+            continue
+        if row.ros_type == _Type.DOUBLE and type(each.value) is int:
             # So that the refusal speaks of the range, not of a type that would do.
-            return ros_parameter(row, float(given.value))
-        return given
+            result[place] = ros_parameter(row, float(each.value))
+    return result
 
 
 def _validated(rows: dict[str, Parameter], wanted: Sequence[RosParameter]) -> SetParametersResult:

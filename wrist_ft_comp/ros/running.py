@@ -49,11 +49,6 @@ USER_ERRORS = (
 )
 
 
-def run_node(factory: Callable[..., Node], argv: Sequence[str] | None = None) -> int:
-    """Run one node, as run_nodes does; factory is a node class, or called as one."""
-    return run_nodes(lambda **options: [factory(**options)], argv)
-
-
 def run_nodes(factory: NodesFactory, argv: Sequence[str] | None = None) -> int:
     """
     Run nodes on one executor until SIGINT, SIGTERM, or an error of this package.
@@ -147,8 +142,8 @@ def _create_and_spin(factory: NodesFactory, context: Context, stop: threading.Ev
             executor.add_node(node)
         # What start-up made lives as long as the nodes: the garbage collector need not walk it,
         # which takes tens of milliseconds and delays messages.
-        gc.collect()
         gc.freeze()
+        gc.enable()
         spin(executor, context, stop)
 
 
@@ -181,23 +176,8 @@ def node_per_sensor(make: Callable[..., SensorNode], **options: Any) -> list[Sen
     """
     Make a node for each sensor that the parameter ``sensors`` lists, or one when it lists none.
 
-    Parameters
-    ----------
-    make : callable
-        Called as ``make(sensor=NAME, **options)``; the node's ``own_topics`` are its alone.
-    **options
-        As rclpy's Node takes them, such as ``context``.
-
-    Returns
-    -------
-    list of Node
-        In the order of the names.
-
-    Raises
-    ------
-    WristFtCompError
-        When a name is unusable, two sensors share a topic, or a node cannot be made.
-
+    ``make`` is called as a node class that also takes ``sensor=NAME``; a node's ``own_topics`` are
+    its alone. WristFtCompError when a name is unusable or two sensors would share a topic.
     """
     namespace, chosen = _ask(options)
     names: Sequence[str] = chosen['sensors']

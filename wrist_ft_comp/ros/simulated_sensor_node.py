@@ -24,7 +24,7 @@ from sensor_msgs.msg import Temperature
 from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.ros.messages import own, SLOW_SENSOR
 from wrist_ft_comp.ros.parameters import declare, EXECUTOR_PARAMETER, Parameter, values
-from wrist_ft_comp.ros.running import run_node
+from wrist_ft_comp.ros.running import run_nodes
 from wrist_ft_comp.simulation.ft_sensor import (
     build_sensor,
     digitised_temperatures,
@@ -123,7 +123,11 @@ class SimulatedSensor(Node):
         self._subscribers: list[int] = []
         self._subscribed_s = 0.0
         self._make_messages(chosen['frame_id'])
-        self._make_publishers()
+        self._to_raw = self._advertise(WrenchStamped, 'wrench_raw')
+        self._to_reference = self._advertise(WrenchStamped, 'wrench_reference')
+        self._to_temperatures = [
+            self._advertise(Temperature, topic) for topic in ('temperature', 'temperature_2')
+        ]
         if self._waits:
             logger = cast('Any', self).get_logger()
             logger.info('Waiting for subscribers; the run begins when the last of them has come.')
@@ -140,23 +144,14 @@ class SimulatedSensor(Node):
         for message in self._readings:
             message.variance = self._sensor.settings.thermometer_noise_k**2
 
-    def _make_publishers(self) -> None:
-        """Advertise the topics; their QoS can be overridden by parameters."""
-
-        def advertise(message_type: Any, topic: str) -> Any:
-            # Best effort as real drivers publish; deep enough for all messages of one wake-up.
-            return self.create_publisher(
-                message_type,
-                topic,
-                own(SLOW_SENSOR),
-                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-            )
-
-        self._raw_publisher = advertise(WrenchStamped, 'wrench_raw')
-        self._reference_publisher = advertise(WrenchStamped, 'wrench_reference')
-        self._temperature_publishers = [
-            advertise(Temperature, topic) for topic in ('temperature', 'temperature_2')
-        ]
+    def _advertise(self, message_type: Any, topic: str) -> Any:
+        """Make a publisher, best effort as real drivers' and deep enough for one wake-up."""
+        return self.create_publisher(
+            message_type,
+            topic,
+            own(SLOW_SENSOR),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
 
     def _wake(self) -> None:
         """Publish what has become due since the last wake-up, in the order of the stamps."""
@@ -172,12 +167,10 @@ class SimulatedSensor(Node):
 
     def _may_begin(self, now_s: float) -> bool:
         """Whether somebody listens to one of the topics, and nobody has come or gone lately."""
-        publishers = (
-            self._raw_publisher,
-            self._reference_publisher,
-            *self._temperature_publishers,
-        )
-        subscribers = [publisher.get_subscription_count() for publisher in publishers]
+        subscribers = [
+            publisher.get_subscription_count()
+            for publisher in (self._to_raw, self._to_reference, *self._to_temperatures)
+        ]
         if subscribers != self._subscribers:
             self._subscribers, self._subscribed_s = subscribers, now_s
         return any(subscribers) and now_s - self._subscribed_s >= SETTLE_S
@@ -192,13 +185,12 @@ class SimulatedSensor(Node):
         raw = digitised_wrench(self._sensor, ideal, self._wrench_rng)
         read = digitised_temperatures(self._sensor, temperature_nodes_c, self._temperature_rng)
         waiting = list(zip(temperature_ns.tolist(), read.tolist(), strict=True))[::-1]
-        for elapsed_ns, load, reading in zip(
-            wrench_ns.tolist(), true.tolist(), raw.tolist(), strict=True
-        ):
+        wrenches = zip(wrench_ns.tolist(), true.tolist(), raw.tolist(), strict=True)
+        for elapsed_ns, load, reading in wrenches:
             while waiting and waiting[-1][0] <= elapsed_ns:
                 self._send_temperatures(*waiting.pop())
-            self._send_wrench(self._reference_publisher, self._reference, elapsed_ns, load)
-            self._send_wrench(self._raw_publisher, self._raw, elapsed_ns, reading)
+            self._send_wrench(self._to_reference, self._reference, elapsed_ns, load)
+            self._send_wrench(self._to_raw, self._raw, elapsed_ns, reading)
         while waiting:
             self._send_temperatures(*waiting.pop())
 
@@ -230,9 +222,8 @@ class SimulatedSensor(Node):
 
     def _send_temperatures(self, elapsed_ns: int, temperature_c: list[float]) -> None:
         """Send the readings of both thermometers, °C."""
-        for publisher, message, value in zip(
-            self._temperature_publishers, self._readings, temperature_c, strict=True
-        ):
+        outputs = zip(self._to_temperatures, self._readings, temperature_c, strict=True)
+        for publisher, message, value in outputs:
             self._stamp(message, elapsed_ns)
             message.temperature = value
             publisher.publish(message)
@@ -257,7 +248,7 @@ class _Ticks:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node until a signal ends it; returns the exit code."""
-    return run_node(SimulatedSensor, argv)
+    return run_nodes(lambda **options: [SimulatedSensor(**options)], argv)
 
 
 if __name__ == '__main__':

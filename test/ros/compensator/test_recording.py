@@ -73,8 +73,8 @@ def test_wrenches_are_written_while_the_temperatures_stay_away(rig):
     node = rig()
     path = start_recording(node)
     node.stream(START + np.arange(700) * SECOND, np.ones((700, 6)))
-    node.bench.wait_until(lambda: node.node.recording.current.rows == 100, 'a hundred rows')
-    assert len(node.node.recording.current.reducer._raw._cells) == 600
+    node.wait_until(lambda: node.node.recording.current.rows == 100, 'a hundred rows')
+    assert len(node.node.recording.current.averager._raw._cells) == 600
     assert len(path.read_text().splitlines()) == 101
 
 

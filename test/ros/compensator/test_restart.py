@@ -85,7 +85,7 @@ def test_what_became_of_the_state_is_still_told_after_a_change_of_model(restart,
     for following in (None, model):
         node.node.compensator.go_live(following)
         told = node.node.compensator.tracker.origin
-        node.bench.wait_until(lambda told=told: node.node.state_keeper._told == told, 'the log')
+        node.wait_until(lambda told=told: node.node.state_keeper._told == told, 'the log')
     assert origin(node) == sentence
 
 

@@ -43,8 +43,8 @@ def test_topics_and_the_node_can_be_remapped(bench, tmp_path):
     assert (job_topics.wrench, job_topics.temperatures) == ('/driver/ft', ('/driver/heat',))
 
 
-def test_two_nodes_in_two_namespaces_do_not_meet(rig, tmp_path):
-    nodes = [rig(directory=tmp_path / side) for side in ('left', 'right')]
+def test_two_nodes_in_two_namespaces_do_not_meet(wired, tmp_path):
+    nodes = [wired(directory=tmp_path / side) for side in ('left', 'right')]
     for number, node in enumerate(nodes):
         assert node.ask_output(number, [float(number)] * 6) == (float(number),) * 6
     assert all(node.outputs.empty() for node in nodes)
@@ -59,8 +59,8 @@ def test_without_a_directory_each_node_keeps_its_own_below_ros_home(bench, tmp_p
 
 
 @pytest.mark.parametrize('clock', ['published', 'absent'])
-def test_simulated_time_stamps_what_has_no_stamp(rig, bench, clock):
-    node = rig(parameters={'use_sim_time': True, 'tare.duration': 0.01})
+def test_simulated_time_stamps_what_has_no_stamp(wired, bench, clock):
+    node = wired(parameters={'use_sim_time': True, 'tare.duration': 0.01})
     if clock == 'published':
         clocks = bench.publisher(Clock, '/clock')
         clocks.publish(Clock(clock=Time(sec=4321)))

@@ -62,7 +62,7 @@ class RecordService:
         self,
         compensator: Compensator,
         store: ModelStore,
-        subscribe_reference: Callable[[], Callable[[], None]],
+        subscribe_reference: Callable[[], Callable[[], object]],
         log: NodeLog,
     ) -> None:
         #: The recording that runs.
@@ -73,7 +73,7 @@ class RecordService:
         self._store = store
         self._subscribe_reference = subscribe_reference
         self._log = log
-        self._unsubscribe: Callable[[], None] = lambda: None
+        self._unsubscribe: Callable[[], object] = lambda: None
 
     def on_request(self, request: Any, response: Any) -> Any:
         """Start or end the recording, as SetBool's data says."""

@@ -44,13 +44,12 @@ class Robot:
 
     def run(self, rig: Any, cells: Iterable[int], load: Any = None) -> np.ndarray:
         """Send cells one by one; return outputs, shape (2 N, 6). load(cell) is the true wrench."""
-        send_reference = rig.reference() if load else None
         found = []
         for cell in cells:
             true = load(cell) if load else np.zeros(6)
             stamps = self.stamps(cell)
-            for stamp in stamps if send_reference else ():
-                send_reference(stamp, true)
+            for stamp in stamps if load else ():
+                rig.send_reference(stamp, true)
             rig.warm(stamps[0], *self.temperature_c[cell])
             found.append(rig.stream(stamps, [self.raw(cell, true) for _ in stamps]))
         return np.concatenate(found)

@@ -2,6 +2,7 @@
 
 from functools import partial
 import itertools
+from pathlib import Path
 import signal
 
 import numpy as np
@@ -23,7 +24,7 @@ make = partial(node_per_sensor, CompensatorNode)
 
 
 @pytest.fixture
-def pair(bench, rig, tmp_path):
+def pair(bench, wired, tmp_path):
     """Start a left and a right sensor in one executor; yields what talks to each."""
 
     def start(left='', right='', **options):
@@ -41,7 +42,7 @@ def pair(bench, rig, tmp_path):
             cli_args=['--ros-args', '--params-file', str(file)],
             **options,
         )
-        return [rig(node=node, namespace=node.get_namespace()) for node in nodes]
+        return [wired(node=node, namespace=node.get_namespace()) for node in nodes]
 
     return start
 
@@ -54,49 +55,37 @@ def models(make_model):
     return str(left.path), str(right.path)
 
 
-def warm_up(sensors, temperature_c=21.0):
-    for second in range(3):
-        for sensor in sensors:
-            sensor.warm(START + second * SECOND, temperature_c)
-
-
 @pytest.mark.parametrize('executor', ['auto', 'default'])
-def test_each_sensor_is_corrected_by_its_own_model(pair, models, executor):
-    sensors = pair(*models, executor=executor)
-    warm_up(sensors)
-    found = [each.ask_output(START + 9 * SECOND, [0.0] * 6)[2] for each in sensors]
-    assert found == pytest.approx([-2.0, -5.0])
-    for each, path in zip(sensors, models, strict=True):
-        values = {item.key: item.value for item in each.diagnosis('model').values}
-        assert values['file'] == path
-
-
-def test_each_sensor_follows_its_own_thermometer(pair, models):
-    left, right = pair(*models)
-    warm_up([left], 21.0)
-    warm_up([right], 23.0)
-    assert left.ask_output(START + 9 * SECOND, [0.0] * 6)[2] == pytest.approx(-2.0)
-    assert right.ask_output(START + 9 * SECOND, [0.0] * 6)[2] == pytest.approx(-15.0)
-
-
-def test_a_tare_of_one_leaves_the_other(pair, models):
-    left, right = pair(*models)
-    warm_up([left, right])
+def test_each_sensor_has_its_own_model_thermometer_tare_and_files(
+    pair, models, executor, tmp_path
+):
+    left, right = sensors = pair(*models, executor=executor)
+    left.warm_up(21.0)
+    right.warm_up(23.0)
+    for each, path, expected in zip(sensors, models, (-2.0, -15.0), strict=True):
+        assert each.ask_output(START + 9 * SECOND, [0.0] * 6)[2] == pytest.approx(expected)
+        assert each.node.live.stored.path == Path(path)
     answer = left.ask('tare')
+    left.bench.wait_until(lambda: left.node.tare._running is not None, 'the tare')
     stamps = START + 9 * SECOND + np.arange(30) * (SECOND // 20)
-    for stamp in stamps:
-        left.put(int(stamp), [7.0] * 6)
+    left.stream(stamps, [[7.0] * 6] * len(stamps))
     assert answer.get(timeout=20.0).success
-    left.take(len(stamps))
     later = START + 12 * SECOND
     assert left.ask_output(later, [7.0] * 6) == pytest.approx([0.0] * 6)
-    assert right.ask_output(later, [7.0] * 6) == pytest.approx([7, 7, 2, 7, 7, 7])
+    assert right.ask_output(later, [7.0] * 6) == pytest.approx([7, 7, -8, 7, 7, 7])
+    for each, name in zip(sensors, ('left', 'right'), strict=True):
+        assert each.call('record', data=True).success
+        (path,) = (tmp_path / 'data' / name / 'recordings').glob('*.csv')
+        assert str(path) in each.call('record', data=False).message
+        assert list(each.node.get_parameter('sensors').value) == ['left', 'right']
+        assert not each.set('sensors', ['other']).successful
 
 
 def test_a_calibration_of_one_leaves_the_other(pair, models, make_robot):
     left, right = pair('', models[1])
     make_robot().write(left.node.store.new_recording_path())
-    warm_up([left, right])
+    left.warm_up(21.0)
+    right.warm_up(21.0)
     before = right.node.live.stored
     answer = left.call('calibrate')
     assert answer.success, answer.message
@@ -107,19 +96,6 @@ def test_a_calibration_of_one_leaves_the_other(pair, models, make_robot):
     refusal = right.call('calibrate')
     assert 'There is no recording' in refusal.message
     assert left.call('rollback').success
-
-
-def test_each_sensor_keeps_its_files_in_a_folder_of_its_own(pair, tmp_path):
-    for each, name in zip(pair(), ('left', 'right'), strict=True):
-        assert each.call('record', data=True).success
-        (path,) = (tmp_path / 'data' / name / 'recordings').glob('*.csv')
-        assert str(path) in each.call('record', data=False).message
-
-
-def test_every_node_tells_what_the_process_serves(pair):
-    for each in pair():
-        assert list(each.node.get_parameter('sensors').value) == ['left', 'right']
-        assert not each.set('sensors', ['other']).successful
 
 
 def test_without_names_there_is_one_node_as_ever(ros_context):
