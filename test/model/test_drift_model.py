@@ -93,7 +93,9 @@ def test_correct_inverts_the_measurement(
 def test_thermometers_outside_the_calibrated_range_are_named(
     make_model: Callable[..., DriftModel],
 ) -> None:
-    model = make_model(TRUTH, thermometers=3, range_c=(10.0, 40.0))
+    model = make_model(TRUTH, thermometers=3)
+    narrow = make_model({'force_z': TRUTH['force_z']}, thermometers=3, range_c=(10.0, 40.0))
+    model = replace(model, axes={**model.axes, **narrow.axes})
     assert model.outside(np.array([10.0, 25.0, 40.0])) == []
     assert model.outside(np.array([9.9, 25.0, 40.1])) == [0, 2]
 

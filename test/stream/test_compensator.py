@@ -462,7 +462,9 @@ class TestTrouble:
         assert held.count > 10**8
         assert np.isfinite(compensator.compensation.zero).all()
         assert len(compensator.tracker.history.cells) <= 60
-        assert 0.4 * 0.0 < compensator.compensation.zero[2] < 0.4 * 30.0
+        held_c = float(held.temperature_c[0])
+        one_cell = (1 - np.exp(-1 / 30)) * (50.0 - held_c)
+        assert compensator.tracker.drift.zero[2] == pytest.approx(0.4 * (held_c - 20 + one_cell))
 
     def test_a_gap_within_the_history_is_run_with_the_held_temperature(
         self, model: DriftModel
