@@ -1,7 +1,6 @@
 """Bags of both storages, with a wrench at 1 kHz and temperatures at 10 Hz."""
 
 import json
-import shutil
 
 import numpy as np
 import pytest
@@ -59,11 +58,6 @@ def test_a_bag_is_learnt_and_judged(storage, fitted, done, bags):
     assert force['rms_before'] > 10
 
 
-def test_storage_makes_no_difference(fitted):
-    (_, one), (_, other) = fitted('sqlite3'), fitted('mcap')
-    assert one['axes'] == other['axes']
-
-
 @both
 def test_the_copy_holds_everything_and_the_core_s_correction(  # noqa: PLR0913, PLR0917 -- fixtures
     storage, fitted, done, bags, make, tmp_path
@@ -88,16 +82,6 @@ def test_the_copy_holds_everything_and_the_core_s_correction(  # noqa: PLR0913, 
     assert again['axes']['force_z']['rms_before'] < 5
 
 
-@both
-def test_a_bare_file_gives_a_bare_file(storage, fitted, done, bags, tmp_path):
-    suffix = {'sqlite3': '.db3', 'mcap': '.mcap'}[storage]
-    bare = next(bags[storage].glob(f'*{suffix}'))
-    model, _ = fitted(storage)
-    done('compensate', model, bare, '-o', tmp_path / f'out{suffix}')
-    assert [each.name for each in tmp_path.iterdir()] == [f'out{suffix}']
-    assert '/wrench ' in done('show', tmp_path / f'out{suffix}')
-
-
 def test_the_output_topic_has_a_name(fitted, done, run, bags, tmp_path):
     model, _ = fitted('mcap')
     argv = ['compensate', model, bags['mcap'], '--output-topic']
@@ -118,38 +102,3 @@ def test_a_cut_off_mcap_is_read_to_its_last_chunk(fitted, run, bags, tmp_path):
     found = json.loads(outcome.out)['recordings'][0]
     assert any('cut off' in warning for warning in found['warnings'])
     assert 40 < found['duration_s'] < 90
-
-
-@pytest.mark.parametrize('kept', [0, 5, 100, 3000])
-@both
-def test_a_stump_of_a_file_is_refused(storage, kept, run, bags, tmp_path):
-    suffix = {'sqlite3': '.db3', 'mcap': '.mcap'}[storage]
-    stump = tmp_path / f'stump{suffix}'
-    stump.write_bytes(next(bags[storage].glob(f'*{suffix}')).read_bytes()[:kept])
-    assert stump.name in run('calibrate', stump, '-o', tmp_path / 'm.yaml').sentence
-
-
-def test_a_cut_off_sqlite_file_is_refused(run, bags, tmp_path):
-    folder = tmp_path / 'cut'
-    shutil.copytree(bags['sqlite3'], folder)
-    file = next(folder.glob('*.db3'))
-    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    assert 'cut' in run('calibrate', folder, '-o', tmp_path / 'm.yaml').sentence
-
-
-@pytest.mark.parametrize(
-    ('options', 'expected'),
-    [
-        (['--wrench-topic', '/wrench'], 'Did you mean /wrench_raw?'),
-        (['--wrench-topic', '/log'], 'std_msgs/msg/String'),
-        (['--temperature-topic', '/warmth'], 'no topic /warmth for the temperature'),
-        (['--temperature-topic', '/wrench_raw'], 'geometry_msgs/msg/WrenchStamped'),
-        (['--temperature-topic', '/temperature', '--temperature-topic', 'temperature'], 'twice'),
-        (['--reference-topic', '/truth'], 'no topic /truth for the reference'),
-        (['--reference', 'recorded'], 'no reference wrench'),
-    ],
-)
-def test_topics_that_do_not_fit_are_named(options, expected, run, bags, tmp_path):
-    sentence = run('calibrate', bags['mcap'], '-o', tmp_path / 'm.yaml', *options).sentence
-    assert expected in sentence
-    assert 'mcap' in sentence or 'Topic' in sentence

@@ -112,12 +112,6 @@ def test_a_thermal_period_reaches_the_model(done, drift_csv, tmp_path):
     assert yaml.safe_load(model.read_text())['period_ns'] == 2_500_000_000
 
 
-def test_missing_folders_of_the_model_are_made(done, drift_csv, tmp_path):
-    model = tmp_path / 'a' / 'b' / 'm.yaml'
-    done('calibrate', drift_csv, '-o', model, '--method', 'pls')
-    assert model.exists()
-
-
 def test_an_older_model_and_an_empty_file_are_replaced(done, drift_csv, model, tmp_path):
     for name, content in (('old.yaml', model.read_bytes()), ('empty.yaml', b'')):
         target = tmp_path / name
@@ -125,13 +119,6 @@ def test_an_older_model_and_an_empty_file_are_replaced(done, drift_csv, model, t
         done('calibrate', drift_csv, '-o', target, '--method', 'pcr')
         assert 'pcr' in target.read_text()
     assert sorted(path.name for path in tmp_path.iterdir()) == ['empty.yaml', 'old.yaml']
-
-
-def test_a_recording_in_the_place_of_the_model_is_kept(run, drift_csv, tmp_path):
-    copy = tmp_path / 'run.csv'
-    copy.write_bytes(drift_csv.read_bytes())
-    assert 'not overwritten' in run('calibrate', copy, '-o', copy).sentence
-    assert copy.read_bytes() == drift_csv.read_bytes()
 
 
 def test_a_refusal_leaves_the_model_as_it_was(run, make, model, tmp_path):
@@ -150,15 +137,6 @@ def test_a_report_that_cannot_be_written_stops_before_the_fit(run, drift_csv, tm
     outcome = run('calibrate', drift_csv, '-o', model, '--report', tmp_path / 'no' / 'r.html')
     assert str(tmp_path / 'no') in outcome.sentence
     assert not model.exists()
-
-
-@pytest.mark.parametrize('victim', ['recording', 'model', 'folder'])
-def test_a_report_overwrites_nothing_else(victim, run, drift_csv, tmp_path):
-    copy, model = tmp_path / 'run.csv', tmp_path / 'm.yaml'
-    copy.write_bytes(drift_csv.read_bytes())
-    target = {'recording': copy, 'model': model, 'folder': tmp_path}[victim]
-    assert 'report' in run('calibrate', copy, '-o', model, '--report', target).sentence
-    assert copy.read_bytes() == drift_csv.read_bytes()
 
 
 def test_a_report_shows_every_axis_and_recording(done, make, tmp_path):

@@ -132,13 +132,6 @@ def test_the_compensated_table_is_a_table_again(name, fitted, run, make, tmp_pat
     assert found.output[0, found.reference_column] == pytest.approx(0, abs=1e-9)
 
 
-def test_a_table_can_be_shown(run, make):
-    outcome = run('show', make.keller / 'table1_sensor_a_raw.csv')
-    assert outcome.code == 0
-    assert 'chamber table' in outcome.out
-    assert '50 °C' in outcome.out
-
-
 def test_a_table_of_one_temperature_gives_null_not_nan(fitted, done, run, tmp_path):
     model, _, _ = fitted('table2_sensor_b_raw.csv')
     path = tmp_path / 'one.csv'
@@ -164,25 +157,3 @@ def test_the_report_shows_the_figures(done, make, tmp_path):
     text = page.read_text()
     for number in ('0.1444', '7.512', 'left out', name):
         assert number in text
-
-
-@pytest.mark.parametrize(
-    ('old', 'new', 'expected'),
-    [
-        ('load_kpa', 'pressure', 'stamp'),
-        ('1,5.0,up', '1,5.0', 'Row 3'),
-        ('4,20.0', '4,hot', "'hot'"),
-        ('-22.97', 'nan', 'finite'),
-        ('output_at_-30_c', 'output_at_-40_c', 'one column per temperature'),
-    ],
-)
-def test_a_damaged_table_is_refused(  # noqa: PLR0913, PLR0917 -- fixtures
-    old, new, expected, run, make, tmp_path
-):
-    text = (make.keller / 'table2_sensor_b_raw.csv').read_text()
-    path = tmp_path / 'damaged.csv'
-    path.write_text(text.replace(old, new, 1))
-    assert path.read_text() != text
-    sentence = run('calibrate', path, '-o', tmp_path / 'm.yaml').sentence
-    assert expected in sentence
-    assert 'damaged.csv' in sentence

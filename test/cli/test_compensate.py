@@ -71,35 +71,6 @@ def test_what_was_compensated_can_be_judged_again(done, make, model, tmp_path):
     assert late < again['rms_before'] < 2 * late + before['rms_after']
 
 
-def test_empty_cells_stay_empty(done, make, model, tmp_path):
-    columns = make.drifting(seed=3)
-    columns['force_z'][10] = None
-    path = make.csv(tmp_path / 'run.csv', columns)
-    done('compensate', model, path, '-o', tmp_path / 'out.csv')
-    found = table(tmp_path / 'out.csv')
-    assert found['force_z'][10] == ''
-    assert found['torque_x'][10] != ''
-    assert len(found['force_z']) == 400
-
-
-@pytest.mark.parametrize('kind', ['file', 'folder', 'dangling link', 'source'])
-def test_an_existing_target_is_refused(kind, run, make, model, tmp_path):
-    path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
-    before, target = path.read_bytes(), tmp_path / 'out.csv'
-    if kind == 'file':
-        target.write_text('precious')
-    elif kind == 'folder':
-        target.mkdir()
-    elif kind == 'source':
-        target = path
-    else:
-        target.symlink_to(tmp_path / 'nowhere')
-    names = {each.name for each in tmp_path.iterdir()}
-    assert str(target) in run('compensate', model, path, '-o', target).sentence
-    assert {each.name for each in tmp_path.iterdir()} == names
-    assert path.read_bytes() == before
-
-
 def test_a_failure_in_the_middle_leaves_nothing(run, make, model, tmp_path, monkeypatch):
     path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
 
@@ -110,27 +81,6 @@ def test_a_failure_in_the_middle_leaves_nothing(run, make, model, tmp_path, monk
     outcome = run('compensate', model, path, '-o', tmp_path / 'out.csv')
     assert 'No space left' in outcome.sentence
     assert [each.name for each in tmp_path.iterdir()] == ['run.csv']
-
-
-def test_ctrl_c_leaves_nothing(run, make, model, tmp_path, monkeypatch):
-    path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
-
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(compensate, 'correct_many', interrupt)
-    outcome = run('compensate', model, path, '-o', tmp_path / 'out.csv')
-    assert outcome.code == 130
-    assert outcome.err.splitlines() == [
-        'wrist_ft_comp: interrupted; nothing was left half-written.'
-    ]
-    assert [each.name for each in tmp_path.iterdir()] == ['run.csv']
-
-
-def test_a_missing_folder_is_refused(run, make, model, tmp_path):
-    path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
-    outcome = run('compensate', model, path, '-o', tmp_path / 'no' / 'out.csv')
-    assert 'no folder' in outcome.sentence
 
 
 def test_each_warning_comes_once(run, make, model, tmp_path):

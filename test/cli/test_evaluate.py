@@ -165,11 +165,6 @@ def test_one_cell_is_enough(run, make, model, tmp_path):
     assert run('evaluate', model, path).out.splitlines()[1].endswith('-')
 
 
-@pytest.mark.parametrize('value', ['-1', 'soon', 'nan', 'inf'])
-def test_a_tare_that_is_none_is_a_matter_of_usage(value, run, drift_csv, model):
-    assert run('evaluate', model, drift_csv, '--tare', value).code == 2
-
-
 def test_a_report_tells_what_was_printed(done, make, model, tmp_path):
     path, page = make.csv(tmp_path / 'run.csv', make.drifting(seed=3)), tmp_path / 'r.html'
     out = done('evaluate', model, path, '--tare', '5', '--report', page)

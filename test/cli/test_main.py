@@ -61,14 +61,6 @@ def test_a_long_sentence_is_one_line(run, monkeypatch, drift_csv):
     assert run('show', drift_csv).sentence == 'wrist_ft_comp: First second third.'
 
 
-def test_no_progress_bar_where_nobody_watches(drift_csv, tmp_path):
-    with process('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', '--json',
-                 stdout=subprocess.PIPE) as child:  # fmt: skip
-        out, err = child.communicate(timeout=60)
-    assert (child.returncode, err) == (0, '')
-    assert 'axes' in json.loads(out)
-
-
 def test_a_reader_that_leaves_is_no_error(drift_csv):
     for argv in (['show', drift_csv], ['--help'], ['show', '--help']):
         reading, writing = os.pipe()

@@ -22,13 +22,6 @@ def test_a_model_as_json_is_the_file(done, model):
     assert found == yaml.safe_load(model.read_text())
 
 
-@pytest.mark.parametrize('name', ['model', 'model.txt', 'model.bak'])
-def test_a_model_is_known_by_its_content(name, done, model, tmp_path):
-    copy = tmp_path / name
-    copy.write_bytes(b'# the good one\n' + model.read_bytes())
-    assert 'a drift model' in done('show', copy)
-
-
 def test_a_model_whose_provenance_was_edited_is_shown(done, model, tmp_path):
     document = yaml.safe_load(model.read_text())
     copy = tmp_path / 'edited.yaml'
@@ -60,38 +53,6 @@ def test_a_bag_says_its_topics(storage, done, bags):
     assert channels['/log']['role'] == ''
     other = json.loads(done('show', bags[storage], '--wrench-topic', 'other', '--json'))
     assert {c['name']: c['role'] for c in other['channels']}['/wrench_raw'] == ''
-
-
-def test_a_recording_without_what_a_calibration_needs_is_shown(done, make, tmp_path):
-    path = make.csv(tmp_path / 'run.csv', {'stamp_s': [0.0, 1.0], 'force_x': [1.0, 2.0]})
-    assert 'force_x' in done('show', path)
-
-
-@pytest.mark.parametrize(
-    ('change', 'expected'),
-    [
-        ({'version': 2}, 'version 2'),
-        ({'format': 'wrist_ft_comp drift model of another kind'}, 'not a model file'),
-        ({'axes': None}, 'axes'),
-        ({'period_ns': 0}, 'period_ns'),
-    ],
-)
-def test_another_models_file_is_refused(change, expected, run, model, tmp_path):
-    document = {**yaml.safe_load(model.read_text()), **change}
-    copy = tmp_path / 'm.yaml'
-    copy.write_text(yaml.safe_dump(document))
-    sentence = run('show', copy).sentence
-    assert expected in sentence
-    assert str(copy) in sentence
-
-
-@pytest.mark.parametrize('key', ['period_ns', 'thermometers', 'axes', 'warnings', 'provenance'])
-def test_a_missing_key_is_named(key, run, model, drift_csv, tmp_path):
-    document = yaml.safe_load(model.read_text())
-    del document[key]
-    copy = tmp_path / 'm.yaml'
-    copy.write_text(yaml.safe_dump(document))
-    assert key in run('evaluate', copy, drift_csv).sentence
 
 
 def test_a_model_says_what_it_is_for(done, model):

@@ -40,25 +40,9 @@ def test_words_after_two_dashes_are_names(run):
     assert '--odd.csv does not exist' in run('show', '--', '--odd.csv').sentence
 
 
-def test_a_mistyped_topic_is_answered_with_those_of_the_bag(run, bags, tmp_path):
-    sentence = run(
-        'calibrate', bags['mcap'], '-o', tmp_path / 'm.yaml', '--wrench-topic', '/wrench_rwa'
-    ).sentence
-    assert 'Did you mean /wrench_raw?' in sentence
-    for topic in ('/wrench_raw', '/temperature', '/log'):
-        assert topic in sentence
-
-
 def test_a_mistyped_axis_is_a_warning(done, make, tmp_path):
     columns = make.drifting()
     columns['torqe_x'] = columns.pop('torque_x')
     path = make.csv(tmp_path / 'run.csv', columns)
     out = done('calibrate', path, '-o', tmp_path / 'm.yaml', '--method', 'pls')
     assert 'The column torqe_x of run.csv is not used; if it is torque_x, rename it.' in out
-
-
-@pytest.mark.parametrize('column', ['joint_1', 'current', 'temperature_3_c', 'time'])
-def test_other_columns_are_no_mistakes(column, done, make, tmp_path):
-    columns = {**make.drifting(both=True), column: [20.0] * 400}
-    path = make.csv(tmp_path / 'run.csv', columns)
-    assert 'not used' not in done('show', path)

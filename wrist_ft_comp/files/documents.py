@@ -116,8 +116,9 @@ class Kind:
     error: type[WristFtCompError]
     #: Where to get a good one, a sentence.
     made_by: str
-    #: What to do about a broken one, and about a disk that refuses one.
+    #: What to do about a broken one.
     renewed_by: str
+    #: What is said where the disk refuses one, with {path} and {reason}.
     unwritable: str
 
     def read(self, path: Path) -> bytes:
@@ -140,9 +141,8 @@ class Kind:
             path.parent.mkdir(parents=True, exist_ok=True)
             replace_file(path, text)
         except OSError as error:
-            raise self.error(
-                f'{path} cannot be written: {error.strerror}. {self.unwritable}'
-            ) from error
+            reason = self.unwritable.format(path=path, reason=error.strerror)
+            raise self.error(reason) from error
 
     def check(self, path: Path, document: Any) -> None:
         """Refuse other formats, other versions, and whatever breaks the schema."""

@@ -44,7 +44,8 @@ KIND = Kind(
     error=ModelFileError,
     made_by='Make one with wrist_ft_comp calibrate.',
     renewed_by='Calibrate again',
-    unwritable='Choose a folder that can be written to, or make room; no file was changed.',
+    unwritable='{path} cannot be written: {reason}. Choose a folder that can be written to, or '
+    'make room; no file was changed.',
 )
 
 

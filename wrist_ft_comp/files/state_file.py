@@ -30,8 +30,8 @@ KIND = Kind(
     error=StateFileError,
     made_by='A running node makes one.',
     renewed_by='Remove it',
-    unwritable='Make room, or choose another data_directory; until then a restart loses the '
-    'thermal state and the tare.',
+    unwritable='{path} cannot be written: {reason}. Make room, or choose another '
+    'data_directory; until then a restart loses the thermal state and the tare.',
 )
 
 
