@@ -2,14 +2,7 @@
 
 import json
 
-import numpy as np
 import pytest
-from rosbags.highlevel import AnyReader
-
-from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.model.offline import correct_many, track_drift
-from wrist_ft_comp.report.evaluation import initial_tare
 
 both = pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
 
@@ -33,20 +26,6 @@ def fitted(done, bags, known, tmp_path_factory):
     return fit
 
 
-def contents(path, store):
-    """All messages by topic: stamps of recording, and bytes."""
-    with AnyReader([path], default_typestore=store) as reader:
-        found = {}
-        for connection, stamp, data in reader.messages():
-            found.setdefault(connection.topic, []).append((stamp, bytes(data)))
-        return found
-
-
-def wrenches(messages):
-    """Doubles of raw messages, shape (n, 6)."""
-    return np.array([np.frombuffer(data[-48:], dtype='<f8') for _, data in messages])
-
-
 @both
 def test_a_bag_is_learnt_and_judged(storage, fitted, done, bags):
     model, said = fitted(storage)
@@ -56,30 +35,6 @@ def test_a_bag_is_learnt_and_judged(storage, fitted, done, bags):
     force = found['axes']['force_z']
     assert force['rms_after'] < 0.1 * force['rms_before']
     assert force['rms_before'] > 10
-
-
-@both
-def test_the_copy_holds_everything_and_the_core_s_correction(  # noqa: PLR0913, PLR0917 -- fixtures
-    storage, fitted, done, bags, make, tmp_path
-):
-    model, _ = fitted(storage)
-    out = tmp_path / 'out'
-    done('compensate', model, bags[storage], '-o', out, '--tare', '2')
-    before, after = contents(bags[storage], make.store), contents(out, make.store)
-    corrected = after.pop('/wrench')
-    assert after == before
-    raw = wrenches(before['/wrench_raw'])
-    stamps = np.array([stamp for stamp, _ in before['/wrench_raw']]) - 1000
-    drift_model, recording = load_model(model).model, read_recording(bags[storage])
-    expected = correct_many(
-        track_drift(drift_model, recording), stamps, raw, initial_tare(drift_model, recording, 2)
-    )
-    np.testing.assert_allclose(wrenches(corrected), expected, rtol=0, atol=1e-12)
-    assert [d[:-48] for _, d in corrected] == [d[:-48] for _, d in before['/wrench_raw']]
-    again = json.loads(
-        done('evaluate', model, out, '--wrench-topic', 'wrench', '--tare', '2', '--json')
-    )
-    assert again['axes']['force_z']['rms_before'] < 5
 
 
 def test_the_output_topic_has_a_name(fitted, done, run, bags, tmp_path):

@@ -90,21 +90,6 @@ def test_a_table_and_a_recording_are_not_mixed(run, make, drift_csv, model, tmp_
     assert 'different units' in run('evaluate', model, table, drift_csv).sentence
 
 
-def test_the_copied_column_is_used_when_asked_for(fitted, run, done, make):
-    name = 'table1_sensor_a_raw.csv'
-    model, text, found = fitted(name, '--keep-copied-columns')
-    assert '50 °C' not in text
-    assert not any('50 °C' in warning for warning in found['warnings'])
-    argv = ('evaluate', model, make.keller / name, '--json')
-    without = json.loads(done(*argv))['chamber_tables'][str(make.keller / name)]
-    kept = run(*argv, '--keep-copied-columns')
-    assert '50 °C' not in kept.err
-    figures = json.loads(kept.out)['chamber_tables'][str(make.keller / name)]
-    assert set(figures) == {'raw', 'compensated'}
-    # 50 °C as cold as -40 °C: the same raw extremes, another fit.
-    assert figures['raw'] == without['raw']
-
-
 @both
 def test_evaluate_gives_the_figures_of_the_calibration(name, fitted, done, make):
     model, _, found = fitted(name)
@@ -132,28 +117,9 @@ def test_the_compensated_table_is_a_table_again(name, fitted, run, make, tmp_pat
     assert found.output[0, found.reference_column] == pytest.approx(0, abs=1e-9)
 
 
-def test_a_table_of_one_temperature_gives_null_not_nan(fitted, done, run, tmp_path):
-    model, _, _ = fitted('table2_sensor_b_raw.csv')
-    path = tmp_path / 'one.csv'
-    path.write_text('step,load_kpa,output_at_20_c\n0,0,0.5\n1,10,60\n2,20,121\n')
-    figures = json.loads(done('evaluate', model, path, '--json'))['chamber_tables'][str(path)]
-    assert figures['raw']['max_sensitivity_drift'] is None
-    assert figures['raw']['zero_spread'] == 0
-    assert 'spans 0.0 K' in run('calibrate', path, '-o', tmp_path / 'm.yaml').sentence
-
-
 def test_two_temperatures_leave_nothing_to_leave_out(done, tmp_path):
     path = tmp_path / 'two.csv'
     steps = [f'{k},{load},{load * 6},{load * 6.1 + 1}' for k, load in enumerate([0, 5, 10] * 6)]
     path.write_text('\n'.join(['step,load_kpa,output_at_20_c,output_at_60_c', *steps, '']))
     found = json.loads(done('calibrate', path, '-o', tmp_path / 'm.yaml', '--json'))
     assert set(found['chamber_tables'][str(path)]) == {'raw', 'fitted'}
-
-
-def test_the_report_shows_the_figures(done, make, tmp_path):
-    page = tmp_path / 'r.html'
-    name = 'table2_sensor_b_raw.csv'
-    done('calibrate', make.keller / name, '-o', tmp_path / 'm.yaml', '--report', page)
-    text = page.read_text()
-    for number in ('0.1444', '7.512', 'left out', name):
-        assert number in text

@@ -1,7 +1,6 @@
 import json
 import re
 
-import pytest
 from rosbags.rosbag2 import Writer
 import yaml
 
@@ -40,19 +39,6 @@ def test_a_csv_says_its_channels(done, drift_csv):
     assert roles['temperature_c'] == ('temperature', '°C', 400)
     assert roles['torque_x'] == ('raw wrench', 'N m', 400)
     assert found['last_ns'] - found['first_ns'] == 399 * 10**9
-
-
-@pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
-def test_a_bag_says_its_topics(storage, done, bags):
-    found = json.loads(done('show', bags[storage], '--json'))
-    assert storage in found['kind']
-    channels = {c['name']: c for c in found['channels']}
-    assert channels['/wrench_raw']['role'] == 'raw wrench'
-    assert channels['/wrench_raw']['samples'] == 90_000
-    assert channels['/temperature']['samples'] == 900
-    assert channels['/log']['role'] == ''
-    other = json.loads(done('show', bags[storage], '--wrench-topic', 'other', '--json'))
-    assert {c['name']: c['role'] for c in other['channels']}['/wrench_raw'] == ''
 
 
 def test_a_model_says_what_it_is_for(done, model):

@@ -224,13 +224,6 @@ def test_broken_metadata_is_refused(make_bag, text):
         read(path)
 
 
-def test_a_missing_storage_file_is_refused(make_bag):
-    path = make_bag(count=100)
-    (path / 'bag.db3').unlink()
-    with pytest.raises(RecordingError, match=r'bag cannot be read.*missing'):
-        read(path)
-
-
 def test_messages_still_in_the_write_ahead_log_are_not_silently_lost(make_bag):
     path = make_bag(count=100)
     (path / 'bag.db3-wal').write_bytes(b'x')

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.calibration import chamber
-from wrist_ft_comp.calibration.chamber import ChamberTable
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.chamber_table import (
     is_chamber_table,
@@ -22,18 +21,6 @@ FIGURES = {
     'table3_sensor_a_compensated.csv': (0.0206, 0.237, 0.281),
     'table4_sensor_b_compensated.csv': (0.0137, 0.206, 0.256),
 }
-
-
-def ideal(**changes):
-    """A sensor of gain 3 whose zero moves by 0.1 per °C."""
-    fields = {
-        'name': 'ideal',
-        'temperatures_c': np.array([0.0, 20.0, 50.0]),
-        'load': np.array([0.0, 1.0, 2.0, 1.0]),
-        'load_unit': 'kpa',
-        'output': 3.0 * np.array([[0.0], [1], [2], [1]]) + 0.1 * np.array([[0.0, 20, 50]]),
-    }
-    return ChamberTable(**{**fields, **changes})
 
 
 @pytest.mark.parametrize('keep', [True, False])
@@ -61,42 +48,6 @@ def test_the_copied_column_of_sensor_a_is_left_out_with_its_reason():
     assert all(
         read_chamber_table(DATA / name).left_out == () for name in FIGURES if 'table1' not in name
     )
-
-
-def test_a_zero_that_moves_has_no_sensitivity_drift():
-    table = ideal()
-    assert np.isnan(chamber.sensitivity_drift(table)[1])
-    np.testing.assert_allclose(chamber.sensitivity_drift(table)[[0, 2]], 0.0, atol=1e-12)
-    assert chamber.zero_spread(table) == pytest.approx(100 * 5 / 6)
-    assert chamber.max_deviation(table) == pytest.approx(100 * 3 / 6)
-    assert chamber.accuracy(table) == pytest.approx(100 * 3 / 6)
-
-
-def test_a_gain_that_moves_is_the_sensitivity_drift():
-    gain = 1 + 0.002 * (np.array([0.0, 20, 50]) - 20)
-    table = ideal(output=np.array([[0.0], [1], [2], [1]]) * gain)
-    np.testing.assert_allclose(chamber.sensitivity_drift(table)[[0, 2]], 0.2)
-    assert chamber.zero_spread(table) == 0.0
-
-
-def test_units_of_the_output_change_no_figure():
-    table = ideal()
-    other = table.with_output(-7.0 * table.output + 3.0)
-    for figure in (chamber.zero_spread, chamber.max_deviation, chamber.accuracy):
-        assert figure(other) == pytest.approx(figure(table))
-    assert table.output[2, 2] == 11.0
-
-
-def test_readings_stand_at_the_end_of_their_plateau():
-    temperature, force, reference = ideal().samples()
-    assert temperature.stamps_ns.tolist() == [30 * 10**9 * k for k in range(180)]
-    assert temperature.values[:, 0].tolist() == [0.0] * 60 + [20.0] * 60 + [50.0] * 60
-    first = [1680, 1710, 1740, 1770]
-    expected = [(1800 * p + t) * 10**9 for p in range(3) for t in first]
-    assert force.stamps_ns.tolist() == reference.stamps_ns.tolist() == expected
-    assert ideal().reading_stamps_ns[:, 1].tolist() == expected[4:8]
-    assert force.values[4:8, 0].tolist() == ideal().output[:, 1].tolist()
-    assert reference.values[4:8, 0].tolist() == [0.0, 3.0, 6.0, 3.0]
 
 
 def test_gain_between_reference_and_output_is_one_at_the_reference_temperature():

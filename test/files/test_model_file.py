@@ -384,25 +384,13 @@ class TestHostileFiles:
     @pytest.mark.parametrize(
         'content',
         [
-            b'',
-            b'\x00\x01\x02',
-            bytes(range(256)),
-            b'\xff\xfe\x00',
-            b'just text',
-            b'- 1\n- 2\n',
-            b'a: [1, 2',
-            b'a: !!python/object/apply:os.system [true]',
-            b'? [1]\n: 2',
-            b'a: !!timestamp soon',
-            b'a: !!bool maybe',
-            b'a: !!int ""',
-            b'a: !!float x',
-            b'a: !!binary "."',
-            b'a: 2024-13-45',
-            b'a: ' + b'9' * 10_000,
+            b'', b'\x00\x01\x02', bytes(range(256)), b'\xff\xfe\x00', b'just text', b'- 1\n- 2\n',
+            b'a: [1, 2', b'a: !!python/object/apply:os.system [true]', b'? [1]\n: 2',
+            b'a: !!timestamp soon', b'a: !!bool maybe', b'a: !!int ""', b'a: !!float x',
+            b'a: !!binary "."', b'a: 2024-13-45', b'a: ' + b'9' * 10_000,
         ],
         ids=str,
-    )
+    )  # fmt: skip
     def test_what_is_no_model_is_refused(self, load: Load, content: bytes) -> None:
         with pytest.raises(ModelFileError, match=r'changed.yaml is not a model file'):
             load(content)

@@ -45,19 +45,6 @@ def raw_messages(path):
     return found
 
 
-@pytest.mark.parametrize(('storage', 'compression'), KINDS)
-def test_a_bag_gives_the_means_of_its_messages(make_bag, expected_means, storage, compression):
-    fractions = []
-    path = make_bag(storage, compression, count=2500)
-    recording = read_recording(path, progress=fractions.append)
-    assert recording.name == 'bag'
-    np.testing.assert_allclose(recording.wrench, expected_means(2500), atol=1e-12)
-    assert recording.temperature_c[0, 0] == pytest.approx(25.0 + 450e-4)
-    assert not np.isfinite(recording.reference).any()
-    assert fractions[-1] == 1.0
-    assert fractions == sorted(fractions)
-
-
 def test_the_same_data_as_csv_and_as_bag_give_the_same_recording(make_bag, make_csv):
     bag = make_bag(count=1500)
     wrench, stamps = [], []

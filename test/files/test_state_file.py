@@ -86,19 +86,11 @@ def test_no_file_is_no_state(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     'content',
     [
-        b'',
-        b'{',
-        b'[]',
-        b'{}',
-        b'nul',
-        b'\xff\xfe',
-        b'[' * 100_000,
-        b'{"format":' * 50_000,
-        b'9' * 100_000,
-        b'{"format": "other"}',
+        b'', b'{', b'[]', b'{}', b'nul', b'\xff\xfe', b'[' * 100_000, b'{"format":' * 50_000,
+        b'9' * 100_000, b'{"format": "other"}',
     ],
     ids=lambda content: repr(content[:12]),
-)
+)  # fmt: skip
 def test_what_is_no_state_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / 'state.json'
     path.write_bytes(content)
@@ -117,18 +109,10 @@ def test_another_version_is_refused(tmp_path: Path, version: object) -> None:
 @pytest.mark.parametrize(
     'text',
     [
-        'NaN',
-        'Infinity',
-        '-Infinity',
-        '1e999',
-        '1e101',
-        '"1"',
-        'null',
-        '[]',
-        'true',
+        'NaN', 'Infinity', '-Infinity', '1e999', '1e101', '"1"', 'null', '[]', 'true',
         '1' + '0' * 400,
     ],
-)
+)  # fmt: skip
 @pytest.mark.parametrize(
     'place', ['tare', 'temperature_c', 'zero', 'sensitivity', 'filters', 'history']
 )
