@@ -15,7 +15,7 @@ from wrist_ft_comp.calibration.data_checks import (
     silent_stretches,
 )
 from wrist_ft_comp.calibration.paper_methods import identify_paper_method
-from wrist_ft_comp.calibration.result import AxisFit, Calibration
+from wrist_ft_comp.calibration.result import AxisFit, Calibration, SURE_SHARE
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
@@ -126,7 +126,7 @@ def _doubts(recordings: Sequence[Recording], fits: dict[str, AxisFit]) -> list[s
         if np.isfinite(error)
     ]
     slowest_s, axis = max(searched, default=(0.0, ''))
-    if slowest_s > longest_s / 2:
+    if slowest_s > SURE_SHARE * longest_s:
         doubts.append(
             f'The slowest time constant, {slowest_s:.0f} s of {axis}, is more than half of the '
             f'longest recording ({longest_s:.0f} s); record at least '

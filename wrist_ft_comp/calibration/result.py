@@ -13,6 +13,8 @@ Output = Literal['zero', 'sensitivity']
 OUTPUTS: tuple[Output, ...] = ('zero', 'sensitivity')
 #: A model that leaves this many times what no model leaves does harm; less may be chance.
 HARMFUL_RATIO = 1.05
+#: A time constant longer than this share of the longest recording is not sure.
+SURE_SHARE = 0.5
 
 
 @dataclass(frozen=True)

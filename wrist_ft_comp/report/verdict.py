@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from wrist_ft_comp.calibration.result import FoldErrors, HARMFUL_RATIO
+from wrist_ft_comp.calibration.result import FoldErrors, HARMFUL_RATIO, SURE_SHARE
 
 Level = Literal['good', 'weak', 'harmful', 'uncalibrated']
 #: For people, the best first.
@@ -29,8 +29,6 @@ LEVEL_NAMES: dict[Level, str] = {
 GOOD_REMAINDER = 0.25
 #: What is no larger than this many times the noise counts as noise.
 NOISE_MARGIN = 1.5
-#: A time constant longer than this share of the longest recording is not sure.
-SURE_SHARE = 0.5
 
 
 @dataclass(frozen=True)
