@@ -1,1 +1,0 @@
-"""The mathematics: pure functions over frozen records."""
