@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from wrist_ft_comp.model.signals import AXES
 from wrist_ft_comp.report.advice import what_to_record_next, what_was_not_learnt
 from wrist_ft_comp.report.coverage import cover, unseen_temperatures, WORKING_RANGE_C
 
@@ -28,8 +29,7 @@ def seen(make_recording):
 
 
 def advice(coverage, levels=None, reference='unloaded', hours=(2.0,), slowest_s=0.0, **more):
-    every = dict.fromkeys(('force_x', 'force_y', 'force_z'), 'good')
-    every |= dict.fromkeys(('torque_x', 'torque_y', 'torque_z'), 'good')
+    every = dict.fromkeys(AXES, 'good')
     durations = [3600 * h for h in hours]
     return '\n'.join(
         what_to_record_next(coverage, levels or every, reference, durations, slowest_s, **more)
@@ -92,41 +92,38 @@ def test_the_thermometer_that_spans_most_leads(seen):
 def test_loads_are_those_of_the_reference(make_recording):
     load = np.where(np.arange(HOUR) < 10, np.nan, np.linspace(-20, 40, HOUR))
     recording = make_recording(ramp(20, 30), nothing(HOUR), {'force_y': load})
-    (found,) = cover([recording]).loads.items()
-    assert found[0] == 'force_y'
-    assert (found[1].low, found[1].high) == (np.nanmin(load), 40.0)
-    assert found[1].deviation == pytest.approx(np.nanstd(load))
+    ((axis, seen_load),) = cover([recording]).loads.items()
+    assert axis == 'force_y'
+    assert (seen_load.low, seen_load.high) == (np.nanmin(load), 40.0)
+    assert seen_load.deviation == pytest.approx(np.nanstd(load))
 
 
 def test_unseen_temperatures_are_named(seen):
-    said = advice(seen(ramp(15, 35)))
-    assert 'You have not seen 35 to 50 °C' in said
-    assert 'You have not seen 15' not in said
+    text = advice(seen(ramp(15, 35)))
+    assert 'You have not seen 35 to 50 °C' in text
+    assert 'You have not seen 15' not in text
 
 
 def test_holes_are_one_sentence(seen):
-    said = advice(seen(ramp(15, 19.9), ramp(25.1, 29.9), ramp(35.1, 50)))
-    assert said.count('you have not seen') == 1
-    assert '20 to 25, 30 to 35 °C' in said
+    text = advice(seen(ramp(15, 19.9), ramp(25.1, 29.9), ramp(35.1, 50)))
+    assert text.count('you have not seen') == 1
+    assert '20 to 25, 30 to 35 °C' in text
 
 
 @pytest.mark.parametrize(('levels', 'asked'), [('weak', True), ('good', False)])
 def test_a_second_thermometer_is_asked_for_where_one_is_not_enough(levels, asked, seen):
-    said = advice(seen(ramp(20, 30)), {'force_x': levels})
-    assert ('two: put another one' in said) == asked
+    text = advice(seen(ramp(20, 30)), {'force_x': levels})
+    assert ('two: put another one' in text) == asked
     two = seen(np.stack((ramp(20, 30), ramp(20, 40)), axis=1))
     assert 'two: put another one' not in advice(two, {'force_x': levels})
 
 
-def test_the_way_that_is_missing_is_asked_for(seen):
+def test_the_way_that_is_missing_is_asked_for_and_noise_is_no_way(seen):
+    noise = np.random.default_rng(1).normal(0, 0.2, HOUR)
+    assert 'let it cool down' in advice(seen(ramp(20, 35) + noise))
     assert 'let it cool down' in advice(seen(ramp(20, 35)))
     assert 'let it warm up' in advice(seen(ramp(35, 20)))
     assert 'let it' not in advice(seen(np.concatenate((ramp(20, 35), ramp(35, 25)))))
-
-
-def test_noise_of_a_thermometer_is_no_cooling(seen):
-    noisy = ramp(20, 35) + np.random.default_rng(1).normal(0, 0.2, HOUR)
-    assert 'let it cool down' in advice(seen(noisy))
 
 
 def test_longer_recordings_are_asked_for(seen):
@@ -150,10 +147,10 @@ def test_axes_and_loads_that_are_missing_are_named(seen, make_recording):
 
 
 def test_a_chamber_is_asked_for_temperatures_only(seen):
-    said = advice(seen(ramp(20, 35)), {'force_z': 'weak'}, chamber=True)
-    assert 'You have not seen' in said
-    assert 'thermometer' not in said
-    assert 'second day' not in said
+    text = advice(seen(ramp(20, 35)), {'force_z': 'weak'}, chamber=True)
+    assert 'You have not seen' in text
+    assert 'thermometer' not in text
+    assert 'second day' not in text
 
 
 def test_an_evaluation_beyond_the_model_says_so(seen):
