@@ -56,6 +56,7 @@ bench: $(READY)
 	$(BIN)/python bench/identification.py
 	$(BIN)/python bench/stream.py
 	$(BIN)/python bench/memory.py
+	$(BIN)/python bench/footprint.py
 	$(BIN)/python bench/rewriting.py
 
 # What docs/reliability.md is made from; most of an hour.

@@ -1,7 +1,9 @@
 """Reports of every kind: a good sensor, a weak one, none to mend, an evaluation, a chamber."""
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from wrist_ft_comp.calibration.chamber import chamber_figures, table_recording
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.files.chamber_table import read_chamber_table
 from wrist_ft_comp.files.model_file import save_model
+from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import Recording
 from wrist_ft_comp.report.evaluation import tared_errors
 from wrist_ft_comp.report.of_calibration import calibration_view
@@ -21,7 +24,6 @@ from wrist_ft_comp.report.view import ReportView
 #: Markup in it, and longer than a line of a telephone.
 NAME = '<b>a_name_without_any_space_' + 'x' * 60 + '.csv & "quotes"'
 TABLE = Path(__file__).parents[2] / 'data/keller_pa10/table2_sensor_b_raw.csv'
-KINDS = ('good', 'weak', 'none', 'evaluation', 'chamber')
 
 
 def make_recording(  # noqa: PLR0913 -- a factory names what it can vary
@@ -67,71 +69,51 @@ def evaluated(stored, recording, reference='unloaded'):
 
 
 @pytest.fixture(scope='session')
-def make() -> object:
+def make() -> SimpleNamespace:
     """The builders above, for tests."""
-
-    class Make:
-        recording = staticmethod(make_recording)
-        evaluated = staticmethod(evaluated)
-        learn = staticmethod(learn)
-        name = NAME
-        table = TABLE
-        kinds = KINDS
-
-    return Make
-
-
-def _chamber(folder):
-    table = read_chamber_table(TABLE)
-    recording = table_recording(table, 30.0)
-    found, stored = learn([recording], folder, 'recorded', method='pls', features='hats')
-    figures = {'raw': chamber_figures(table), 'left out': chamber_figures(table)}
-    return calibration_view(found, [recording], stored, 'recorded', {TABLE.name: figures})
+    return SimpleNamespace(
+        recording=make_recording, evaluated=evaluated, learn=learn, name=NAME, table=TABLE
+    )
 
 
 @pytest.fixture(scope='session')
-def view(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], ReportView]:
-    """Views by kind, each made once."""
-    made: dict[str, ReportView] = {}
+def stored(tmp_path_factory: pytest.TempPathFactory) -> StoredModel:
+    """A model that was learnt from one recording, monday.csv."""
+    folder = tmp_path_factory.mktemp('stored')
+    return learn([make_recording('monday.csv')], folder, method='pls')[1]
 
+
+@pytest.fixture(scope='session')
+def view(
+    tmp_path_factory: pytest.TempPathFactory, stored: StoredModel
+) -> Callable[[str], ReportView]:
+    """Views by kind, each made once."""
+
+    @cache
     def build(kind):
         folder = tmp_path_factory.mktemp(kind)
         if kind == 'chamber':
-            return _chamber(folder)
+            table = read_chamber_table(TABLE)
+            recordings = [table_recording(table, 30.0)]
+            found, model = learn(recordings, folder, 'recorded', method='pls', features='hats')
+            tables = {TABLE.name: dict.fromkeys(('raw', 'left out'), chamber_figures(table))}
+            return calibration_view(found, recordings, model, 'recorded', tables)
         if kind == 'evaluation':
-            _, stored = learn([make_recording('monday.csv')], folder, method='pls')
-            shown = [
-                evaluated(stored, make_recording()),
-                evaluated(stored, make_recording('second.csv', 1), 'constant'),
-            ]
-            return evaluation_view(stored, shown, 60.0)
+            second = evaluated(stored, make_recording('second.csv', 1), 'constant')
+            return evaluation_view(stored, [evaluated(stored, make_recording()), second], 60.0)
         drifts = {'good': (1.0, 0.0), 'weak': (0.05, 0.1), 'none': (0.0, 0.0)}
         slope, hidden = drifts[kind]
-        count = 1 if kind == 'weak' else 2
         recordings = [
-            make_recording(NAME if k == 0 else 'second.csv', k, slope=slope, hidden=hidden)
-            for k in range(count)
+            make_recording(name, k, slope=slope, hidden=hidden)
+            for k, name in enumerate([NAME] if kind == 'weak' else [NAME, 'second.csv'])
         ]
-        method = 'pls' if kind == 'weak' else 'auto'
-        found, stored = learn(recordings, folder, method=method)
-        return calibration_view(found, recordings, stored, 'unloaded')
+        found, model = learn(recordings, folder, method='pls' if kind == 'weak' else 'auto')
+        return calibration_view(found, recordings, model, 'unloaded')
 
-    def get(kind):
-        if kind not in made:
-            made[kind] = build(kind)
-        return made[kind]
-
-    return get
+    return build
 
 
 @pytest.fixture(scope='session')
 def text(view: Callable[[str], ReportView]) -> Callable[[str], str]:
     """Pages by kind, as text."""
-    made: dict[str, str] = {}
-
-    def get(kind):
-        if kind not in made:
-            made[kind] = page(view(kind))
-        return made[kind]
-
-    return get
+    return cache(lambda kind: page(view(kind)))

@@ -55,23 +55,16 @@ class Outline(HTMLParser):
 
 
 @every_kind
-def test_every_tag_is_closed_where_it_was_opened(kind, text):
+def test_the_page_is_small_well_formed_and_steps_down_through_its_headings(kind, text):
     outline = Outline(text(kind))
     assert not outline.open
     assert text(kind).startswith('<!doctype html>')
-
-
-@every_kind
-def test_the_page_is_small(kind, text):
     assert len(text(kind).encode()) < MAX_BYTES
-
-
-def test_long_recordings_make_no_larger_page(make, tmp_path):
-    """Ten hours at one cell a second, which is what a node sees."""
-    long = make.recording(cells=36_000)
-    _, stored = make.learn([make.recording()], tmp_path, method='pls')
-    view = evaluation_view(stored, [make.evaluated(stored, long)], 60.0)
-    assert len(page(view).encode()) < MAX_BYTES
+    assert len(outline.ids) == len(set(outline.ids))
+    levels = [int(tag[1]) for tag in outline.seen if re.fullmatch(r'h\d', tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(after - before <= 1 for before, after in pairwise(levels))
 
 
 @every_kind
@@ -84,12 +77,6 @@ def test_the_page_loads_nothing_and_runs_nothing(kind, text):
     assert links <= {'http://www.w3.org/2000/svg', 'http://www.w3.org/1999/xlink'}
     assert '@import' not in text(kind)
     assert set(re.findall(r'url\((.)', text(kind))) <= {'#'}
-
-
-@every_kind
-def test_no_id_is_used_twice(kind, text):
-    ids = Outline(text(kind)).ids
-    assert len(ids) == len(set(ids))
 
 
 @every_kind
@@ -108,14 +95,6 @@ def test_names_are_text_and_never_tags(text, make):
     assert 'Calibration of <i>model.yaml' in outline.text
     assert 'Something <odd> was left out.' in outline.text
     assert not {'b', 'i', 'odd'} & set(outline.seen)
-
-
-@every_kind
-def test_headings_step_down_one_at_a_time(kind, text):
-    levels = [int(tag[1]) for tag in Outline(text(kind)).seen if re.fullmatch(r'h\d', tag)]
-    assert levels[0] == 1
-    assert levels.count(1) == 1
-    assert all(after - before <= 1 for before, after in pairwise(levels))
 
 
 @every_kind
@@ -181,14 +160,6 @@ def test_pictures_of_a_calibration_show_its_held_out_errors(view):
         assert np.sqrt(np.mean(per_part)) == pytest.approx(axis.errors.rms_after, rel=1e-2)
 
 
-def test_the_numbers_of_an_evaluation_are_its_own(make, tmp_path):
-    _, stored = make.learn([make.recording()], tmp_path, method='pls')
-    other = make.recording('other.csv', 5)
-    shown = make.evaluated(stored, other)
-    view = evaluation_view(stored, [shown], 60.0)
-    assert {axis.axis: axis.errors for axis in view.axes} == judge_errors([shown.errors])
-
-
 def test_an_evaluation_says_what_was_learnt_and_tells_recordings_apart(view):
     for axis in view('evaluation').axes:
         assert axis.reason.startswith('pls')
@@ -201,26 +172,45 @@ def test_an_evaluation_says_what_was_learnt_and_tells_recordings_apart(view):
     assert 'Recording by recording' not in Outline(page(view('good'))).whole
 
 
-def test_a_chamber_table_is_in_units_of_its_own(text):
+def test_a_chamber_table_has_figures_and_units_of_its_own(text):
     whole = Outline(text('chamber')).whole
+    assert 'max |K_s|' in whole
+    assert 'Left out: every temperature predicted from the others.' in whole
     assert 'output units RMS' in whole
     assert ' N RMS' not in whole
     assert 'force z, N' not in whole
 
 
-def test_an_evaluation_on_what_was_learnt_is_no_proof(make, tmp_path):
-    _, stored = make.learn([make.recording('a.csv')], tmp_path, method='pls')
-    same, other = make.recording('a.csv'), make.recording('b.csv', 1)
+def test_an_evaluation_of_ten_hours_at_a_cell_a_second_is_no_larger_and_has_its_own_numbers(
+    make, stored
+):
+    shown = make.evaluated(stored, make.recording('other.csv', 5, cells=36_000))
+    view = evaluation_view(stored, [shown], 60.0)
+    assert len(page(view).encode()) < MAX_BYTES
+    assert {axis.axis: axis.errors for axis in view.axes} == judge_errors([shown.errors])
+
+
+def test_an_evaluation_on_what_was_learnt_is_no_proof(make, stored):
+    same, other = make.recording('monday.csv'), make.recording('b.csv', 1)
     warnings = evaluation_view(stored, [make.evaluated(stored, same)], 60.0).warnings
-    assert warnings[0].startswith('By its name, a.csv is among')
+    assert warnings[0].startswith('By its name, monday.csv is among')
     warnings = evaluation_view(stored, [make.evaluated(stored, other)], 60.0).warnings
     assert warnings == other.warnings
 
 
-def test_what_cannot_be_compared_is_a_sentence(make, tmp_path):
-    _, stored = make.learn([make.recording()], tmp_path, method='pls')
-    with pytest.raises(RecordingError, match='no cell with both'):
-        make.evaluated(stored, make.recording(), 'recorded')
+def test_an_evaluation_beside_a_chamber_table_is_refused(make, stored):
+    shown = [make.recording(), replace(make.recording(), unit='output units')]
+    with pytest.raises(RecordingError, match='in different units'):
+        evaluation_view(stored, [make.evaluated(stored, each) for each in shown], 60.0)
+
+
+def test_an_evaluated_chamber_table_has_its_figures(make, stored, view):
+    figures = {'raw': view('chamber').tables[make.table.name]['raw']}
+    shown = replace(make.evaluated(stored, make.recording('oven.csv')), figures=figures)
+    whole = Outline(page(evaluation_view(stored, [shown], 60.0))).whole
+    assert 'Chamber test oven.csv.' in whole
+    assert 'max |K_s|' in whole
+    assert 'Left out' not in whole
 
 
 def test_loads_are_shown_where_they_are_known(make, tmp_path):
@@ -231,12 +221,6 @@ def test_loads_are_shown_where_they_are_known(make, tmp_path):
     assert 'Loads by the reference' in whole
     assert 'zero and gain' in whole
     assert 'Loads are not known' not in whole
-
-
-def test_figures_of_a_chamber_table_are_shown(text):
-    whole = Outline(text('chamber')).whole
-    assert 'max |K_s|' in whole
-    assert 'left out' in whole
 
 
 def test_standard_errors_and_reasons_are_shown_where_they_are_known(view):
@@ -259,7 +243,6 @@ def test_where_it_comes_from_is_said(text, view):
         assert word in whole
 
 
-def test_names_that_are_no_text_do_not_stop_the_report(make, tmp_path):
-    _, stored = make.learn([make.recording()], tmp_path, method='pls')
+def test_names_that_are_no_text_do_not_stop_the_report(make, stored):
     shown = [make.evaluated(stored, make.recording('\udcff.csv'))]
     assert b'?.csv' in page(evaluation_view(stored, shown, 60.0)).encode(errors='replace')

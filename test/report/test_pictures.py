@@ -1,5 +1,9 @@
+"""The report's pictures, SVG in the page's colours, and the demo's, a PNG."""
+
+import re
+import xml.etree.ElementTree as ET
+
 from matplotlib import colors
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 import numpy as np
 import pytest
@@ -7,8 +11,114 @@ import pytest
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report import pictures
 from wrist_ft_comp.report.pictures import draw_drift, DriftSeries, save_png, TemperatureSeries
+from wrist_ft_comp.report.view import ErrorSeries, ThermometerSeries
 
+XLINK = '{http://www.w3.org/1999/xlink}href'
+COLOURS = re.compile(r'#[0-9a-fA-F]{6}\b')
 DRAWN = (pictures.RAW_COLOUR, pictures.COMPENSATED_COLOUR)
+
+
+def series(points=300, parts=1):
+    t = np.linspace(0, 3, points)
+    part = np.arange(points) * parts // points
+    return ErrorSeries(t, 20 + 5 * t, np.sin(t), 0.1 * np.cos(9 * t), part)
+
+
+def thermometers(count):
+    t = np.linspace(0, 3, 50)
+    return tuple(
+        ThermometerSeries(f'thermometer {j}', t, 20 + j + t, np.zeros(50, dtype=int))
+        for j in range(count)
+    )
+
+
+def drawn():
+    return pictures.errors_over_time(series(), 'N')
+
+
+def xml(text):
+    return ET.fromstring(text)  # noqa: S314 -- our own text
+
+
+def test_a_line_keeps_its_peaks_when_it_is_thinned_out():
+    x = np.arange(100_000.0)
+    y = np.random.default_rng(1).normal(0, 1, len(x))
+    y[[777, 55_555]] = 50.0, -50.0
+    kept_x, kept_y = pictures.thin_out(x, y, 240)
+    assert len(kept_x) <= 480
+    assert (np.diff(kept_x) > 0).all()
+    assert {50.0, -50.0} <= set(kept_y.tolist())
+    np.testing.assert_array_equal(y[kept_x.astype(int)], kept_y)
+    assert len(pictures.thin_out(x[:480], y[:480], 240)[0]) == 480
+
+
+def test_lines_break_between_parts_and_at_gaps():
+    whole = pictures.errors_over_time(series(), 'N').axes[0].lines[0].get_xdata()
+    parted = pictures.errors_over_time(series(parts=3), 'N').axes[0].lines
+    assert np.isnan(whole).sum() == 1
+    data = max((line.get_xdata() for line in parted), key=len)
+    assert np.isnan(data).sum() == 3
+    one = series()
+    gap = ErrorSeries(
+        one.hours + (one.hours > 1) * 2, one.temperature_c, one.before, one.after, one.part
+    )
+    assert np.isnan(pictures.errors_over_time(gap, 'N').axes[0].lines[0].get_xdata()).sum() == 2
+
+
+def test_both_lines_differ_without_colour_and_axes_have_units():
+    panel = pictures.errors_over_time(series(), 'N m').axes[0]
+    assert panel.lines[0].get_linestyle() != panel.lines[1].get_linestyle()
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ('time, h', 'error, N m')
+    panel = pictures.errors_over_temperature(series(), 'N').axes[0]
+    assert panel.lines[0].get_marker() != panel.lines[1].get_marker()
+    assert panel.get_xlabel() == 'temperature, °C'
+    first, second = pictures.temperatures_over_time(thermometers(2)).axes[0].lines
+    assert first.get_linestyle() != second.get_linestyle()
+
+
+@pytest.mark.parametrize('points', [1, 2, 3])
+def test_a_handful_of_points_is_drawn(points):
+    few = series(points)
+    for figure in (
+        pictures.errors_over_time(few, 'N'),
+        pictures.errors_over_temperature(few, 'N'),
+    ):
+        assert '<svg' in pictures.svg_text(figure, 'p', 'few')
+
+
+def test_more_thermometers_than_styles_are_all_drawn():
+    assert len(pictures.temperatures_over_time(thermometers(9)).axes[0].lines) == 9
+
+
+def test_colours_and_font_are_the_page_s_and_text_stays_text():
+    text = pictures.svg_text(drawn(), 'p0', 'x')
+    assert not COLOURS.findall(text)
+    for name in ('ink', 'with', 'without', 'grid'):
+        assert f'var(--{name})' in text
+    words = [node.text for node in xml(text).iter('{http://www.w3.org/2000/svg}text')]
+    assert {'time, h', 'error, N', 'with'} <= set(words)
+    assert 'DejaVu' not in text
+
+
+def test_references_end_inside_the_picture_and_two_share_no_id():
+    kept = set()
+    for name in ('p0', 'p1'):
+        nodes = list(xml(pictures.svg_text(drawn(), name, 'x')).iter())
+        ids = [node.get('id') for node in nodes if node.get('id')]
+        assert len(set(ids)) == len(ids) > 0
+        targets = {node.get(XLINK)[1:] for node in nodes if node.get(XLINK)}
+        clips = {node.get('clip-path')[5:-1] for node in nodes if node.get('clip-path')}
+        assert targets
+        assert clips
+        assert targets | clips <= set(ids)
+        assert not kept & set(ids)
+        kept |= set(ids)
+
+
+def test_the_same_picture_is_the_same_text_and_its_description_too():
+    text = pictures.svg_text(drawn(), 'p0', '<b> & "x"')
+    assert text == pictures.svg_text(drawn(), 'p0', '<b> & "x"')
+    assert xml(text).get('aria-label') == '<b> & "x"'
 
 
 def figure(axes=3, points=200, title='force'):
@@ -78,10 +188,3 @@ def test_more_thermometers_than_colours_are_all_drawn():
 def test_a_folder_that_is_missing_is_a_sentence(tmp_path):
     with pytest.raises(RecordingError, match='cannot be written'):
         save_png(tmp_path / 'no' / 'a.png', figure(1))
-
-
-def test_drawing_does_not_change_the_series():
-    t = np.arange(5.0)
-    series = DriftSeries('a', t, t.copy(), t.copy())
-    FigureCanvasAgg(draw_drift([series], [TemperatureSeries('b', t, t.copy())])).draw()
-    np.testing.assert_array_equal(series.raw, np.arange(5.0))

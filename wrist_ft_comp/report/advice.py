@@ -6,9 +6,8 @@ from wrist_ft_comp.model.signals import AXES, Reference
 from wrist_ft_comp.report.coverage import Coverage, unseen_temperatures
 from wrist_ft_comp.report.verdict import Level
 
-#: A recording should last this many times the slowest time constant …
+#: A recording should last this many times the slowest time constant, and at least so long, s.
 _TIME_CONSTANTS = 4.0
-#: … and at least so long, s.
 _SHORT_S = 3600.0
 #: One direction counts as missing when it holds less than this share of the other.
 _ONE_WAY = 0.2
@@ -49,16 +48,22 @@ def what_to_record_next(  # noqa: PLR0913 -- what a calibration knows, each a pl
         Sentences.
 
     """
-    at_work = (
-        *_second_thermometer(len(coverage.range_c), levels),
-        *_directions(coverage),
-        *_lengths(durations_s, slowest_s),
-        *_axes(levels),
-    )
+    advice = [*_temperatures(coverage)]
+    if not chamber:
+        advice += [
+            *_thermometers_and_ways(coverage, levels),
+            *_lengths(durations_s, slowest_s),
+        ]
+        if missing := [axis for axis in AXES if axis not in levels]:
+            names = _names(missing)
+            advice.append(f'No recording holds {names}; what is not recorded is passed through.')
+    if reference != 'recorded' or not coverage.loads:
+        advice.append(
+            'The drift of the gain is not known. If the sensor works under large loads, record '
+            'changing loads with a reference beside them (reference "recorded").'
+        )
     return [
-        *_temperatures(coverage),
-        *(() if chamber else at_work),
-        *_loads(coverage, reference),
+        *advice,
         'Judge this model on a recording that it has not seen: wrist_ft_comp evaluate.',
     ]
 
@@ -77,7 +82,7 @@ def what_was_not_learnt(coverage: Coverage, learnt_c: Sequence[tuple[float, floa
     Returns
     -------
     str
-        A sentence.
+        A sentence or two.
 
     """
     outside = [
@@ -96,8 +101,7 @@ def what_was_not_learnt(coverage: Coverage, learnt_c: Sequence[tuple[float, floa
 def _temperatures(coverage: Coverage) -> Iterator[str]:
     """Name the temperatures that are missing."""
     low, high = coverage.range_c[coverage.leading]
-    many = len(coverage.range_c) > 1
-    where = f' at thermometer {coverage.leading + 1}' if many else ''
+    where = f' at thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
     unseen = unseen_temperatures(coverage)
     for start, end in unseen:
         if end <= low or start >= high:
@@ -113,18 +117,14 @@ def _temperatures(coverage: Coverage) -> Iterator[str]:
         )
 
 
-def _second_thermometer(thermometers: int, levels: Mapping[str, Level]) -> Iterator[str]:
-    """Ask for a second thermometer where one does not explain the drift."""
+def _thermometers_and_ways(coverage: Coverage, levels: Mapping[str, Level]) -> Iterator[str]:
+    """Ask for a second thermometer where one explains little, and for the way that is missing."""
     poor = [axis for axis, level in levels.items() if level in {'weak', 'harmful'}]
-    if thermometers == 1 and poor:
+    if len(coverage.range_c) == 1 and poor:
         yield (
             f'One thermometer does not explain {_names(poor)} well. Heat that comes from two '
             'sides needs two: put another one at the side of the motor, or of the room.'
         )
-
-
-def _directions(coverage: Coverage) -> Iterator[str]:
-    """Ask for the way that is missing, up or down."""
     up, down = coverage.risen_k, coverage.fallen_k
     if min(up, down) < _ONE_WAY * max(up, down):
         missing, action = ('cooled', 'cool down') if down < up else ('warmed', 'warm up')
@@ -146,22 +146,6 @@ def _lengths(durations_s: Sequence[float], slowest_s: float) -> Iterator[str]:
         )
     if len(durations_s) == 1:
         yield 'Record on a second day: a model is then judged on whole days that it has not seen.'
-
-
-def _axes(levels: Mapping[str, Level]) -> Iterator[str]:
-    """Name the axes that no recording holds."""
-    missing = [axis for axis in AXES if axis not in levels]
-    if missing:
-        yield f'No recording holds {_names(missing)}; what is not recorded is passed through.'
-
-
-def _loads(coverage: Coverage, reference: Reference) -> Iterator[str]:
-    """Ask for loads where the drift of the gain is not known."""
-    if reference != 'recorded' or not coverage.loads:
-        yield (
-            'The drift of the gain is not known. If the sensor works under large loads, record '
-            'changing loads with a reference beside them (reference "recorded").'
-        )
 
 
 def _names(axes: Sequence[str]) -> str:

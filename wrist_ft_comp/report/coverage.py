@@ -31,32 +31,19 @@ class LoadRange:
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """
-    What recordings have seen.
+    """What recordings have seen, all together."""
 
-    Attributes
-    ----------
-    edges_c : ndarray, shape (B + 1,)
-        Edges of temperature bins, °C.
-    seconds : ndarray, shape (J, B)
-        Time that each thermometer spent in each bin, s.
-    range_c : ndarray, shape (J, 2)
-        Lowest and highest temperature of each thermometer, °C.
-    leading : int
-        The thermometer that spans most, counted from 0: what it has not seen is not known.
-    risen_k, fallen_k : float
-        How far it went up and down, all recordings together, K.
-    loads : dict of str to LoadRange
-        By axis, where a reference was recorded.
-
-    """
-
+    #: Edges of temperature bins, shape (B + 1,), and the time of each thermometer there, (J, B).
     edges_c: FloatArray
     seconds: FloatArray
+    #: Lowest and highest temperature of each thermometer, shape (J, 2).
     range_c: FloatArray
+    #: The thermometer that spans most, counted from 0: what it has not seen is not known.
     leading: int
+    #: How far it went up and down.
     risen_k: float
     fallen_k: float
+    #: By axis, where a reference was recorded.
     loads: dict[str, LoadRange]
 
 
@@ -101,16 +88,7 @@ def unseen_temperatures(coverage: Coverage) -> list[tuple[float, float]]:
     """
     List the parts of the working range that the leading thermometer has not seen.
 
-    Parameters
-    ----------
-    coverage : Coverage
-        From cover.
-
-    Returns
-    -------
-    list of (float, float)
-        From, to, °C, increasing; holes between what was seen are among them.
-
+    From, to, °C, increasing; holes between what was seen are among them.
     """
     low, high = coverage.range_c[coverage.leading].tolist()
     empty = np.concatenate(([False], coverage.seconds[coverage.leading] == 0, [False]))

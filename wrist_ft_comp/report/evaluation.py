@@ -15,13 +15,9 @@ from wrist_ft_comp.model.signals import AXES, FloatArray, Recording, Reference
 
 class TaredErrors(NamedTuple):
     """
-    Errors of every cell of a recording, tared and against the reference.
+    Raw and compensated errors of every cell, tared and against the reference, shapes (N, 6).
 
-    Attributes
-    ----------
-    before, after : ndarray, shape (N, 6)
-        Raw and compensated, N and N m, axis order AXES; NaN where there is nothing to compare.
-
+    N and N m, axis order AXES; NaN where there is nothing to compare.
     """
 
     before: FloatArray
@@ -31,15 +27,9 @@ class TaredErrors(NamedTuple):
 @dataclass(frozen=True)
 class AxisEvaluation:
     """
-    What is left of an axis' drift, after taring and against the reference, N or N m.
+    What is left of an axis' drift, raw and compensated, after taring, N or N m.
 
-    Attributes
-    ----------
-    rms_before, rms_after : float
-        Root mean square over thermal cells, raw and compensated.
-    max_before, max_after : float
-        Largest deviation of a cell.
-
+    Root mean square over thermal cells, and largest deviation of one.
     """
 
     rms_before: float

@@ -26,25 +26,12 @@ from wrist_ft_comp.report.view import (
 
 @dataclass(frozen=True, eq=False)
 class EvaluatedRecording:
-    """
-    A recording, what it was compared with, and what came out.
-
-    Attributes
-    ----------
-    recording : Recording
-        On the model's grid.
-    reference : {'unloaded', 'constant', 'recorded'}
-        What the true wrench was.
-    errors : TaredErrors
-        What the model leaves of the drift in it.
-    figures : mapping of str to ChamberFigures
-        Of a chamber table, by title.
-
-    """
+    """A recording on the model's grid, what it was compared with, and what came out."""
 
     recording: Recording
     reference: Reference
     errors: TaredErrors
+    #: Of a chamber table, by title.
     figures: Mapping[str, ChamberFigures] = field(default_factory=dict)
 
 

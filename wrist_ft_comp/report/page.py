@@ -37,20 +37,7 @@ def page(view: ReportView) -> str:
 
 
 def headline(view: ReportView) -> str:
-    """
-    Sum the verdicts up in one sentence.
-
-    Parameters
-    ----------
-    view : ReportView
-        The report's content.
-
-    Returns
-    -------
-    str
-        Such as ``6 axes: 5 good, 1 weak.`` and what was seen.
-
-    """
+    """Sum the verdicts up, such as ``6 axes: 5 good, 1 weak.``, and say what was seen."""
     counts = Counter(axis.verdict.level for axis in view.axes)
     total = len(view.axes)
     parts = [f'{counts[level]} {name}' for level, name in LEVEL_NAMES.items() if counts[level]]

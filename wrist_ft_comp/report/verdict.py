@@ -33,42 +33,26 @@ NOISE_MARGIN = 1.5
 
 @dataclass(frozen=True)
 class Evidence:
-    """
-    What is known about one axis.
+    """What is known about one axis."""
 
-    Attributes
-    ----------
-    unit : str
-        N or N m.
-    before, after : float
-        Root mean square error without and with compensation, in the unit.
-    noise : float
-        Standard deviation of what no model of temperature can explain, in the unit; 0 if unknown.
-    compensated : bool
-        Whether there is a model for the axis.
-    best_candidate : float or None
-        Smallest error among the candidates that were refused, in the unit.
-    blocks : FoldErrors or None
-        The errors block by block.
-    block_name : str
-        What a block is.
-    slowest_s, longest_s : float
-        Slowest time constant, and longest recording, s; 0 if unknown.
-    refusal : str
-        Why an axis that drifts was not learnt, without a full stop; empty when it was.
-
-    """
-
+    #: N, N m, or what the recordings are in; so are all errors.
     unit: str
+    #: Root mean square error without and with compensation.
     before: float
     after: float
+    #: Standard deviation of what no model of temperature can explain; 0 if unknown.
     noise: float
+    #: Whether there is a model for the axis.
     compensated: bool
+    #: Smallest error among the candidates that were refused.
     best_candidate: float | None = None
+    #: The errors block by block, and what a block is.
     blocks: FoldErrors | None = None
     block_name: str = 'held-out block'
+    #: Slowest time constant, and longest recording; 0 if unknown.
     slowest_s: float = 0.0
     longest_s: float = 0.0
+    #: Why an axis that drifts was not learnt, without a full stop; empty when it was.
     refusal: str = ''
 
 
@@ -81,20 +65,7 @@ class Verdict:
 
 
 def judge(evidence: Evidence) -> Verdict:
-    """
-    Judge one axis.
-
-    Parameters
-    ----------
-    evidence : Evidence
-        What is known.
-
-    Returns
-    -------
-    Verdict
-        Level and sentence.
-
-    """
+    """Judge one axis by what is known of it."""
     before, after = evidence.before, evidence.after
     if not evidence.compensated:
         return Verdict('uncalibrated', _why_uncalibrated(evidence))

@@ -7,7 +7,7 @@ Thermometers are counted from 0 in a snapshot, and from 1 in what is said of the
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
@@ -38,8 +38,7 @@ class Status:
     values: dict[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)
-class StreamState:
+class StreamState(NamedTuple):
     """Where the compensator stands; arrays of shape (6,) are in the order of AXES, N and N m."""
 
     compensating: bool = False
@@ -53,25 +52,24 @@ class StreamState:
     strays: int = 0
     leaps: int = 0
     restarts: int = 0
-    drift: Drift = field(default_factory=lambda: Drift(_NO_DRIFT, _NO_DRIFT))
+    drift: Drift = Drift(_NO_DRIFT, _NO_DRIFT)
     #: Of the zero drift, NaN where nothing is known.
-    deviation: FloatArray = field(default_factory=lambda: np.full(len(AXES), np.nan))
-    tare: FloatArray = field(default_factory=lambda: _NO_DRIFT)
+    deviation: FloatArray = np.full(len(AXES), np.nan)
+    tare: FloatArray = _NO_DRIFT
     #: Axes whose drift would be larger, and would move faster, than is allowed.
     too_large: tuple[str, ...] = ()
     too_fast: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Snapshot:
+class Snapshot(NamedTuple):
     """What the node knows about itself at a moment; times are those of a steady clock, s."""
 
     now_s: float
     health: InputHealth
     #: What had been counted at the report before, and how long ago that was.
-    before: Counts = field(default_factory=Counts)
+    before: Counts = Counts()
     elapsed_s: float = 1.0
-    stream: StreamState = field(default_factory=StreamState)
+    stream: StreamState = StreamState()
     #: The live model, and what is wrong with it or with the one that should be live.
     model: StoredModel | None = None
     model_problem: str = ''

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
-from wrist_ft_comp.files.csv_file import CsvRecordingWriter
 from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.model.signals import NANOSECONDS
 from wrist_ft_comp.model.stream_grid import CompletedCells
@@ -25,6 +24,8 @@ class OwnRecording:
         self.period_ns = period_ns
         self.rows = 0
         self.averager = CellAverager(period_ns, thermometers)
+        from wrist_ft_comp.files.csv_file import CsvRecordingWriter  # noqa: PLC0415 -- rarely needed
+
         self._writer = CsvRecordingWriter(path, row_channels(thermometers))
 
     def write(self, *, final: bool = False) -> None:
