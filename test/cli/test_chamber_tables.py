@@ -115,11 +115,3 @@ def test_the_compensated_table_is_a_table_again(name, fitted, run, make, tmp_pat
     np.testing.assert_array_equal(found.load, source.load)
     np.testing.assert_array_equal(found.temperatures_c, source.temperatures_c)
     assert found.output[0, found.reference_column] == pytest.approx(0, abs=1e-9)
-
-
-def test_two_temperatures_leave_nothing_to_leave_out(done, tmp_path):
-    path = tmp_path / 'two.csv'
-    steps = [f'{k},{load},{load * 6},{load * 6.1 + 1}' for k, load in enumerate([0, 5, 10] * 6)]
-    path.write_text('\n'.join(['step,load_kpa,output_at_20_c,output_at_60_c', *steps, '']))
-    found = json.loads(done('calibrate', path, '-o', tmp_path / 'm.yaml', '--json'))
-    assert set(found['chamber_tables'][str(path)]) == {'raw', 'fitted'}

@@ -4,7 +4,6 @@ import json
 import numpy as np
 import pytest
 
-from wrist_ft_comp.cli import compensate
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.model.offline import correct_many, track_drift
@@ -55,18 +54,6 @@ def test_a_tare_removes_the_offset(done, make, model, tmp_path):
     untared = np.array(table(tmp_path / 'raw.csv')['force_z'], dtype=float)
     assert np.ptp(untared - values) < 1e-9
     assert abs(untared.mean()) > 10
-
-
-def test_a_failure_in_the_middle_leaves_nothing(run, make, model, tmp_path, monkeypatch):
-    path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
-
-    def full(*_):
-        raise OSError(28, 'No space left on device')
-
-    monkeypatch.setattr(compensate, 'correct_many', full)
-    outcome = run('compensate', model, path, '-o', tmp_path / 'out.csv')
-    assert 'No space left' in outcome.sentence
-    assert [each.name for each in tmp_path.iterdir()] == ['run.csv']
 
 
 def test_each_warning_comes_once(run, make, model, tmp_path):

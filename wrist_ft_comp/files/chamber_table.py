@@ -62,26 +62,10 @@ def _number(path: Path, rows: list[list[str]], row: int, column: int) -> float:
 
 def read_chamber_table(path: Path, *, keep_copied_columns: bool = False) -> ChamberTable:
     """
-    Read a table.
+    Read a table, its columns in the file's order.
 
-    Parameters
-    ----------
-    path : Path
-        CSV as in the module's docstring.
-    keep_copied_columns : bool
-        Keep columns which repeat an earlier one digit for digit. They cannot be measurements,
-        so by default they are left out, and the table's left_out says so.
-
-    Returns
-    -------
-    ChamberTable
-        Columns in the file's order.
-
-    Raises
-    ------
-    RecordingError
-        When a row is ragged, a cell is no number, or there is no load or no output.
-
+    Columns which repeat an earlier one digit for digit cannot be measurements; unless they are to
+    be kept they are left out, and the table's left_out says so.
     """
     rows = _read_rows(path)
     loads = [c for c, name in enumerate(rows[0]) if _LOAD.fullmatch(name.strip())]

@@ -61,20 +61,7 @@ class CsvPiece:
 
 
 class CsvRecording:
-    """
-    A CSV file with a header, of which ``columns`` and ``groups`` tell; read by ``pieces``.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Raises
-    ------
-    RecordingError
-        When it cannot be read, or its header lacks a stamp or names a known column twice.
-
-    """
+    """A CSV file with a header, of which ``columns`` and ``groups`` tell; read by ``pieces``."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -328,20 +315,9 @@ def _corrected(piece: CsvPiece, correct: Correction) -> dict[str, list[str]]:
 
 class CsvRecordingWriter:
     """
-    Writes a new CSV recording row by row; what was appended survives the end of the process.
+    Writes a new CSV recording: ``stamp_ns``, then channels; what was appended survives a crash.
 
-    Parameters
-    ----------
-    path : Path
-        The file to make; it must not exist yet.
-    channels : sequence of str
-        Column names behind ``stamp_ns``.
-
-    Raises
-    ------
-    RecordingError
-        When it exists, or cannot be written; so do all methods when the disk is full.
-
+    All methods raise RecordingError where the file exists, or cannot be written any more.
     """
 
     def __init__(self, path: Path, channels: Sequence[str]) -> None:

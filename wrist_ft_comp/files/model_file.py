@@ -82,29 +82,7 @@ def load_model(path: Path) -> StoredModel:
 
 
 def restore_model(path: Path, sha256: str, document: Document) -> StoredModel:
-    """
-    Build a stored model from a document that was checked against the schema.
-
-    Parameters
-    ----------
-    path : Path
-        Where it lies.
-    sha256 : str
-        Of its bytes.
-    document : dict
-        Its content.
-
-    Returns
-    -------
-    StoredModel
-        Able to run.
-
-    Raises
-    ------
-    ModelFileError
-        When its parts do not fit together.
-
-    """
+    """Build a stored model from a document that was checked against the schema."""
     try:
         return StoredModel(path, sha256, _build_model(document), document)
     except (ModelFileError, SettingsError) as error:

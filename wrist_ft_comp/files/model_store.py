@@ -107,20 +107,9 @@ class ModelStore:
 
     def activate(self, history: list[Path | None], given: str | None = None) -> None:
         """
-        Remember the active model and the ones before it.
+        Remember the models that were active, newest last; paths inside the folder stay relative.
 
-        Parameters
-        ----------
-        history : list of Path or None
-            Newest last; paths inside the folder are kept relative to it.
-        given : str, optional
-            SHA-256 of the model the operator gave; as it was when left out.
-
-        Raises
-        ------
-        ModelFileError
-            When it cannot be written; what was remembered before stays.
-
+        Which model the operator gave, a SHA-256, stays as it was when left out.
         """
         path = self.directory / 'active.json'
         entries = [None if entry is None else self._written(entry) for entry in history]

@@ -31,25 +31,7 @@ _HASHED_AT_ONCE = 1 << 20
 
 
 def kind_of(path: Path) -> str:
-    """
-    Tell what kind of recording a path is, from its name and its first line.
-
-    Parameters
-    ----------
-    path : Path
-        File or folder.
-
-    Returns
-    -------
-    str
-        BAG, CSV or TABLE; CSV also for files that turn out to be nothing of the kind.
-
-    Raises
-    ------
-    RecordingError
-        When there is no such file, or its kind is known not to be readable.
-
-    """
+    """Tell what kind of recording a path is, from its name and its first line; CSV if in doubt."""
     if not path.exists():
         raise RecordingError(
             f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file.'

@@ -50,45 +50,12 @@ class SavedState:
 
 
 def save_state(path: Path, state: SavedState) -> None:
-    """
-    Write a state file; an existing one is replaced in one step.
-
-    Parameters
-    ----------
-    path : Path
-        Target; its folder is made when missing.
-    state : SavedState
-        What to keep.
-
-    Raises
-    ------
-    StateFileError
-        When it cannot be written; the old file stays.
-
-    """
+    """Write a state file, and its folder; an existing one is replaced in one step."""
     KIND.write(path, json.dumps(_document(state), allow_nan=False))
 
 
 def load_state(path: Path) -> SavedState | None:
-    """
-    Read a state file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    SavedState or None
-        None when there is no such file.
-
-    Raises
-    ------
-    StateFileError
-        When it cannot be read, is of another version, or breaks the schema.
-
-    """
+    """Read a state file, of this version and whole; None when there is none."""
     if not path.exists():
         return None
     content = KIND.read(path)
@@ -154,15 +121,7 @@ def _array(values: Any) -> FloatArray:
 
 
 class StateWriter:
-    """
-    Writes the newest state it was given; those that were overtaken are left out.
-
-    Parameters
-    ----------
-    path : Path
-        The state file.
-
-    """
+    """Writes the newest state it was given; those that were overtaken are left out."""
 
     def __init__(self, path: Path) -> None:
         #: Why the last save failed; empty when it did not.
