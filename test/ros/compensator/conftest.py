@@ -277,6 +277,72 @@ class WiredRig(Rig):
         return list(self._arrays.get(timeout=TIMEOUT_S).status)
 
 
+class Peer:
+    """Talks to a process's node, over DDS that may lose messages: it sends until it is heard."""
+
+    def __init__(self, bench: Any, namespace: str, name: str) -> None:
+        self._bench, self._own = bench, f'{namespace}/{name}'
+        self._outputs = bench.listen(WrenchStamped, f'{namespace}/wrench')
+        self._drifts = bench.listen(WrenchStamped, f'{self._own}/drift', QoSProfile(depth=1000))
+        self._raw = bench.publisher(WrenchStamped, f'{namespace}/wrench_raw')
+        self._heat = bench.publisher(Temperature, f'{namespace}/temperature')
+        self._second = 0
+
+    def send(self, second: int, celsius: float) -> None:
+        """Send a temperature, stamped so many seconds after the start."""
+        message = Temperature(temperature=float(celsius))
+        message.header.stamp.sec = START // SECOND + second
+        self._heat.publish(message)
+
+    def force_z(self, second: float, newton: float) -> float:
+        """Send a raw wrench until its output comes."""
+        sent = wrench_message(START + round(second * SECOND), 'tool0', [newton] * 6)
+        return self._hear(self._outputs, sent.header.stamp, lambda: self._raw.publish(sent), 100)
+
+    def drift(self, second: int, celsius: float) -> float | None:
+        """Send a temperature until the drift of that second comes; None when it was lost."""
+        stamp = wrench_message(START + second * SECOND, '', [0.0] * 6).header.stamp
+        with suppress(queue.Empty):
+            return self._hear(self._drifts, stamp, lambda: self.send(second, celsius), 10)
+        return None
+
+    def _hear(self, messages: Any, stamp: Any, send: Callable[[], None], times: int) -> float:
+        """Send until a message of a stamp comes; its force z."""
+        for _ in range(times):
+            send()
+            with suppress(queue.Empty):
+                while (message := messages.get(timeout=0.2)).header.stamp != stamp:
+                    pass
+                return float(message.wrench.force.z)
+        raise queue.Empty
+
+    def cells(self, count: int = 1) -> None:
+        """Send thermal cells, each with a wrench of one newton that passes."""
+        for _ in range(count):
+            self._second += 1
+            self.send(self._second, 25.0)
+            self.force_z(self._second, 1.0)
+
+    def ask(self, service: str, data: bool | None = None) -> Any:
+        """Call a service; its answer is the future's result."""
+        kind, request = _request(data)
+        client = self._bench.helper.create_client(kind, f'{self._own}/{service}')
+        assert client.wait_for_service(timeout_sec=TIMEOUT_S)
+        return client.call_async(request)
+
+    def call(self, service: str, data: bool | None = None) -> Any:
+        """Call a service and return its answer."""
+        future = self.ask(service, data)
+        self._bench.wait_until(future.done, f'the answer of {service}')
+        return future.result()
+
+
+@pytest.fixture
+def peer(bench: Any) -> Callable[[str, str], Peer]:
+    """Talk to the node of a name in a namespace."""
+    return partial(Peer, bench)
+
+
 def _request(data: bool | None) -> tuple[Any, Any]:
     """Make a request: Trigger's, or SetBool's with data."""
     if data is None:

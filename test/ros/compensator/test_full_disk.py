@@ -10,16 +10,12 @@ import pytest
 pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
-from sensor_msgs.msg import Temperature
-from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.files.state_file import load_state
 from wrist_ft_comp.model.signals import AXES
-from wrist_ft_comp.ros.messages import wrench_message
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -35,48 +31,16 @@ sys.exit(compensator_node.main())
 """
 
 
-class Peer:
-    """Talks to a process's node."""
-
-    def __init__(self, bench, name):
-        self.bench, self.name = bench, name
-        self.outputs = bench.listen(WrenchStamped, f'/{name}/wrench')
-        self.arrays = bench.listen(DiagnosticArray, '/diagnostics')
-        self._raw = bench.publisher(WrenchStamped, f'/{name}/wrench_raw')
-        self._heat = bench.publisher(Temperature, f'/{name}/temperature')
-        self._second = 0
-
-    def goes_on(self, cells=1):
-        """Send thermal cells, and wrenches until one comes out."""
-        for _ in range(cells):
-            message = Temperature(temperature=25.0)
-            self._second += 1
-            message.header.stamp.sec = START // SECOND + self._second
-            self._heat.publish(message)
-            for nanosecond in range(100):
-                stamp = START + self._second * SECOND + nanosecond
-                self._raw.publish(wrench_message(stamp, 'tool0', [1.0] * 6))
-                with suppress(queue.Empty):
-                    self.outputs.get(timeout=0.2)
-                    break
-            else:
-                pytest.fail('no output')
-
-    def call(self, service, data=None):
-        kind = Trigger if data is None else SetBool
-        request = kind.Request() if data is None else kind.Request(data=data)
-        return self.bench.call(kind, f'/{self.name}/{self.name}/{service}', request, 60.0)
-
-    def says(self, words):
-        """Wait until a status says so; cells go on meanwhile."""
-        for _ in range(200):
-            self.goes_on()
-            with suppress(queue.Empty):
-                while True:
-                    statuses = self.arrays.get(timeout=0.05).status
-                    if any(words in each.message for each in statuses):
-                        return
-        pytest.fail(f'no status says {words!r}')
+def says(arrays, peer, words):
+    """Wait until a status says so; cells go on meanwhile."""
+    for _ in range(200):
+        peer.cells()
+        with suppress(queue.Empty):
+            while True:
+                statuses = arrays.get(timeout=0.05).status
+                if any(words in each.message for each in statuses):
+                    return
+    pytest.fail(f'no status says {words!r}')
 
 
 @pytest.fixture
@@ -95,7 +59,7 @@ def data(tmp_path, make_model):
     return folder
 
 
-def test_a_full_disk_is_told_and_the_stream_goes_on(bench, executable, data):
+def test_a_full_disk_is_told_and_the_stream_goes_on(bench, peer, executable, data):
     name = 'full'
     process = executable(
         '',
@@ -106,14 +70,14 @@ def test_a_full_disk_is_told_and_the_stream_goes_on(bench, executable, data):
     )
     bench.wait_for_node(name)
     before = (data / 'active.json').read_bytes()
-    peer = Peer(bench, name)
+    peer, arrays = peer(f'/{name}', name), bench.listen(DiagnosticArray, '/diagnostics')
 
-    peer.goes_on(3)
-    peer.says('state.json cannot be written: File too large')
+    peer.cells(3)
+    says(arrays, peer, 'state.json cannot be written: File too large')
 
-    assert peer.call('record', True).success
-    peer.says('The recording has ended after')
-    answer = peer.call('record', False)
+    assert peer.call('record', data=True).success
+    says(arrays, peer, 'The recording has ended after')
+    answer = peer.call('record', data=False)
     assert not answer.success
     assert 'cannot be written: File too large' in answer.message
     assert 'Make room or choose another data_directory' in answer.message
@@ -124,7 +88,7 @@ def test_a_full_disk_is_told_and_the_stream_goes_on(bench, executable, data):
     assert not answer.success
     assert 'cannot be written: File too large' in answer.message
     assert 'or make room; no file was changed' in answer.message
-    peer.goes_on(3)
+    peer.cells(3)
 
     code, errors = process.end(signal.SIGINT)
     assert code == 0, errors

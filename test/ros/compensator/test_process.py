@@ -2,21 +2,16 @@
 
 from contextlib import suppress
 import os
-import queue
 import signal
-import threading
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
-from geometry_msgs.msg import WrenchStamped
-from sensor_msgs.msg import Temperature
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
 from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.ros.messages import wrench_message
 
 MODULE = 'wrist_ft_comp.ros.compensator_node'
 TIMEOUT_S = 60.0
@@ -83,49 +78,21 @@ def test_the_log_says_once_what_the_node_does(bench, start, make_model):
 
 
 @signals
-def test_a_signal_ends_a_calibration_too(bench, start, tmp_path, number):
+def test_a_signal_ends_a_calibration_too(bench, peer, start, tmp_path, number):
     """A pipe without a writer takes the place of a long fit."""
     recording = tmp_path / 'data/endless.csv'
     recording.parent.mkdir()
     os.mkfifo(recording)
     name = f'fits_{int(number)}'
     process = start(name, '-p', f'calibration.recordings:=[{recording}]')
-    client = bench.helper.create_client(Trigger, f'/{name}/{name}/calibrate')
-    assert client.wait_for_service(timeout_sec=TIMEOUT_S)
-    answered = threading.Event()
-    future = client.call_async(Trigger.Request())
-    future.add_done_callback(lambda _: answered.set())
+    answer = peer(f'/{name}', name).ask('calibrate')
     # Opening the other end waits until the calibration process has opened this one.
     with recording.open('wb'):
         ends_well(process, number)
-    assert answered.wait(TIMEOUT_S)
-    assert future.result().message == 'The node is shutting down; the model is unchanged.'
+    bench.wait_until(answer.done, 'the answer')
+    assert answer.result().message == 'The node is shutting down; the model is unchanged.'
     with pytest.raises(OSError, match='No such device'):
         os.close(os.open(recording, os.O_WRONLY | os.O_NONBLOCK))  # nobody reads it any more
-
-
-class Driver:
-    """Sends a cell per second of stamps; waits for each of its wrenches."""
-
-    def __init__(self, bench, name):
-        self.outputs = bench.listen(WrenchStamped, f'/{name}/wrench')
-        self.raw = bench.publisher(WrenchStamped, f'/{name}/wrench_raw')
-        self.heat = bench.publisher(Temperature, f'/{name}/temperature')
-        self.second = START_S
-
-    def cell(self):
-        """Send one; other processes may lose messages, so wrenches are sent until one is heard."""
-        message = Temperature(temperature=25.0)
-        message.header.stamp.sec = self.second
-        self.heat.publish(message)
-        for nanosecond in range(1000):
-            stamp = self.second * 10**9 + nanosecond
-            self.raw.publish(wrench_message(stamp, 'tool0', [1.0] * 6))
-            with suppress(queue.Empty):
-                self.outputs.get(timeout=0.2)
-                self.second += 1
-                return
-        pytest.fail('no output')
 
 
 def rows_of(path):
@@ -134,16 +101,15 @@ def rows_of(path):
 
 
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGINT])
-def test_a_recording_survives_the_end_of_the_process(bench, start, tmp_path, number):
+def test_a_recording_survives_the_end_of_the_process(bench, peer, start, tmp_path, number):
     name = f'records_{int(number)}'
     process = start(name)
-    driver = Driver(bench, name)
-    answer = bench.call(SetBool, f'/{name}/{name}/record', SetBool.Request(data=True))
-    assert answer.success
+    driver = peer(f'/{name}', name)
+    assert driver.call('record', data=True).success
     (path,) = (tmp_path / 'data/recordings').glob('*.csv')
 
     def has_rows():
-        driver.cell()
+        driver.cells()
         return rows_of(path) >= 5
 
     bench.wait_until(has_rows, 'five rows')
@@ -198,15 +164,13 @@ def test_the_executor_is_the_one_that_was_chosen(bench, executable, tmp_path, ch
     assert f'runs on {kind}\n' in ends_well(process, signal.SIGINT)
 
 
-def test_a_killed_node_leaves_no_calibration_behind(bench, start, tmp_path):
+def test_a_killed_node_leaves_no_calibration_behind(bench, peer, start, tmp_path):
     """A pipe without a writer takes the place of a long fit."""
     recording = tmp_path / 'data/endless.csv'
     recording.parent.mkdir()
     os.mkfifo(recording)
     process = start('killed', '-p', f'calibration.recordings:=[{recording}]')
-    client = bench.helper.create_client(Trigger, '/killed/killed/calibrate')
-    assert client.wait_for_service(timeout_sec=TIMEOUT_S)
-    client.call_async(Trigger.Request())
+    peer('/killed', 'killed').ask('calibrate')
     with recording.open('wb'):
         code, _ = process.end(signal.SIGKILL)
         assert code == -signal.SIGKILL

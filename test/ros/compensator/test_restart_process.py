@@ -1,8 +1,6 @@
 """Processes that are killed in the middle of a warm-up, and started again."""
 
-from contextlib import suppress
 import itertools
-import queue
 import signal
 
 import numpy as np
@@ -10,13 +8,8 @@ import pytest
 
 pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
-from geometry_msgs.msg import WrenchStamped
-from rclpy.qos import QoSProfile
-from sensor_msgs.msg import Temperature
-from std_srvs.srv import Trigger
 
 from wrist_ft_comp.files.state_file import load_state
-from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 MODULE = 'wrist_ft_comp.ros.compensator_node'
@@ -38,54 +31,13 @@ def drifts_of(model, seconds):
     return found
 
 
-class Sensor:
-    """Sends a node one temperature per second of stamps, and wrenches; hears what it answers."""
-
-    def __init__(self, bench, namespace, name):
-        self.service = f'{namespace}/{name}/tare'
-        self._heat = bench.publisher(Temperature, f'{namespace}/temperature')
-        self._raw = bench.publisher(WrenchStamped, f'{namespace}/wrench_raw')
-        self._drifts = bench.listen(
-            WrenchStamped, f'{namespace}/{name}/drift', QoSProfile(depth=1000)
-        )
-        self._outputs = bench.listen(WrenchStamped, f'{namespace}/wrench')
-
-    def send(self, second):
-        message = Temperature(temperature=float(warming(second)))
-        message.header.stamp.sec = START // SECOND + second
-        self._heat.publish(message)
-
-    def drift(self, second):
-        """Send until the drift of that second comes; None when its message was lost."""
-        for _ in range(10):
-            self.send(second)
-            with suppress(queue.Empty):
-                while True:
-                    message = self._drifts.get(timeout=0.2)
-                    if message.header.stamp.sec == START // SECOND + second:
-                        return message.wrench.force.z
-        return None
-
-    def force_z(self, second, newton):
-        """Send a raw wrench until its output comes."""
-        sent = wrench_message(START + round(second * SECOND), 'tool0', [newton] * 6)
-        for _ in range(100):
-            self._raw.publish(sent)
-            with suppress(queue.Empty):
-                while True:
-                    message = self._outputs.get(timeout=0.2)
-                    if message.header == sent.header:
-                        return message.wrench.force.z
-        return pytest.fail('no output')
-
-
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM])
 def test_a_killed_node_goes_on_within_2_percent_of_one_that_never_was(
-    bench, executable, make_model, tmp_path, number
+    bench, peer, executable, make_model, number
 ):
     """Stamps run faster than the clock: 250 s of warm-up, 10 s of absence, 50 s more."""
     stored = make_model('m.yaml', {'force_z': (2.0, 0.0, 600.0)})
-    data = tmp_path / 'data'
+    data = stored.path.parents[1]
     expected = drifts_of(stored.model, 310)
     found = {}
     for life, seconds in enumerate([range(250), range(260, 310)]):
@@ -97,10 +49,10 @@ def test_a_killed_node_goes_on_within_2_percent_of_one_that_never_was(
             may_be_killed=True,
         )
         bench.wait_for_node(name)
-        sensor = Sensor(bench, f'/{name}', name)
-        sensor.send(seconds[0])
+        sensor = peer(f'/{name}', name)
+        sensor.send(seconds[0], warming(seconds[0]))
         for second in seconds[1:]:
-            found[second] = sensor.drift(second)
+            found[second] = sensor.drift(second, warming(second))
 
         # The state may be as old as the parameter's default of 5 s lets it be.
         def late_enough(end=START + (seconds[-1] - 5) * SECOND):
@@ -120,7 +72,7 @@ def test_a_killed_node_goes_on_within_2_percent_of_one_that_never_was(
 
 
 def test_every_sensor_of_a_killed_process_goes_on_with_its_own_drift_and_tare(
-    bench, executable, make_model, tmp_path
+    bench, peer, executable, make_model, tmp_path
 ):
     gains, tares = {'left': 2.0, 'right': -3.0}, {'left': 7.0, 'right': 11.0}
     stored = {
@@ -145,9 +97,9 @@ def test_every_sensor_of_a_killed_process_goes_on_with_its_own_drift_and_tare(
             may_be_killed=True,
         )
         bench.wait_for_node(name)
-        sensors = {side: Sensor(bench, f'/{name}/{side}', name) for side in gains}
+        sensors = {side: peer(f'/{name}/{side}', name) for side in gains}
         for side, sensor in sensors.items():
-            (warm_up if life == 0 else goes_on)(bench, sensor, expected[side], tares[side])
+            (warm_up if life == 0 else goes_on)(sensor, expected[side], tares[side])
 
         # What a node logs about its start comes before it saves what it saw since then.
         def saved(end=START + (150 if life else 90) * SECOND):
@@ -163,27 +115,24 @@ def test_every_sensor_of_a_killed_process_goes_on_with_its_own_drift_and_tare(
     assert errors.count('the drift goes on from the thermal state saved') == len(gains)
 
 
-def warm_up(bench, sensor, expected, tare_n):
+def warm_up(sensor, expected, tare_n):
     """Warm up for 100 s, and tare under a load."""
     for second in range(100):
-        sensor.drift(second) if second else sensor.send(second)
-    client = bench.helper.create_client(Trigger, sensor.service)
-    assert client.wait_for_service(timeout_sec=TIMEOUT_S)
-    answers = queue.Queue()
-    client.call_async(Trigger.Request()).add_done_callback(lambda each: answers.put(each.result()))
+        sensor.drift(second, warming(second)) if second else sensor.send(second, warming(second))
+    answer = sensor.ask('tare')
     raw, seconds = expected[99] + tare_n, itertools.count(100.0, 0.01)
-    while answers.empty():
+    while not answer.done():
         sensor.force_z(next(seconds), raw)
-    assert answers.get().success
+    assert answer.result().success
 
 
-def goes_on(_bench, sensor, expected, tare_n):
+def goes_on(sensor, expected, tare_n):
     """What is subtracted is right before the first temperature, and after it."""
     raw = 50.0 + expected[99] + tare_n
     # The clock tells how long the node was away, and a slow machine takes its time.
     assert sensor.force_z(105, raw) == pytest.approx(50.0, abs=1.5)
-    sensor.send(110)
+    sensor.send(110, warming(110))
     for second in range(111, 160):
-        found = sensor.drift(second)
+        found = sensor.drift(second, warming(second))
         assert found is None or found == pytest.approx(expected[second], rel=0.02)
     assert sensor.force_z(160, raw) == pytest.approx(50.0 + expected[99] - expected[159], abs=0.3)
