@@ -136,8 +136,7 @@ def test_a_broken_state_is_said_and_replaced(rig, stored, tmp_path, capfd, conte
     node = rig(parameters={'model_file': str(stored.path), 'save_period': 0.1})
     assert 'state.json is not a state file' in origin(node)
     assert 'state.json is not a state file' in capfd.readouterr().err
-    for second in range(3):
-        node.warm(START + second * SECOND, 30.0)
+    node.warm_up(30.0)
     node.wait_until(lambda: node.node.state_keeper.saves > 0, 'a save')
     assert load_state(path) is not None
 
@@ -172,8 +171,7 @@ def test_what_is_saved_is_what_the_stream_remembers(rig, stored):
 def test_a_disk_that_refuses_is_said_and_the_stream_goes_on(rig, stored, capfd):
     node = rig(parameters={'model_file': str(stored.path), 'save_period': 0.1})
     (node.directory / 'state.json').mkdir()
-    for second in range(4):
-        node.warm(START + second * SECOND, 30.0)
+    node.warm_up(30.0, 4)
     status = node.diagnosis('model', lambda each: each.level == WARN)
     assert 'state.json cannot be written' in status.message
     assert 'until then a restart loses the thermal state and the tare' in status.message
