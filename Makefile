@@ -21,9 +21,10 @@ demo: $(READY)
 test: $(READY)
 	$(BIN)/$(PYTEST)
 
-# The suite with the versions that Ubuntu 24.04 has. The stamp is no part of build/noble itself.
+# The suite with the versions that Ubuntu 24.04 has, or what NOBLE leaves of it. The stamp is no part of
+# build/noble itself.
 test-noble: build/.noble
-	build/noble/bin/$(PYTEST)
+	build/noble/bin/$(PYTEST) $(NOBLE)
 
 build/.noble: setup.py requirements/lock.txt requirements/noble.txt requirements/noble.sh
 	sh requirements/noble.sh '$(PYTHON312)'

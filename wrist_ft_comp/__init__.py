@@ -14,7 +14,7 @@ The rooms, and what each looks into besides ``errors``; no arrow points back:
 - ``cli``: the only prints. All; it may start what ``ros`` offers.
 """
 
-__version__ = '0.1.0'
+__version__ = '0.2.0'
 
 #: Environment in which numpy computes in one thread. The sums of a fit are too small for more:
 #: on a busy computer threads that wait for one another cost it four times the processor time.
