@@ -89,7 +89,7 @@ def test_a_recorded_reference_teaches_the_sensitivity(rig, make_robot):
 def test_a_second_calibration_starts_where_the_first_ended(rig, make_robot):
     """Raw wrenches are recorded, so a live model does not spoil the next calibration."""
     robot = make_robot()
-    node = rig(parameters={'thermal_period': 10.0})
+    node = rig(parameters={'thermal_period': 10.0, 'calibration.method': 'pls'})
     robot.write(node.directory / 'recordings/first.csv')
     assert node.call('calibrate').success
     assert node.call('record', True).success

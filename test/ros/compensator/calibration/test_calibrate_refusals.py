@@ -7,6 +7,8 @@ import pytest
 pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
 
 START = 1_700_000_000_000_000_000
+#: A fit that takes no time.
+QUICK = {'thermal_period': 10.0, 'calibration.method': 'pls'}
 LOAD = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
 
 
@@ -44,7 +46,7 @@ def test_without_a_recording_it_says_what_to_do(rig):
 
 def test_too_small_a_span_leaves_the_live_model(rig, make_robot, make_model):
     live = make_model('live.yaml', {'torque_z': (0.0, 0.0, 0.0)}, period_s=10.0)
-    node = rig(parameters={'model_file': str(live.path), 'thermal_period': 10.0})
+    node = rig(parameters={'model_file': str(live.path), **QUICK})
     robot = make_robot()
     robot.temperature_c = 20.0 + 0.1 * (robot.temperature_c - 20.0)
     robot.write(node.directory / 'recordings/calm.csv')
@@ -67,7 +69,7 @@ def test_a_corrupt_recording_is_named(rig):
 
 
 def test_a_corrupt_recording_beside_a_good_one_is_a_warning(rig, make_robot):
-    node = rig(parameters={'thermal_period': 10.0})
+    node = rig(parameters=QUICK)
     make_robot().write(node.directory / 'recordings/good.csv')
     make_robot(2).write(node.directory / 'recordings/two.csv')
     (node.directory / 'recordings/bad.csv').write_text('nothing of the kind')
@@ -84,7 +86,7 @@ def test_a_reference_that_was_not_recorded_is_asked_for(rig, make_robot):
 
 
 def test_a_second_call_is_refused_while_one_runs(rig, make_robot, gate):
-    node = rig(parameters={'thermal_period': 10.0})
+    node = rig(parameters=QUICK)
     make_robot().write(node.directory / 'recordings/run.csv')
     answers, _ = begin(node)
     second = node.call('calibrate')
@@ -100,7 +102,7 @@ def test_a_second_call_is_refused_while_one_runs(rig, make_robot, gate):
 
 
 def test_a_killed_process_is_a_sentence_and_the_next_one_works(rig, make_robot, gate):
-    node = rig(parameters={'thermal_period': 10.0})
+    node = rig(parameters=QUICK)
     make_robot().write(node.directory / 'recordings/run.csv')
     answers, process = begin(node)
     os.kill(process.pid, signal.SIGKILL)
@@ -125,7 +127,7 @@ def test_a_killed_process_is_a_sentence_and_the_next_one_works(rig, make_robot, 
     ],
 )
 def test_a_process_without_a_result_is_a_sentence(rig, make_robot, monkeypatch, source, words):
-    node = rig(parameters={'thermal_period': 10.0})
+    node = rig(parameters=QUICK)
     make_robot().write(node.directory / 'recordings/run.csv', cells=3)
     command = (os.sys.executable, '-c', source)
     monkeypatch.setattr('wrist_ft_comp.ros.services.calibrate.COMMAND', command)
@@ -133,7 +135,7 @@ def test_a_process_without_a_result_is_a_sentence(rig, make_robot, monkeypatch, 
 
 
 def test_a_process_that_cannot_be_started_is_a_sentence(rig, make_robot, monkeypatch):
-    node = rig(parameters={'thermal_period': 10.0})
+    node = rig(parameters=QUICK)
     make_robot().write(node.directory / 'recordings/run.csv', cells=3)
     command = ('/nowhere/python',)
     monkeypatch.setattr('wrist_ft_comp.ros.services.calibrate.COMMAND', command)
@@ -143,7 +145,7 @@ def test_a_process_that_cannot_be_started_is_a_sentence(rig, make_robot, monkeyp
 
 
 def test_who_waits_is_told_of_the_end_and_no_process_stays(rig, make_robot, gate):
-    node = rig(parameters={'thermal_period': 10.0})
+    node = rig(parameters=QUICK)
     make_robot().write(node.directory / 'recordings/run.csv')
     answers, process = begin(node)
     node.node.calibration.end()
@@ -156,7 +158,7 @@ def test_who_waits_is_told_of_the_end_and_no_process_stays(rig, make_robot, gate
 
 
 def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(rig, make_robot):
-    node = rig(parameters={'thermal_period': 10.0})
+    node = rig(parameters=QUICK)
     make_robot().write(node.directory / 'recordings/run.csv')
     (node.directory / 'active.json').mkdir()
     answer = node.call('calibrate')

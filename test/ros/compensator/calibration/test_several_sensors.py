@@ -84,6 +84,7 @@ def test_each_sensor_has_its_own_model_thermometer_tare_and_files(
 def test_a_calibration_of_one_leaves_the_other(pair, models, make_robot):
     left, right = pair('', models[1])
     make_robot().write(left.node.store.new_recording_path())
+    assert left.set('calibration.method', 'pls').successful
     left.warm_up(21.0)
     right.warm_up(21.0)
     before = right.node.live.stored
