@@ -177,21 +177,21 @@ def _input(now: Snapshot) -> Status:
         which = 'some wrenches are' if rate_hz else 'all wrenches are'
         return Status('input', WARN, f'{which} unusable and dropped; check the driver', numbers)
     if not rate_hz:
-        return Status('input', STALE, f'no raw wrenches arrive{_why_none(now)}', numbers)
+        return Status('input', STALE, _wrench_silence(now), numbers)
     suspicion = next(_suspicions(now), '')
     if suspicion:
         return Status('input', WARN, suspicion, numbers)
     return Status('input', OK, f'{rate_hz:.0f} wrenches per second', numbers)
 
 
-def _why_none(now: Snapshot) -> str:
-    """Guess why no wrenches come."""
-    policy = now.health.incompatible.get('wrench_raw')
+def _wrench_silence(now: Snapshot) -> str:
+    """Say that no wrenches come, and guess why."""
+    policy, topic = now.health.incompatible.get('wrench_raw'), now.wrench_topic
     if policy:
-        return f': their publisher offers less {policy} than is asked for'
+        return f'no raw wrenches arrive: their publisher offers less {policy} than is asked for'
     if now.wrench_publishers:
-        return f', though {now.wrench_topic} has a publisher; is the sensor running?'
-    return '; is the driver running?'
+        return f'no raw wrenches arrive, though {topic} has a publisher; is the sensor running?'
+    return 'no raw wrenches arrive; is the driver running?'
 
 
 def _suspicions(now: Snapshot) -> Iterator[str]:
@@ -266,8 +266,8 @@ def _thermometer_troubles(now: Snapshot) -> Iterator[str]:
     if 0 < now.grown('rejected') >= now.grown('temperatures') / 2:
         yield 'temperatures are dropped: their stamps do not increase'
     if any(health.unstamped):
-        them = _named(j for j, without in enumerate(health.unstamped) if without)
-        yield f'{them} does not stamp its readings; the time of arrival is taken'
+        them = _numbers(j for j, without in enumerate(health.unstamped) if without)
+        yield f'thermometer {them} does not stamp its readings; the time of arrival is taken'
     if 'temperature leapt' in recent:
         yield 'stamps of temperatures leapt; was a clock set, or a simulation begun anew?'
     if 'stray temperature' in recent:
@@ -283,9 +283,9 @@ def _thermometer_troubles(now: Snapshot) -> Iterator[str]:
         )
 
 
-def _named(thermometers: Iterable[int]) -> str:
-    """Name thermometers."""
-    return f'thermometer {", ".join(str(j + 1) for j in thermometers)}'
+def _numbers(thermometers: Iterable[int]) -> str:
+    """Write thermometers as numbers from 1."""
+    return ', '.join(str(j + 1) for j in thermometers)
 
 
 def _silence(now: Snapshot) -> Iterator[str]:
@@ -293,19 +293,19 @@ def _silence(now: Snapshot) -> Iterator[str]:
     limit_s, last_s = now.stream.temperature_timeout_s, now.health.last_temperature_s
     never = [j for j, at_s in enumerate(last_s) if at_s is None]
     if never:
-        drift = 'drift is held' if now.stream.compensating else 'drift waits for it'
+        fate = 'is held' if now.stream.compensating else 'waits for it'
         policies = [now.health.incompatible.get(now.temperature_topics[j], '') for j in never]
         if any(policies):
             yield (
-                f'{_named(never)} is not heard: a publisher offers less {max(policies)} '
-                f'than is asked for; {drift}'
+                f'thermometer {_numbers(never)} is not heard: a publisher offers less '
+                f'{max(policies)} than is asked for; drift {fate}'
             )
-        yield f'{_named(never)} has not reported; {drift}'
+        yield f'thermometer {_numbers(never)} has not reported; drift {fate}'
     silent = [
         j for j, at_s in enumerate(last_s) if at_s is not None and now.now_s - at_s > limit_s
     ]
     if silent:
-        yield f'{_named(silent)} silent for more than {limit_s:g} s; drift is held'
+        yield f'thermometer {_numbers(silent)} silent for more than {limit_s:g} s; drift is held'
 
 
 def _outside(now: Snapshot) -> str:
@@ -316,8 +316,8 @@ def _outside(now: Snapshot) -> str:
         unit = other_unit(float(now.stream.temperature_c[first]), low_c, high_c)
         hint = f'. In {unit} it would be inside: check the unit' if unit else ''
     return (
-        f'{_named(now.stream.outside)} outside the calibrated range; drift is less certain '
-        f'there, and held further out{hint}'
+        f'thermometer {_numbers(now.stream.outside)} outside the calibrated range; drift is less '
+        f'certain there, and held further out{hint}'
     )
 
 
