@@ -152,6 +152,23 @@ def test_only_files_open_files(module: str) -> None:
     assert not set(called(tree_of(module))) & FILE_CALLS
 
 
+@every_module_but('files')
+def test_pictures_are_drawn_into_memory(module: str) -> None:
+    """Matplotlib writes a file where it is given a path."""
+    nodes = list(ast.walk(tree_of(module)))
+    buffers = {
+        ast.unparse(node.targets[0])
+        for node in nodes
+        if isinstance(node, ast.Assign) and ast.unparse(node.value) in {'BytesIO()', 'StringIO()'}
+    }
+    targets = {
+        ast.unparse(node.args[0]) if node.args else 'nothing'
+        for node in nodes
+        if isinstance(node, ast.Call) and ast.unparse(node.func).endswith('savefig')
+    }
+    assert targets <= buffers
+
+
 @every_module_but('ros')
 def test_only_ros_knows_ros(module: str) -> None:
     assert not roots(module) & ROS_PACKAGES

@@ -69,11 +69,16 @@ def test_the_exit_code_tells_whether_drift_fell_enough(kept, code, run, tmp_path
     outcome = run('demo', '--output', tmp_path / 'out')
     assert (outcome.code, outcome.err) == (code, '')
     assert f'fell {1 / kept:.1f} times' in outcome.out
-    assert (tmp_path / 'out' / 'demo.png').stat().st_size > 10_000
+    picture = tmp_path / 'out' / 'demo.png'
+    assert picture.read_bytes().startswith(b'\x89PNG')
     again = run('demo', '--output', tmp_path / 'out', '--json')
     force_z = json.loads(again.out)['axes']['force_z']
     assert again.code == code
     assert force_z['rms_after'] == pytest.approx(kept * force_z['rms_before'])
+    picture.unlink()
+    picture.mkdir()
+    refused = run('demo', '--output', tmp_path / 'out').sentence
+    assert 'demo.png cannot be written: Is a directory' in refused
 
 
 def test_without_rclpy_there_is_a_sentence(run, tmp_path, monkeypatch):

@@ -23,9 +23,10 @@ from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.evaluate import evaluation_text
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import DemoLog, load_demo_log
+from wrist_ft_comp.files.documents import write_picture
 from wrist_ft_comp.model.signals import AXES, axis_unit, NANOSECONDS
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, TaredErrors
-from wrist_ft_comp.report.pictures import draw_drift, DriftSeries, save_png, TemperatureSeries
+from wrist_ft_comp.report.pictures import draw_drift, DriftSeries, png_bytes, TemperatureSeries
 
 TOPICS = ('temperature', 'temperature_2')
 #: The sensor warms up, rests, works, and cools while recording; then it lives another day.
@@ -251,7 +252,7 @@ def run(arguments: argparse.Namespace) -> int:
         log = load_demo_log(log_file)
     results = judge_errors([errors(log)])
     picture = arguments.output / 'demo.png'
-    save_png(picture, _draw(log))
+    write_picture(picture, png_bytes(_draw(log)))
     ratio = results['force_z'].rms_before / results['force_z'].rms_after
     if arguments.json:
         axes = {axis: asdict(each) for axis, each in results.items()}

@@ -25,21 +25,22 @@ _QUOTED = 200
 _BEGINNING = 4096
 
 
-def replace_file(target: Path, text: str) -> None:
+def replace_file(target: Path, content: str | bytes) -> None:
     """
-    Write a text file; an existing one is replaced in one step, when the new one is on the disk.
+    Write a file; an existing one is replaced in one step, when the new one is on the disk.
 
     Devices and pipes are not replaced. Where it raises OSError, what was there before stays. File
     names in the text may hold bytes that are no text; they become "?".
     """
     if target.exists() and not (target.is_file() or target.is_dir()):
         raise FileExistsError(errno.EEXIST, 'It is no regular file', str(target))
+    data = content.encode(errors='replace') if isinstance(content, str) else content
     handle, name = tempfile.mkstemp(_SUFFIX, f'.{target.name}.', target.parent)
     neighbour = Path(name)
     try:
         with open(handle, 'wb') as file:  # noqa: PTH123 -- a handle has no path
             os.fchmod(handle, _mode(target))
-            file.write(text.encode(errors='replace'))
+            file.write(data)
             file.flush()
             os.fsync(handle)
         neighbour.replace(target)
@@ -88,6 +89,14 @@ def write_report(path: Path, page: str) -> None:
             f'The report {path} cannot be written: {error.strerror}. Choose a folder that can be '
             'written to, or make room.'
         ) from error
+
+
+def write_picture(path: Path, png: bytes) -> None:
+    """Write a picture; an existing one is replaced in one step."""
+    try:
+        replace_file(path, png)
+    except OSError as error:
+        raise RecordingError(f'{path} cannot be written: {error.strerror}.') from error
 
 
 def beginning(path: Path) -> str:

@@ -6,9 +6,8 @@ Without compensation is dashed, or a cross; with it is solid, or a dot: colour i
 
 from collections.abc import Sequence
 from html import escape
-from io import StringIO
+from io import BytesIO, StringIO
 from itertools import pairwise
-from pathlib import Path
 import re
 from typing import Any, NamedTuple
 
@@ -19,7 +18,6 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 import numpy as np
 
-from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.signals import FloatArray, IntArray
 from wrist_ft_comp.report.coverage import Coverage, WORKING_RANGE_C
 from wrist_ft_comp.report.view import ErrorSeries, ThermometerSeries
@@ -227,7 +225,7 @@ def draw_drift(axes: Sequence[DriftSeries], temperatures: Sequence[TemperatureSe
     Returns
     -------
     Figure
-        For save_png.
+        For png_bytes.
 
     """
     rows = -(-len(axes) // 2) + 1
@@ -258,10 +256,9 @@ def _png_line(panel: Axes, elapsed_s: FloatArray, values: FloatArray, **style: A
     panel.plot(elapsed_s[every] / 3600, values[every], **style)
 
 
-def save_png(path: Path, figure: Figure) -> None:
-    """Save a picture; raises RecordingError when the file cannot be written."""
+def png_bytes(figure: Figure) -> bytes:
+    """Turn a picture into the content of a PNG file."""
     FigureCanvasAgg(figure)
-    try:
-        figure.savefig(path, dpi=120)
-    except OSError as error:
-        raise RecordingError(f'{path} cannot be written: {error.strerror}.') from error
+    buffer = BytesIO()
+    figure.savefig(buffer, dpi=120, format='png')
+    return buffer.getvalue()
