@@ -1,10 +1,12 @@
 """
-Fixtures of the core's tests: recordings, temperatures and drifts with a known truth.
+Fixtures of several rooms: recordings, temperatures, drifts with a known truth, and ROS messages.
 
-Everything here is seeded and written without the package's mathematics.
+Everything here is seeded and written without the package's mathematics and codecs.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+import struct
 
 import numpy as np
 import pytest
@@ -219,3 +221,84 @@ def augmented_ridge() -> Callable[[Array, Array, float], Array]:
         return np.linalg.lstsq(stacked, target, rcond=None)[0]
 
     return solve
+
+
+class Messages:
+    """ROS messages as CDR, and bags of them, by rosbags and message by message."""
+
+    wrench_type = 'geometry_msgs/msg/WrenchStamped'
+    temperature_type = 'sensor_msgs/msg/Temperature'
+    text_type = 'std_msgs/msg/String'
+
+    def __init__(self) -> None:
+        from rosbags.typesys import get_typestore, Stores  # noqa: PLC0415 -- only who needs it
+
+        self.store = get_typestore(Stores.ROS2_JAZZY)
+
+    def _make(self, kind: str, *fields: object) -> object:
+        return self.store.types[kind](*fields)
+
+    def _header(self, stamp_ns: int, frame: str) -> object:
+        time = self._make('builtin_interfaces/msg/Time', *divmod(stamp_ns, 10**9))
+        return self._make('std_msgs/msg/Header', time, frame)
+
+    def wrench(
+        self, stamp_ns: int, values: Iterable[float], frame: str = 'ft_sensor', little: bool = True
+    ) -> bytes:
+        six = [float(value) for value in values]
+        vectors = (self._make('geometry_msgs/msg/Vector3', *half) for half in (six[:3], six[3:]))
+        body = self._make('geometry_msgs/msg/Wrench', *vectors)
+        message = self._make(self.wrench_type, self._header(stamp_ns, frame), body)
+        return bytes(self.store.serialize_cdr(message, self.wrench_type, little_endian=little))
+
+    def temperature(
+        self, stamp_ns: int, value: float, frame: str = 'ft_sensor', little: bool = True
+    ) -> bytes:
+        kind = self.temperature_type
+        message = self._make(kind, self._header(stamp_ns, frame), float(value), 0.25)
+        return bytes(self.store.serialize_cdr(message, kind, little_endian=little))
+
+    def run(
+        self, stamps_ns: Array, wrenches: Array, temperature_c: Array, topic: str = '/wrench_raw'
+    ) -> Iterator[tuple[str, str, int, bytes]]:
+        """Wrenches, and at every hundredth a temperature and a message of no interest."""
+        content = bytearray(self.wrench(0, [0.0] * 6))
+        hello = self._make(self.text_type, 'hello')
+        text = bytes(self.store.serialize_cdr(hello, self.text_type))
+        for k, stamp_ns in enumerate(stamps_ns.tolist()):
+            struct.pack_into('<iI', content, 4, *divmod(stamp_ns, 10**9))
+            struct.pack_into('<6d', content, len(content) - 48, *wrenches[k])
+            yield topic, self.wrench_type, stamp_ns + 5000, bytes(content)
+            if k % 100 == 0:
+                warm = self.temperature(stamp_ns, temperature_c[k])
+                yield '/temperature', self.temperature_type, stamp_ns + 6000, warm
+                yield '/log', self.text_type, stamp_ns + 7000, text
+
+    def write(
+        self,
+        folder: Path,
+        parts: Iterable[tuple[str, str, int, bytes | None]],
+        storage: str = 'sqlite3',
+        compression: str = 'none',
+    ) -> Path:
+        """Write topic, type, time and bytes of each; without bytes there is only the topic."""
+        from rosbags import rosbag2  # noqa: PLC0415 -- only who needs it
+
+        plugin = rosbag2.StoragePlugin[storage.upper()]
+        mode = rosbag2.CompressionMode[compression.upper()]
+        writer = rosbag2.Writer(folder, version=9, storage_plugin=plugin)
+        writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
+        topics: dict[str, object] = {}
+        with writer:
+            for topic, kind, time_ns, content in parts:
+                if topic not in topics:
+                    topics[topic] = writer.add_connection(topic, kind, typestore=self.store)
+                if content is not None:
+                    writer.write(topics[topic], time_ns, content)
+        return folder
+
+
+@pytest.fixture(scope='session')
+def messages() -> Messages:
+    """Build ROS messages and bags."""
+    return Messages()

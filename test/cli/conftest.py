@@ -2,23 +2,17 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-import struct
+import subprocess
+import sys
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import get_typestore, Stores
 
 from wrist_ft_comp.cli.main import main
 
-ROOT = Path(__file__).parents[2]
-KELLER = ROOT / 'data' / 'keller_pa10'
-START_NS = 1_700_000_000_000_000_000
-STORE = get_typestore(Stores.ROS2_JAZZY)
-TYPES = STORE.types
-WRENCH = 'geometry_msgs/msg/WrenchStamped'
-TEMPERATURE = 'sensor_msgs/msg/Temperature'
+KELLER = Path(__file__).parents[2] / 'data' / 'keller_pa10'
 
 
 class Outcome(NamedTuple):
@@ -66,6 +60,17 @@ def done(run: Callable[..., Outcome]) -> Callable[..., str]:
         return outcome.out
 
     return invoke
+
+
+@pytest.fixture
+def process() -> Callable[..., 'subprocess.Popen[str]']:
+    """Start a command as a process of its own."""
+
+    def start(*argv: object, **more: object) -> 'subprocess.Popen[str]':
+        command = [sys.executable, '-m', 'wrist_ft_comp.cli.main', *map(str, argv)]
+        return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **more)
+
+    return start
 
 
 def write_csv(path: Path, columns: Mapping[str, Iterable[object]], delimiter=',') -> Path:
@@ -132,69 +137,25 @@ def model(tmp_path_factory: pytest.TempPathFactory, drift_csv: Path) -> Path:
     return path
 
 
-def _header(stamp_ns: int) -> object:
-    time = TYPES['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
-    return TYPES['std_msgs/msg/Header'](time, 'ft_sensor')
-
-
-def _wrench() -> bytearray:
-    vector = TYPES['geometry_msgs/msg/Vector3'](*(0.0,) * 3)
-    message = TYPES[WRENCH](_header(0), TYPES['geometry_msgs/msg/Wrench'](vector, vector))
-    return bytearray(STORE.serialize_cdr(message, WRENCH))
-
-
-def _temperature(stamp_ns: int, value: float) -> bytes:
-    return bytes(
-        STORE.serialize_cdr(TYPES[TEMPERATURE](_header(stamp_ns), value, 0.0), TEMPERATURE)
-    )
-
-
-def write_bag(
-    folder: Path, storage: str, seconds: int = 90, rate: int = 1000, seed: int = 0
-) -> Path:
-    """Wrenches at a rate and 10 Hz temperatures of an accelerated warm-up, plus another topic."""
-    rng = np.random.default_rng(seed)
-    base = _wrench()
-    text = bytes(STORE.serialize_cdr(TYPES['std_msgs/msg/String']('hello'), 'std_msgs/msg/String'))
-    t = np.arange(seconds * rate) / rate
+@pytest.fixture(scope='session')
+def bags(tmp_path_factory: pytest.TempPathFactory, messages: object) -> dict[str, Path]:
+    """Bags of both storages: 1 kHz wrenches and 10 Hz temperatures of an accelerated warm-up."""
+    rng = np.random.default_rng(0)
+    t = np.arange(90_000) / 1000
     inside = 20 + 15 * (1 - np.exp(-t / 25)) + 2 * np.sin(t / 4 + rng.uniform(0, 6))
-    force = 1.0 + 2.0 * (inside - 20) + rng.normal(0, 0.05, len(t))
-    with Writer(folder, version=9, storage_plugin=StoragePlugin[storage.upper()]) as writer:
-        topics = {
-            '/wrench_raw': WRENCH,
-            '/temperature': TEMPERATURE,
-            '/log': 'std_msgs/msg/String',
-        }
-        raw, warm, log = (writer.add_connection(n, k, typestore=STORE) for n, k in topics.items())
-        for k in range(len(t)):
-            stamp = START_NS + k * (10**9 // rate)
-            struct.pack_into('<iI', base, 4, *divmod(stamp, 10**9))
-            struct.pack_into('<6d', base, len(base) - 48, 0.1, -0.2, force[k], 0.01, 0.02, 0.03)
-            writer.write(raw, stamp + 1000, bytes(base))
-            if k % (rate // 10) == 0:
-                writer.write(warm, stamp + 2000, _temperature(stamp, inside[k]))
-                writer.write(log, stamp + 3000, text)
-    return folder
-
-
-@pytest.fixture(scope='session')
-def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """One bag of each storage."""
+    wrenches = np.tile([0.1, -0.2, 0.0, 0.01, 0.02, 0.03], (len(t), 1))
+    wrenches[:, 2] = 1.0 + 2.0 * (inside - 20) + rng.normal(0, 0.05, len(t))
+    stamps_ns = 1_700_000_000_000_000_000 + 10**6 * np.arange(len(t))
     folder = tmp_path_factory.mktemp('bags')
-    return {storage: write_bag(folder / storage, storage) for storage in ('sqlite3', 'mcap')}
+    return {
+        storage: messages.write(
+            folder / storage, messages.run(stamps_ns, wrenches, inside), storage
+        )
+        for storage in ('sqlite3', 'mcap')
+    }
 
 
 @pytest.fixture(scope='session')
-def make() -> object:
+def make() -> SimpleNamespace:
     """The builders above, for tests: fixtures are what importlib mode shares."""
-
-    class Make:
-        csv = staticmethod(write_csv)
-        drifting = staticmethod(drifting)
-        loaded = staticmethod(loaded)
-        bag = staticmethod(write_bag)
-        store = STORE
-        keller = KELLER
-        root = ROOT
-
-    return Make
+    return SimpleNamespace(csv=write_csv, drifting=drifting, loaded=loaded, keller=KELLER)

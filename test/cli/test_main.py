@@ -4,7 +4,6 @@ import json
 import os
 from pathlib import Path
 import subprocess
-import sys
 
 import pytest
 
@@ -14,11 +13,6 @@ from wrist_ft_comp.cli.main import build_parser
 from wrist_ft_comp.errors import RecordingError
 
 COMMANDS = ('calibrate', 'evaluate', 'compensate', 'show', 'demo', 'completion')
-PROGRAM = [sys.executable, '-m', 'wrist_ft_comp.cli.main']
-
-
-def process(*argv, **more):
-    return subprocess.Popen([*PROGRAM, *map(str, argv)], stderr=subprocess.PIPE, text=True, **more)
 
 
 @pytest.mark.parametrize('command', [(), *((name,) for name in COMMANDS)])
@@ -61,7 +55,7 @@ def test_a_long_sentence_is_one_line(run, monkeypatch, drift_csv):
     assert run('show', drift_csv).sentence == 'wrist_ft_comp: First second third.'
 
 
-def test_a_reader_that_leaves_is_no_error(drift_csv):
+def test_a_reader_that_leaves_is_no_error(process, drift_csv):
     for argv in (['show', drift_csv], ['--help'], ['show', '--help']):
         reading, writing = os.pipe()
         os.close(reading)
@@ -72,7 +66,7 @@ def test_a_reader_that_leaves_is_no_error(drift_csv):
 
 
 @pytest.mark.skipif(not Path('/dev/full').exists(), reason='this system has no /dev/full')
-def test_a_full_disk_behind_standard_output_is_one_sentence(drift_csv):
+def test_a_full_disk_behind_standard_output_is_one_sentence(process, drift_csv):
     with Path('/dev/full').open('w') as full, process('show', drift_csv, stdout=full) as child:
         _, err = child.communicate(timeout=60)
     assert child.returncode == 1
@@ -80,7 +74,7 @@ def test_a_full_disk_behind_standard_output_is_one_sentence(drift_csv):
     assert err.startswith('wrist_ft_comp: Reading or writing: No space left on device.')
 
 
-def test_a_narrow_locale_gets_escapes(drift_csv, tmp_path):
+def test_a_narrow_locale_gets_escapes(process, drift_csv, tmp_path):
     environment = {**os.environ, 'PYTHONIOENCODING': 'ascii'}
     with process('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', '--method', 'pls',
                  stdout=subprocess.PIPE, env=environment) as child:  # fmt: skip

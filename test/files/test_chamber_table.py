@@ -70,6 +70,28 @@ def test_a_written_table_reads_back_with_everything_else_verbatim(tmp_path):
     assert [row.split(',')[:3] for row in after] == [row.split(',')[:3] for row in before]
 
 
+def test_the_compensated_tables_are_no_function_of_output_and_temperature():
+    """As docs/paper.md says."""
+    tables = [read_chamber_table(DATA / name, keep_copied_columns=True) for name in FIGURES]
+    for raw, compensated in (
+        (tables[0].output, tables[2].output),
+        (tables[1].output, tables[3].output),
+    ):
+        contradictions = 0
+        for column in range(raw.shape[1]):
+            seen = {}
+            for output, result in zip(raw[:, column], compensated[:, column], strict=True):
+                contradictions += seen.setdefault(output, result) != result
+        assert contradictions > 0
+
+
+def test_sensor_a_reads_the_same_twice_and_the_paper_compensates_it_to_two_values():
+    raw = read_chamber_table(DATA / 'table1_sensor_a_raw.csv').output
+    compensated = read_chamber_table(DATA / 'table3_sensor_a_compensated.csv').output
+    assert raw[0, 0] == raw[-1, 0] == -5.6
+    assert (compensated[0, 0], compensated[-1, 0]) == (3.949, 3.918)
+
+
 HEADER = 'step,load_kpa,output_at_20_c,output_at_50_c\n'
 
 

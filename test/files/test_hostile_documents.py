@@ -2,12 +2,10 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
 import pytest
-import yaml
 
 from wrist_ft_comp.errors import ModelFileError, StateFileError
 from wrist_ft_comp.files import model_file, state_file
@@ -20,16 +18,12 @@ NAMES = st.sampled_from([
     'dynamics', 'latents', 'b', 'end_ns', 'history', 'cells', 'period_ns', 'thermometers', 'given',
     'range_c', 'input_mean', 'rotations', 'saved_ns', 'model_sha256', 'provenance', 'warnings',
 ])  # fmt: skip
-PLAIN = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
-LEAVES = PLAIN | st.binary(max_size=3)
-
-
-def trees(leaves: Any) -> Any:
-    return st.recursive(
-        leaves,
-        lambda inner: st.lists(inner, max_size=6) | st.dictionaries(NAMES, inner, max_size=6),
-        max_leaves=15,
-    )
+LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
+TREES = st.recursive(
+    LEAVES,
+    lambda inner: st.lists(inner, max_size=6) | st.dictionaries(NAMES, inner, max_size=6),
+    max_leaves=15,
+)
 
 
 many = settings(
@@ -40,29 +34,27 @@ many = settings(
 )
 
 
+@pytest.mark.parametrize(
+    ('kind', 'load', 'error'),
+    [
+        (state_file.KIND, load_state, StateFileError),
+        (model_file.KIND, load_model, ModelFileError),
+    ],
+    ids=['state', 'model'],
+)
 @many
-@given(extra=st.dictionaries(NAMES, trees(PLAIN)))
-def test_a_state_of_any_form_is_refused(tmp_path: Path, extra: dict[str, Any]) -> None:
-    document = {'format': state_file.KIND.says, 'version': state_file.KIND.version}
-    path = tmp_path / 'state.json'
-    path.write_text(json.dumps({**extra, **document}), encoding='utf-8')
-    with pytest.raises(StateFileError):
-        load_state(path)
-
-
-@many
-@given(extra=st.dictionaries(NAMES, trees(LEAVES)))
-def test_a_model_of_any_form_is_refused(tmp_path: Path, extra: dict[str, Any]) -> None:
-    document = {'format': model_file.KIND.says, 'version': model_file.KIND.version}
-    path = tmp_path / 'model.yaml'
-    path.write_text(yaml.safe_dump({**extra, **document}), encoding='utf-8')
-    with pytest.raises(ModelFileError):
-        load_model(path)
+@given(extra=st.dictionaries(NAMES, TREES))
+def test_a_document_of_any_form_is_refused(tmp_path, kind, load, error, extra):
+    path = tmp_path / 'file'
+    document = {**extra, 'format': kind.says, 'version': kind.version}
+    path.write_text(json.dumps(document), encoding='utf-8')  # every JSON is YAML
+    with pytest.raises(error):
+        load(path)
 
 
 @many
-@given(document=trees(PLAIN))
-def test_a_list_of_models_of_any_form_is_read_or_refused(tmp_path: Path, document: Any) -> None:
+@given(document=TREES)
+def test_a_list_of_models_of_any_form_is_read_or_refused(tmp_path, document):
     (tmp_path / 'active.json').write_text(json.dumps(document), encoding='utf-8')
     store = ModelStore(tmp_path)
     assert isinstance(store.given(), str)

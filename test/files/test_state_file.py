@@ -3,9 +3,7 @@
 import copy
 import json
 import os
-from pathlib import Path
 import threading
-from typing import Any
 
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
@@ -44,7 +42,7 @@ states = st.builds(
 )
 
 
-def example(end_ns: int = 5, saved_ns: int = 7) -> SavedState:
+def example(end_ns=5, saved_ns=7):
     memory = ThermalMemory(
         end_ns,
         10,
@@ -56,7 +54,7 @@ def example(end_ns: int = 5, saved_ns: int = 7) -> SavedState:
     return SavedState(saved_ns, 'a' * 64, np.arange(6.0), memory)
 
 
-def plain(state: SavedState) -> Any:
+def plain(state):
     return state_file._document(state)
 
 
@@ -67,7 +65,7 @@ def plain(state: SavedState) -> Any:
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(state=states)
-def test_a_state_comes_back_to_the_last_bit(tmp_path: Path, state: SavedState) -> None:
+def test_a_state_comes_back_to_the_last_bit(tmp_path, state):
     path = tmp_path / 'new/state.json'
     save_state(path, state)
     back = load_state(path)
@@ -79,8 +77,20 @@ def test_a_state_comes_back_to_the_last_bit(tmp_path: Path, state: SavedState) -
     assert [each.name for each in path.parent.iterdir()] == ['state.json']
 
 
-def test_no_file_is_no_state(tmp_path: Path) -> None:
+def test_no_file_is_no_state(tmp_path):
     assert load_state(tmp_path / 'state.json') is None
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Write a document, or bytes, and load it."""
+
+    def write_and_load(content):
+        path = tmp_path / 'state.json'
+        path.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
+        return load_state(path)
+
+    return write_and_load
 
 
 @pytest.mark.parametrize(
@@ -91,19 +101,15 @@ def test_no_file_is_no_state(tmp_path: Path) -> None:
     ],
     ids=lambda content: repr(content[:12]),
 )  # fmt: skip
-def test_what_is_no_state_is_refused(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / 'state.json'
-    path.write_bytes(content)
+def test_what_is_no_state_is_refused(load, content):
     with pytest.raises(StateFileError, match=r'state\.json is not a state file'):
-        load_state(path)
+        load(content)
 
 
 @pytest.mark.parametrize('version', [0, 2, '1', None])
-def test_another_version_is_refused(tmp_path: Path, version: object) -> None:
-    path = tmp_path / 'state.json'
-    path.write_text(json.dumps({**plain(example()), 'version': version}))
+def test_another_version_is_refused(load, version):
     with pytest.raises(StateFileError, match=r'of version .* reads version 1'):
-        load_state(path)
+        load({**plain(example()), 'version': version})
 
 
 @pytest.mark.parametrize(
@@ -116,33 +122,27 @@ def test_another_version_is_refused(tmp_path: Path, version: object) -> None:
 @pytest.mark.parametrize(
     'place', ['tare', 'temperature_c', 'zero', 'sensitivity', 'filters', 'history']
 )
-def test_numbers_are_finite(tmp_path: Path, place: str, text: str) -> None:
+def test_numbers_are_finite(load, place, text):
     document = copy.deepcopy(plain(example()))
-    inside = document if place == 'tare' else document['thermal']
-    row = inside[place]
+    row = (document if place == 'tare' else document['thermal'])[place]
     if place in {'filters', 'history'}:
         row = row['force_z'] if place == 'filters' else row[1]['temperature_c']
     row[0] = 'HERE'
-    path = tmp_path / 'state.json'
-    path.write_text(json.dumps(document).replace('"HERE"', text))
     with pytest.raises(StateFileError):
-        load_state(path)
+        load(json.dumps(document).replace('"HERE"', text).encode())
 
 
 @pytest.mark.parametrize('key', list(plain(example())))
-def test_nothing_may_be_missing_or_more(tmp_path: Path, key: str) -> None:
-    path = tmp_path / 'state.json'
+def test_nothing_may_be_missing_or_more(load, key):
     document = plain(example())
-    del document[key]
-    path.write_text(json.dumps(document))
-    with pytest.raises(StateFileError):
-        load_state(path)
-    path.write_text(json.dumps({**plain(example()), 'more': 1}))
     with pytest.raises(StateFileError, match='breaks the schema at the top level'):
-        load_state(path)
+        load({**document, 'more': 1})
+    del document[key]
+    with pytest.raises(StateFileError):
+        load(document)
 
 
-def test_a_file_cut_or_flipped_anywhere_is_refused_or_whole(tmp_path: Path) -> None:
+def test_a_file_cut_or_flipped_anywhere_is_refused_or_whole(tmp_path):
     path = tmp_path / 'state.json'
     save_state(path, example())
     whole = path.read_bytes()
@@ -161,54 +161,54 @@ def test_a_file_cut_or_flipped_anywhere_is_refused_or_whole(tmp_path: Path) -> N
             continue
 
 
-class TestWriter:
-    def test_the_newest_state_is_on_disk_at_the_end(self, tmp_path: Path) -> None:
-        path = tmp_path / 'state.json'
-        writer = StateWriter(path)
-        for end_ns in range(50):
-            writer.put(example(end_ns))
-        assert writer.end(TIMEOUT_S)
-        back = load_state(path)
-        assert back is not None
-        assert plain(back) == plain(example(49))
-        assert 1 <= writer.written <= 50
-        assert writer.took_s > 0
+def test_the_newest_state_put_to_a_writer_is_on_disk_at_the_end(tmp_path):
+    path = tmp_path / 'state.json'
+    writer = StateWriter(path)
+    for end_ns in range(50):
+        writer.put(example(end_ns))
+    assert writer.end(TIMEOUT_S)
+    back = load_state(path)
+    assert back is not None
+    assert plain(back) == plain(example(49))
+    assert 1 <= writer.written <= 50
+    assert writer.took_s > 0
 
-    def test_a_slow_disk_delays_nobody_and_what_was_overtaken_is_left_out(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        """The disk answers when the test lets it; put returns before."""
-        answers, asked = threading.Event(), threading.Event()
-        fsync = os.fsync
 
-        def slow(handle: int) -> None:
-            asked.set()
-            assert answers.wait(TIMEOUT_S)
-            fsync(handle)
+def test_a_slow_disk_delays_nobody_and_what_was_overtaken_is_left_out(tmp_path, monkeypatch):
+    """The disk answers when the test lets it; put returns before."""
+    answers, asked = threading.Event(), threading.Event()
+    fsync = os.fsync
 
-        monkeypatch.setattr(os, 'fsync', slow)
-        writer = StateWriter(tmp_path / 'state.json')
-        writer.put(example(0))
-        assert asked.wait(TIMEOUT_S)
-        for end_ns in range(1, 10):
-            writer.put(example(end_ns))
-        assert not writer.end(0.0)
-        answers.set()
-        assert writer.end(TIMEOUT_S)
-        assert writer.written == 2
+    def slow(handle):
+        asked.set()
+        assert answers.wait(TIMEOUT_S)
+        fsync(handle)
 
-    def test_a_failure_is_told_until_a_save_succeeds(self, tmp_path: Path) -> None:
-        folder = tmp_path / 'data'
-        folder.write_text('a file where a folder belongs')
-        writer = StateWriter(folder / 'state.json')
-        writer.put(example())
-        assert writer.end(TIMEOUT_S)
-        assert 'cannot be written' in writer.problem
-        assert writer.written == 0
+    monkeypatch.setattr(os, 'fsync', slow)
+    writer = StateWriter(tmp_path / 'state.json')
+    writer.put(example(0))
+    assert asked.wait(TIMEOUT_S)
+    for end_ns in range(1, 10):
+        writer.put(example(end_ns))
+    assert not writer.end(0.0)
+    answers.set()
+    assert writer.end(TIMEOUT_S)
+    assert writer.written == 2
 
-    def test_without_anything_to_save_there_is_no_thread(self, tmp_path: Path) -> None:
-        before = threading.active_count()
-        writer = StateWriter(tmp_path / 'state.json')
-        assert threading.active_count() == before
-        assert writer.end(0.0)
-        assert not list(tmp_path.iterdir())
+
+def test_a_failure_is_told_until_a_save_succeeds(tmp_path):
+    folder = tmp_path / 'data'
+    folder.write_text('a file where a folder belongs')
+    writer = StateWriter(folder / 'state.json')
+    writer.put(example())
+    assert writer.end(TIMEOUT_S)
+    assert 'cannot be written' in writer.problem
+    assert writer.written == 0
+
+
+def test_without_anything_to_save_there_is_no_thread(tmp_path):
+    before = threading.active_count()
+    writer = StateWriter(tmp_path / 'state.json')
+    assert threading.active_count() == before
+    assert writer.end(0.0)
+    assert not list(tmp_path.iterdir())

@@ -1,6 +1,5 @@
 """Reports of every kind: a good sensor, a weak one, none to mend, an evaluation, a chamber."""
 
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,13 +12,11 @@ from wrist_ft_comp.calibration.chamber import chamber_figures, table_recording
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.files.chamber_table import read_chamber_table
 from wrist_ft_comp.files.model_file import save_model
-from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import Recording
 from wrist_ft_comp.report.evaluation import tared_errors
 from wrist_ft_comp.report.of_calibration import calibration_view
 from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
 from wrist_ft_comp.report.page import page
-from wrist_ft_comp.report.view import ReportView
 
 #: Markup in it, and longer than a line of a telephone.
 NAME = '<b>a_name_without_any_space_' + 'x' * 60 + '.csv & "quotes"'
@@ -69,7 +66,7 @@ def evaluated(stored, recording, reference='unloaded'):
 
 
 @pytest.fixture(scope='session')
-def make() -> SimpleNamespace:
+def make():
     """The builders above, for tests."""
     return SimpleNamespace(
         recording=make_recording, evaluated=evaluated, learn=learn, name=NAME, table=TABLE
@@ -77,16 +74,14 @@ def make() -> SimpleNamespace:
 
 
 @pytest.fixture(scope='session')
-def stored(tmp_path_factory: pytest.TempPathFactory) -> StoredModel:
+def stored(tmp_path_factory):
     """A model that was learnt from one recording, monday.csv."""
     folder = tmp_path_factory.mktemp('stored')
     return learn([make_recording('monday.csv')], folder, method='pls')[1]
 
 
 @pytest.fixture(scope='session')
-def view(
-    tmp_path_factory: pytest.TempPathFactory, stored: StoredModel
-) -> Callable[[str], ReportView]:
+def view(tmp_path_factory, stored):
     """Views by kind, each made once."""
 
     @cache
@@ -114,6 +109,6 @@ def view(
 
 
 @pytest.fixture(scope='session')
-def text(view: Callable[[str], ReportView]) -> Callable[[str], str]:
+def text(view):
     """Pages by kind, as text."""
     return cache(lambda kind: page(view(kind)))

@@ -1,6 +1,5 @@
 """What is left of the drift in recordings, and a real load cell that models must help."""
 
-from collections.abc import Callable
 import csv
 from dataclasses import replace
 from datetime import datetime
@@ -13,9 +12,8 @@ from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.batch_grid import grid_samples
-from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.offline import simulate_drift
-from wrist_ft_comp.model.signals import AXES, Recording, Samples
+from wrist_ft_comp.model.signals import AXES, Samples
 from wrist_ft_comp.report.evaluation import (
     AxisEvaluation,
     initial_tare,
@@ -33,18 +31,18 @@ CELLS = 60
 
 
 @pytest.fixture(scope='module')
-def model(make_model: Callable[..., DriftModel]) -> DriftModel:
+def model(make_model):
     return make_model({'force_z': (0.4, 1e-2, 50.0)}, period_s=10.0)
 
 
 @pytest.fixture(scope='module')
-def moved(lagged: Callable[..., Array]) -> Array:
+def moved(lagged):
     """Temperature behind the model's lag, K."""
     return lagged(np.linspace(0, 15, CELLS), 50.0)
 
 
 @pytest.fixture(scope='module')
-def loaded(make_recording: Callable[..., Recording], moved: Array) -> Recording:
+def loaded(make_recording, moved):
     """A sensor as the model says, with an offset and an error of its own."""
     rng = np.random.default_rng(0)
     load = 30 * rng.standard_normal(CELLS)
@@ -55,9 +53,7 @@ def loaded(make_recording: Callable[..., Recording], moved: Array) -> Recording:
 
 
 @pytest.mark.parametrize(('tare_s', 'tare_cells'), [(60.0, 6), (65.0, 7), (0.0, 1)])
-def test_errors_are_what_a_hand_computes(
-    model: DriftModel, loaded: Recording, moved: Array, tare_s: float, tare_cells: int
-) -> None:
+def test_errors_are_what_a_hand_computes(model, loaded, moved, tare_s, tare_cells):
     raw, true = loaded.wrench[:, Z], loaded.reference[:, Z]
     known = [k for k in range(CELLS) if np.isfinite(raw[k])]
     tared = range(known[0], known[0] + tare_cells)
@@ -73,9 +69,7 @@ def test_errors_are_what_a_hand_computes(
     assert judged['force_z'].rms_after < 0.1 * judged['force_z'].rms_before
 
 
-def test_a_perfect_model_leaves_nothing(
-    model: DriftModel, loaded: Recording, moved: Array
-) -> None:
+def test_a_perfect_model_leaves_nothing(model, loaded, moved):
     wrench = loaded.wrench.copy()
     wrench[:, Z] = (1 + 1e-2 * moved) * loaded.reference[:, Z] + 0.4 * moved + 7
     before, after = tared_errors(model, replace(loaded, wrench=wrench), 'recorded')
@@ -83,9 +77,7 @@ def test_a_perfect_model_leaves_nothing(
     assert np.abs(before[:, Z]).max() > 1
 
 
-def test_an_axis_without_model_stays_as_it_was(
-    model: DriftModel, make_recording: Callable[..., Recording]
-) -> None:
+def test_an_axis_without_model_stays_as_it_was(model, make_recording):
     raw = np.random.default_rng(1).standard_normal(CELLS)
     recording = make_recording(np.linspace(20, 30, CELLS), {'torque_y': raw})
     before, after = tared_errors(model, recording, 'unloaded')
@@ -93,7 +85,7 @@ def test_an_axis_without_model_stays_as_it_was(
     assert np.nanmax(np.abs(before)) > 0
 
 
-def test_nothing_to_compare_with_is_refused(model: DriftModel, loaded: Recording) -> None:
+def test_nothing_to_compare_with_is_refused(model, loaded):
     bare = replace(loaded, reference=np.full_like(loaded.reference, np.nan))
     with pytest.raises(RecordingError, match='no cell with both wrench and reference'):
         tared_errors(model, bare, 'recorded')
@@ -106,25 +98,20 @@ def test_nothing_to_compare_with_is_refused(model: DriftModel, loaded: Recording
         ({'thermometers': 2}, 'has 1 thermometers, the model expects 2'),
     ],
 )
-def test_a_recording_that_does_not_fit_is_refused(
-    make_model: Callable[..., DriftModel],
-    loaded: Recording,
-    change: dict[str, float],
-    sentence: str,
-) -> None:
+def test_a_recording_that_does_not_fit_is_refused(make_model, loaded, change, sentence):
     other = make_model({'force_z': (0.4, 0.0, 50.0)}, **{'period_s': 10.0, **change})
     with pytest.raises(RecordingError, match=sentence):
         tared_errors(other, loaded, 'unloaded')
 
 
-def errors(axis: int, before: list[float], after: list[float]) -> TaredErrors:
+def errors(axis, before, after):
     """Errors of one axis; nothing is known of the others."""
     table = np.full((2, len(before), len(AXES)), np.nan)
     table[:, :, axis] = before, after
     return TaredErrors(*table)
 
 
-def test_recordings_are_pooled_by_the_cells_that_were_compared() -> None:
+def test_recordings_are_pooled_by_the_cells_that_were_compared():
     nan = float('nan')
     long = errors(X, [5.0, nan, 3.0, nan, nan, nan, nan], [1.0, nan, nan, nan, 9.0, nan, nan])
     short = errors(X, [1.0, -7.0], [-2.0, 2.0])
@@ -132,7 +119,7 @@ def test_recordings_are_pooled_by_the_cells_that_were_compared() -> None:
     assert pooled == AxisEvaluation(5.0, 3**0.5, 7.0, 2.0)
 
 
-def test_pooling_takes_axes_from_where_they_are() -> None:
+def test_pooling_takes_axes_from_where_they_are():
     pooled = judge_errors([errors(X, [3.0], [1.0]), errors(TORQUE_Z, [4.0, 4.0], [2.0, 2.0])])
     assert pooled == {
         'force_x': AxisEvaluation(3.0, 1.0, 3.0, 1.0),
@@ -140,18 +127,14 @@ def test_pooling_takes_axes_from_where_they_are() -> None:
     }
 
 
-def test_the_initial_tare_is_the_raw_mean_behind_the_drift(
-    model: DriftModel, loaded: Recording, moved: Array
-) -> None:
+def test_the_initial_tare_is_the_raw_mean_behind_the_drift(model, loaded, moved):
     expected = np.mean((loaded.wrench[:, Z] - 0.4 * moved)[2:5])
     assert initial_tare(model, loaded, 30.0)[Z] == pytest.approx(expected)
     assert not initial_tare(model, loaded, 0.0).any()
 
 
 @pytest.mark.parametrize('method', ['auto', 'arx_pls_oe'])
-def test_a_real_load_cell_creeps_less_than_raw_and_than_behind_a_straight_line(
-    method: str,
-) -> None:
+def test_a_real_load_cell_creeps_less_than_raw_and_than_behind_a_straight_line(method):
     """22 kg for 40.8 h outdoors (TANEN project, hmd83, CC BY 4.0): learnt on the first 20 h."""
     if not LOAD_CELL.exists():
         pytest.skip(f'the load cell data are not at {LOAD_CELL}')
@@ -163,7 +146,7 @@ def test_a_real_load_cell_creeps_less_than_raw_and_than_behind_a_straight_line(
     values = np.array([(float(row['T_C']), float(row['W_raw_kg'])) for row in rows])
     learnt = stamps - stamps[0] < 20 * 3600 * 10**9
 
-    def record(part: Array) -> Recording:
+    def record(part):
         block = Samples(('temperature_c', 'force_z'), stamps[part], values[part])
         return grid_samples([block], name='load cell', period_s=60.0)
 
