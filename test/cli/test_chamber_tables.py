@@ -1,59 +1,47 @@
 """The requirement on both sensors of the published chamber test, through the command line."""
 
+from contextlib import redirect_stdout
+from io import StringIO
 import json
 
 import numpy as np
 import pytest
 
 from wrist_ft_comp.calibration.chamber import compensate_table
+from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.files.chamber_table import read_chamber_table
 from wrist_ft_comp.files.model_file import load_model
 
-#: Raw max |K_s|, %FS/°C, and zero spread, %FS, of both tables.
-RAW = {
-    'table1_sensor_a_raw.csv': (0.0687, 5.36),
-    'table2_sensor_b_raw.csv': (0.1444, 7.51),
-}
-both = pytest.mark.parametrize('name', RAW)
+TABLES = ('table1_sensor_a_raw.csv', 'table2_sensor_b_raw.csv')
 
 
-@pytest.fixture(scope='module')
-def known():
-    return {}
+@pytest.fixture(scope='module', params=TABLES)
+def fitted(request, make, tmp_path_factory):
+    """The table of a sensor, its model, and what the calibration said in text and JSON."""
+    table, model = make.keller / request.param, tmp_path_factory.mktemp('keller') / 'model.yaml'
+    argv = ['calibrate', str(table), '-o', str(model)]
+    said = []
+    for more in ([], ['--json']):
+        with redirect_stdout(StringIO()) as out:
+            assert main([*argv, *more]) == 0
+        said.append(out.getvalue())
+    return table, model, said[0], json.loads(said[1])
 
 
-@pytest.fixture
-def fitted(done, make, known, tmp_path_factory):
-    """Calibrate a sensor once; gives the model and what was said in text and JSON."""
-
-    def fit(name, *options):
-        if (name, *options) not in known:
-            model = tmp_path_factory.mktemp('keller') / 'model.yaml'
-            argv = ('calibrate', make.keller / name, '-o', model, *options)
-            known[(name, *options)] = model, done(*argv), json.loads(done(*argv, '--json'))
-        return known[(name, *options)]
-
-    return fit
-
-
-@both
-def test_the_fit_meets_the_requirement(name, fitted, make):
-    _, _, found = fitted(name)
-    figures = found['chamber_tables'][str(make.keller / name)]
-    k_s, spread = RAW[name]
-    assert figures['raw']['max_sensitivity_drift'] == pytest.approx(k_s, abs=5e-5)
-    assert figures['raw']['zero_spread'] == pytest.approx(spread, abs=5e-3)
+def test_the_fit_meets_the_requirement(fitted):
+    table, _, _, said = fitted
+    figures = said['chamber_tables'][str(table)]
+    assert figures['raw']['max_sensitivity_drift'] > 0.05
     assert figures['fitted']['max_sensitivity_drift'] <= 0.010
     assert figures['fitted']['zero_spread'] <= 0.30
 
 
-@both
-def test_left_out_temperatures_stand_beside_the_fit(name, fitted, make):
-    _, text, found = fitted(name)
+def test_left_out_temperatures_stand_beside_the_fit(fitted):
+    table, _, text, said = fitted
     lines = text.splitlines()
     header = next(line for line in lines if line.endswith('left out'))
     assert header.split() == ['raw', 'fitted', 'left', 'out']
-    figures = found['chamber_tables'][str(make.keller / name)]
+    figures = said['chamber_tables'][str(table)]
     printed = next(line for line in lines if '|K_s|' in line).split()[-3:]
     keys = ('raw', 'fitted', 'left out')
     assert printed == [f'{figures[key]["max_sensitivity_drift"]:.4f}' for key in keys]
@@ -62,14 +50,25 @@ def test_left_out_temperatures_stand_beside_the_fit(name, fitted, make):
     assert all(len(line) <= 80 for line in lines[-5:])
 
 
-def test_the_copied_column_is_left_out_and_said_so(fitted, run, make):
-    name = 'table1_sensor_a_raw.csv'
-    model, text, found = fitted(name)
-    assert 'warning: The column of 50 °C' in text
-    assert any('50 °C' in warning for warning in found['warnings'])
-    outcome = run('evaluate', model, make.keller / name)
+def test_where_leaving_one_out_leaves_a_single_temperature_there_are_no_figures_of_it(
+    done, make, tmp_path
+):
+    header, *rows = (make.keller / TABLES[1]).read_text().splitlines()
+    cells = [row.split(',') for row in (header, *rows, *rows)]
+    path = tmp_path / 'two.csv'
+    path.write_text('\n'.join(','.join((*row[:4], row[7])) for row in cells))
+    said = json.loads(done('calibrate', path, '-o', tmp_path / 'm.yaml', '--json'))
+    assert set(said['chamber_tables'][str(path)]) == {'raw', 'fitted'}
+
+
+def test_the_copied_column_is_left_out_and_said_so(fitted, run):
+    table, model, text, said = fitted
+    copied = table.name == TABLES[0]
+    assert ('warning: The column of 50 °C' in text) == copied
+    assert any('50 °C' in warning for warning in said['warnings']) == copied
+    outcome = run('evaluate', model, table)
     assert outcome.code == 0
-    assert outcome.err.count('50 °C') == 1
+    assert outcome.err.count('50 °C') == copied
 
 
 def test_a_table_is_in_units_of_its_own(done, make, tmp_path):
@@ -90,28 +89,24 @@ def test_a_table_and_a_recording_are_not_mixed(run, make, drift_csv, model, tmp_
     assert 'different units' in run('evaluate', model, table, drift_csv).sentence
 
 
-@both
-def test_evaluate_gives_the_figures_of_the_calibration(name, fitted, done, make):
-    model, _, found = fitted(name)
-    path = make.keller / name
-    again = json.loads(done('evaluate', model, path, '--json'))
-    fit = found['chamber_tables'][str(path)]['fitted']
-    assert again['chamber_tables'][str(path)]['compensated'] == pytest.approx(fit)
+def test_evaluate_gives_the_figures_of_the_calibration(fitted, done):
+    table, model, _, said = fitted
+    again = json.loads(done('evaluate', model, table, '--json'))
+    fit = said['chamber_tables'][str(table)]['fitted']
+    assert again['chamber_tables'][str(table)]['compensated'] == pytest.approx(fit)
     assert again['axes']['force_z']['rms_after'] < 0.2 * again['axes']['force_z']['rms_before']
     assert again['recordings'][0]['reference'] == 'recorded'
 
 
-@both
-def test_the_compensated_table_is_a_table_again(name, fitted, run, make, tmp_path):
-    model, _, _ = fitted(name)
+def test_the_compensated_table_is_a_table_again(fitted, run, tmp_path):
+    table, model, _, _ = fitted
     out = tmp_path / 'out.csv'
-    outcome = run('compensate', model, make.keller / name, '-o', out)
+    outcome = run('compensate', model, table, '-o', out)
     assert outcome.code == 0
-    assert outcome.err.count('warning') == (1 if 'table1' in name else 0)
-    source = read_chamber_table(make.keller / name)
+    assert outcome.err.count('warning') == (table.name == TABLES[0])
+    source, written = read_chamber_table(table), read_chamber_table(out)
     expected = compensate_table(source, load_model(model).model)
-    found = read_chamber_table(out)
-    np.testing.assert_allclose(found.output, expected.output, rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(found.load, source.load)
-    np.testing.assert_array_equal(found.temperatures_c, source.temperatures_c)
-    assert found.output[0, found.reference_column] == pytest.approx(0, abs=1e-9)
+    np.testing.assert_allclose(written.output, expected.output, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(written.load, source.load)
+    np.testing.assert_array_equal(written.temperatures_c, source.temperatures_c)
+    assert written.output[0, written.reference_column] == pytest.approx(0, abs=1e-9)

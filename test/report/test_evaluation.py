@@ -1,19 +1,12 @@
-"""What is left of the drift in recordings, and a real load cell that models must help."""
+"""What is left of the drift in recordings."""
 
-import csv
 from dataclasses import replace
-from datetime import datetime
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.calibrate import calibrate
-from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.model.batch_grid import grid_samples
-from wrist_ft_comp.model.offline import simulate_drift
-from wrist_ft_comp.model.signals import AXES, Samples
+from wrist_ft_comp.model.signals import AXES
 from wrist_ft_comp.report.evaluation import (
     AxisEvaluation,
     initial_tare,
@@ -23,9 +16,6 @@ from wrist_ft_comp.report.evaluation import (
 )
 
 Array = np.ndarray
-LOAD_CELL = (
-    Path(__file__).resolve().parents[2].parent / 'shared/data/load_cell/constant_load_run1.csv'
-)
 X, Z, TORQUE_Z = (AXES.index(axis) for axis in ('force_x', 'force_z', 'torque_z'))
 CELLS = 60
 
@@ -131,36 +121,3 @@ def test_the_initial_tare_is_the_raw_mean_behind_the_drift(model, loaded, moved)
     expected = np.mean((loaded.wrench[:, Z] - 0.4 * moved)[2:5])
     assert initial_tare(model, loaded, 30.0)[Z] == pytest.approx(expected)
     assert not initial_tare(model, loaded, 0.0).any()
-
-
-@pytest.mark.parametrize('method', ['auto', 'arx_pls_oe'])
-def test_a_real_load_cell_creeps_less_than_raw_and_than_behind_a_straight_line(method):
-    """22 kg for 40.8 h outdoors (TANEN project, hmd83, CC BY 4.0): learnt on the first 20 h."""
-    if not LOAD_CELL.exists():
-        pytest.skip(f'the load cell data are not at {LOAD_CELL}')
-    with LOAD_CELL.open(encoding='utf-8') as file:
-        rows = list(csv.DictReader(file, delimiter=';'))
-    assert len(rows) == 572
-    times = [datetime.fromisoformat(row['time'].replace('Z', '+00:00')) for row in rows]
-    stamps = np.array([round(time.timestamp()) * 10**9 for time in times])
-    values = np.array([(float(row['T_C']), float(row['W_raw_kg'])) for row in rows])
-    learnt = stamps - stamps[0] < 20 * 3600 * 10**9
-
-    def record(part):
-        block = Samples(('temperature_c', 'force_z'), stamps[part], values[part])
-        return grid_samples([block], name='load cell', period_s=60.0)
-
-    settings = CalibrationSettings(
-        reference='constant', identification=IdentificationSettings(method=method)
-    )
-    calibration = calibrate([record(learnt)], settings)
-    new = record(~learnt)
-    simulated = simulate_drift(calibration.model, new)
-    spread = float(np.nanstd((new.wrench - simulated.zero)[:, Z]))
-    slope, offset = np.polyfit(*values[learnt].T, 1)
-    temperature_c, kilograms = values[~learnt].T
-    assert spread < 0.2 * np.std(kilograms)
-    assert spread < 0.95 * np.std(kilograms - slope * temperature_c - offset)
-    assert not simulated.sensitivity.any()
-    judged = judge_errors([tared_errors(calibration.model, new, 'constant', 1e6)])['force_z']
-    assert judged.rms_after == pytest.approx(spread, rel=1e-6)
