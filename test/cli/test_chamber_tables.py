@@ -61,16 +61,6 @@ def test_where_leaving_one_out_leaves_a_single_temperature_there_are_no_figures_
     assert set(said['chamber_tables'][str(path)]) == {'raw', 'fitted'}
 
 
-def test_the_copied_column_is_left_out_and_said_so(fitted, run):
-    table, model, text, said = fitted
-    copied = table.name == TABLES[0]
-    assert ('warning: The column of 50 °C' in text) == copied
-    assert any('50 °C' in warning for warning in said['warnings']) == copied
-    outcome = run('evaluate', model, table)
-    assert outcome.code == 0
-    assert outcome.err.count('50 °C') == copied
-
-
 def test_a_table_is_in_units_of_its_own(done, make, tmp_path):
     table, model = make.keller / 'table2_sensor_b_raw.csv', tmp_path / 'm.yaml'
     said = [done('calibrate', table, '-o', model), done('show', model), done('show', table)]
@@ -89,9 +79,14 @@ def test_a_table_and_a_recording_are_not_mixed(run, make, drift_csv, model, tmp_
     assert 'different units' in run('evaluate', model, table, drift_csv).sentence
 
 
-def test_evaluate_gives_the_figures_of_the_calibration(fitted, done):
-    table, model, _, said = fitted
-    again = json.loads(done('evaluate', model, table, '--json'))
+def test_evaluate_gives_the_figures_and_warnings_of_the_calibration(fitted, run):
+    table, model, text, said = fitted
+    outcome = run('evaluate', model, table, '--json')
+    again = json.loads(outcome.out)
+    copied = table.name == TABLES[0]
+    assert outcome.err.count('The column of 50 °C') == copied
+    assert text.count('warning: The column of 50 °C') == copied
+    assert len(said['warnings']) == copied
     fit = said['chamber_tables'][str(table)]['fitted']
     assert again['chamber_tables'][str(table)]['compensated'] == pytest.approx(fit)
     assert again['axes']['force_z']['rms_after'] < 0.2 * again['axes']['force_z']['rms_before']

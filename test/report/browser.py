@@ -106,11 +106,6 @@ class Browser:
         ]
         return [e for e in self.events if e.get('method') in bad] + requests[1:]
 
-    def screenshot(self) -> bytes:
-        """The whole page as PNG."""
-        answer = self.send('Page.captureScreenshot', captureBeyondViewport=True)
-        return base64.b64decode(answer['data'])
-
     def pdf(self) -> bytes:
         """The page as it is printed."""
         self.send('Emulation.setEmulatedMedia', media='print', features=[])

@@ -1,5 +1,6 @@
 """The report's pictures, SVG in the page's colours, and the demo's, a PNG."""
 
+from dataclasses import replace
 from io import BytesIO
 import re
 import xml.etree.ElementTree as ET
@@ -58,10 +59,7 @@ def test_lines_break_between_parts_and_at_gaps():
     assert np.isnan(whole).sum() == 1
     data = max((line.get_xdata() for line in parted), key=len)
     assert np.isnan(data).sum() == 3
-    one = series()
-    gap = ErrorSeries(
-        one.hours + (one.hours > 1) * 2, one.temperature_c, one.before, one.after, one.part
-    )
+    gap = replace(series(), hours=series().hours + (series().hours > 1) * 2)
     assert np.isnan(pictures.errors_over_time(gap, 'N').axes[0].lines[0].get_xdata()).sum() == 2
 
 
@@ -78,16 +76,8 @@ def test_both_lines_differ_without_colour_and_axes_have_units():
 
 @pytest.mark.parametrize('points', [1, 2, 3])
 def test_a_handful_of_points_is_drawn(points):
-    few = series(points)
-    for figure in (
-        pictures.errors_over_time(few, 'N'),
-        pictures.errors_over_temperature(few, 'N'),
-    ):
-        assert '<svg' in pictures.svg_text(figure, 'p', 'few')
-
-
-def test_more_thermometers_than_styles_are_all_drawn():
-    assert len(pictures.temperatures_over_time(thermometers(9)).axes[0].lines) == 9
+    for draw in (pictures.errors_over_time, pictures.errors_over_temperature):
+        assert '<svg' in pictures.svg_text(draw(series(points), 'N'), 'p', 'few')
 
 
 def test_colours_and_font_are_the_page_s_and_text_stays_text():
@@ -116,9 +106,10 @@ def test_references_end_inside_the_picture_and_two_share_no_id():
 
 
 def test_the_same_picture_is_the_same_text_and_its_description_too():
-    text = pictures.svg_text(drawn(), 'p0', '<b> & "x"')
-    assert text == pictures.svg_text(drawn(), 'p0', '<b> & "x"')
+    text, again = (pictures.svg_text(drawn(), 'p0', '<b> & "x"') for _ in range(2))
+    assert text == again
     assert xml(text).get('aria-label') == '<b> & "x"'
+    assert xml(text).get('role') == 'img'
 
 
 def figure(axes=3, points=200, title='force'):
@@ -181,4 +172,5 @@ def test_long_recordings_are_thinned_out_but_not_to_a_sketch():
 def test_more_thermometers_than_colours_are_all_drawn():
     t = np.arange(10.0)
     drawn = draw_drift([], [TemperatureSeries(str(j), t, t + j) for j in range(9)])
-    assert len(drawn.axes[-1].lines) == 9
+    for picture in (drawn, pictures.temperatures_over_time(thermometers(9))):
+        assert len(picture.axes[-1].lines) == 9
