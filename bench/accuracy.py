@@ -52,8 +52,8 @@ def ours(method: str, recordings: Sequence[Recording]) -> Predictor:
 
 def residual(each: Recording, prediction: FloatArray) -> float:
     """Root mean square of what is left, tared on the first minute, in bins of 10 s."""
-    left = drift(each) - prediction
-    return root_mean_square(bin_means(left - left[:60].mean(), 10))
+    error = drift(each) - prediction
+    return root_mean_square(bin_means(error - error[:60].mean(), 10))
 
 
 def bin_means(values: FloatArray, cells: int) -> FloatArray:
@@ -103,9 +103,9 @@ def print_stated(seeds: range) -> None:
             training, test, _ = scenario(seed)
             calibration = calibrated('auto', training)
             if calibration is not None:
-                left = bin_means(drift(test) - predicted(calibration.model, test), 30)
+                error = bin_means(drift(test) - predicted(calibration.model, test), 30)
                 stated = calibration.model.deviation['force_z']
-                ratios.append(float(np.std(left)) / stated)
+                ratios.append(float(np.std(error)) / stated)
         print(f'{title:22}{np.median(ratios):6.2f} ({max(ratios):.2f})', flush=True)
 
 
@@ -121,10 +121,10 @@ def print_load_cell() -> None:
     print(f'\nload cell, learnt from {LEARNT_H:g} h, the other {rest.duration_s / 3600:.1f} h:')
     print(f'{"":15}{"spread, g":>12}{"around its creep, g":>22}{"creep, g/day":>15}')
     for name, method in METHODS.items():
-        left = (drift(rest) - method([learnt])(rest))[there]
-        creep = np.polynomial.Polynomial.fit(time_s, left, 1).convert()
-        around = np.std(left - creep(time_s))
-        print(f'{name:15}{np.std(left):12.1f}{around:22.1f}{86400 * creep.coef[1]:15.1f}')
+        error = (drift(rest) - method([learnt])(rest))[there]
+        creep = np.polynomial.Polynomial.fit(time_s, error, 1).convert()
+        around = np.std(error - creep(time_s))
+        print(f'{name:15}{np.std(error):12.1f}{around:22.1f}{86400 * creep.coef[1]:15.1f}')
 
 
 def main() -> None:

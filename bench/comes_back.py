@@ -96,18 +96,18 @@ def main() -> int:
         finally:
             stand.close()
     took_s = [each for each in lives if each is not None]
-    found = {
+    figures = {
         'shared_memory': arguments.shared_memory,
         'kills': len(lives),
         'deaf': lives.count(None),
         'median_s': round(float(np.median(took_s)), 2) if took_s else None,
         'longest_s': round(max(took_s), 2) if took_s else None,
     }
-    print(json.dumps(found, indent=1))
+    print(json.dumps(figures, indent=1))
     out = Path(__file__).resolve().parent.parent / 'out'
     out.mkdir(exist_ok=True)
-    (out / 'comes_back.json').write_text(json.dumps(found, indent=1), 'utf-8')
-    return 1 if found['deaf'] else 0
+    (out / 'comes_back.json').write_text(json.dumps(figures, indent=1), 'utf-8')
+    return 1 if figures['deaf'] else 0
 
 
 if __name__ == '__main__':

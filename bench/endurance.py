@@ -97,13 +97,13 @@ class Endurance:
         with self._lock:
             self._last_output = time.monotonic()
             self.counts['arrived'] += 1
-            left = self._sent.get(data[:-48])
-            if left is None:
+            pending = self._sent.get(data[:-48])
+            if pending is None:
                 self.counts['wrong: header was never sent'] += 1
-            elif left == 0:
+            elif pending == 0:
                 self.counts['wrong: came twice'] += 1
             else:
-                self._sent[data[:-48]] = left - 1
+                self._sent[data[:-48]] = pending - 1
             if not np.isfinite(values).all():
                 self.counts['wrong: not a number'] += 1
                 return

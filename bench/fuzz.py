@@ -217,15 +217,15 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         targets = Targets(Path(name))
         for target in [arguments.target] if arguments.target else targets.readers:
-            found = fuzz(target, targets, arguments.inputs, arguments.seed, out)
-            results[target] = found
+            tally = fuzz(target, targets, arguments.inputs, arguments.seed, out)
+            results[target] = tally
             print(
-                f'{target:16}{found["inputs"]:8}{found.get("taken", 0):8}'
-                f'{found.get("refused", 0):9}{found.get("FAULTS", 0):8}{found["slowest_ms"]:13}',
+                f'{target:16}{tally["inputs"]:8}{tally.get("taken", 0):8}'
+                f'{tally.get("refused", 0):9}{tally.get("FAULTS", 0):8}{tally["slowest_ms"]:13}',
                 flush=True,
             )
     (out / 'fuzz.json').write_text(json.dumps(results, indent=1), 'utf-8')
-    return 1 if any('FAULTS' in found for found in results.values()) else 0
+    return 1 if any('FAULTS' in tally for tally in results.values()) else 0
 
 
 if __name__ == '__main__':

@@ -38,11 +38,11 @@ WRITING_S = 0.2
 
 def written(data: Path, pattern: str) -> set[tuple[str, int]]:
     """Give the files of a pattern, and when each was written."""
-    found = set()
+    names = set()
     for path in data.glob(pattern or 'none'):
         with suppress(FileNotFoundError):
-            found.add((path.name, path.stat().st_mtime_ns))
-    return found
+            names.add((path.name, path.stat().st_mtime_ns))
+    return names
 
 
 def live_a_life(
@@ -114,9 +114,9 @@ def check_files(data: Path, seen: Counter[str], known: set[Path]) -> list[str]:
             seen['lives that end with a model'] += 1
     except WristFtCompError as error:
         broken.append(str(error))
-    left = list(data.rglob('.*.tmp'))
-    seen['temporary files left by kills, swept'] += len(left)
-    for path in left:
+    leftovers = list(data.rglob('.*.tmp'))
+    seen['temporary files left by kills, swept'] += len(leftovers)
+    for path in leftovers:
         path.unlink()
     return broken
 

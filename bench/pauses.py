@@ -56,7 +56,7 @@ def measure(folder: Path) -> dict[str, tuple[float, float]]:
         node.compensator.add_temperature(0, second * 10**9, sensor.celsius)
     stored = node.live.stored
     state = SavedState(1, stored.sha256, np.zeros(6), node.compensator.memory())
-    found = {
+    measured = {
         'state: take it and hand it over (callback)': timed(node.state_keeper.save, 200),
         'state: write it, fsync (thread)': timed(
             lambda: save_state(folder / 'other.json', state), 50
@@ -78,20 +78,20 @@ def measure(folder: Path) -> dict[str, tuple[float, float]]:
     }
     node.destroy_node()
     context.try_shutdown()
-    return found
+    return measured
 
 
 def main() -> int:
     """Measure and print."""
     own_domain(96)
     with tempfile.TemporaryDirectory() as name:
-        found = measure(Path(name))
+        measured = measure(Path(name))
     print(f'{"what":50} median, ms  longest, ms  messages at 8 kHz')
-    for what, (median, longest) in found.items():
+    for what, (median, longest) in measured.items():
         print(f'{what:50}{median:11.2f}{longest:13.2f}{longest * RATE_HZ / 1000:19.0f}')
     out = Path(__file__).resolve().parent.parent / 'out'
     out.mkdir(exist_ok=True)
-    (out / 'pauses.json').write_text(json.dumps(found, indent=1), 'utf-8')
+    (out / 'pauses.json').write_text(json.dumps(measured, indent=1), 'utf-8')
     return 0
 
 

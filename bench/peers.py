@@ -59,13 +59,13 @@ def ridge_bank(recordings: Sequence[Recording]) -> Predictor:
     parts = list(recordings) if len(recordings) > 1 else thirds(recordings[0])
     errors = []
     for strength in STRENGTHS:
-        left = 0.0
+        total = 0.0
         for out in range(len(parts)):
             others = [part for i, part in enumerate(parts) if i != out]
             predict = regression(others, banked, Ridge(strength), scale=True)
             error = drift(parts[out]) - predict(parts[out])
-            left += float(np.nanvar(error))
-        errors.append(left)
+            total += float(np.nanvar(error))
+        errors.append(total)
     strength = float(STRENGTHS[int(np.argmin(errors))])
     return regression(recordings, banked, Ridge(strength), scale=True)
 

@@ -42,21 +42,21 @@ LOOK_NS = 10_000_000
 
 def temperatures(seconds: int) -> list[float]:
     """Give the warm-up's temperatures, one per second, °C."""
-    sensor, found = Sensor(1), []
+    sensor, measured = Sensor(1), []
     for second in range(seconds):
         sensor.advance(float(second))
-        found.append(sensor.celsius)
-    return found
+        measured.append(sensor.celsius)
+    return measured
 
 
 def undisturbed(model: Any, celsius: list[float], first: int) -> dict[int, float]:
     """Give the drift of force z, N, by second, of a stream that begins with one."""
     twin = Compensator(1, StreamSettings(max_drift_rate_n_s=1e3), model)
-    found = {}
+    measured = {}
     for second in range(first, len(celsius)):
         twin.add_temperature(0, START_NS + second * NANOSECONDS, celsius[second])
-        found[second] = float(twin.compensation.zero[2])
-    return found
+        measured[second] = float(twin.compensation.zero[2])
+    return measured
 
 
 def connect(stand: Stand, heard: dict[int, float]) -> Any:
@@ -140,21 +140,22 @@ def main() -> int:
     arguments = parser.parse_args()
     own_domain(93)
     rng = np.random.default_rng(arguments.seed)
-    found = []
+    measured = []
     with tempfile.TemporaryDirectory() as name:
         model = make_model(write_warm_up(Path(name, 'warm_up.csv')), Path(name, 'm.yaml'))
         for number in range(arguments.kills):
-            found.append(one_kill(Path(name, str(number)), model, rng))
+            measured.append(one_kill(Path(name, str(number)), model, rng))
             print(
-                json.dumps({key: round(value, 5) for key, value in found[-1].items()}), flush=True
+                json.dumps({key: round(value, 5) for key, value in measured[-1].items()}),
+                flush=True,
             )
     for what, key in (('restarted', 'deviation'), ('begun anew', 'deviation_anew')):
-        shares = [100 * each[key] for each in found]
+        shares = [100 * each[key] for each in measured]
         print(f'{what}: off by {np.median(shares):.3f} % (median), {max(shares):.3f} % at most')
     out = Path(__file__).resolve().parent.parent / 'out'
     out.mkdir(exist_ok=True)
-    (out / 'restart.json').write_text(json.dumps(found, indent=1), 'utf-8')
-    return 1 if max(each['deviation'] for each in found) > LIMIT else 0
+    (out / 'restart.json').write_text(json.dumps(measured, indent=1), 'utf-8')
+    return 1 if max(each['deviation'] for each in measured) > LIMIT else 0
 
 
 if __name__ == '__main__':

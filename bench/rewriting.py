@@ -196,12 +196,12 @@ def main() -> None:
     figures = {}
     for kind in KINDS:
         with tempfile.TemporaryDirectory() as name:
-            found = compare(kind, minutes, Path(name), make_model(Path(name)))
-        figures[kind] = found
+            row = compare(kind, minutes, Path(name), make_model(Path(name)))
+        figures[kind] = row
         print(
-            f'{kind:8}  {found["wrenches_per_cpu_s"]:10,.0f}  {found["typed_per_cpu_s"]:12,.0f}  '
-            f'{found["ratio"]:5.1f}  {found["cpu_s"]:13.1f}  {found["elapsed_s"]:10.1f}  '
-            f'{found["quarter_peak_mib"]:15.0f}  {found["peak_mib"]:4.0f}',
+            f'{kind:8}  {row["wrenches_per_cpu_s"]:10,.0f}  {row["typed_per_cpu_s"]:12,.0f}  '
+            f'{row["ratio"]:5.1f}  {row["cpu_s"]:13.1f}  {row["elapsed_s"]:10.1f}  '
+            f'{row["quarter_peak_mib"]:15.0f}  {row["peak_mib"]:4.0f}',
             flush=True,
         )
     Path('out').mkdir(exist_ok=True)

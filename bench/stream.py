@@ -131,10 +131,10 @@ class Line:
         """Take what the receiver has; remember the compensators' counts."""
         result: dict[str, Any] = ask(self.receiver, 'take')
         for name in (n for group in groups for n in group.split()):
-            found = result['topics'][name]
-            counts = (found.get('received', 0), found.get('published', 0))
+            measured = result['topics'][name]
+            counts = (measured.get('received', 0), measured.get('published', 0))
             before = self._counted.get(name, (0, 0))
-            found['delta'] = tuple(b - a for a, b in zip(before, counts, strict=True))
+            measured['delta'] = tuple(b - a for a, b in zip(before, counts, strict=True))
             self._counted[name] = counts
         return result
 
@@ -173,12 +173,12 @@ def compare_rates(line: Line, rates: Sequence[float], seconds: float, repeats: i
     for rate_hz in rates:
         runs: dict[str, list[Run]] = {name: [] for name in (*RELAYS, NODE)}
         for _ in range(repeats):
-            for name, found in runs.items():
-                found.append(line.measure(name, rate_hz, seconds))
-        for name, found in runs.items():
-            rows.append(summary(name, rate_hz, found))
+            for name, measured in runs.items():
+                measured.append(line.measure(name, rate_hz, seconds))
+        for name, measured in runs.items():
+            rows.append(summary(name, rate_hz, measured))
             print_row(rows[-1])
-        cpu = {name: [run.cpu_us for run in found] for name, found in runs.items()}
+        cpu = {name: [run.cpu_us for run in measured] for name, measured in runs.items()}
         for name in RELAYS:  # runs that followed each other are compared, then the median taken
             pairs = zip(cpu[NODE], cpu[name], strict=True)
             rows[-1][f'cpu_to_{name}'] = median(node / other for node, other in pairs)

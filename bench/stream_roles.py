@@ -132,10 +132,10 @@ class Receiver:
             answer = client.call_async(Trigger.Request())
             answer.add_done_callback(lambda done: self._calibrated.append(done.result().message))
             return
-        found = {
+        received = {
             name: {**latencies(came), **self._counted[name]} for name, came in self._came.items()
         }
-        print(json.dumps({'topics': found, 'calibrated': self._calibrated}), flush=True)
+        print(json.dumps({'topics': received, 'calibrated': self._calibrated}), flush=True)
         for came in self._came.values():
             came.clear()
 

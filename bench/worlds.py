@@ -95,8 +95,8 @@ def judge(task: tuple[str, int, tuple[str, ...]]) -> list[tuple[FloatArray, Floa
         began = time.perf_counter()
         answer = answerer(method)(world)
         seconds = time.perf_counter() - began
-        left = root_mean_square(left_of(world, answer))
-        rows.append((left / raw, left / answer.claim, seconds))
+        remaining = root_mean_square(left_of(world, answer))
+        rows.append((remaining / raw, remaining / answer.claim, seconds))
     return rows
 
 
@@ -127,8 +127,8 @@ def print_real(methods: Sequence[str]) -> None:
             cells = ''
             for world in worlds.values():
                 assert world is not None  # noqa: S101 -- looked at above
-                left = np.std(left_of(world, answerer(method)(world)), axis=0)
-                share = left / np.std(day_of(world.judge).drift, axis=0)
+                remaining = np.std(left_of(world, answerer(method)(world)), axis=0)
+                share = remaining / np.std(day_of(world.judge).drift, axis=0)
                 cells += f'{np.exp(np.mean(np.log(share))):.3f} ({share.max():.2f})'.rjust(15)
             print(f'{method:16}{cells}', flush=True)
     cell = load_cell_world()
@@ -138,8 +138,8 @@ def print_real(methods: Sequence[str]) -> None:
         return
     print(CREDITS['load cell'])
     for method in methods:
-        left = left_of(cell, answerer(method)(cell))
-        print(f'{method:16}{np.nanstd(left[:, 2]):8.2f}', flush=True)
+        remaining = left_of(cell, answerer(method)(cell))
+        print(f'{method:16}{np.nanstd(remaining[:, 2]):8.2f}', flush=True)
 
 
 def print_chamber() -> None:
