@@ -5,6 +5,7 @@ Everything here is seeded and written without the package's mathematics and code
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from importlib.util import find_spec
 from pathlib import Path
 import struct
 
@@ -20,6 +21,12 @@ from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import AXES, Recording
 
 Array = np.ndarray
+collect_ignore = [] if find_spec('rclpy') else ['ros']
+
+
+def pytest_report_header() -> str:
+    """Say so where the nodes' tests cannot run."""
+    return 'test/ros is left out: it needs ROS 2 (rclpy)' if collect_ignore else ''
 
 
 def _wrenches(cells: int, axes: Mapping[str, object]) -> Array:

@@ -1,13 +1,9 @@
-"""
-Fixtures of the node tests: an own domain, nodes in threads, queues with timeouts, processes.
-
-A test module begins with ``pytest.importorskip('rclpy', reason=…)``, so that the other tests run
-where ROS 2 is missing.
-"""
+"""Fixtures of the node tests: an own domain, nodes in threads, queues with timeouts, processes."""
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from functools import cached_property
+from importlib import import_module
 import os
 from pathlib import Path
 import queue
@@ -20,19 +16,18 @@ from typing import Any
 import warnings
 
 import pytest
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 
 import wrist_ft_comp
-
-with suppress(ImportError):
-    from rclpy.context import Context
-    from rclpy.node import Node
-    from rclpy.parameter import Parameter
-    from rclpy.qos import QoSProfile, QoSReliabilityPolicy
-
-    from wrist_ft_comp.ros.running import make_executor, spin
+from wrist_ft_comp.ros.running import make_executor, spin
 
 #: Longest time to wait for anything, seconds: far above what is normal, so that only a fault hits.
 TIMEOUT_S = 60.0
+#: Files of tests that take tens of seconds.
+_LONG = ('test_tutorial', 'test_readme', 'test_bench', 'test_calibrate')
 ROOT = Path(wrist_ft_comp.__file__).parents[1]
 #: Environment of a process that talks over the loopback interface, and not by shared memory.
 LOOPBACK_UDP = {
@@ -43,16 +38,11 @@ LOOPBACK_UDP = {
 
 @pytest.fixture(scope='session')
 def ros_domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
-    """
-    Reserve a ROS domain for this test process; child processes inherit it.
-
-    The reservation is a socket name of the kernel, which leaves nothing behind, so that test runs
-    beside each other do not meet.
-    """
+    """Reserve a ROS domain for this test process; child processes inherit it."""
     with warnings.catch_warnings():
         # A parser that comes with ROS 2 imports a deprecated module of Python's.
         warnings.simplefilter('ignore', DeprecationWarning)
-        pytest.importorskip('rosidl_generator_py', reason='the node tests need ROS 2 (rclpy)')
+        import_module('rosidl_generator_py')
     logs = tmp_path_factory.mktemp('ros')
     with ExitStack() as stack:
         environment = stack.enter_context(pytest.MonkeyPatch.context())
@@ -66,6 +56,7 @@ def ros_domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
 
 def _reserve_domain(stack: ExitStack) -> int:
     """Take the first free domain of 1 to 100 (higher ones meet ephemeral ports)."""
+    # Taken is what has a socket name of the kernel, which leaves nothing behind.
     for domain in range(1, 101):
         try:
             stack.enter_context(socket.socket(socket.AF_UNIX)).bind(
@@ -84,6 +75,11 @@ def ros_context(ros_domain: int) -> Iterator[Any]:
     context.init([], domain_id=ros_domain)
     yield context
     context.try_shutdown()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run what takes longest first, so that no worker does it alone in the end."""
+    items.sort(key=lambda item: not item.path.name.startswith(_LONG))
 
 
 class Bench:
@@ -106,12 +102,7 @@ class Bench:
         return node
 
     def start(self, factory: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
-        """
-        Make a node as ``factory(*args, context=…, **kwargs)`` and spin it until the test ends.
-
-        ``parameters={name: value}`` and ``remap={from: to}`` are passed on as rclpy wants them;
-        ``executor`` names what runs it, as in ``make_executor``.
-        """
+        """Make a node and spin it until the test ends; ``executor`` is as in make_executor."""
         return self.start_all(lambda **options: [factory(*args, **options)], **kwargs)[0]
 
     def start_all(self, factory: Callable[..., list[Any]], **kwargs: Any) -> list[Any]:
@@ -137,11 +128,7 @@ class Bench:
         return nodes
 
     def listen(self, message_type: Any, topic: str, qos: Any = None) -> 'queue.Queue[Any]':
-        """
-        Subscribe; the messages come in the queue, to be read with ``get(timeout=…)``.
-
-        Without qos it is best effort, which hears every publisher, and deep.
-        """
+        """Subscribe; without qos it is best effort, which hears every publisher, and deep."""
         best_effort = QoSReliabilityPolicy.BEST_EFFORT
         profile = qos or QoSProfile(depth=5000, reliability=best_effort)
         messages: queue.Queue[Any] = queue.Queue()
@@ -165,11 +152,7 @@ class Bench:
         return future.result()
 
     def wait_for_node(self, name: str) -> None:
-        """
-        Wait until another process's node is up.
-
-        A node of the test before may still be listed, so give each process's node its own name.
-        """
+        """Wait for a process's node; one of the test before may still be listed by its name."""
         self.wait_until(lambda: name in self.helper.get_node_names(), f'the node {name}')
 
     def wait_until(self, condition: Callable[[], bool], what: str) -> None:
@@ -212,12 +195,7 @@ def bench(ros_context: Any) -> Iterator[Bench]:
 
 
 class Executable:
-    """
-    A node as a process of its own: ``python -m MODULE --ros-args ARGS``, or ``-c SOURCE``.
-
-    One that may be killed does without shared memory, where a SIGKILL can leave what makes the
-    next process deaf (see docs/reliability.md).
-    """
+    """A node as a process of its own: ``python -m MODULE --ros-args ARGS``, or ``-c SOURCE``."""
 
     def __init__(
         self, module: str, *ros_args: str, source: str = '', may_be_killed: bool = False
@@ -230,6 +208,7 @@ class Executable:
             stderr=subprocess.PIPE,
             text=True,
             cwd=ROOT,
+            # A SIGKILL can leave shared memory that makes the next process deaf.
             env={**os.environ, **(LOOPBACK_UDP if may_be_killed else {})},
         )
 
@@ -258,3 +237,21 @@ def executable(ros_domain: int) -> Iterator[Callable[..., Executable]]:  # noqa:
         if each.process.poll() is None:
             each.process.kill()
         each.process.communicate(timeout=TIMEOUT_S)
+
+
+@pytest.fixture
+def run_bench(ros_domain: int) -> Callable[..., tuple[int, str]]:  # noqa: ARG001
+    """Run a bench; its exit code and what it printed."""
+
+    def run(name: str, *words: str) -> tuple[int, str]:
+        done = subprocess.run(
+            [sys.executable, str(ROOT / 'bench' / name), *words],
+            env={**os.environ, 'PYTHONPATH': str(ROOT)},
+            capture_output=True,
+            text=True,
+            timeout=3 * TIMEOUT_S,
+            check=False,
+        )
+        return done.returncode, done.stdout + done.stderr
+
+    return run

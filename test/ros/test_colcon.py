@@ -10,6 +10,7 @@ import sys
 from typing import Any
 
 import pytest
+from std_srvs.srv import Trigger
 import yaml
 
 import wrist_ft_comp
@@ -71,14 +72,13 @@ def test_the_executables_are_where_ros2_run_looks(prefix: Path) -> None:
 
 
 def test_the_package_is_in_the_index(prefix: Path, sourced: dict[str, str]) -> None:
-    pytest.importorskip('ament_index_python', reason='the index is read by ROS 2')
     assert str(prefix) in sourced['AMENT_PREFIX_PATH'].split(os.pathsep)
     code = (
         'from ament_index_python.packages import *; '
         f"print(get_package_prefix('{NAME}'), get_package_share_directory('{NAME}'))"
     )
-    found = run([sys.executable, '-c', code], prefix, sourced).split()
-    assert found == [str(prefix), str(prefix / 'share' / NAME)]
+    printed = run([sys.executable, '-c', code], prefix, sourced)
+    assert printed.split() == [str(prefix), str(prefix / 'share' / NAME)]
 
 
 def test_what_people_read_and_load_is_in_share(prefix: Path) -> None:
@@ -91,24 +91,15 @@ def test_what_people_read_and_load_is_in_share(prefix: Path) -> None:
     assert yaml.safe_load((share / 'config/compensator.yaml').read_text('utf-8'))
 
 
-def test_the_schema_is_beside_the_code_that_reads_it(prefix: Path) -> None:
-    assert len(list(prefix.rglob('model.schema.json'))) == 1
-
-
 def test_the_installed_command_calibrates(
     prefix: Path, sourced: dict[str, str], tmp_path: Path
 ) -> None:
     command = str(prefix / 'lib' / NAME / NAME)
     table = str(prefix / 'share' / NAME / 'data/keller_pa10/table2_sensor_b_raw.csv')
-    run([command, 'calibrate', table, '-o', 'b.yaml'], tmp_path, sourced)
+    run([command, 'calibrate', table, '-o', 'b.yaml'], tmp_path, sourced)  # with its schema
     assert 'b.yaml: a drift model' in run([command, 'show', 'b.yaml'], tmp_path, sourced)
-
-
-def test_python_m_is_the_command_where_nothing_is_on_the_path(
-    sourced: dict[str, str], tmp_path: Path
-) -> None:
-    printed = run([sys.executable, '-m', NAME, '--version'], tmp_path, sourced)
-    assert printed.strip() == wrist_ft_comp.__version__
+    module = [sys.executable, '-m', NAME, '--version']
+    assert run(module, tmp_path, sourced).strip() == wrist_ft_comp.__version__
 
 
 @pytest.fixture
@@ -129,7 +120,6 @@ def node(prefix: Path, sourced: dict[str, str], ros_domain: int) -> Iterator[Non
 
 @pytest.mark.usefixtures('node')
 def test_the_installed_node_answers(bench: Any) -> None:
-    srv = pytest.importorskip('std_srvs.srv', reason='the node tests need ROS 2 (rclpy)')
     service = '/installed/wrist_ft_comp/reset_tare'
-    answer = bench.call(srv.Trigger, service, srv.Trigger.Request())
+    answer = bench.call(Trigger, service, Trigger.Request())
     assert answer.message == 'the tare is zero again'

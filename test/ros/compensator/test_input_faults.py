@@ -3,12 +3,9 @@
 import math
 import re
 
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
-
-pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
-
-from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
@@ -69,10 +66,6 @@ def unharmed(node, stamp=START + 30 * SECOND):
     np.testing.assert_allclose(corrected, RAW - [0, 0, 5.0, 0, 0, 0], atol=0.1)
 
 
-def numbers(status):
-    return {each.key: each.value for each in status.values}
-
-
 def look_at(node, wrenches, stamps=None):
     """Send wrenches that the node looks at one by one."""
     for k, wrench in enumerate(wrenches):
@@ -86,16 +79,18 @@ def noisy(count, scale=0.01):
 
 
 class TestWrench:
-    @pytest.mark.parametrize('kind', ['not_finite', 'malformed'])
-    def test_that_is_unusable_is_dropped_counted_and_told(self, warm, log, kind):
-        node = warm()
-        if kind == 'not_finite':
-            node.put(START, [0, 0, math.nan, 0, 0, 0])
-        else:
-            node.put_bytes(serialize_message(wrench_message(START, 'tool0', RAW))[:-8])
+    def test_that_is_unusable_is_dropped_counted_and_told(self, warm, log):
+        node, whole = warm(), serialize_message(wrench_message(START, 'tool0', RAW))
+        for bad in (math.nan, math.inf, -math.inf):
+            node.put(START, [0, 0, bad, 0, 0, 0])
+        node.put(START, [0, math.inf, -math.inf, 0, 0, 0])
+        for data in (whole[:-8], whole + bytes(8), b'\x07\x01' + whole[2:], whole[:20]):
+            node.put_bytes(data)
         status = node.diagnosis('input')
         assert status.message == 'all wrenches are unusable and dropped; check the driver'
-        assert (status.level, numbers(status)[f'dropped_{kind}']) == (WARN, '1')
+        names = ('received', 'dropped_not_finite', 'dropped_malformed')
+        assert [status.values[name] for name in names] == ['0', '4', '4']
+        assert status.level == WARN
         log(node, 'input: all wrenches are unusable and dropped; check the driver')
         assert node.outputs.empty()
         unharmed(node)
@@ -155,7 +150,7 @@ class TestWrench:
         assert message.header.frame_id == 'tool1'
         status = node.diagnosis('input')
         assert status.message == "the frame changed from 'tool0' to 'tool1'; is it another sensor?"
-        assert (status.level, numbers(status)['frame_changes']) == (WARN, '1')
+        assert (status.level, status.values['frame_changes']) == (WARN, '1')
         log(node, "the frame changed from 'tool0' to 'tool1'")
 
     def test_or_temperature_of_two_publishers_is_told(self, warm, log):
@@ -181,23 +176,22 @@ class TestWrench:
 
 
 class TestTemperature:
-    @pytest.mark.parametrize('value', [math.nan, math.inf, -273.15, 298.15, 1e9, -101.0])
+    @pytest.mark.parametrize('value', [math.nan, 298.15])
     def test_that_no_sensor_reads_is_dropped_counted_and_told(self, warm, log, value):
-        """0 K, kelvins, and what a broken wire gives."""
         node = warm()
+        node.put_temperature_bytes(0, b'\0\1\0\0 too short')
         node.warm(START + 20 * SECOND, value)
         status = node.diagnosis('temperature')
         assert status.level == WARN
         assert status.message.startswith(f'thermometer 1 reads {value:.4g} °C, which is dropped')
-        assert numbers(status)['unusable'] == '1'
+        assert status.values['unusable'] == '2'
         log(node, 'temperature: thermometer 1 reads .* which is dropped')
         assert node.node.compensator.tracker.temperature_c == pytest.approx([30.0])
         unharmed(node)
 
     def test_that_stops_leaves_the_drift_where_it_is_and_is_told(self, warm, log):
         node = warm(parameters={'temperature_timeout': 0.2})
-        status = node.diagnosis('temperature', lambda each: 'silent' in each.message)
-        assert status.message == 'thermometer 1 silent for more than 0.2 s; drift is held'
+        node.diagnosis('temperature', 'thermometer 1 silent for more than 0.2 s; drift is held')
         log(node, 'temperature: thermometer 1 silent')
         unharmed(node, START + 10 * HOUR)
 
@@ -218,12 +212,10 @@ class TestTemperature:
     def test_that_jumps_moves_the_drift_no_faster_than_its_limit(self, warm, log):
         node = warm(parameters={'max_drift_rate': 0.01})
         node.warm_up(44.0, 6, first=20)
-        status = node.diagnosis('temperature', lambda each: 'jumped' in each.message)
-        assert status.level == WARN
-        assert 'thermometer 1 jumped by 14.0 K, faster than metal can' in status.message
+        words = 'thermometer 1 jumped by 14.0 K, faster than metal can'
+        assert node.diagnosis('temperature', words).level == WARN
         log(node, r'temperature: thermometer 1 jumped by 14\.0 K')
-        status = node.diagnosis('output')
-        assert 'drift of force_z moves at its limit (max_drift_rate)' in status.message
+        node.diagnosis('output', 'drift of force_z moves at its limit (max_drift_rate)')
         log(node, 'output: drift of force_z moves at its limit')
         assert node.node.compensator.compensation.zero[2] == pytest.approx(5.05, abs=0.011)
         unharmed(node)
@@ -231,7 +223,7 @@ class TestTemperature:
     def test_in_fahrenheit_is_clamped_and_the_unit_is_guessed(self, warm, log):
         node = warm()
         node.warm_up(86.0, 6, first=20)
-        status = node.diagnosis('temperature', lambda each: 'outside' in each.message)
+        status = node.diagnosis('temperature', 'outside')
         assert status.message == (
             'thermometer 1 outside the calibrated range; drift is less certain there, and held '
             'further out. In degrees Fahrenheit it would be inside: check the unit'
@@ -252,8 +244,8 @@ class TestTemperature:
         node.warm(START + 20 * SECOND + leap, 44.0)
         node.warm_up(30.0, 3, first=20)
         assert node.node.compensator.tracker.timestamp_filter.strays == 1
-        status = node.diagnosis('temperature', lambda each: 'was dropped' in each.message)
-        assert (status.level, numbers(status)['stray_stamps']) == (WARN, '1')
+        status = node.diagnosis('temperature', 'was dropped')
+        assert (status.level, status.values['stray_stamps']) == (WARN, '1')
         log(node, 'temperature: a temperature was dropped, because its stamp was far from those')
         np.testing.assert_allclose(node.node.compensator.memory().filters['force_z'], memory)
         unharmed(node)
@@ -262,9 +254,9 @@ class TestTemperature:
         node = warm()
         node.diagnosis('temperature')
         node.warm(START, 44.0)
-        status = node.diagnosis('temperature')
-        assert status.message == 'temperatures are dropped: their stamps do not increase'
-        log(node, 'temperature: temperatures are dropped: their stamps do not increase')
+        words = 'temperatures are dropped: their stamps do not increase'
+        assert node.diagnosis('temperature').message == words
+        log(node, f'temperature: {words}')
         unharmed(node)
 
     def test_without_stamps_is_taken_at_the_node_s_time(self, wired, warm, log):
@@ -280,8 +272,7 @@ class TestTemperature:
             node.warm(0, 30.0)
         assert node.node.compensator.tracker.grid._next == START // SECOND + 23
         words = 'thermometer 1 does not stamp its readings; the time of arrival is taken'
-        status = node.diagnosis('temperature', lambda each: each.message == words)
-        assert status.level == WARN
+        assert node.diagnosis('temperature', words).level == WARN
         log(node, f'temperature: {words}')
         unharmed(node)
 
@@ -291,8 +282,8 @@ class TestTemperature:
             node.warm(second * SECOND, 30.0)
         assert node.node.compensator.tracker.grid.restarts == 1
         words = 'stamps of temperatures leapt; was a clock set, or a simulation begun anew?'
-        status = node.diagnosis('temperature', lambda each: each.message == words)
-        assert (status.level, numbers(status)['stamps_restarted']) == (WARN, '1')
+        status = node.diagnosis('temperature', words)
+        assert (status.level, status.values['stamps_restarted']) == (WARN, '1')
         log(node, 'temperature: stamps of temperatures leapt')
         unharmed(node, 10 * SECOND)
 
@@ -316,26 +307,22 @@ class TestQualityOfService:
             helper.create_publisher(kind, f'{name}/{topic}', profile)
             log(node, f'a publisher of {topic} offers less reliability than is asked for')
         assert node.node.health.incompatible == dict.fromkeys(topics, 'reliability')
-        status = node.diagnosis('input', lambda each: 'reliability' in each.message)
-        assert status.message == (
-            'no raw wrenches arrive: their publisher offers less reliability than is asked for'
+        node.diagnosis(
+            'input',
+            'no raw wrenches arrive: their publisher offers less reliability than is asked for',
         )
-        status = node.diagnosis('temperature', lambda each: 'not heard' in each.message)
-        assert status.level == WARN
-        assert status.message == (
+        words = (
             'thermometer 1 is not heard: a publisher offers less reliability than is asked for; '
             'drift waits for it'
         )
+        assert node.diagnosis('temperature', words).level == WARN
 
     @executors
     def test_that_keeps_a_subscriber_from_hearing_is_told(self, wired, warm, log, executor):
         node = warm(kind=wired, executor=executor)
         wants = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         node.bench.listen(WrenchStamped, node.topic('wrench'), wants)
-        status = node.diagnosis('output', lambda each: 'durability' in each.message)
-        assert status.level == WARN
-        assert status.message == (
-            'a subscriber of wrench asks for more durability than is offered and gets nothing'
-        )
+        words = 'a subscriber of wrench asks for more durability than is offered and gets nothing'
+        assert node.diagnosis('output', words).level == WARN
         log(node, 'a subscriber of wrench asks for more durability than is offered')
         unharmed(node)

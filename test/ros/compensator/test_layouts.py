@@ -4,11 +4,8 @@ import json
 from pathlib import Path
 import xml.etree.ElementTree as ET
 
-import pytest
-
-pytest.importorskip('rclpy', reason='rclpy is not installed here')
-
 from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
+import pytest
 from sensor_msgs.msg import Temperature
 
 CONFIG = Path(__file__).parents[3] / 'config'

@@ -5,8 +5,6 @@ import sys
 
 import pytest
 
-pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
-
 HEAVY = (
     'matplotlib', 'rosbags', 'scipy', 'jinja2', 'tqdm', 'wrist_ft_comp.cli',
     'wrist_ft_comp.identification', 'wrist_ft_comp.report', 'wrist_ft_comp.simulation',

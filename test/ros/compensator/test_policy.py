@@ -4,9 +4,6 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
-
-pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
-
 from rclpy.node import Node
 
 from wrist_ft_comp.ros.compensator_node import CompensatorNode

@@ -2,33 +2,19 @@
 
 from contextlib import suppress
 import os
+from pathlib import Path
 import signal
 
 import numpy as np
 import pytest
-
-pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
-
-from std_srvs.srv import Trigger
+from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
+import yaml
 
 from wrist_ft_comp.files.recordings import read_recording
+from wrist_ft_comp.ros.parameters import PARAMETERS
 
 MODULE = 'wrist_ft_comp.ros.compensator_node'
-TIMEOUT_S = 60.0
-START_S = 1_700_000_000
-#: The executable, which tells what runs it.
-TELL_EXECUTOR = """
-import sys
-from wrist_ft_comp.ros import compensator_node, running
-make = running.make_executor
-def tell(*arguments):
-    executor = make(*arguments)
-    sys.stderr.write(f'runs on {type(executor).__name__}\\n')
-    return executor
-running.make_executor = tell
-sys.exit(compensator_node.main())
-"""
-signals = pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 
 
 @pytest.fixture
@@ -57,33 +43,17 @@ def ends_well(process, number):
     return errors
 
 
-@pytest.mark.parametrize(
-    ('choice', 'number'), [('events', signal.SIGINT), ('default', signal.SIGTERM)]
-)
-def test_a_signal_ends_the_node_with_exit_code_0(bench, start, choice, number):
-    name = f'ends_{choice}_{int(number)}'
-    process = start(name, '-p', f'executor:={choice}')
-    answer = bench.call(Trigger, f'/{name}/{name}/reset_tare', Trigger.Request())
-    assert answer.success
-    assert 'no model' in ends_well(process, number)
-
-
-def test_the_log_says_once_what_the_node_does(bench, start, make_model):
-    make_model('a.yaml')
-    process = start('says_once', '-p', 'model_file:=models/a.yaml')
-    bench.call(Trigger, '/says_once/says_once/reset_tare', Trigger.Request())
-    errors = ends_well(process, signal.SIGINT)
-    assert errors.count('compensating 1 axis with ') == 1
-    assert 'models/a.yaml' in errors
-
-
-@signals
-def test_a_signal_ends_a_calibration_too(bench, peer, start, tmp_path, number):
-    """A pipe without a writer takes the place of a long fit."""
+def endless(tmp_path):
+    """Make a pipe without a writer, which takes the place of a long fit."""
     recording = tmp_path / 'data/endless.csv'
     recording.parent.mkdir()
     os.mkfifo(recording)
-    name = f'fits_{int(number)}'
+    return recording
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_calibration_too(bench, peer, start, tmp_path, number):
+    name, recording = f'fits_{int(number)}', endless(tmp_path)
     process = start(name, '-p', f'calibration.recordings:=[{recording}]')
     answer = peer(f'/{name}', name).ask('calibrate')
     # Opening the other end waits until the calibration process has opened this one.
@@ -134,41 +104,16 @@ def test_a_bad_model_file_is_one_sentence_and_exit_code_1(executable, tmp_path):
     assert 'Make one with wrist_ft_comp calibrate.' in errors
 
 
-@pytest.mark.parametrize(
-    ('argument', 'words'),
-    [
-        ('temperature_topics:=[""]', 'temperature_topics must name at least one topic'),
-        ('temperature_topics:=["not a topic"]', 'not a topic'),
-        ('thermal_period:=0.0', 'from 0.1 to 600 s'),
-    ],
-)
-def test_a_bad_argument_is_a_sentence_and_exit_code_1(executable, argument, words):
+def test_a_name_that_is_no_topic_is_a_sentence_and_exit_code_1(executable):
+    argument = 'temperature_topics:=["not a topic"]'
     code, errors = executable(MODULE, '-p', argument).result()
     assert code == 1
-    assert words in errors
+    assert 'not a topic' in errors
     assert 'Traceback' not in errors
 
 
-@pytest.mark.parametrize(
-    ('choice', 'kind'), [('events', 'EventsExecutor'), ('default', 'SingleThreadedExecutor')]
-)
-def test_the_executor_is_the_one_that_was_chosen(bench, executable, tmp_path, choice, kind):
-    name = f'chooses_{choice}'
-    process = executable(
-        MODULE,
-        *('-r', f'__node:={name}', '-p', f'executor:={choice}'),
-        *('-p', f'data_directory:={tmp_path}'),
-        source=TELL_EXECUTOR,
-    )
-    bench.wait_for_node(name)
-    assert f'runs on {kind}\n' in ends_well(process, signal.SIGINT)
-
-
 def test_a_killed_node_leaves_no_calibration_behind(bench, peer, start, tmp_path):
-    """A pipe without a writer takes the place of a long fit."""
-    recording = tmp_path / 'data/endless.csv'
-    recording.parent.mkdir()
-    os.mkfifo(recording)
+    recording = endless(tmp_path)
     process = start('killed', '-p', f'calibration.recordings:=[{recording}]')
     peer('/killed', 'killed').ask('calibrate')
     with recording.open('wb'):
@@ -182,3 +127,22 @@ def test_a_killed_node_leaves_no_calibration_behind(bench, peer, start, tmp_path
         return True
 
     bench.wait_until(nobody_reads, 'the end of the calibration')
+
+
+def flat(tree, prefix=''):
+    """Names with dots, as the node has them."""
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from flat(value, f'{prefix}{key}.')
+        else:
+            yield f'{prefix}{key}', value
+
+
+def test_the_file_of_parameters_that_is_installed_is_taken(bench, start):
+    path = Path(__file__).parents[3] / 'config/compensator.yaml'
+    wanted = dict(flat(yaml.safe_load(path.read_text('utf-8'))['/**']['ros__parameters']))
+    assert set(wanted) <= {row.name for row in PARAMETERS}
+    start('from_file', '--params-file', str(path))
+    request = GetParameters.Request(names=list(wanted))
+    answer = bench.call(GetParameters, '/from_file/from_file/get_parameters', request)
+    assert [parameter_value_to_python(each) for each in answer.values] == list(wanted.values())

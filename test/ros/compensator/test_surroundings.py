@@ -1,13 +1,8 @@
 """Remapping, namespaces, simulated time, quality of service: what a ROS user expects of a node."""
 
-import itertools
-
-import pytest
-
-pytest.importorskip('rclpy', reason='the node tests need ROS 2 (rclpy)')
-
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
+import pytest
 from rclpy.qos import QoSReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
@@ -43,13 +38,6 @@ def test_topics_and_the_node_can_be_remapped(bench, tmp_path):
     assert (job_topics.wrench, job_topics.temperatures) == ('/driver/ft', ('/driver/heat',))
 
 
-def test_two_nodes_in_two_namespaces_do_not_meet(wired, tmp_path):
-    nodes = [wired(directory=tmp_path / side) for side in ('left', 'right')]
-    for number, node in enumerate(nodes):
-        assert node.ask_output(number, [float(number)] * 6) == (float(number),) * 6
-    assert all(node.outputs.empty() for node in nodes)
-
-
 def test_without_a_directory_each_node_keeps_its_own_below_ros_home(bench, tmp_path, monkeypatch):
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
     nodes = [bench.start(CompensatorNode, namespace=name) for name in ('/left', '/right')]
@@ -73,8 +61,7 @@ def test_simulated_time_stamps_what_has_no_stamp(wired, bench, clock):
     assert 'Taring needs at least 10 wrenches' in answer.message, 'timers are steady'
 
 
-def test_quality_of_service_can_be_overridden_for_one_topic_only(bench, rig, tmp_path):
-    plain = rig()
+def test_quality_of_service_can_be_overridden_for_one_topic_only(bench, tmp_path):
     prefix = 'qos_overrides./other'
     node = bench.start(
         CompensatorNode,
@@ -94,9 +81,9 @@ def test_quality_of_service_can_be_overridden_for_one_topic_only(bench, rig, tmp
     assert node._diagnostics.qos_profile.reliability == reliable
     assert node._raw.qos_profile.reliability == reliable
     assert node._temperatures[0].qos_profile.depth == 7
-    assert plain.node._temperatures[0].qos_profile.depth == 100
     assert qos.OUTPUT.reliability == reliable
     assert qos.FAST_SENSOR.reliability == best_effort
+    assert qos.SLOW_SENSOR.depth == 100
     for _ in range(2):
         for data in (True, False):
             request = SetBool.Request(data=data)
@@ -104,24 +91,3 @@ def test_quality_of_service_can_be_overridden_for_one_topic_only(bench, rig, tmp
             if data:
                 depths = {s.topic_name: s.qos_profile.depth for s in node.subscriptions}
                 assert depths['/other/wrench_reference'] == 8
-
-
-def test_two_thermometers_on_one_topic_are_two_thermometers(bench, tmp_path):
-    """Strange, but not a crash."""
-    topics = ['temperature', 'temperature']
-    node = bench.start(
-        CompensatorNode,
-        namespace='/twice',
-        parameters={'data_directory': str(tmp_path), 'temperature_topics': topics},
-    )
-    publisher = bench.publisher(Temperature, '/twice/temperature')
-    stamps = itertools.count(1)
-
-    def started():
-        message = Temperature(temperature=25.0)
-        message.header.stamp.sec = next(stamps)
-        publisher.publish(message)
-        return node.compensator.tracker.temperature_c is not None
-
-    bench.wait_until(started, 'a thermal cell')
-    assert node.compensator.tracker.temperature_c.tolist() == [25.0, 25.0]

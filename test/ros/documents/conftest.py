@@ -1,6 +1,7 @@
 """The commands of a document: every line of every ``sh`` block, run as it is written."""
 
 from collections.abc import Callable, Iterator
+import json
 import os
 from pathlib import Path
 import re
@@ -12,6 +13,7 @@ import sys
 from typing import Any
 
 import pytest
+from sensor_msgs.msg import Temperature
 
 ROOT = Path(__file__).parents[3]
 #: Far above what is normal, so that only a fault hits.
@@ -35,26 +37,16 @@ def runnable(words: list[str]) -> list[str]:
 
 
 class Terminal:
-    """
-    Runs commands as a reader does, who ends a program before starting it again.
-
-    Attributes
-    ----------
-    folder : Path
-        Working directory.
-    printed : str
-        What all commands printed that ran to their end.
-
-    """
+    """Runs commands as a reader does, who ends a program before starting it again."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.printed = ''
+        #: Working directory, and what all commands printed that ran to their end.
+        self.folder, self.printed = folder, ''
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     def run(self, words: list[str]) -> str:
         """Run a command to its end; returns what it prints."""
-        named = [found for word in words for found in self._expanded(word)]
+        named = [each for word in words for each in self._expanded(word)]
         done = subprocess.run(
             runnable(named),
             cwd=self.folder,
@@ -72,9 +64,9 @@ class Terminal:
         """Expand a star as a shell does."""
         if '*' not in word:
             return [word]
-        found = sorted(str(path) for path in self.folder.glob(word))
-        assert found, f'nothing is called {word}'
-        return found
+        paths = sorted(str(path) for path in self.folder.glob(word))
+        assert paths, f'nothing is called {word}'
+        return paths
 
     def start(self, words: list[str]) -> None:
         """Start a program that goes on."""
@@ -118,15 +110,24 @@ class Player:
         self._bench = bench
         self._terminal = terminal
 
-    def play(self, document: str, enough: Callable[[Any], bool]) -> None:
-        """Run a document; a recording is ended when a temperature message is enough."""
-        for words in read_commands(document):
+    def play(self, document: str, enough: Callable[[Any], bool]) -> float:
+        """
+        Run a document; a recording is ended when a temperature message is enough.
+
+        Returned is how many times the drift of force z fell, by the document's first evaluation.
+        """
+        lines = read_commands(document)
+        for words in lines:
             if words[:2] == ['ros2', 'run']:
                 self._start(words)
                 continue
             if words[-1] == '{data: false}':
                 self._wait(enough)
             self._terminal.run(words)
+        evaluate = ['wrist_ft_comp', 'evaluate']
+        first = next(words for words in lines if words[:2] == evaluate)
+        axis = json.loads(self._terminal.run([*first, '--json']))['axes']['force_z']
+        return float(axis['rms_before'] / axis['rms_after'])
 
     def _start(self, words: list[str]) -> None:
         """Start a program; a compensator is started with nothing else running."""
@@ -142,8 +143,6 @@ class Player:
 
     def _wait(self, enough: Callable[[Any], bool]) -> None:
         """Wait for a temperature that is enough; the simulation begins without this listener."""
-        from sensor_msgs.msg import Temperature  # noqa: PLC0415 -- only where ROS is
-
         temperatures = self._bench.listen(Temperature, 'temperature_2')
         while not enough(temperatures.get(timeout=TIMEOUT_S)):
             pass
@@ -152,7 +151,7 @@ class Player:
 @pytest.fixture
 def play(
     bench: Any, terminal: Terminal, monkeypatch: pytest.MonkeyPatch
-) -> Callable[[str, Callable[[Any], bool]], None]:
+) -> Callable[[str, Callable[[Any], bool]], float]:
     """Give what runs a document; programs that go on end with the test."""
     monkeypatch.setenv('ROS_HOME', str(terminal.folder / 'ros_home'))
     return Player(bench, terminal).play

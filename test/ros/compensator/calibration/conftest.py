@@ -1,6 +1,7 @@
 """A sensor to calibrate, and a gate that holds calibrations back."""
 
 from collections.abc import Iterable, Iterator
+import csv
 import os
 from pathlib import Path
 import sys
@@ -44,35 +45,36 @@ class Robot:
 
     def run(self, rig: Any, cells: Iterable[int], load: Any = None) -> np.ndarray:
         """Send cells one by one; return outputs, shape (2 N, 6). load(cell) is the true wrench."""
-        found = []
+        outputs = []
         for cell in cells:
             true = load(cell) if load else np.zeros(6)
             stamps = self.stamps(cell)
             for stamp in stamps if load else ():
                 rig.send_reference(stamp, true)
             rig.warm(stamps[0], *self.temperature_c[cell])
-            found.append(rig.stream(stamps, [self.raw(cell, true) for _ in stamps]))
-        return np.concatenate(found)
+            outputs.append(rig.stream(stamps, [self.raw(cell, true) for _ in stamps]))
+        return np.concatenate(outputs)
 
     def write(self, path: Path, cells: int = 300) -> Path:
         """Write what a recording of the first cells would hold."""
         path.parent.mkdir(parents=True, exist_ok=True)
         temperatures = [temperature_channel(j) for j in range(self.temperature_c.shape[1])]
-        lines = [','.join(['stamp_ns', *AXES, *temperatures])]
-        for cell in range(cells):
-            values = [*self.raw(cell).tolist(), *self.temperature_c[cell].tolist()]
-            lines.append(','.join(map(repr, [self.stamps(cell)[0], *values])))
-        path.write_text('\n'.join([*lines, '']))
+        rows = [
+            [self.stamps(cell)[0], *self.raw(cell).tolist(), *self.temperature_c[cell].tolist()]
+            for cell in range(cells)
+        ]
+        with path.open('w') as file:
+            csv.writer(file).writerows([['stamp_ns', *AXES, *temperatures], *rows])
         return path
 
 
 def _lag(x: np.ndarray, tau_s: float) -> np.ndarray:
     """Relax after an input, by the textbook loop."""
-    state, found = 0.0, np.empty(len(x))
+    state, lagged = 0.0, np.empty(len(x))
     for k, value in enumerate(x):
         state += (1 - np.exp(-10.0 / tau_s)) * (value - state)
-        found[k] = state
-    return found
+        lagged[k] = state
+    return lagged
 
 
 @pytest.fixture
@@ -105,7 +107,7 @@ class Gate:
 @pytest.fixture
 def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Gate]:
     """Hold calibration processes back."""
-    found = Gate(tmp_path / 'gate')
-    monkeypatch.setattr('wrist_ft_comp.ros.services.calibrate.COMMAND', found.command)
-    yield found
-    found.close()
+    result = Gate(tmp_path / 'gate')
+    monkeypatch.setattr('wrist_ft_comp.ros.services.calibrate.COMMAND', result.command)
+    yield result
+    result.close()
