@@ -88,14 +88,19 @@ def test_the_papers_third_latent_answers_one_sample_before_the_others(paper: Arx
     np.testing.assert_allclose(y[3], PAPER_Q @ arriving / PAPER_W_Y, atol=1e-12)
 
 
+def single(latent: Arx) -> ArxPls:
+    """One latent, and nothing around it."""
+    one = np.ones(1)
+    return ArxPls(0 * one, one, np.eye(1), (latent,), np.eye(1), one, 0 * one)
+
+
 @pytest.mark.parametrize('order', [1, 2, 3])
-@pytest.mark.parametrize('inputs', [1, 2, 4])
+@pytest.mark.parametrize('inputs', [2, 4])
 def test_a_run_filters_as_scipy_does_to_the_last_digit(order: int, inputs: int) -> None:
     """On machines whose compiler fuses multiply and add, scipy's own last digit differs."""
     rng = np.random.default_rng(order)
     latent = Arx(np.poly(rng.uniform(0.9, 0.999, order))[1:], rng.standard_normal(inputs))
-    one = np.ones(1)
-    model = ArxPls(0 * one, one, np.eye(1), (latent,), np.eye(1), one, 0 * one)
+    model = single(latent)
     t, state = rng.standard_normal((500, 1)), rng.standard_normal(model.state_shape)
     after, y = model.run(state, t)
     expected, end = signal.lfilter(*latent.polynomials(latent.longest_lag), t[:, 0], zi=state[0])
@@ -103,6 +108,21 @@ def test_a_run_filters_as_scipy_does_to_the_last_digit(order: int, inputs: int) 
     np.testing.assert_allclose(y[:, 0], expected, rtol=0 if exact else 1e-12)
     np.testing.assert_allclose(after[0], end, rtol=0 if exact else 1e-12)
     np.testing.assert_array_equal(model.run(state, t[:0])[0], state)
+
+
+@pytest.mark.parametrize('pole', [-0.7, 0.0, 1e-9, 0.5, np.exp(-1 / 30), np.exp(-1 / 3000)])
+@pytest.mark.parametrize('cells', [1, 31, 32, 33, 1024, 1025, 5000])
+def test_a_relaxation_runs_as_the_plain_recursion(pole: float, cells: int) -> None:
+    t = 1.0 + np.random.default_rng(cells).standard_normal(cells)
+    u, last = np.empty(cells), -3.0
+    for k in range(cells):
+        u[k] = last = 0.3 * t[k] + pole * last
+    after, y = single(Arx(np.array([-pole]), np.array([0.3]))).run(
+        np.array([[pole * -3.0]]), t[:, np.newaxis]
+    )
+    size = np.abs(u).max()
+    np.testing.assert_allclose(y[:, 0], u, rtol=1e-12, atol=1e-12 * size)
+    np.testing.assert_allclose(after, [[pole * last]], rtol=1e-12, atol=1e-12 * size)
 
 
 @pytest.mark.parametrize(

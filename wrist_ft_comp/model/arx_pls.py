@@ -19,6 +19,9 @@ from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.model.arx import Arx
 from wrist_ft_comp.model.signals import FloatArray
 
+#: Cells that a relaxation runs through in one matrix product.
+_BLOCK = 32
+
 
 @dataclass(frozen=True, eq=False)
 class ArxPls:
@@ -104,10 +107,11 @@ class ArxPls:
         t = self._scores(x)
         if not (len(x) and state.shape[1]):
             return state, self._outputs(numerators[:, 0] * t)
-        u, after = np.empty_like(t), np.empty_like(state)
+        series = np.ascontiguousarray(t.T)  # (R, N)
+        after = np.empty_like(state)
         for r in range(len(self.latents)):
-            u[:, r], after[r] = _filter(numerators[r], denominators[r], t[:, r], state[r])
-        return after, self._outputs(u)
+            series[r], after[r] = _filter(numerators[r], denominators[r], series[r], state[r])
+        return after, self._outputs(series.T)
 
     def _scores(self, x: FloatArray) -> FloatArray:
         """Compute t from inputs x, shapes (..., F) to (..., R) (eq. 4)."""
@@ -124,17 +128,16 @@ def _filter(
     numerator: FloatArray, denominator: FloatArray, t: FloatArray, state: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """
-    Filter a series as scipy.signal.lfilter does, to the last digit; return it and the state.
+    Filter a series as scipy.signal.lfilter does; return it and the state.
 
     lfilter itself would bring most of scipy into the node, which runs this when a model goes live.
     """
     direct = numerator[0] * t
     if len(state) == 1 and not numerator[1]:
-        # A relaxation, as nearly all are: u(k) = b_0 t(k) - a_1 u(k-1), with no inner loop.
+        # A relaxation, as nearly all are: u(k) = b_0 t(k) - a_1 u(k-1).
         direct[:1] += state
-        a_1, last = denominator[1].item(), 0.0
-        u = np.array([last := now - a_1 * last for now in direct.tolist()])
-        return u, -a_1 * u[-1:]
+        u = _relax(direct, -denominator[1])
+        return u, -denominator[1] * u[-1:]
     z, feedback, outputs = state.tolist(), denominator[1:].tolist(), []
     delayed = np.multiply.outer(t, numerator[1:]).tolist()
     for now, later in zip(direct.tolist(), delayed, strict=True):
@@ -143,6 +146,26 @@ def _filter(
         shifted = zip((*z[1:], 0.0), later, feedback, strict=True)
         z = [kept + product - a * last for kept, product, a in shifted]
     return np.array(outputs), np.array(z)
+
+
+def _relax(x: FloatArray, pole: float) -> FloatArray:
+    """
+    Compute u(k) = x(k) + p u(k-1) from rest: in blocks, then from block to block the same way.
+
+    Within a block u = P x, with P_kj = p^(k-j) for j <= k; the block before adds p^(k+1) times its
+    last u, and these last ones relax by p^B from block to block.
+    """
+    size = min(len(x), _BLOCK)
+    lags = np.subtract.outer(np.arange(size), np.arange(size))
+    decay = np.tril(pole ** np.abs(lags))
+    if size == len(x):
+        return np.asarray(decay @ x)
+    blocks = np.zeros((-(-len(x) // size), size))
+    blocks.flat[: len(x)] = x
+    u = blocks @ decay.T
+    ends = _relax(u[:, -1], pole**size)
+    u[1:] += np.multiply.outer(ends[:-1], pole * decay[:, 0])
+    return np.asarray(u.ravel()[: len(x)])
 
 
 def from_loadings(

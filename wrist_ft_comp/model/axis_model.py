@@ -139,14 +139,19 @@ class AxisModel:
         behind, outputs = self.dynamics.step(behind, self.features.expand_within(filtered))
         return np.concatenate((before.ravel(), behind.ravel())), outputs
 
-    def run(self, state: FloatArray, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Advance by N cells, temperatures (N, J), drift (N, M): the fold of step, faster."""
+    def run(
+        self, state: FloatArray, temperature_c: FloatArray, *, last_only: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
+        """Advance by N cells, temperatures (N, J), drift (N, M) or (1, M): the fold of step."""
         before, behind = self._split(state)
         filtered = self._thermometer_features.clamp(temperature_c)
         if self._filter_bank is not None:
             before, filtered = self._filter_bank.run(before, filtered)
+        if last_only and not behind.size:  # what has no memory need not see the cells before
+            filtered = filtered[-1:]
         behind, outputs = self.dynamics.run(behind, self.features.expand_within(filtered))
-        return np.concatenate((before.ravel(), behind.ravel())), outputs
+        after = np.concatenate((before.ravel(), behind.ravel()))
+        return after, outputs[-1:] if last_only else outputs
 
     def drift_beyond_range(self, temperature_c: FloatArray) -> float:
         """Sum up the zero drift, N or N m, that each thermometer's excess over its range gives."""

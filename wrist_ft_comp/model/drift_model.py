@@ -139,13 +139,13 @@ def step(
 
 
 def run(
-    model: DriftModel, state: DriftState, temperature_c: FloatArray
+    model: DriftModel, state: DriftState, temperature_c: FloatArray, *, last_only: bool = False
 ) -> tuple[DriftState, Drift]:
-    """Advance by N cells, temperatures (N, J), drift (N, 6): the fold of step, faster."""
+    """Advance by N cells, temperatures (N, J), drift (N, 6) or (1, 6): the fold of step, faster."""
     after: dict[str, FloatArray] = {}
-    drift = no_drift(len(temperature_c))
+    drift = no_drift(1 if last_only else len(temperature_c))
     for name, axis in model.axes.items():
-        after[name], outputs = axis.run(state[name], temperature_c)
+        after[name], outputs = axis.run(state[name], temperature_c, last_only=last_only)
         for part, values in zip(drift, outputs.T, strict=False):
             part[:, AXES.index(name)] = values
     return after, drift

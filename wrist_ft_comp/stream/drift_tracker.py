@@ -133,8 +133,8 @@ class DriftTracker:
 
     def _run(self, model: DriftModel, state: DriftState, temperature_c: FloatArray) -> None:
         """Go on from a state through cells, shape (N, J)."""
-        self._state, track = drift_model.run(model, state, temperature_c)
-        self.drift = drift_model.Drift(track.zero[-1], track.sensitivity[-1])
+        self._state, last = drift_model.run(model, state, temperature_c, last_only=True)
+        self.drift = drift_model.Drift(last.zero[0], last.sensitivity[0])
 
     def _fill_gap(
         self, model: DriftModel, memory: ThermalMemory, at_least_s: float, cells: CompletedCells
