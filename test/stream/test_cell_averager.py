@@ -85,14 +85,13 @@ def test_a_reference_is_waited_for_once_there_is_one():
     np.testing.assert_equal(cells(node.averager.rows()), [(0, 1.0, 6.0, 20.0)])
 
 
-def test_without_wrenches_rows_come_after_all():
+def test_without_wrenches_rows_wait_for_50_cells_and_then_come_after_all():
     node = Node()
     for second in range(60):
-        node.heat(second + 0.5, 20.0 + second)
-    rows = cells(node.averager.rows())
-    assert [row[0] for row in rows] == list(range(len(rows)))
-    assert 0 < len(rows) < 60
-    assert all(math.isnan(row[1]) for row in rows)
+        node.heat(second + 0.5, 20.0)
+    rows = [cells(node.averager.rows(final=final)) for final in (False, True)]
+    expected = [(second, NAN, NAN, 20.0) for second in range(59)]
+    np.testing.assert_equal(rows, [expected[:8], expected[8:]])
 
 
 @pytest.mark.parametrize('other', [25.0, None])
@@ -191,15 +190,22 @@ def test_wrenches_without_any_temperature_do_not_pile_up(sent):
     assert [row[0] for row in cells(node.averager.rows(final=True))] == list(range(1400, 2000))
 
 
-def test_a_wrench_that_comes_after_its_row_is_dropped():
+def test_a_wrench_that_comes_after_its_row_is_dropped_and_one_for_the_next_is_not():
     node = Node()
     for second in range(700):
         node.raw(second + 0.1, 1.0)
-    first = node.averager.rows()
-    node.raw(3.5, 9.0)
+    assert [row[0] for row in cells(node.averager.rows())] == list(range(100))
+    node.raw(99.5, 9.0)
+    node.raw(100.5, 3.0)
     node.raw(700.5, 1.0)
-    stamps = [stamp for stamp, _ in first + node.averager.rows()]
-    assert stamps == sorted(set(stamps))
+    np.testing.assert_equal(cells(node.averager.rows()), [(100, 2.0, NAN, NAN)])
+
+
+def test_wrenches_behind_the_last_temperature_of_a_short_recording_are_left_out():
+    node = Node()
+    for second in range(100):
+        node.raw(second + 0.1, 1.0)
+    assert node.averager.rows(final=True) == []
 
 
 def test_one_stray_stamp_of_a_wrench_holds_no_later_one_back():

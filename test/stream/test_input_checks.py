@@ -29,9 +29,10 @@ def noisy(count: int) -> np.ndarray:
 
 def test_a_reading_that_stays_is_frozen_until_a_bit_changes() -> None:
     watch = SensorWatch()
-    look(watch, [RAW] * LOOKS)
+    for number in range(1, LOOKS + 1):
+        watch.look(number, number * SECOND, RAW)
     assert not watch.frozen
-    look(watch, [RAW] * 10)
+    look(watch, RAW)
     assert watch.frozen
     look(watch, np.nextafter(RAW, 9))
     assert not watch.frozen
@@ -67,18 +68,34 @@ def test_an_axis_that_stands_between_its_extremes_is_not_saturated() -> None:
 
 def test_stamps_are_judged_by_their_steps() -> None:
     watch = SensorWatch()
-    look(watch, noisy(10))
-    assert (watch.ran_back, watch.leapt, watch.stamps_stand_still) == (0, 0, False)
-    at = watch._stamp_ns
-    assert at is not None
-    for number, stamp in enumerate((at - 1, at - 1 + 3600 * SECOND, at + 3601 * SECOND), start=50):
-        watch.look(number, stamp, RAW)
-    assert (watch.ran_back, watch.leapt) == (1, 1)
-    for number in range(100, 110):
+    at = 3600 * SECOND
+    for number, (step_ns, ran_back, leapt) in enumerate(
+        [
+            (0, 0, 0), (SECOND, 0, 0), (0, 0, 0), (60 * SECOND, 0, 0), (SECOND, 0, 0),
+            (60 * SECOND + 1, 0, 1), (-SECOND, 1, 1), (120 * SECOND, 1, 2), (-1, 2, 2),
+        ],
+        start=1,
+    ):  # fmt: skip
+        at += step_ns
         watch.look(number, at, RAW)
-    assert watch.stamps_stand_still
-    watch.look(200, 0, RAW)
+        assert (watch.ran_back, watch.leapt) == (ran_back, leapt)
+        assert not watch.stamps_stand_still
+        assert not watch.unstamped
+    watch.look(100, 0, RAW)
     assert watch.unstamped
+    watch.look(101, at, RAW)
+    assert not watch.unstamped
+
+
+def test_stamps_stand_still_from_the_sixth_at_the_same_time() -> None:
+    watch = SensorWatch()
+    assert not watch.unstamped
+    for stamps in ([7] * 6, [8] * 6):
+        seen = []
+        for stamp_ns in stamps:
+            watch.look(watch._received + 1, stamp_ns, RAW)
+            seen.append(watch.stamps_stand_still)
+        assert seen == [False] * 5 + [True]
 
 
 def test_a_simulation_that_runs_hundreds_of_times_as_fast_does_not_leap() -> None:
@@ -92,14 +109,18 @@ def test_what_a_sensor_can_have_is_plausible(value: float) -> None:
     assert is_plausible(value)
 
 
-@pytest.mark.parametrize('value', [-273.15, 0.0 + 273.15, 298.15, 1e9, math.nan, math.inf])
+@pytest.mark.parametrize('value', [-273.15, -100.0, 200.0, 298.15, 1e9, math.nan, math.inf])
 def test_absolute_zero_kelvins_and_no_numbers_are_not(value: float) -> None:
     assert not is_plausible(value)
 
 
 @pytest.mark.parametrize(
     ('value', 'unit'),
-    [(86.0, 'degrees Fahrenheit'), (303.15, 'kelvins'), (130.0, ''), (-50.0, '')],
+    [
+        *((value, 'degrees Fahrenheit') for value in (59.0, 86.0, 113.0)),
+        *((value, 'kelvins') for value in (288.15, 303.15, 318.15)),
+        *((value, '') for value in (-50.0, 58.9, 113.1, 130.0, 288.1, 318.2)),
+    ],
 )
 def test_the_unit_is_guessed_where_it_explains_the_value(value: float, unit: str) -> None:
     assert other_unit(value, 15.0, 45.0) == unit
@@ -108,7 +129,7 @@ def test_the_unit_is_guessed_where_it_explains_the_value(value: float, unit: str
 @pytest.mark.parametrize(
     ('step_k', 'cells', 'period_s', 'jumps'),
     [
-        (2.1, 1, 1, 0),
+        (2.2, 1, 1, 0),
         (2.3, 1, 1, 1),
         (-2.3, 1, 1, 1),
         (20.0, 100, 1, 0),
@@ -120,7 +141,8 @@ def test_a_jump_is_more_than_metal_can_do_in_the_time(
     step_k: float, cells: int, period_s: int, jumps: int
 ) -> None:
     watch = ThermometerWatch(2)
-    watch.look(np.array([20.0, 30.0]), 1, period_s * SECOND)
-    watch.look(np.array([20.0, 30.0 + step_k]), cells, period_s * SECOND)
-    assert watch.jumps == [0, jumps]
-    assert watch.last_jump_k[1] == pytest.approx(step_k if jumps else 0.0)
+    for back in (0, 1):
+        watch.look(np.array([20.0, 0.0]), 10**9, SECOND)
+        watch.look(np.array([20.0, step_k]), cells, period_s * SECOND)
+        assert watch.jumps == [0, jumps * (1 + back)]
+    assert watch.last_jump_k == pytest.approx([0.0, step_k * jumps])

@@ -9,13 +9,15 @@ from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.stream.tare import TareCollector
 
 SECOND = 1_000_000_000
+#: Since 1970, and odd, so that rounding to floats would show.
+START = 1_700_000_000 * SECOND + 1
 WRENCH = np.array([1.0, -2.0, 30.0, 0.1, -0.2, 0.3])
 
 
 def collect(wrenches: np.ndarray, rate_hz: int = 100, **limits: float) -> TareCollector:
     collector = TareCollector(**{'duration_s': 1.0, 'max_deviation_n': 1.0, **limits})
     for k, wrench in enumerate(wrenches):
-        collector.add(5 * SECOND + k * SECOND // rate_hz, wrench.tolist())
+        collector.add(START + k * SECOND // rate_hz, wrench.tolist())
     return collector
 
 
@@ -27,19 +29,16 @@ def test_the_tare_is_the_mean_and_the_middle_of_its_time() -> None:
     wrenches = noisy()
     mean, stamp_ns = collect(wrenches).result()
     np.testing.assert_allclose(mean, wrenches.sum(axis=0) / 101, rtol=1e-12)
-    assert stamp_ns == 5 * SECOND + SECOND // 2
+    assert stamp_ns == START + SECOND // 2
 
 
-def test_the_stretch_is_complete_when_its_duration_has_passed() -> None:
+@pytest.mark.parametrize(('step_ns', 'waiting'), [(SECOND // 20, 10), (SECOND, 9)])
+def test_the_stretch_is_complete_after_its_duration_with_ten_wrenches(
+    step_ns: int, waiting: int
+) -> None:
     collector = TareCollector(duration_s=0.5, max_deviation_n=1.0)
-    done = [collector.add(10 + k * SECOND // 20, WRENCH.tolist()) for k in range(12)]
-    assert done == [False] * 10 + [True] * 2
-
-
-def test_a_slow_sensor_is_given_the_time_for_enough_wrenches() -> None:
-    collector = TareCollector(duration_s=0.5, max_deviation_n=1.0)
-    done = [collector.add(k * SECOND, WRENCH.tolist()) for k in range(11)]
-    assert done == [False] * 9 + [True] * 2
+    done = [collector.add(START + k * step_ns, WRENCH.tolist()) for k in range(waiting + 2)]
+    assert done == [False] * waiting + [True] * 2
 
 
 @pytest.mark.parametrize(
@@ -59,21 +58,47 @@ def test_a_load_that_moves_is_refused(axis: int, name: str, limit: str) -> None:
             collector.result()
 
 
+@pytest.mark.parametrize(('torque', 'refused'), [(0.09, False), (0.11, True), (0.3, True)])
+def test_the_axis_that_moved_most_for_its_limit_is_told_in_full(
+    torque: float, *, refused: bool
+) -> None:
+    """A fifth of the time apart from the rest; a force that moves by just its limit may."""
+    wrenches = np.zeros((50, 6))
+    wrenches[:20, 0] = np.repeat([1.0, -1.0], 10)
+    wrenches[:20, 5] = np.repeat([torque, -torque], 10)
+    if not refused:
+        assert collect(wrenches).result()[0] == pytest.approx(0.0)
+        return
+    with pytest.raises(TareRefusedError) as refusal:
+        collect(wrenches).result()
+    assert str(refusal.value) == (
+        f'torque_z moved by {torque:g} N m while taring; at most 0.1 N m are allowed '
+        '(tare.max_deviation). Hold the robot still and call again.'
+    )
+
+
 def test_noise_alone_is_no_motion() -> None:
     noise = np.random.default_rng(1).normal(0, 0.5, (500, 6)) * np.repeat([1.0, 0.1], 3)
     mean, _ = collect(WRENCH + noise, rate_hz=500).result()
     np.testing.assert_allclose(mean, WRENCH, atol=0.15)
 
 
-@pytest.mark.parametrize('samples', [0, 1, 9])
+@pytest.mark.parametrize('samples', [0, 1, 9, 10])
 def test_too_few_wrenches_are_refused(samples: int) -> None:
-    with pytest.raises(TareRefusedError, match=f'at least 10 wrenches; got {samples}'):
+    if samples == 10:
         collect(noisy(samples)).result()
+        return
+    with pytest.raises(TareRefusedError) as refusal:
+        collect(noisy(samples)).result()
+    assert str(refusal.value) == (
+        f'Taring needs at least 10 wrenches; got {samples}. Check that the sensor publishes on '
+        'wrench_raw, or raise tare.duration.'
+    )
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf])
 def test_wrenches_that_are_not_finite_are_refused(value: float) -> None:
     wrenches = noisy()
     wrenches[50, 5] = value
-    with pytest.raises(TareRefusedError, match='finite wrenches'):
+    with pytest.raises(TareRefusedError, match=r'^Taring .*; got NaN or infinity. Check the s.*r\.$'):
         collect(wrenches).result()

@@ -71,6 +71,8 @@ def test_a_stray_ahead_of_a_leap_is_dropped() -> None:
     stamps = [*(k * SECOND for k in range(5)), *(9 * HOUR + k * SECOND for k in range(5))]
     assert feed(timestamps, [*stamps[:5], 5 * HOUR, *stamps[5:]]) == stamps
     assert (timestamps.strays, timestamps.leaps) == (1, 1)
+    assert feed(timestamps, [99 * HOUR, *stamps]) == stamps
+    assert (timestamps.strays, timestamps.leaps) == (2, 3), 'back, and there again'
 
 
 @pytest.mark.parametrize('step_s', [100, 1000])
@@ -78,7 +80,9 @@ def test_a_thermometer_that_becomes_slow_is_heard_with_all_its_samples(step_s: i
     timestamps = TimestampFilter(1)
     stamps = [k * SECOND for k in range(5)]
     stamps += [(4 + k * step_s) * SECOND for k in range(1, 10)]
-    assert feed(timestamps, stamps) == stamps
+    heard = [feed(timestamps, [stamp]) for stamp in stamps]
+    assert [each for some in heard for each in some] == stamps
+    assert [len(some) for some in heard] == [1] * 5 + [0, 0, 3] + [1] * 6
     assert (timestamps.strays, timestamps.leaps) == (0, 1)
 
 

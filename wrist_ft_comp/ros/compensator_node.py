@@ -185,7 +185,7 @@ class CompensatorNode(Node):
             return
         at_ns, compensator = stamp_ns or self._now_ns(), self.compensator
         newest = self._newest and self._newest[:2]
-        cells, _ = compensator.add_temperature(thermometer, at_ns, temperature_c, newest)
+        cells = compensator.add_temperature(thermometer, at_ns, temperature_c, newest)
         self.recording.add_cells(cells)
         self.health.take_temperature(time.monotonic(), thermometer, at_ns, stamped=bool(stamp_ns))
         self.health.look_at_cells(cells, compensator.tracker.grid.period_ns)

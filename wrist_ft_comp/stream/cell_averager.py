@@ -123,8 +123,7 @@ class _CellMeans:
 
     def overdue(self, held: int) -> list[int]:
         """List the oldest cells, those that are more than may be held."""
-        too_many = len(self._cells) - held
-        return sorted(self._cells)[:too_many] if too_many > 0 else []
+        return sorted(self._cells)[: max(len(self._cells) - held, 0)]
 
     def end_at(self, cell: int) -> None:
         """Take nothing more for a cell and those before it."""

@@ -9,7 +9,6 @@ wrench that came in and on the drift, only.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -62,15 +61,6 @@ class StreamSettings:
             check_range(name, getattr(self, name), 0.0, above=True)
 
 
-class Advance(NamedTuple):
-    """What a temperature did."""
-
-    #: Cells that it completed; the compensation has moved when there are any.
-    cells: list[CompletedCells]
-    #: Whether the drift began, and the tare took it up, so that the output stayed where it was.
-    retared: bool
-
-
 class Compensator:
     """
     Owns what a sensor's stream needs: the drift tracker, the limits, the ramp, the tare.
@@ -119,8 +109,12 @@ class Compensator:
         return self.tracker.following
 
     def add_temperature(
-        self, thermometer: int, stamp_ns: int, temperature_c: float, newest: Wrench | None = None
-    ) -> Advance:
+        self,
+        thermometer: int,
+        stamp_ns: int,
+        temperature_c: float,
+        keep_output_of: Wrench | None = None,
+    ) -> list[CompletedCells]:
         """
         Take one temperature.
 
@@ -128,30 +122,28 @@ class Compensator:
         ----------
         thermometer, stamp_ns, temperature_c
             Which one, counted from 0; its stamp, ns; °C.
-        newest : tuple of int and sequence of 6 floats, optional
+        keep_output_of : tuple of int and sequence of 6 floats, optional
             The newest wrench, whose output stays where it was when the drift begins under a tare
-            or a model that was swapped in: the tare takes it up.
+            or a model that was swapped in: the tare takes it up. Without it the tare stays.
 
         Returns
         -------
-        Advance
-            What it did.
+        list of CompletedCells
+            What it completed; the compensation has moved when there are any.
 
         """
-        resting, retared = not self.compensating, False
+        resting = not self.compensating
         cells = self.tracker.add(thermometer, stamp_ns, temperature_c)
         if cells and self.compensating:
             target = self.limits.saturate(self.tracker.drift)
             if resting:
-                reading = self._reading(newest) if self._keep_output else None
-                self._settle(target, reading)
-                retared = reading is not None
+                self._settle(target, self._reading(keep_output_of) if self._keep_output else None)
             period_s = self.tracker.grid.period_ns / NANOSECONDS
             here = self.compensation_at(stamp_ns)
             self.compensation = self.limits.rate_limit(target, here, period_s)
             self._ramp.restart(stamp_ns, self._share(stamp_ns), self.compensation)
             self._refresh_correction()
-        return Advance(cells, retared)
+        return cells
 
     def correct(self, stamp_ns: int, raw: Sequence[float]) -> list[float]:
         """Correct one wrench: ŵ = (r - o - tare) / (1 + s); without a model, r - tare."""
@@ -167,7 +159,7 @@ class Compensator:
         zero, gain = self._ramp.at(self._share(stamp_ns))
         return Drift(zero, gain - 1.0)
 
-    def go_live(self, model: DriftModel | None, newest: Wrench | None = None) -> None:
+    def go_live(self, model: DriftModel | None, keep_output_of: Wrench | None = None) -> None:
         """
         Swap a model in; its state is made from the kept temperatures.
 
@@ -175,7 +167,7 @@ class Compensator:
         ----------
         model : DriftModel or None
             None stops compensating.
-        newest : tuple of int and sequence of 6 floats, optional
+        keep_output_of : tuple of int and sequence of 6 floats, optional
             The newest wrench, whose output stays where it was: the tare takes up what the zero
             drift differs by.
 
@@ -191,7 +183,7 @@ class Compensator:
                 f'{self.thermometers} (temperature_topics). Calibrate with these, or list the '
                 "model's topics."
             )
-        reading = self._reading(newest)
+        reading = self._reading(keep_output_of)
         self.tracker.use(model)
         self._keep_output = reading is not None
         self._settle(self.limits.saturate(self.tracker.drift), reading)
@@ -227,11 +219,11 @@ class Compensator:
         share = (stamp_ns - self._ramp.start_ns) / self.tracker.grid.period_ns
         return 0.0 if share < 0.0 else min(share, 1.0)
 
-    def _reading(self, newest: Wrench | None) -> tuple[FloatArray, FloatArray] | None:
+    def _reading(self, wrench: Wrench | None) -> tuple[FloatArray, FloatArray] | None:
         """Raw wrench and what it is corrected to; what is not finite counts as unloaded."""
-        if newest is None:
+        if wrench is None:
             return None
-        stamp_ns, raw = newest
+        stamp_ns, raw = wrench
         finite = np.where(np.isfinite(raw), raw, self.compensation_at(stamp_ns).zero + self.tare)
         return finite, np.array(self.correct(stamp_ns, finite.tolist()))
 

@@ -1,6 +1,7 @@
 """Readings that no sensor makes: frozen, saturated, leaping, jumping, or in another unit."""
 
 from collections.abc import Sequence
+from math import inf
 
 from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
 
@@ -28,8 +29,8 @@ class SensorWatch:
         self._received = 0
         self._raw: Sequence[float] = ()
         self._same = [0] * len(AXES)
-        self._least = [float('inf')] * len(AXES)
-        self._most = [float('-inf')] * len(AXES)
+        self._least = [inf] * len(AXES)
+        self._most = [-inf] * len(AXES)
         self._stamp_ns: int | None = None
         self._step_ns = 0
         self._same_stamps = 0

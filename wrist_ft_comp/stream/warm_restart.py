@@ -146,7 +146,8 @@ def fill_gap(
         soaked = 'so the drift starts at the steady state of the present temperatures'
         return GapFill(None, f'{problem}; {soaked}')
     # The way from the last cell (share 0) to the first one (share 1), ends excluded.
-    shares = np.arange(1, max(cells, 0) + 1)[:, np.newaxis] / (max(cells, 0) + 1)
+    between_ends = max(cells, 0)
+    shares = np.arange(1, between_ends + 1)[:, np.newaxis] / (between_ends + 1)
     between = memory.temperature_c + shares * (temperature_c - memory.temperature_c)
     return GapFill(between, f'the drift goes on from the thermal state saved {gap_s:.0f} s before')
 
