@@ -7,7 +7,7 @@ PYTHON312 ?= python3.12
 # Some tests wait for others' processes, so two workers pay even on two cores; a file stays with one.
 PYTEST := python -m pytest -n auto --maxprocesses=4 --dist loadfile
 
-.PHONY: setup demo test test-noble colcon lint docs bench reliability lock clean
+.PHONY: setup demo test test-noble colcon mutants lint docs bench reliability lock clean
 
 setup: $(READY)
 
@@ -34,8 +34,12 @@ build/.noble: setup.py requirements/lock.txt requirements/noble.txt requirements
 colcon: build/.colcon
 	PATH="$(CURDIR)/build/colcon/bin:$$PATH" $(BIN)/python -m pytest test/ros/test_colcon.py
 
-build/.colcon: $(READY) requirements/colcon.txt requirements/colcon.sh
-	sh requirements/colcon.sh
+# Do the tests of model and stream notice small changes? Takes a quarter of an hour.
+mutants: build/.mutants
+	$(BIN)/python bench/mutants.py
+
+build/.colcon build/.mutants: build/.%: $(READY) requirements/%.txt requirements/overlay.sh
+	sh requirements/overlay.sh $*
 	touch $@
 
 # docs/interface.md from the code.

@@ -126,18 +126,20 @@ def test_a_relaxation_runs_as_the_plain_recursion(pole: float, cells: int) -> No
 
 
 @pytest.mark.parametrize(
-    ('part', 'value'),
+    ('part', 'value', 'told'),
     [
-        ('input_weight', np.ones(2)),
-        ('rotations', np.ones((4, 3))),
-        ('output_loadings', np.ones((2, 3))),
-        ('output_weight', np.ones(3)),
-        ('latents', (static_gain(),)),
-        ('output_mean', np.zeros(1)),
+        ('input_weight', np.ones(2), 'input_weight'),
+        ('rotations', np.ones((4, 3)), 'rotations'),
+        ('output_loadings', np.ones((2, 3)), 'output_loadings'),
+        ('output_weight', np.ones(3), 'output_weight'),
+        ('latents', (static_gain(),), 'rotations'),
+        ('output_mean', np.zeros(1), 'output_loadings'),
     ],
 )
-def test_parts_that_do_not_fit_are_refused(general: ArxPls, part: str, value: object) -> None:
-    with pytest.raises(ModelFileError, match='must have shape'):
+def test_parts_that_do_not_fit_are_refused(
+    general: ArxPls, part: str, value: object, told: str
+) -> None:
+    with pytest.raises(ModelFileError, match=rf'^{told} must have shape .* to fit 3 inputs, '):
         replace(general, **{part: value})
 
 
@@ -152,7 +154,7 @@ def test_an_output_weight_that_is_not_positive_is_refused(
 @pytest.mark.parametrize('a', [[-1.0], [-1.5], [1.2], [-2.0, 1.01], [0.0, 1.0]])
 def test_a_latent_that_would_grow_is_refused(general: ArxPls, a: list[float]) -> None:
     unstable = (*general.latents[:3], Arx(np.array(a), np.ones(1)))
-    with pytest.raises(ModelFileError, match='Latent 4 has a pole of radius'):
+    with pytest.raises(ModelFileError, match=r'^Latent 4 has a pole of .* without bound\.$'):
         replace(general, latents=unstable)
 
 
@@ -168,7 +170,7 @@ def test_a_sum_of_filtered_gains_is_written_exactly(*, dead: bool) -> None:
     rng = np.random.default_rng(7)
     bank = [static_gain(), relaxation(5.0, 1.0), relaxation(50.0, 1.0)]
     gains, mean = rng.standard_normal((3, 4, 2)), rng.standard_normal(4)
-    weight, output_weight = rng.uniform(0.1, 9.0, 4), np.array([0.5, 20.0])
+    weight, output_weight = np.array([0.3, 2.0, 0.9, 8.0]), np.array([0.5, 20.0])
     gains[1], gains[2] = 0.0, np.outer(gains[2, :, 0], [1.0, -3.0])
     if dead:
         weight[3], gains[:, 3] = 0.0, 0.0
@@ -179,4 +181,9 @@ def test_a_sum_of_filtered_gains_is_written_exactly(*, dead: bool) -> None:
     _, y = model.run(model.start(x[0]), x)
     parts = [free_run(h, x - mean) @ gain for h, gain in zip(bank, gains, strict=True)]
     np.testing.assert_allclose(y, sum(parts) / output_weight, atol=1e-10)
+    tiny = from_gains(bank, 1e-13 * gains, mean, weight, output_weight)
+    assert tiny is not None
+    np.testing.assert_allclose(tiny.run(tiny.start(x[0]), x)[1] * 1e13, y, atol=1e-10)
     assert from_gains(bank, 0 * gains, mean, weight, output_weight) is None
+    with pytest.raises(ValueError, match='longer'):
+        from_gains(bank[:2], gains, mean, weight, output_weight)

@@ -157,6 +157,10 @@ def test_a_run_split_anywhere_is_the_fold_of_step(
     scale = np.abs(rows).max()
     np.testing.assert_allclose(np.concatenate(parts), rows, rtol=1e-12, atol=1e-13 * scale)
     np.testing.assert_allclose(again, state, rtol=1e-11, atol=1e-12 * scale)
+    end, last = axis.run(first, temperature_c, last_only=True)
+    assert last.shape == (1, 2)
+    np.testing.assert_allclose(last[0], rows[-1], rtol=1e-12, atol=1e-13 * scale)
+    np.testing.assert_allclose(end, state, rtol=1e-11, atol=1e-12 * scale)
 
 
 @every_form
@@ -214,15 +218,15 @@ class TestBeyondTheRange:
         assert line.drift_beyond_range(both) == pytest.approx(2.5 * excess)
 
     def test_of_a_parabola_it_follows_the_slope_at_the_edge(self) -> None:
-        features = Features('powers', np.zeros(1), np.zeros(1), np.full(1, 10.0), degree=2)
+        features = Features('powers', *np.array([[8.0], [10.0], [20.0]]), degree=2)
         dynamics = ArxPls(
             np.zeros(2), np.ones(2), np.array([[0.0], [1.0]]), (static_gain(),),
             np.ones((1, 1)), np.ones(1), np.zeros(1),
         )  # fmt: skip
         axis = AxisModel(features, dynamics)
-        # The secant of T² over the last tenth of the range, 9 to 10 °C, is 19 N/K.
-        assert axis.drift_beyond_range(np.array([12.0])) == pytest.approx(2 * 19.0)
-        assert axis.drift_beyond_range(np.array([-3.0])) == pytest.approx(3 * 1.0)
+        # The secants of (T - 8 °C)² over the outer tenths, 10 to 11 and 19 to 20 °C.
+        assert axis.drift_beyond_range(np.array([22.0])) == pytest.approx(2 * (144.0 - 121.0))
+        assert axis.drift_beyond_range(np.array([7.0])) == pytest.approx(3 * (9.0 - 4.0))
 
     def test_a_thermometer_that_never_moved_says_nothing_of_its_slope(self) -> None:
         features = Features('powers', np.full(1, 20.0), np.full(1, 20.0), np.full(1, 20.0))
@@ -242,7 +246,7 @@ class TestRefusals:
 
     def test_a_filter_whose_gain_is_not_one(self, make_axis: MakeAxis) -> None:
         wrong = (FILTERS[0], relaxation(400.0, 10.0, 1.001), FILTERS[2])
-        with pytest.raises(ModelFileError, match=r'Filter 2 has the static gain 1\.001; it must'):
+        with pytest.raises(ModelFileError, match=r'^Filter 2 .* 1\.001; .* be temperatures\.$'):
             replace(make_axis(), filters=wrong)
 
     def test_a_filter_that_would_run_away(self, make_axis: MakeAxis) -> None:

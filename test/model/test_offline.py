@@ -35,6 +35,9 @@ def test_a_cells_drift_is_reached_one_cell_after_its_end_and_ramped_to(
     zero, sensitivity = (part[cells].mean(axis=1) for part in simulated)
     np.testing.assert_allclose(corrected * (1 + sensitivity) + zero + tare, raw, atol=1e-12)
     assert np.ptp(zero[:, 2]) > 1
+    assert simulated.zero[0, 2] == pytest.approx(0.4 * (recording.temperature_c[0, 0] - 20.0))
+    untared = correct_many(track, np.round(at * 1e10).astype(int), raw + tare)
+    np.testing.assert_allclose(untared, corrected + 2 * tare / (1 + sensitivity), atol=1e-12)
     shift = 176_722_560  # since 1970, in cells of 10 s
     late = track_drift(model, replace(recording, first_cell=FIRST + shift))
     stamps = np.round((at + shift) * 1e9).astype(int) * 10
@@ -44,8 +47,14 @@ def test_a_cells_drift_is_reached_one_cell_after_its_end_and_ramped_to(
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
-        ({'period_s': 1.0}, 'cells of 10.0 s, the model runs on 1.0 s'),
-        ({'thermometers': 2}, 'has 1 thermometers, the model expects 2'),
+        (
+            {'period_s': 1.0},
+            r'^run is on .* of 10\.0 s, .* on 1\.0 s\. Read .* the model\.$',
+        ),
+        (
+            {'thermometers': 2},
+            r'^run has 1 thermom.*, .* expects 2\. Name .* calibrated with\.$',
+        ),
     ],
 )
 def test_a_recording_that_does_not_fit_is_refused(

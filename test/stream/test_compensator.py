@@ -9,11 +9,17 @@ import pytest
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.batch_grid import grid_samples
-from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.model.drift_model import Drift, DriftModel
 from wrist_ft_comp.model.offline import correct_many, track_drift
 from wrist_ft_comp.model.signals import AXES, Samples
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
-from wrist_ft_comp.stream.limits import axis_limits, MAX_SENSITIVITY, TORQUE_LEVER_M
+from wrist_ft_comp.stream.limits import (
+    axis_limits,
+    Limits,
+    MAX_SENSITIVITY,
+    MAX_SENSITIVITY_RATE,
+    TORQUE_LEVER_M,
+)
 
 Array = np.ndarray
 MakeModel = Callable[..., DriftModel]
@@ -269,6 +275,17 @@ class TestLimits:
             _, outputs = stream(compensator, (10, 20))
         assert np.isfinite(outputs).all()
         assert set(compensator.limits.too_large) == set(model.axes)
+
+    @pytest.mark.parametrize('sign', [-1.0, 1.0])
+    def test_a_drift_moves_as_far_as_its_rate_allows_in_the_time(self, sign: float) -> None:
+        limits, here = Limits(200.0, 2.0), Drift(np.arange(6.0), np.full(6, 0.1))
+        for share, reached, told in ((0.9, 0.9, ()), (1.0, 1.0, ()), (1e3, 1.0, AXES)):
+            rates = sign * 2.5 * axis_limits(2.0), sign * 2.5 * MAX_SENSITIVITY_RATE
+            target = Drift(*(part + share * rate for part, rate in zip(here, rates, strict=True)))
+            moved = limits.rate_limit(target, here, 2.5)
+            np.testing.assert_allclose(moved.zero - here.zero, reached * rates[0])
+            np.testing.assert_allclose(moved.sensitivity - 0.1, reached * rates[1])
+            assert limits.too_fast == told
 
     def test_limits_of_torques_are_those_of_forces_times_a_lever(self) -> None:
         np.testing.assert_allclose(axis_limits(50.0), [50.0] * 3 + [50.0 * TORQUE_LEVER_M] * 3)

@@ -186,7 +186,6 @@ class TestGap:
         np.testing.assert_allclose(found.temperature_c, expected)
         assert found.sentence == 'the drift goes on from the thermal state saved 3 s before'
 
-
     def test_is_crossed_up_to_what_is_told_as_its_end(self, make_model: MakeModel) -> None:
         """Stamps that are a minute behind, or behind another clock, and the longest gap."""
         hasty = make_model({'force_z': (1.0, 0.0, 1.0)})

@@ -196,11 +196,10 @@ def fit_one_step(
 def stabilise(arx: Arx) -> tuple[Arx, bool]:
     """Move poles into the unit circle, keeping a static gain; tell whether any was moved."""
     poles = arx.poles
-    radius = np.abs(poles)
+    radius = np.abs(poles).clip(1e-300)  # a pole at 0 has no direction, and stays
     if not len(poles) or radius.max() <= MAX_POLE_RADIUS:
         return arx, False
-    reflected = np.where(radius > 1, 1 / np.maximum(radius, 1e-300), radius)
-    inside = poles / radius.clip(1e-300) * np.minimum(reflected, MAX_POLE_RADIUS)
+    inside = poles / radius * np.minimum(np.minimum(radius, 1 / radius), MAX_POLE_RADIUS)
     a = np.real(np.poly(inside))[1:]
     # Mirrored at the circle, 1/|z - p| keeps its shape and grows by |p|; a pole near 1, which has
     # no static gain to speak of, keeps how it sets out.

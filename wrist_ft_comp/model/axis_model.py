@@ -156,15 +156,14 @@ class AxisModel:
     def drift_beyond_range(self, temperature_c: FloatArray) -> float:
         """Sum up the zero drift, N or N m, that each thermometer's excess over its range gives."""
         inside = np.clip(temperature_c, self.lower_c, self.upper_c)
+        excess = temperature_c - inside
+        steps = _SLOPE_SHARE * (self.upper_c - self.lower_c) * np.sign(excess)
         total = 0.0
-        for j in np.flatnonzero(temperature_c != inside):
+        for j in np.flatnonzero(steps):
             back = inside.copy()
-            span = float(self.upper_c[j] - self.lower_c[j])
-            step = _SLOPE_SHARE * span if temperature_c[j] > inside[j] else -_SLOPE_SHARE * span
-            back[j] -= step
-            if step:
-                slope = (self._soaked(inside) - self._soaked(back)) / step
-                total += abs(slope * float(temperature_c[j] - inside[j]))
+            back[j] -= steps[j]
+            slope = (self._soaked(inside) - self._soaked(back)) / steps[j]
+            total += abs(slope * float(excess[j]))
         return total
 
     def _soaked(self, temperature_c: FloatArray) -> float:

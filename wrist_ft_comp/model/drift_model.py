@@ -141,7 +141,7 @@ def step(
 def run(
     model: DriftModel, state: DriftState, temperature_c: FloatArray, *, last_only: bool = False
 ) -> tuple[DriftState, Drift]:
-    """Advance by N cells, temperatures (N, J), drift (N, 6) or (1, 6): the fold of step, faster."""
+    """Advance by N cells, temperatures (N, J), drift (N, 6) or (1, 6): the fold of step."""
     after: dict[str, FloatArray] = {}
     drift = no_drift(1 if last_only else len(temperature_c))
     for name, axis in model.axes.items():

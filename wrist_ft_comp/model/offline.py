@@ -96,7 +96,7 @@ def correct_many(
     """
     # Relative to the first stamp, so that nanoseconds since 1970 keep their precision as floats.
     origin = track.stamps_ns[0]
-    at, knots = (stamps_ns - origin).astype(float), (track.stamps_ns - origin).astype(float)
+    at, knots = stamps_ns - origin, track.stamps_ns - origin
     zero, sensitivity = (
         np.stack([np.interp(at, knots, column) for column in part.T], axis=1)
         for part in track.drift
