@@ -134,6 +134,18 @@ def test_a_silent_thermometer_is_waited_for_and_then_held() -> None:
     assert last.temperature_c == pytest.approx([25.0, 60.0])
 
 
+@pytest.mark.parametrize(
+    ('patience_s', 'cells'), [(0.0, 1), (0.1, 1), (1.0, 1), (1.1, 2), (3.0, 3)]
+)
+def test_a_silent_thermometer_holds_the_others_up_for_its_patience(
+    patience_s: float, cells: int
+) -> None:
+    grid = ThermalGrid(SECOND, 2, patience_s)
+    feed(grid, seconds(0, (0.5, 20.0)) + seconds(1, (0.5, 50.0)))
+    emitted = [len(feed(grid, seconds(0, (k + 0.5, 20.0)))) for k in range(1, 6)]
+    assert emitted == [0] * cells + [1] * (5 - cells)
+
+
 def test_a_thermometer_that_never_reported_is_waited_for_without_hoarding() -> None:
     grid = ThermalGrid(SECOND, 2, patience_s=3.0)
     assert not feed(grid, seconds(0, *((k + 0.5, 20.0 + k) for k in range(2000))))
@@ -162,7 +174,7 @@ def test_a_value_that_is_not_finite_is_counted_and_leaves_no_trace(value: float)
     assert grid.rejected == 1
 
 
-@pytest.mark.parametrize('stamp_s', [5.5, 5.2, 1.5])
+@pytest.mark.parametrize('stamp_s', [5.5, 5.2, 1.5, 0.0])
 def test_a_stamp_that_does_not_increase_is_counted(stamp_s: float) -> None:
     grid = ThermalGrid(SECOND, 1, 5.0)
     feed(grid, seconds(0, *((k + 0.5, 20.0) for k in range(6))))
@@ -175,10 +187,10 @@ def test_a_stamp_that_does_not_increase_is_counted(stamp_s: float) -> None:
 def test_time_that_ran_back_restarts_the_grid_there() -> None:
     grid = ThermalGrid(SECOND, 2, patience_s=5.0)
     both = [s for k in range(100, 120) for j in (0, 1) for s in seconds(j, (k + 0.5, 20.0 + j))]
-    feed(grid, both)
     again = [s for k in range(10) for j in (0, 1) for s in seconds(j, (k + 0.5, 30.0 + j))]
+    feed(grid, [*both, *again, *both])
     completed = feed(grid, again)
-    assert grid.restarts == 1
+    assert grid.restarts == 2
     temperature_c, _ = dense(completed)
     assert completed[0].first_cell == 0
     np.testing.assert_allclose(temperature_c, np.tile([30.0, 31.0], (9, 1)))

@@ -1,6 +1,6 @@
 """However long the stream runs and whatever its thermometers do, what is kept does not grow."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import pickle
 
 import pytest
@@ -11,43 +11,22 @@ from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 SECOND = 1_000_000_000
 START_S = 1_700_000_000
 HISTORY_S = 20.0
-Readings = Iterator[tuple[int, float]]
-
-
-def steady(second: int) -> Readings:
-    """Two thermometers, three readings a second each."""
-    for k in range(3):
-        for thermometer in range(2):
-            yield thermometer, second + k / 3
-
-
-def one_is_silent(second: int) -> Readings:
-    """The second one speaks for half a minute only."""
-    yield from (each for each in steady(second) if each[0] == 0 or second < 30)
-
-
-def one_never_speaks(second: int) -> Readings:
-    """Only the first one is there."""
-    yield 0, float(second)
-
-
-def clock_runs_back(second: int) -> Readings:
-    """Time jumps back by an hour every hundred seconds."""
-    yield from ((j, at - 3600 * (second // 100)) for j, at in steady(second))
-
-
-def with_gaps(second: int) -> Readings:
-    """A minute without a reading in every five."""
-    yield from steady(second) if second % 300 < 240 else ()
+#: Thermometer and time, s, of the readings in a second; two thermometers, three readings each.
+STEADY = [(j, k / 3) for k in range(3) for j in range(2)]
+READINGS = {
+    'steady': lambda second: [(j, second + at) for j, at in STEADY],
+    'one is silent': lambda second: [(j, second + at) for j, at in STEADY if not j or second < 30],
+    'one never speaks': lambda second: [(0, float(second))],
+    'clock runs back': lambda second: [(j, second % 100 + at) for j, at in STEADY],
+    'with gaps': lambda second: [(j, second + at) for j, at in STEADY if second % 300 < 240],
+}
 
 
 @pytest.mark.parametrize('axes', [{}, {'force_z': (0.4, 1e-3, 30.0)}])
-@pytest.mark.parametrize(
-    'readings', [steady, one_is_silent, one_never_speaks, clock_runs_back, with_gaps]
-)
+@pytest.mark.parametrize('readings', READINGS.values(), ids=READINGS)
 def test_what_is_kept_does_not_grow(
     make_model: Callable[..., DriftModel],
-    readings: Callable[[int], Readings],
+    readings: Callable[[int], list[tuple[int, float]]],
     axes: dict[str, tuple[float, float, float]],
 ) -> None:
     settings = StreamSettings(history_s=HISTORY_S)

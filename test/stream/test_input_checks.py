@@ -46,24 +46,20 @@ def test_looks_without_a_new_reading_do_not_count() -> None:
     assert not watch.stamps_stand_still
 
 
-def test_an_axis_at_its_extreme_is_saturated_and_one_that_is_not_there_is_not() -> None:
+@pytest.mark.parametrize(
+    ('stays_at', 'saturated'), [((-500.0, 200.0), ('force_y', 'force_z')), ((2.0, 3.0), ())]
+)
+def test_an_axis_that_stays_at_its_extreme_is_saturated_and_one_that_never_moved_is_not(
+    stays_at: tuple[float, float], saturated: tuple[str, ...]
+) -> None:
     watch = SensorWatch()
     readings = noisy(4 * LOOKS)
     look(watch, readings[:LOOKS])
     assert watch.saturated == ()
-    readings[:, 1], readings[:, 2] = -500.0, 200.0
+    readings[:, 1:3] = stays_at
     look(watch, readings[LOOKS:])
-    assert watch.saturated == ('force_y', 'force_z')
+    assert watch.saturated == saturated
     assert not watch.frozen
-
-
-def test_an_axis_that_stands_between_its_extremes_is_not_saturated() -> None:
-    watch = SensorWatch()
-    readings = noisy(4 * LOOKS)
-    look(watch, readings[:LOOKS])
-    readings[:, 1] = RAW[1]
-    look(watch, readings[LOOKS:])
-    assert watch.saturated == ()
 
 
 def test_stamps_are_judged_by_their_steps() -> None:
@@ -104,14 +100,10 @@ def test_a_simulation_that_runs_hundreds_of_times_as_fast_does_not_leap() -> Non
     assert watch.leapt == 0
 
 
-@pytest.mark.parametrize('value', [-40.0, 0.0, 25.0, 85.0, 150.0])
-def test_what_a_sensor_can_have_is_plausible(value: float) -> None:
-    assert is_plausible(value)
-
-
-@pytest.mark.parametrize('value', [-273.15, -100.0, 200.0, 298.15, 1e9, math.nan, math.inf])
-def test_absolute_zero_kelvins_and_no_numbers_are_not(value: float) -> None:
-    assert not is_plausible(value)
+def test_absolute_zero_kelvins_and_no_numbers_are_not_plausible() -> None:
+    assert all(map(is_plausible, (-99.9, -40.0, 0.0, 25.0, 85.0, 150.0, 199.9)))
+    strange = (-273.15, -100.0, 200.0, 273.15, 298.15, 1e9, math.nan, math.inf)
+    assert not any(map(is_plausible, strange))
 
 
 @pytest.mark.parametrize(

@@ -24,22 +24,39 @@ def test_steps_that_are_no_leaps_pass_at_once(steps: list[int]) -> None:
     assert (timestamps.strays, timestamps.leaps) == (0, 0)
 
 
-@pytest.mark.parametrize('leap', [90 * SECOND, 5 * HOUR, -90 * SECOND, -5 * HOUR])
-def test_one_stray_stamp_is_dropped(leap: int) -> None:
-    timestamps = TimestampFilter(1)
-    stamps = [k * SECOND for k in range(10_000, 10_010)]
-    stray = stamps[4] + leap
-    assert feed(timestamps, [*stamps[:5], stray, *stamps[5:]]) == stamps
-    assert (timestamps.strays, timestamps.leaps) == (1, 0)
+START = [k * SECOND for k in range(5)]
+GOES_ON = [k * SECOND for k in range(5, 10)]
 
 
 @pytest.mark.parametrize('leap', [90 * SECOND, 5 * HOUR, -90 * SECOND, -5 * HOUR])
-def test_time_that_goes_on_from_there_is_followed(leap: int) -> None:
-    timestamps = TimestampFilter(1)
-    stamps = [k * SECOND for k in range(20_000, 20_010)]
-    there = [stamp + leap for stamp in stamps]
-    assert feed(timestamps, stamps[:5] + there[5:]) == stamps[:5] + there[5:]
-    assert (timestamps.strays, timestamps.leaps) == (0, 1)
+@pytest.mark.parametrize(
+    ('strays', 'followed', 'leaps'),
+    [
+        ([1.0], [], 0),
+        ([1.0, 1.8], [], 0),
+        ([2.0, 1.0], [], 0),
+        ([], [1.0], 1),
+        ([2.0], [1.0], 1),
+        ([], [1.0, 0.0], 2),
+        ([2.0], [1.0, 0.0], 2),
+    ],
+    ids=['one stray', 'two in a row', 'strays that differ', 'a leap', 'a stray ahead of it',
+         'there and back', 'with a stray'],
+)  # fmt: skip
+def test_strays_are_dropped_and_time_that_goes_on_elsewhere_is_followed(
+    leap: int, strays: list[float], followed: list[float], leaps: int
+) -> None:
+    """Times are shares of the leap; those that are followed go on for five samples."""
+    timestamps, dropped = TimestampFilter(1), 0
+    assert feed(timestamps, START) == START
+    for share in followed or [0.0]:
+        offset = round(share * leap)
+        sent = [3 * SECOND + round(each * leap) for each in strays]
+        there = [offset + stamp for stamp in GOES_ON]
+        assert feed(timestamps, [*sent, *there]) == there
+        dropped += len(strays)
+        assert timestamps.strays == dropped
+    assert timestamps.leaps == leaps
 
 
 def test_a_slow_thermometer_is_heard_sample_by_sample() -> None:
@@ -57,22 +74,6 @@ def test_a_slow_thermometer_does_not_leap_after_a_restart(gap_s: int) -> None:
     stamps = [HOUR + (gap_s + 100 * k) * SECOND for k in range(10)]
     assert feed(timestamps, stamps) == stamps
     assert (timestamps.strays, timestamps.leaps) == (0, 0)
-
-
-def test_two_rising_strays_are_no_new_clock() -> None:
-    timestamps = TimestampFilter(1)
-    stamps = [k * SECOND for k in range(10)]
-    assert feed(timestamps, [*stamps[:5], 5 * HOUR, 9 * HOUR, *stamps[5:]]) == stamps
-    assert (timestamps.strays, timestamps.leaps) == (2, 0)
-
-
-def test_a_stray_ahead_of_a_leap_is_dropped() -> None:
-    timestamps = TimestampFilter(1)
-    stamps = [*(k * SECOND for k in range(5)), *(9 * HOUR + k * SECOND for k in range(5))]
-    assert feed(timestamps, [*stamps[:5], 5 * HOUR, *stamps[5:]]) == stamps
-    assert (timestamps.strays, timestamps.leaps) == (1, 1)
-    assert feed(timestamps, [99 * HOUR, *stamps]) == stamps
-    assert (timestamps.strays, timestamps.leaps) == (2, 3), 'back, and there again'
 
 
 @pytest.mark.parametrize('step_s', [100, 1000])
@@ -94,16 +95,6 @@ def test_thermometers_do_not_confirm_each_other() -> None:
     assert timestamps.admit(0, HOUR, 21.0) == []
     assert timestamps.admit(1, HOUR + SECOND, 31.0) == []
     assert timestamps.admit(0, 5 * SECOND, 22.0) == [(0, 5 * SECOND, 22.0)]
-
-
-def test_strays_that_differ_are_all_dropped() -> None:
-    timestamps = TimestampFilter(1)
-    assert feed(timestamps, [0, SECOND, 9 * HOUR, 5 * HOUR, HOUR, 2 * SECOND]) == [
-        0,
-        SECOND,
-        2 * SECOND,
-    ]
-    assert timestamps.strays == 3
 
 
 @pytest.mark.parametrize('leap', [5 * HOUR, -5 * HOUR])

@@ -33,8 +33,11 @@ class Limits:
         self.too_large: tuple[str, ...] = ()
         #: Axes whose drift would move faster.
         self.too_fast: tuple[str, ...] = ()
-        self._sizes = Drift(axis_limits(max_drift_n), np.full(len(AXES), MAX_SENSITIVITY))
-        self._rates = Drift(axis_limits(max_rate_n_s), np.full(len(AXES), MAX_SENSITIVITY_RATE))
+        # Zero drift and sensitivity drift, shape (2, 6).
+        self._sizes = np.stack((axis_limits(max_drift_n), np.full(len(AXES), MAX_SENSITIVITY)))
+        self._rates = np.stack(
+            (axis_limits(max_rate_n_s), np.full(len(AXES), MAX_SENSITIVITY_RATE))
+        )
 
     def saturate(self, target: Drift) -> Drift:
         """
@@ -42,28 +45,19 @@ class Limits:
 
         What is not a number, as a model of absurd numbers can make it, becomes 0.
         """
-        result = Drift(
-            *(
-                np.clip(np.where(np.isnan(part), 0.0, part), -size, size)
-                for part, size in zip(target, self._sizes, strict=True)
-            )
-        )
-        self.too_large = _differing(target, result)
-        return result
+        wanted = np.stack(target)
+        allowed = np.clip(np.where(np.isnan(wanted), 0.0, wanted), -self._sizes, self._sizes)
+        self.too_large = _differing(wanted, allowed)
+        return Drift(*allowed)
 
     def rate_limit(self, target: Drift, here: Drift, seconds: float) -> Drift:
         """Keep a drift from moving too fast: the nearest to the target within some seconds."""
-        result = Drift(
-            *(
-                np.clip(part, start - rate * seconds, start + rate * seconds)
-                for part, start, rate in zip(target, here, self._rates, strict=True)
-            )
-        )
-        self.too_fast = _differing(target, result)
-        return result
+        wanted, start, reach = np.stack(target), np.stack(here), self._rates * seconds
+        allowed = np.clip(wanted, start - reach, start + reach)
+        self.too_fast = _differing(wanted, allowed)
+        return Drift(*allowed)
 
 
-def _differing(wanted: Drift, allowed: Drift) -> tuple[str, ...]:
-    """Name the axes on which two drifts differ."""
-    differs = (wanted.zero != allowed.zero) | (wanted.sensitivity != allowed.sensitivity)
-    return tuple(axis for axis, hit in zip(AXES, differs, strict=True) if hit)
+def _differing(wanted: FloatArray, allowed: FloatArray) -> tuple[str, ...]:
+    """Name the axes on which two drifts, shape (2, 6), differ."""
+    return tuple(AXES[i] for i in np.flatnonzero((wanted != allowed).any(axis=0)))
