@@ -78,16 +78,6 @@ def test_the_papers_model_runs_as_scipy_assembles_it(paper: ArxPls) -> None:
     assert np.abs(y).max() > 0.1
 
 
-def test_the_papers_third_latent_answers_one_sample_before_the_others(paper: ArxPls) -> None:
-    impulse = np.zeros((5, 4))
-    impulse[1] = np.linalg.solve(np.diag(PAPER_W_X), PAPER_P @ np.ones(4))  # every score is 1
-    _, y = paper.run(paper.start(impulse[0]), impulse)
-    np.testing.assert_allclose(y[:2], 0, atol=1e-12)
-    np.testing.assert_allclose(y[2], PAPER_Q[:, 2] * 0.0100 / PAPER_W_Y, atol=1e-12)
-    arriving = [0.0651, 0.0024, 0.0131 + 1.2449 * 0.0100, 0.0015]
-    np.testing.assert_allclose(y[3], PAPER_Q @ arriving / PAPER_W_Y, atol=1e-12)
-
-
 def single(latent: Arx) -> ArxPls:
     """One latent, and nothing around it."""
     one = np.ones(1)

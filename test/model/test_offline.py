@@ -44,24 +44,11 @@ def test_a_cells_drift_is_reached_one_cell_after_its_end_and_ramped_to(
     np.testing.assert_allclose(correct_many(late, stamps, raw, tare), corrected, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ('change', 'sentence'),
-    [
-        (
-            {'period_s': 1.0},
-            r'^run is on .* of 10\.0 s, .* on 1\.0 s\. Read .* the model\.$',
-        ),
-        (
-            {'thermometers': 2},
-            r'^run has 1 thermom.*, .* expects 2\. Name .* calibrated with\.$',
-        ),
-    ],
-)
 def test_a_recording_that_does_not_fit_is_refused(
-    make_model: Callable[..., DriftModel],
-    recording: Recording,
-    change: dict[str, float],
-    sentence: str,
+    make_model: Callable[..., DriftModel], recording: Recording
 ) -> None:
-    with pytest.raises(RecordingError, match=sentence):
-        track_drift(make_model(AXES, **{'period_s': 10.0, **change}), recording)
+    slow, two = make_model(AXES, period_s=1.0), make_model(AXES, period_s=10.0, thermometers=2)
+    with pytest.raises(RecordingError, match=r'^run is on .* 10\.0 s, .* on 1\.0 s\. .* model\.$'):
+        track_drift(slow, recording)
+    with pytest.raises(RecordingError, match=r'^run has 1 therm.*, .* expects 2\. .* with\.$'):
+        track_drift(two, recording)

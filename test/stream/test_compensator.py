@@ -1,9 +1,8 @@
 """The stream: what comes out for a wrench, when models change and when things go wrong."""
 
 from collections.abc import Callable
+import pickle
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
 import numpy as np
 import pytest
 
@@ -94,23 +93,16 @@ def test_settings_outside_their_range_are_refused(name: str, values: tuple[float
         StreamSettings(thermal_period_s=period_s, max_drift_n=0.0)
 
 
-def test_without_a_model_the_wrench_passes() -> None:
-    compensator = Compensator(1, StreamSettings())
-    _, outputs = stream(compensator, (0, 20))
-    np.testing.assert_array_equal(outputs, np.tile(LOAD, (len(outputs), 1)))
-    assert not compensator.compensating
-    assert compensator.tracker.temperature_c == pytest.approx([warming(18 * SECOND)], abs=0.2)
-
-
-def test_before_the_first_cell_is_complete_the_wrench_passes(model: DriftModel) -> None:
-    compensator = Compensator(1, StreamSettings(), model)
-    assert compensator.correct(0, LOAD.tolist()) == LOAD.tolist()
-    compensator.add_temperature(0, 0, 30.0)
-    assert not compensator.compensating
-    assert compensator.correct(1, LOAD.tolist()) == LOAD.tolist()
-    compensator.add_temperature(0, SECOND, 30.0)
-    assert compensator.compensating
-    assert compensator.compensation.zero[2] == pytest.approx(0.4 * 10.0)  # soaked at 30 °C
+@pytest.mark.parametrize('live', [False, True])
+def test_the_wrench_passes_until_a_model_has_a_cell(model: DriftModel, *, live: bool) -> None:
+    compensator = Compensator(1, StreamSettings(), model if live else None)
+    for second in range(3):
+        assert compensator.compensating == (live and second > 1)
+        assert compensator.correct(second, LOAD.tolist()) == LOAD.tolist() or second > 1
+        compensator.add_temperature(0, second * SECOND, 30.0)
+    assert compensator.tracker.temperature_c == pytest.approx([30.0])
+    soaked = 0.4 * (30.0 - 20.0) if live else 0.0
+    assert compensator.compensation.zero[2] == pytest.approx(soaked)
 
 
 def test_the_output_is_the_equation_with_the_drift_of_its_time(model: DriftModel) -> None:
@@ -156,44 +148,15 @@ def test_irregular_temperatures_make_no_step(model: DriftModel) -> None:
     assert steps(moving)[2] < steps(moving[::200])[2] / 50
 
 
-def test_a_late_temperature_steps_by_no_more_than_its_share_of_a_cell(model: DriftModel) -> None:
-    compensator = Compensator(1, StreamSettings(temperature_timeout_s=1000.0), model)
-    outputs = []
-    for k in range(60 * 20):
-        stamp = k * SECOND // 20
-        if k % 20 == 7 and k > 40:  # half a second late, and stamped when it was measured
-            compensator.add_temperature(0, stamp - SECOND // 2, warming(stamp - SECOND // 2))
-        outputs.append(compensator.correct(stamp, LOAD.tolist()))
-    moving = np.array(outputs[80:])
-    assert np.ptp(moving[:, 2]) > 0.5
-    # The stamp lies half a cell back, so the new ramp is met half-way.
-    assert steps(moving)[2] <= steps(moving[::20])[2] * 0.51
-
-
-@settings(deadline=None, max_examples=60, derandomize=True)
-@given(
-    earlier=st.lists(
-        st.lists(st.one_of(st.floats(-1e4, 1e4), st.just(float('nan'))), min_size=6, max_size=6),
-        max_size=10,
-    ),
-    stamps=st.lists(st.integers(8 * SECOND, 12 * SECOND), min_size=10, max_size=10),
-)
-def test_the_force_path_has_no_memory(
-    model: DriftModel, earlier: list[list[float]], stamps: list[int]
-) -> None:
-    """Neither a later correction nor the drift depends on the wrenches that came before."""
-    quiet, busy = (Compensator(1, StreamSettings(), model) for _ in range(2))
-    for compensator in (quiet, busy):
-        for k in range(10):
-            compensator.add_temperature(0, k * SECOND, warming(k * SECOND))
-    for stamp, wrench in zip(stamps, earlier, strict=False):
-        busy.correct(stamp, wrench)
-    for compensator in (quiet, busy):
-        compensator.add_temperature(0, 10 * SECOND, 25.0)
-    for stamp in (10 * SECOND, 10 * SECOND + SECOND // 3, 12 * SECOND):
-        assert quiet.correct(stamp, LOAD.tolist()) == busy.correct(stamp, LOAD.tolist())
-    for part_quiet, part_busy in zip(quiet.compensation, busy.compensation, strict=True):
-        np.testing.assert_array_equal(part_quiet, part_busy)
+def test_the_force_path_has_no_memory(model: DriftModel) -> None:
+    """Correcting a wrench, whatever it holds, leaves everything as it was."""
+    compensator = Compensator(1, StreamSettings(), model)
+    stream(compensator, (0, 10))
+    before = pickle.dumps(compensator)
+    for wrench in (LOAD, 1e4 * LOAD, np.full(6, np.nan)):
+        for stamp in (0, 10 * SECOND, 12 * SECOND):
+            compensator.correct(stamp, wrench.tolist())
+    assert pickle.dumps(compensator) == before
 
 
 class TestLimits:
@@ -224,18 +187,6 @@ class TestLimits:
             assert compensator.limits.too_fast == compensator.limits.too_large == ('force_z',)
             compensator.go_live(following)
             assert compensator.limits.too_fast == compensator.limits.too_large == ()
-
-    @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
-    def test_a_state_that_blew_up_is_limited_and_told(
-        self, model: DriftModel, value: float
-    ) -> None:
-        compensator = Compensator(1, StreamSettings(), model)
-        stream(compensator, (0, 10))
-        compensator.tracker._state = {axis: np.full((1, 1), value) for axis in model.axes}
-        with np.errstate(invalid='ignore'):
-            _, outputs = stream(compensator, (10, 20))
-        assert np.isfinite(outputs).all()
-        assert set(compensator.limits.too_large) == set(model.axes)
 
     @pytest.mark.parametrize('sign', [-1.0, 1.0])
     def test_a_drift_moves_as_far_as_its_rate_allows_in_the_time(self, sign: float) -> None:
@@ -350,29 +301,28 @@ class TestModelSwap:
         self, make_model: MakeModel, model: DriftModel
     ) -> None:
         compensator = Compensator(1, StreamSettings(), model)
-        twin = Compensator(1, StreamSettings(), model)
         stream(compensator, (0, 30))
-        stream(twin, (0, 30))
-        with pytest.raises(SettingsError, match='expects 2 thermometers, the node has 1'):
+        before = pickle.dumps(compensator)
+        with pytest.raises(
+            SettingsError, match=r'^The model expects 2 .* node has 1 .* topics\.$'
+        ):
             compensator.go_live(make_model(TRUTH, thermometers=2))
-        assert compensator.model is model
-        np.testing.assert_array_equal(stream(compensator, (30, 40))[1], stream(twin, (30, 40))[1])
+        assert pickle.dumps(compensator) == before
         with pytest.raises(SettingsError):
             Compensator(2, StreamSettings(), model)
 
-    def test_a_wrench_that_is_not_a_number_does_not_poison_the_tare(
+    def test_where_the_wrench_is_no_number_the_unloaded_output_stays(
         self, model: DriftModel, other: DriftModel
     ) -> None:
         compensator = Compensator(1, StreamSettings(), model)
-        _, before = stream(compensator, (0, 30))
-        broken = LOAD.copy()
-        broken[2] = np.nan
-        compensator.go_live(other, (30 * SECOND, broken.tolist()))
-        after = np.array(compensator.correct(30 * SECOND, LOAD.tolist()))
-        assert np.isfinite(after).all()
-        # Continuous where a number came last; elsewhere as if unloaded: gains move the load.
-        np.testing.assert_allclose(np.delete(after - before[-1], 2), 0, atol=0.05)
-        assert abs(after[2] - before[-1][2]) < 0.1 * LOAD[2]
+        stream(compensator, (0, 30))
+        stamp = 30 * SECOND
+        compensator.set_tare(LOAD / 2, stamp)
+        unloaded = (compensator.compensation_at(stamp).zero + compensator.tare).tolist()
+        loaded = np.where(np.arange(6) == 2, unloaded, LOAD).tolist()
+        before = compensator.correct(stamp, loaded)
+        compensator.go_live(other, (stamp, np.where(np.arange(6) == 2, np.nan, LOAD).tolist()))
+        np.testing.assert_allclose(compensator.correct(stamp, loaded), before, atol=1e-9)
 
 
 class TestTare:
@@ -393,22 +343,8 @@ class TestTare:
                 found = compensator.correct(stamp, (LOAD + zero).tolist())
                 np.testing.assert_allclose(found, 0, atol=1e-9)
         assert abs(zero[2]) > 1
-
-    def test_taring_and_its_reset_make_the_one_step_that_was_asked_for(
-        self, model: DriftModel
-    ) -> None:
-        compensator = Compensator(1, StreamSettings(), model)
-        stream(compensator, (0, 30))
-        stamp = 30 * SECOND - 10**7
-        before = compensator.correct(stamp, LOAD.tolist())
-        compensator.set_tare(LOAD, stamp)
-        np.testing.assert_allclose(compensator.correct(stamp, LOAD.tolist()), 0, atol=1e-12)
-        _, tared = stream(compensator, (30, 60))
-        assert (steps(tared) < 0.02).all()
         compensator.reset_tare()
-        assert not compensator.tare.any()
-        _, untared = stream(compensator, (60, 61))
-        assert abs(untared[0, 2] - before[2]) < 2.0
+        np.testing.assert_allclose(compensator.correct(stamp, (LOAD + zero).tolist()), LOAD)
 
     def test_a_tare_that_was_reset_before_the_first_temperature_leaves_no_trace(
         self, model: DriftModel
@@ -427,7 +363,10 @@ class TestTare:
     def test_a_temperature_moves_the_tare_only_to_keep_an_output_when_the_drift_begins(
         self, model: DriftModel
     ) -> None:
+        """After a tare, or after a model went live under a wrench."""
         tared, alone, free = (Compensator(1, StreamSettings(), model) for _ in range(3))
+        swapped = Compensator(1, StreamSettings())
+        swapped.go_live(model, (0, LOAD.tolist()))
         tared.set_tare(LOAD, 0)
         alone.set_tare(LOAD, 0)
         for second in range(4):
@@ -435,7 +374,9 @@ class TestTare:
             tared.add_temperature(0, second * SECOND, 35.0, (0, LOAD.tolist()))
             assert (tared.tare != before).any() == (second == 1)
             alone.add_temperature(0, second * SECOND, 35.0)
-            free.add_temperature(0, second * SECOND, 35.0, (0, LOAD.tolist()))
+            for each in (free, swapped):
+                each.add_temperature(0, second * SECOND, 35.0, (0, LOAD.tolist()))
+        np.testing.assert_allclose(swapped.correct(4 * SECOND, LOAD.tolist()), LOAD)
         np.testing.assert_allclose(tared.correct(4 * SECOND, LOAD.tolist()), 0, atol=1e-9)
         np.testing.assert_array_equal(alone.tare, LOAD)
         assert not free.tare.any()
@@ -475,11 +416,3 @@ class TestTrouble:
         assert compensator.tracker.grid.restarts == 1
         np.testing.assert_allclose(compensator.compensation.zero, held.zero, atol=2.0)
         assert np.abs(after[-1] - before[-1])[2] < 2.0
-
-    def test_several_thermometers_move_the_drift_together(self, make_model: MakeModel) -> None:
-        model = make_model({'force_z': (1.0, 0.0, 1e-3)}, thermometers=2)
-        compensator = Compensator(2, StreamSettings(), model)
-        for second in range(5):
-            compensator.add_temperature(0, second * SECOND, 30.0)
-            compensator.add_temperature(1, second * SECOND, 24.0)
-        assert compensator.compensation.zero[2] == pytest.approx((10.0 + 4.0) / 2)

@@ -156,25 +156,20 @@ class TestGap:
         assert again.compensation.zero[2] == pytest.approx(2.0 * 10.0)
         assert not again.tracker.awaiting_gap
 
-    def test_is_crossed_on_a_straight_line(self, model: DriftModel) -> None:
-        killed = ran(model, 100)
-        memory = memory_of(killed)
-        first = memory.end_ns // SECOND + 3
-        found = fill_gap(model, memory, first, memory.temperature_c + 4.0, 0.0)
-        assert found.temperature_c is not None
-        expected = memory.temperature_c + np.array([[1.0], [2.0], [3.0]])
-        np.testing.assert_allclose(found.temperature_c, expected)
-        assert found.sentence == 'the drift goes on from the thermal state saved 3 s before'
-
-    def test_is_crossed_up_to_what_is_told_as_its_end(self, make_model: MakeModel) -> None:
+    def test_is_crossed_on_a_straight_line_up_to_what_is_told_as_its_end(
+        self, make_model: MakeModel
+    ) -> None:
         """Stamps that are a minute behind, or behind another clock, and the longest gap."""
         hasty = make_model({'force_z': (1.0, 0.0, 1.0)})
         memory = memory_of(ran(hasty, 10))
         first = memory.end_ns // SECOND
         for gap_s, at_least_s in ((-60, 0.0), (0, 0.0), (10, 70.0), (round(LEAST_GAP_S), 0.0)):
-            filled = fill_gap(hasty, memory, first + gap_s, memory.temperature_c, at_least_s)
-            assert filled.temperature_c is not None
-            assert len(filled.temperature_c) == max(gap_s, 0)
+            between, sentence = fill_gap(
+                hasty, memory, first + gap_s, memory.temperature_c + gap_s + 1.0, at_least_s
+            )
+            expected = memory.temperature_c + np.arange(1.0, gap_s + 1.0)[:, np.newaxis]
+            np.testing.assert_allclose(between, expected)
+            assert sentence == f'the drift goes on from the thermal state saved {gap_s} s before'
 
     @pytest.mark.parametrize('at_least_s', [0.0, 0.4, 1.0, 10.0])
     def test_of_another_clock_is_run_at_the_temperature_before(
@@ -208,15 +203,16 @@ def test_a_memory_belongs_to_models_of_its_form_only(
     killed = ran(model, 10)
     memory = memory_of(killed)
     assert belongs_to(model, memory)
-    two = replace(memory, temperature_c=np.array([20.0, 20.0]))
-    longer = replace(memory, filters={**memory.filters, 'force_z': np.zeros((1, 2))})
-    fewer = replace(memory, filters={'force_z': memory.filters['force_z']})
-    wide = replace(memory, history=((np.zeros(2), 60),))
-    huge = {axis: np.full(each.shape, 1.7e308) for axis, each in memory.filters.items()}
-    absurd = replace(memory, filters=huge)
-    others = (two, longer, fewer, wide, absurd, replace(memory, period_ns=2 * SECOND))
-    for other in others:
-        assert not belongs_to(model, other)
+    filters = memory.filters
+    for change in (
+        {'temperature_c': np.array([20.0, 20.0])},
+        {'filters': {**filters, 'force_z': np.zeros((1, 2))}},
+        {'filters': {'force_z': filters['force_z']}},
+        {'filters': {axis: np.full(each.shape, 1.7e308) for axis, each in filters.items()}},
+        {'history': ((np.zeros(2), 60),)},
+        {'period_ns': 2 * SECOND},
+    ):
+        assert not belongs_to(model, replace(memory, **change))
     assert not belongs_to(make_model({'force_z': (1.0, 0.0, 1.0)}), memory)
 
 
