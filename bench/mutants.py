@@ -27,7 +27,7 @@ MUTMUT = Path('build/mutants/bin/mutmut').absolute()
 EQUIVALENT = Path(__file__).with_name('mutants_equivalent.yaml')
 #: What becomes of a mutant, by the exit code that mutmut stores; 33 is one that no test runs. A
 #: mutant that takes many times the processor time of the original is ended by a signal.
-FATES = {1: 'killed', 3: 'killed', 0: 'survived', 33: 'survived'}
+FATES: dict[int | None, str] = {1: 'killed', 3: 'killed', 0: 'survived', 33: 'survived'}
 FATES |= dict.fromkeys((-24, 24, 36, 152, 255), 'timed out')
 
 CONFIGURATION = """
@@ -46,21 +46,22 @@ Change = tuple[str, str, str]
 
 def mutmut(room: str, *words: str) -> str:
     """Run mutmut in a room's tree, numpy in one thread; return what it prints."""
+    one_thread = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'}
     done = subprocess.run(
         [MUTMUT, *words],
         cwd=TREES / room,
-        env={**os.environ, 'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'},
+        env={**os.environ, **one_thread},
         capture_output=True,
         text=True,
         check=False,
     )
     if done.returncode:
-        sys.exit(done.stdout + done.stderr)
+        sys.exit(f'{done.stdout[-5000:]}{done.stderr}')
     return done.stdout
 
 
-def make_mutants(room: str) -> list[str]:
-    """Copy what the tests of a room need, make all its mutants, and name them."""
+def make_tree(room: str) -> None:
+    """Copy what the tests of a room need."""
     tree = TREES / room
     shutil.rmtree(tree, ignore_errors=True)
     for folder in ('wrist_ft_comp', 'test'):
@@ -68,9 +69,6 @@ def make_mutants(room: str) -> list[str]:
     shutil.copy('setup.cfg', tree)
     settings = Path('pyproject.toml').read_text() + CONFIGURATION.format(room=room)
     (tree / 'pyproject.toml').write_text(settings)
-    # It makes all, whichever it is asked to run.
-    mutmut(room, 'run', f'wrist_ft_comp.{room}.*__init____mutmut_1')
-    return sorted(exit_codes(room))
 
 
 def exit_codes(room: str) -> dict[str, int | None]:
@@ -81,18 +79,21 @@ def exit_codes(room: str) -> dict[str, int | None]:
     return codes
 
 
-def draw(mutants: list[tuple[str, str]], count: int) -> list[tuple[str, str]]:
-    """Draw rooms and names by a hash of each, so that a change elsewhere draws no others."""
-    return sorted(mutants, key=lambda each: hashlib.sha256(f'{SEED} {each[1]}'.encode()).digest())[
-        :count
-    ]
+def draw(count: int) -> list[tuple[str, str]]:
+    """Draw rooms and names of mutants by a hash of each, so that no change draws others."""
+    for room in ROOMS:
+        # It makes all of them, whichever it is asked to run.
+        mutmut(room, 'run', f'wrist_ft_comp.{room}.*__init____mutmut_1')
+    mutants = [(room, name) for room in ROOMS for name in exit_codes(room)]
+    mutants.sort(key=lambda each: hashlib.sha256(f'{SEED} {each[1]}'.encode()).digest())
+    return mutants[:count]
 
 
 def change(room: str, name: str) -> Change:
     """Tell what a mutant does."""
-    lines = [line for line in mutmut(room, 'show', name).splitlines() if line][3:]
+    lines = mutmut(room, 'show', name).partition('@@\n')[2].splitlines()
     before, after = (
-        ' '.join(line[1:].strip() for line in lines if line[0] == sign) for sign in '-+'
+        ' '.join(line[1:].strip() for line in lines if line.startswith(sign)) for sign in '-+'
     )
     function = name.removeprefix('wrist_ft_comp.').partition('__mutmut_')[0]
     return function.replace('.x_', '.').replace('.xǁ', '.').replace('ǁ', '.'), before, after
@@ -102,36 +103,33 @@ def main() -> int:
     """Draw, run, and judge."""
     parser = argparse.ArgumentParser(description='Run the tests of two rooms on their mutants.')
     parser.add_argument('--count', type=int, default=300, help='how many are drawn')
-    drawn = draw(
-        [(room, name) for room in ROOMS for name in make_mutants(room)], parser.parse_args().count
-    )
+    count = parser.parse_args().count
+    for room in ROOMS:
+        make_tree(room)
+    drawn = draw(count)
     survivors: set[Change] = set()
     for room in ROOMS:
         names = [name for where, name in drawn if where == room]
         mutmut(room, 'run', *names)
         codes = exit_codes(room)
-        fates = {name: FATES.get(codes[name] or 0, 'unclear') for name in names}
+        fates = {name: FATES.get(codes[name], 'unclear') for name in names}
         print(f'{room}: {len(names)} mutants,', dict(Counter(fates.values())), flush=True)
         survivors |= {
             change(room, name) for name, fate in fates.items() if fate in ('survived', 'unclear')
         }
-    listed = {
-        (each['function'], each['before'], each['after']): each['reason']
-        for each in yaml.safe_load(EQUIVALENT.read_text())
-    }
+    entries = yaml.safe_load(EQUIVALENT.read_text())
+    listed = {(each['function'], each['before'], each['after']) for each in entries}
     for what, changes in (
-        ('Survived:', survivors - listed.keys()),
-        ('Changes nothing:', survivors & listed.keys()),
-        ('Listed, but no survivor:', listed.keys() - survivors),
+        ('Survived', survivors - listed),
+        ('Listed, but no survivor', listed - survivors),
     ):
-        print(f'\n{what} {len(changes)}')
+        print(f'\n{what}: {len(changes)}')
         for function, before, after in sorted(changes):
-            reason = listed.get((function, before, after), '')
-            print(f'{function}  {reason}\n  - {before}\n  + {after}')
-    killed = 1 - len(survivors - listed.keys()) / (len(drawn) - len(survivors & listed.keys()))
-    share = len(survivors & listed.keys()) / len(drawn)
-    print(f'\n{killed:.1%} of those that change anything are killed; {share:.1%} change nothing.')
-    return int(killed < LEAST_KILLED or share > MOST_LISTED or not listed.keys() <= survivors)
+            print(f'{function}\n  - {before}\n  + {after}')
+    same = len(survivors & listed) / count
+    killed = 1 - len(survivors - listed) / count / (1 - same)
+    print(f'\n{same:.1%} change nothing; of the others, {killed:.1%} are killed.')
+    return int(killed < LEAST_KILLED or same > MOST_LISTED or not listed <= survivors)
 
 
 if __name__ == '__main__':

@@ -13,7 +13,6 @@ from wrist_ft_comp.model.arx import (
     regressors,
     relaxation,
     stabilise,
-    static_gain,
 )
 
 Array = np.ndarray
@@ -64,10 +63,13 @@ def test_regressors_are_the_rows_of_eq_20(order: int, inputs: int, first_lag: in
         expected += [t[k - first_lag - i] for i in range(inputs)]
         np.testing.assert_array_equal(phi[row], expected)
         assert target[row] == u[k]
+    assert len(regressors(t[: longest + 1], u[: longest + 1], order, inputs, first_lag)[0]) == 1
+    with pytest.raises(TooShortError, match=f'longest lag of {longest} cells .* got {longest}'):
+        regressors(t[:longest], u[:longest], order, inputs, first_lag)
 
 
 @orders
-def test_recordings_with_different_offsets_are_fitted_together(
+def test_recordings_with_different_offsets_and_gaps_are_fitted_together(
     order: int, inputs: int, first_lag: int
 ) -> None:
     true = seeded_arx(order, inputs, first_lag)
@@ -75,28 +77,11 @@ def test_recordings_with_different_offsets_are_fitted_together(
     for seed, offset in enumerate((0.0, 1e3, -40.0)):
         t = np.random.default_rng(seed).standard_normal(80 + 30 * seed)
         segments.append((t, textbook_output(true, t) + offset))
+        segments[-1][1][[10, 11, 50, 79]] = np.nan
     found = fit_one_step(segments, order, inputs, first_lag)
     np.testing.assert_allclose(found.a, true.a, atol=1e-8)
     np.testing.assert_allclose(found.b, true.b, atol=1e-8)
     assert found.first_lag == first_lag
-
-
-def test_rows_that_touch_a_gap_are_left_out() -> None:
-    true = seeded_arx(2, 2, 1)
-    t = np.random.default_rng(5).standard_normal(300)
-    u = textbook_output(true, t)
-    u[[10, 11, 50, 120, 299]] = np.nan
-    found = fit_one_step([(t, u)], 2, 2, 1)
-    np.testing.assert_allclose(np.concatenate((found.a, found.b)), [*true.a, *true.b], atol=1e-9)
-
-
-@orders
-def test_the_shortest_series_that_is_refused(order: int, inputs: int, first_lag: int) -> None:
-    longest = max(order, first_lag + inputs - 1)
-    with pytest.raises(TooShortError, match=f'longest lag of {longest} cells'):
-        regressors(np.zeros(longest), np.zeros(longest), order, inputs, first_lag)
-    phi, _ = regressors(np.zeros(longest + 1), np.zeros(longest + 1), order, inputs, first_lag)
-    assert len(phi) == 1
 
 
 def test_too_few_complete_rows_are_refused() -> None:
@@ -118,14 +103,8 @@ def test_the_free_run_feeds_back_its_own_outputs(order: int, inputs: int, first_
     arx, t = seeded_arx(order, inputs, first_lag), seeded_input(60)
     expected = textbook_output(arx, t, before=t[0])
     np.testing.assert_allclose(free_run(arx, t), expected, rtol=1e-10, atol=1e-10)
-
-
-def test_several_series_run_at_once_as_one_by_one() -> None:
-    arx = seeded_arx(3, 2, 1)
-    t = np.stack([seeded_input(40, seed) for seed in range(3)], axis=1)
-    expected = np.stack([free_run(arx, column) for column in t.T], axis=1)
-    np.testing.assert_allclose(free_run(arx, t), expected, rtol=1e-12)
-    np.testing.assert_allclose(free_run(static_gain(2.0), t), 2 * t)
+    both = free_run(arx, np.stack((t, 2 * t + 1), axis=1))
+    np.testing.assert_allclose(both.T, (expected, 2 * expected + arx.gain), rtol=1e-10, atol=1e-10)
 
 
 @pytest.mark.parametrize('time_constant_s', [0.0, 7.0, 300.0])

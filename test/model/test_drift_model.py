@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
 import numpy as np
 import pytest
 
@@ -47,8 +45,7 @@ def test_the_drift_is_the_textbook_lag_on_its_axes_and_zero_on_the_others(
         np.testing.assert_allclose(found.sensitivity[:, i], sensitivity * moved, atol=1e-10)
 
 
-@settings(deadline=None, max_examples=40, derandomize=True)
-@given(cut=st.integers(1, 79))
+@pytest.mark.parametrize('cut', [1, 40, 79])
 def test_run_is_the_fold_of_step_wherever_it_is_split(
     model: DriftModel, temperature_c: Array, cut: int
 ) -> None:

@@ -1,5 +1,7 @@
 """What the outer model sees of the temperatures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -100,17 +102,16 @@ def test_knots_that_do_not_increase_are_refused(knots: list[float]) -> None:
     hats([20.0, 20.5])
 
 
-def test_knots_are_needed_for_every_thermometer() -> None:
-    with pytest.raises(SettingsError, match='each of 2 thermometers; got knots for 1'):
-        Features('hats', np.zeros(2), np.zeros(2), np.ones(2), knots_c=(np.array([0.0, 1.0]),))
-
-
-def test_a_degree_below_one_is_refused() -> None:
-    with pytest.raises(SettingsError, match='at least 1; got 0'):
-        Features('powers', np.zeros(1), *WIDE, degree=0)
-
-
-@pytest.mark.parametrize('lower', [300.0, np.nan])
-def test_an_empty_range_is_refused(lower: float) -> None:
-    with pytest.raises(SettingsError, match='range must not be empty'):
-        Features('powers', np.zeros(1), np.array([lower]), np.array([200.0]))
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'kind': 'hats', 'knots_c': (np.arange(2.0),)}, r'each of 2 .*; got knots for 1\.$'),
+        ({'degree': 0}, r'^The degree of the features must be at least 1; got 0\.$'),
+        ({'lower_c': np.array([0.0, 300.0])}, '^The calibrated range must not be empty; got '),
+        ({'lower_c': np.array([np.nan, 0.0])}, '^The calibrated range must not be empty; got '),
+    ],
+)
+def test_what_makes_no_features_is_refused(change: dict[str, object], sentence: str) -> None:
+    right = Features('powers', np.zeros(2), np.zeros(2), np.full(2, 200.0))
+    with pytest.raises(SettingsError, match=sentence):
+        replace(right, **change)

@@ -105,15 +105,9 @@ def test_a_cell_is_complete_with_the_first_sample_of_the_next() -> None:
     grid = ThermalGrid(SECOND, 1, 5.0)
     assert not feed(grid, seconds(0, (0.2, 20.0), (0.999999999, 22.0)))
     (cells,) = grid.add(0, SECOND, 40.0)
+    assert feed(grid, seconds(0, (2.2, 40.0), (3.2, 50.0))), 'which change nothing behind'
     assert (cells.first_cell, cells.count, cells.measured) == (0, 1, (True,))
     assert cells.temperature_c == pytest.approx([21.0])
-
-
-def test_an_emitted_cell_is_not_changed_by_later_samples() -> None:
-    grid = ThermalGrid(SECOND, 1, 5.0)
-    (cells,) = feed(grid, seconds(0, (0.2, 20.0), (1.2, 30.0)))
-    feed(grid, seconds(0, (2.2, 40.0), (3.2, 50.0)))
-    assert cells.temperature_c == pytest.approx([20.0])
 
 
 def test_a_silent_thermometer_is_waited_for_and_then_held() -> None:
@@ -163,8 +157,8 @@ def test_samples_for_cells_that_are_gone_are_counted() -> None:
     grid = ThermalGrid(SECOND, 2, patience_s=1.0)
     feed(grid, seconds(0, (0.5, 20.0)) + seconds(1, (0.5, 20.0)))
     feed(grid, seconds(0, (9.5, 20.0)))
-    assert not feed(grid, seconds(1, (3.5, 99.0)))
-    assert grid.rejected == 1
+    assert not feed(grid, seconds(1, (3.5, 99.0), (4.5, 99.0)))
+    assert grid.rejected == 2
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])

@@ -5,7 +5,7 @@ import pytest
 
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.signals import AXES, REFERENCE_CHANNELS, Samples
-from wrist_ft_comp.model.stream_grid import ThermalGrid
+from wrist_ft_comp.model.stream_grid import CompletedCells, ThermalGrid
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
 
 SECOND = 1_000_000_000
@@ -40,24 +40,19 @@ def test_the_columns_are_the_recording_s():
     assert row_channels(2) == (*AXES, *REFERENCE_CHANNELS, 'temperature_c', 'temperature_2_c')
 
 
-def test_a_row_holds_the_means_of_its_cell():
-    rng = np.random.default_rng(1)
-    node = Node()
-    raw, reference = rng.normal(size=(300, 6)), rng.normal(size=(300, 6))
-    celsius = rng.normal(25, 1, 300)
-    rows = []
-    for k in range(300):
-        stamp = 5 * SECOND + k * 10_000_000
-        node.averager.add_reference(stamp, reference[k])
-        node.averager.add_raw(stamp, raw[k])
-        node.averager.add_cells(node.grid.add(0, stamp, float(celsius[k])))
-        rows += node.averager.rows()
-    rows += node.averager.rows(final=True)
+def test_a_row_holds_the_means_of_its_cell_and_the_stamp_of_its_middle():
+    averager, rows = CellAverager(SECOND, 1), []
+    raw, reference = np.random.default_rng(1).normal(size=(2, 30, 6))
+    for k in range(30):
+        averager.add_reference(5 * SECOND + k * SECOND // 10, reference[k])
+        averager.add_raw(5 * SECOND + k * SECOND // 10, raw[k])
+    for cell in (5, 6):
+        averager.add_cells([CompletedCells(cell, 1, np.array([20.0 + cell]), (True,))])
+        rows += averager.rows()
     assert [stamp for stamp, _ in rows] == [5_500_000_000, 6_500_000_000]
-    for row, first in zip(rows, (0, 100), strict=True):
-        part = slice(first, first + 100)
-        expected = [*raw[part].mean(axis=0), *reference[part].mean(axis=0), celsius[part].mean()]
-        np.testing.assert_allclose(row[1], expected, rtol=1e-12)
+    for (_, row), part, celsius in zip(rows, (slice(10), slice(10, 20)), (25, 26), strict=True):
+        expected = [*raw[part].mean(axis=0), *reference[part].mean(axis=0), celsius]
+        np.testing.assert_allclose(row, expected, rtol=1e-12)
 
 
 def test_a_row_waits_for_wrenches_of_a_later_cell_and_for_references_once_there_is_one():

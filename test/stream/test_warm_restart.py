@@ -111,22 +111,6 @@ def test_the_drift_is_subtracted_before_the_first_temperature(model: DriftModel)
     assert restarted(model, again).compensation.zero[2] == again.compensation.zero[2]
 
 
-def test_a_gap_without_length_changes_nothing(model: DriftModel) -> None:
-    """Killed and restarted between two samples: the same numbers, cell for cell."""
-    never, killed = (Compensator(1, SETTINGS, model) for _ in range(2))
-    feed(never, 0, 200, 1.0)
-    feed(killed, 0, 200, 1.0)
-    again = restarted(model, killed)
-    # The new grid begins with the cell of its first sample, which the old one had open.
-    for second in range(199, 260):
-        for compensator in (never, again) if second >= 200 else (again,):
-            compensator.add_temperature(0, START + second * SECOND, warming(second))
-    np.testing.assert_allclose(again.compensation.zero, never.compensation.zero, rtol=1e-12)
-    resumed, whole = memory_of(again), memory_of(never)
-    assert resumed.end_ns == whole.end_ns
-    np.testing.assert_allclose(resumed.filters['force_z'], whole.filters['force_z'], rtol=1e-12)
-
-
 class TestGap:
     @pytest.mark.parametrize(
         ('gap_s', 'at_least_s', 'words'),
