@@ -20,35 +20,24 @@ def test_samples_refuse_values_that_do_not_fit_their_channels() -> None:
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
-        ({'period_ns': 0}, 'longer than 0 ns'),
-        ({'temperature_c': np.zeros((0, 1))}, 'run holds no temperature'),
-        ({'temperature_c': np.zeros((3, 0))}, 'run holds no temperature'),
-        ({'temperature_c': np.full((3, 1), np.nan)}, 'must be finite'),
-        (
-            {'measured': np.ones((3, 2), dtype=bool)},
-            r'measured of run must have shape \(3, 1\)',
-        ),
-        ({'wrench': np.zeros((3, 5))}, r'wrench of run must have shape \(3, 6\)'),
-        ({'reference': np.zeros((2, 6))}, r'reference of run must have shape \(3, 6\)'),
+        ({'period_ns': 0}, r'^A thermal cell must last longer than 0 ns; got 0\.$'),
+        ({'temperature_c': np.zeros((0, 1))}, r'^run holds no temperature\. .* one cell\.$'),
+        ({'temperature_c': np.zeros((3, 0))}, r'^run holds no temperature\. .* one cell\.$'),
+        ({'temperature_c': np.full((3, 1), np.nan)}, r'^Temp.* of run must be finite .* grid\.$'),
+        ({'measured': np.ones((3, 2))}, r'^measured of run must have shape \(3, 1\)'),
+        ({'wrench': np.zeros((3, 5))}, r'^wrench of run must have shape \(3, 6\)'),
+        ({'reference': np.zeros((2, 6))}, r'^reference of run must have shape \(3, 6\)'),
     ],
 )
 def test_a_recording_refuses_what_does_not_fit(change: dict[str, object], sentence: str) -> None:
-    whole: dict[str, object] = {
-        'name': 'run',
-        'period_ns': 10**9,
-        'first_cell': 0,
-        'temperature_c': np.zeros((3, 1)),
-        'measured': np.ones((3, 1), dtype=bool),
-        'wrench': np.zeros((3, 6)),
-        'reference': np.zeros((3, 6)),
-    }
-    right = Recording(**whole)  # type: ignore[arg-type]
+    ones = np.ones((3, 1), dtype=bool)
+    right = Recording('run', 10**9, 0, np.zeros((3, 1)), ones, np.zeros((3, 6)), np.zeros((3, 6)))
     assert (right.period_s, right.duration_s) == (1, 3)
     np.testing.assert_array_equal(right.elapsed_s, [0.5, 1.5, 2.5])
     assert [right.unit_of(axis) for axis in ('force_x', 'torque_z')] == ['N', 'N m']
-    assert replace(right, unit='mV/V').unit_of('torque_z') == 'mV/V'
+    assert replace(right, unit='mV/V', period_ns=1).unit_of('torque_z') == 'mV/V'
     with pytest.raises(RecordingError, match=sentence):
-        Recording(**{**whole, **change})  # type: ignore[arg-type]
+        replace(right, **change)
 
 
 def test_noise_is_told_apart_from_slow_motion_and_steps() -> None:

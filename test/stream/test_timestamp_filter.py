@@ -32,17 +32,15 @@ GOES_ON = [k * SECOND for k in range(5, 10)]
 @pytest.mark.parametrize(
     ('strays', 'followed', 'leaps'),
     [
-        ([1.0], [], 0),
+        ([1.0], [], 0),  # one stray, two that rise, two that do not
         ([1.0, 1.8], [], 0),
         ([2.0, 1.0], [], 0),
-        ([], [1.0], 1),
+        ([], [1.0], 1),  # a leap, and a stray ahead of it
         ([2.0], [1.0], 1),
-        ([], [1.0, 0.0], 2),
+        ([], [1.0, 0.0], 2),  # there and back
         ([2.0], [1.0, 0.0], 2),
     ],
-    ids=['one stray', 'two in a row', 'strays that differ', 'a leap', 'a stray ahead of it',
-         'there and back', 'with a stray'],
-)  # fmt: skip
+)
 def test_strays_are_dropped_and_time_that_goes_on_elsewhere_is_followed(
     leap: int, strays: list[float], followed: list[float], leaps: int
 ) -> None:

@@ -169,16 +169,15 @@ class TestGap:
         assert again.compensation.zero[2] == pytest.approx(expected, rel=1e-12)
 
 
-class TestLongestGap:
-    def test_follows_the_slowest_time_constant(self, model: DriftModel) -> None:
-        assert slowest_time_constant_s(model) == pytest.approx(600.0)
-        assert longest_gap_s(model) == pytest.approx(1800.0)
-
-    def test_is_bounded(self, make_model: MakeModel) -> None:
-        assert longest_gap_s(make_model({'force_z': (1.0, 0.0, 1.0)})) == LEAST_GAP_S
-        assert longest_gap_s(make_model({'force_z': (1.0, 0.0, 1e5)})) == MOST_GAP_S
-        assert longest_gap_s(make_model({})) == LEAST_GAP_S
-        assert slowest_time_constant_s(make_model({})) == 0.0
+def test_the_longest_gap_follows_the_slowest_time_constant_within_bounds(
+    model: DriftModel, make_model: MakeModel
+) -> None:
+    assert slowest_time_constant_s(model) == pytest.approx(600.0)
+    assert longest_gap_s(model) == pytest.approx(1800.0)
+    assert slowest_time_constant_s(make_model({})) == 0.0
+    for axes in ({}, {'force_z': (1.0, 0.0, 1.0)}):
+        assert longest_gap_s(make_model(axes)) == LEAST_GAP_S
+    assert longest_gap_s(make_model({'force_z': (1.0, 0.0, 1e5)})) == MOST_GAP_S
 
 
 def test_a_memory_belongs_to_models_of_its_form_only(
@@ -198,13 +197,6 @@ def test_a_memory_belongs_to_models_of_its_form_only(
     ):
         assert not belongs_to(model, replace(memory, **change))
     assert not belongs_to(make_model({'force_z': (1.0, 0.0, 1.0)}), memory)
-
-
-def test_nothing_is_remembered_before_the_first_temperature(model: DriftModel) -> None:
-    assert Compensator(1, SETTINGS, model).memory() is None
-    without_a_model = Compensator(1, SETTINGS)
-    feed(without_a_model, 0, 10)
-    assert without_a_model.memory() is None
 
 
 def test_a_model_that_goes_live_before_the_first_temperature_is_remembered(
@@ -270,9 +262,12 @@ def test_a_memory_that_was_refused_leaves_no_history_and_is_not_told_of_the_next
 
 @pytest.mark.parametrize('seconds', [1, 61, 121, 150])
 def test_what_is_remembered_are_means_of_cells(model: DriftModel, seconds: int) -> None:
-    compensator = Compensator(1, SETTINGS, model)
-    feed(compensator, 0, seconds + 1, 1.0)
-    history = memory_of(compensator).history
+    with_model, without = Compensator(1, SETTINGS, model), Compensator(1, SETTINGS)
+    for compensator in (with_model, without):
+        assert compensator.memory() is None
+        feed(compensator, 0, seconds + 1, 1.0)
+    assert without.memory() is None
+    history = memory_of(with_model).history
     spans = np.split([warming(second) for second in range(seconds)], [1, 61, 121])
     np.testing.assert_allclose(
         [(value[0], cells) for value, cells in history],
