@@ -30,13 +30,6 @@ def test_a_file_that_is_no_recording_is_refused(content, run, model, tmp_path):
     assert [each.name for each in tmp_path.iterdir()] == ['no.csv']
 
 
-def test_too_short_a_recording_is_refused(run, make, tmp_path):
-    columns = {name: values[:20] for name, values in make.drifting().items()}
-    path = make.csv(tmp_path / 'run.csv', columns)
-    argv = ['calibrate', path, '-o', tmp_path / 'm.yaml', '--min-temperature-span', '0']
-    assert '30' in run(*argv).sentence
-
-
 def test_a_load_that_was_declared_absent_is_refused(run, make, tmp_path):
     path = make.csv(tmp_path / 'run.csv', make.loaded())
     assert 'jumps' in run('calibrate', path, '-o', tmp_path / 'm.yaml').sentence

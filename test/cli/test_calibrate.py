@@ -50,13 +50,13 @@ def test_json_is_all_of_standard_output_even_with_warnings(run, make, tmp_path):
     columns['force_z'][9] = 'nan'
     path = make.csv(tmp_path / 'run.csv', columns)
     outcome = run('calibrate', path, '-o', tmp_path / 'm.yaml', '--method', 'pls', '--json')
-    found = json.loads(outcome.out)
+    printed = json.loads(outcome.out)
     assert outcome.code == 0
     assert not outcome.err
-    assert found['warnings']
-    assert found['model'] == str(tmp_path / 'm.yaml')
-    assert len(found['sha256']) == 64
-    low, high = found['temperature_range_c'][0]
+    assert printed['warnings']
+    assert printed['model'] == str(tmp_path / 'm.yaml')
+    assert len(printed['sha256']) == 64
+    low, high = printed['temperature_range_c'][0]
     finite = [t for t in columns['temperature_c'] if np.isfinite(t)]
     assert (low, high) == pytest.approx((min(finite), max(finite)))
 
@@ -131,7 +131,8 @@ def test_nonsense_is_a_matter_of_usage(options, expected, run, drift_csv, tmp_pa
         (['--features', 'powers', '--hat-temperatures', '10,20'], 'hats'),
         (['--min-temperature-span', '50'], '50.0 K are needed'),
         (['--reference', 'recorded'], 'no reference wrench'),
-        (['--thermal-period', '600'], 'needed'),
+        (['--thermal-period', '600'], 'spans 0.0 K'),
+        (['--thermal-period', '20'], 'at least 30 in'),
     ],
 )
 def test_settings_that_cannot_be_are_refused(options, expected, run, drift_csv, tmp_path):

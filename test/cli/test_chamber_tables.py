@@ -17,34 +17,34 @@ TABLES = ('table1_sensor_a_raw.csv', 'table2_sensor_b_raw.csv')
 
 @pytest.fixture(scope='module', params=TABLES)
 def fitted(request, make, tmp_path_factory):
-    """The table of a sensor, its model, and what the calibration said in text and JSON."""
+    """The table of a sensor, its model, and what the calibration printed in text and JSON."""
     table, model = make.keller / request.param, tmp_path_factory.mktemp('keller') / 'model.yaml'
     argv = ['calibrate', str(table), '-o', str(model)]
-    said = []
+    printed = []
     for more in ([], ['--json']):
         with redirect_stdout(StringIO()) as out:
             assert main([*argv, *more]) == 0
-        said.append(out.getvalue())
-    return table, model, said[0], json.loads(said[1])
+        printed.append(out.getvalue())
+    return table, model, printed[0], json.loads(printed[1])
 
 
 def test_the_fit_meets_the_requirement(fitted):
-    table, _, _, said = fitted
-    figures = said['chamber_tables'][str(table)]
+    table, _, _, printed = fitted
+    figures = printed['chamber_tables'][str(table)]
     assert figures['raw']['max_sensitivity_drift'] > 0.05
     assert figures['fitted']['max_sensitivity_drift'] <= 0.010
     assert figures['fitted']['zero_spread'] <= 0.30
 
 
 def test_left_out_temperatures_stand_beside_the_fit(fitted):
-    table, _, text, said = fitted
+    table, _, text, printed = fitted
     lines = text.splitlines()
     header = next(line for line in lines if line.endswith('left out'))
     assert header.split() == ['raw', 'fitted', 'left', 'out']
-    figures = said['chamber_tables'][str(table)]
-    printed = next(line for line in lines if '|K_s|' in line).split()[-3:]
+    figures = printed['chamber_tables'][str(table)]
+    row = next(line for line in lines if '|K_s|' in line).split()[-3:]
     keys = ('raw', 'fitted', 'left out')
-    assert printed == [f'{figures[key]["max_sensitivity_drift"]:.4f}' for key in keys]
+    assert row == [f'{figures[key]["max_sensitivity_drift"]:.4f}' for key in keys]
     assert figures['left out']['zero_spread'] > figures['fitted']['zero_spread']
     assert figures['left out'] != figures['raw']
     assert all(len(line) <= 80 for line in lines[-5:])
@@ -57,15 +57,15 @@ def test_where_leaving_one_out_leaves_a_single_temperature_there_are_no_figures_
     cells = [row.split(',') for row in (header, *rows, *rows)]
     path = tmp_path / 'two.csv'
     path.write_text('\n'.join(','.join((*row[:4], row[7])) for row in cells))
-    said = json.loads(done('calibrate', path, '-o', tmp_path / 'm.yaml', '--json'))
-    assert set(said['chamber_tables'][str(path)]) == {'raw', 'fitted'}
+    printed = json.loads(done('calibrate', path, '-o', tmp_path / 'm.yaml', '--json'))
+    assert set(printed['chamber_tables'][str(path)]) == {'raw', 'fitted'}
 
 
 def test_a_table_is_in_units_of_its_own(done, make, tmp_path):
     table, model = make.keller / 'table2_sensor_b_raw.csv', tmp_path / 'm.yaml'
-    said = [done('calibrate', table, '-o', model), done('show', model), done('show', table)]
-    said.append(done('evaluate', model, table))
-    for text in said:
+    printed = [done('calibrate', table, '-o', model), done('show', model), done('show', table)]
+    printed.append(done('evaluate', model, table))
+    for text in printed:
         assert 'output units' in text
         assert ' N ' not in text
 
@@ -80,14 +80,14 @@ def test_a_table_and_a_recording_are_not_mixed(run, make, drift_csv, model, tmp_
 
 
 def test_evaluate_gives_the_figures_and_warnings_of_the_calibration(fitted, run):
-    table, model, text, said = fitted
+    table, model, text, printed = fitted
     outcome = run('evaluate', model, table, '--json')
     again = json.loads(outcome.out)
     copied = table.name == TABLES[0]
     assert outcome.err.count('The column of 50 °C') == copied
     assert text.count('warning: The column of 50 °C') == copied
-    assert len(said['warnings']) == copied
-    fit = said['chamber_tables'][str(table)]['fitted']
+    assert len(printed['warnings']) == copied
+    fit = printed['chamber_tables'][str(table)]['fitted']
     assert again['chamber_tables'][str(table)]['compensated'] == pytest.approx(fit)
     assert again['axes']['force_z']['rms_after'] < 0.2 * again['axes']['force_z']['rms_before']
     assert again['recordings'][0]['reference'] == 'recorded'

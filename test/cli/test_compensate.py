@@ -32,15 +32,15 @@ def test_csv_is_corrected_as_the_core_corrects(tare_s, done, make, model, tmp_pa
     columns = make.drifting(seed=3)
     path = make.csv(tmp_path / 'run.csv', {**columns, 'remark': ['x'] * 400})
     out = tmp_path / 'out.csv'
-    said = done('compensate', model, path, '-o', out, '--tare', tare_s)
-    assert said == f'wrote {out}\n'
-    found, before = table(out), table(path)
+    printed = done('compensate', model, path, '-o', out, '--tare', tare_s)
+    assert printed == f'wrote {out}\n'
+    written, before = table(out), table(path)
     expected = core_correction(model, path, columns, tare_s)
     for axis in ('force_z', 'torque_x'):
-        values = np.array(found.pop(axis), dtype=float)
+        values = np.array(written.pop(axis), dtype=float)
         np.testing.assert_allclose(values, expected[:, AXES.index(axis)], rtol=0, atol=1e-12)
         del before[axis]
-    assert found == before
+    assert written == before
 
 
 def test_a_tare_removes_the_offset(done, make, model, tmp_path):
@@ -73,9 +73,9 @@ def test_each_warning_comes_once(run, make, model, tmp_path):
 def test_json_says_where_it_went_and_what_was_tared(run, drift_csv, model, tmp_path):
     target = tmp_path / 'out.csv'
     outcome = run('compensate', model, drift_csv, '-o', target, '--tare', '5', '--json')
-    found = json.loads(outcome.out)
+    printed = json.loads(outcome.out)
     assert (outcome.code, outcome.err) == (0, '')
-    assert found['output'] == str(target)
+    assert printed['output'] == str(target)
     assert target.exists()
-    assert found['tare']['force_z'] != 0
-    assert found['warnings'] == []
+    assert printed['tare']['force_z'] != 0
+    assert printed['warnings'] == []

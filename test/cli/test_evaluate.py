@@ -91,9 +91,9 @@ def test_the_reference_is_subtracted(done, make, model, tmp_path):
     columns['reference_force_z'] = load.tolist()
     path = make.csv(tmp_path / 'loaded.csv', columns)
     expected = json.loads(done('evaluate', model, plain, '--json'))['axes']['force_z']
-    found = json.loads(done('evaluate', model, path, '--reference', 'recorded', '--json'))
-    assert found['axes'] == {'force_z': pytest.approx(expected, rel=1e-9)}
-    assert found['recordings'][0]['reference'] == 'recorded'
+    judged = json.loads(done('evaluate', model, path, '--reference', 'recorded', '--json'))
+    assert judged['axes'] == {'force_z': pytest.approx(expected, rel=1e-9)}
+    assert judged['recordings'][0]['reference'] == 'recorded'
 
 
 def test_the_table_fits_the_screen_and_names_units(done, drift_csv, model):

@@ -30,12 +30,12 @@ def interrupt(argv):
     command = [sys.executable, '-c', HELD, *map(str, argv)]
     pipes = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
     with subprocess.Popen(command, text=True, **pipes) as child:
-        said = child.stdout.readline()
-        while said and said != 'written\n':
-            said = child.stdout.readline()
+        line = child.stdout.readline()
+        while line and line != 'written\n':
+            line = child.stdout.readline()
         child.send_signal(signal.SIGINT)
         _, err = child.communicate(timeout=60)
-    assert said == 'written\n', err
+    assert line == 'written\n', err
     return child.returncode, err
 
 

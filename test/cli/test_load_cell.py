@@ -28,14 +28,14 @@ def halves(tmp_path_factory):
     seconds = np.array([(time - times[0]).total_seconds() for time in times])
     temperature = np.array([float(row['T_C']) for row in rows])
     force = np.array([float(row['W_raw_kg']) for row in rows]) * 9.80665
-    folder, found = tmp_path_factory.mktemp('load_cell'), {}
+    folder, parts = tmp_path_factory.mktemp('load_cell'), {}
     for name, part in (('train', seconds < TRAINING_S), ('rest', seconds >= TRAINING_S)):
         columns = seconds[part], temperature[part], force[part]
         lines = [f'{s:.0f},{t},{f:.6f}' for s, t, f in zip(*columns, strict=True)]
         path = folder / f'{name}.csv'
         path.write_text('\n'.join(['stamp_s,temperature_c,force_z', *lines, '']))
-        found[name] = path, *columns
-    return found
+        parts[name] = path, *columns
+    return parts
 
 
 def without_creep(seconds, values):

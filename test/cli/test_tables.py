@@ -35,5 +35,5 @@ def test_verdicts_fit_the_screen(level):
 
 
 def test_verdicts_are_plain_values_for_scripts():
-    found = verdicts_json({'force_z': Verdict('good', 'Why.')})
-    assert found == {'force_z': {'level': 'good', 'why': 'Why.'}}
+    plain = verdicts_json({'force_z': Verdict('good', 'Why.')})
+    assert plain == {'force_z': {'level': 'good', 'why': 'Why.'}}

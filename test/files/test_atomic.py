@@ -5,8 +5,14 @@ import os
 import numpy as np
 import pytest
 
-from wrist_ft_comp.errors import StateFileError
-from wrist_ft_comp.files.documents import beginning, remove_leftovers, replace_file
+from wrist_ft_comp.errors import RecordingError, StateFileError
+from wrist_ft_comp.files.documents import (
+    beginning,
+    remove_leftovers,
+    replace_file,
+    write_picture,
+    write_report,
+)
 from wrist_ft_comp.files.state_file import save_state, SavedState
 
 
@@ -55,6 +61,14 @@ def test_a_device_or_a_pipe_is_not_replaced(tmp_path):
         save_state(pipe, SavedState(1, None, np.zeros(6), None))
     assert pipe.is_fifo()
     assert list(tmp_path.iterdir()) == [pipe]
+
+
+@pytest.mark.parametrize(('write', 'content'), [(write_report, 'text'), (write_picture, b'PNG')])
+def test_what_cannot_be_written_is_a_sentence(write, content, target):
+    write(target, content)
+    assert target.read_bytes() in {b'text', b'PNG'}
+    with pytest.raises(RecordingError, match=r'a\.out cannot be written: Not a directory'):
+        write(target / 'a.out', content)
 
 
 def test_what_is_no_file_has_no_beginning(target):

@@ -7,11 +7,8 @@ import pytest
 
 from wrist_ft_comp.calibration import chamber
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files.chamber_table import (
-    is_chamber_table,
-    read_chamber_table,
-    rewrite_table,
-)
+from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
+from wrist_ft_comp.files.recordings import rewrite_recording
 
 DATA = Path(__file__).parents[2] / 'data' / 'keller_pa10'
 #: Worked out from the printed tables by hand: max abs K_s, zero spread, largest deviation.
@@ -27,13 +24,13 @@ FIGURES = {
 @pytest.mark.parametrize(('name', 'figures'), FIGURES.items())
 def test_figures_of_the_published_tables(name, figures, keep):
     table = read_chamber_table(DATA / name, keep_copied_columns=keep)
-    found = (
+    computed = (
         np.nanmax(np.abs(chamber.sensitivity_drift(table))),
         chamber.zero_spread(table),
         chamber.max_deviation(table),
     )
-    assert found == pytest.approx(figures, abs=6e-4)
-    assert found[0] == pytest.approx(figures[0], abs=6e-5)
+    assert computed == pytest.approx(figures, abs=6e-4)
+    assert computed[0] == pytest.approx(figures[0], abs=6e-5)
 
 
 def test_the_copied_column_of_sensor_a_is_left_out_with_its_reason():
@@ -62,7 +59,8 @@ def test_gain_between_reference_and_output_is_one_at_the_reference_temperature()
 def test_a_written_table_reads_back_with_everything_else_verbatim(tmp_path):
     source = DATA / 'table1_sensor_a_raw.csv'
     table = read_chamber_table(source)
-    rewrite_table(source, tmp_path / 'out.csv', lambda _, wrench: wrench / 3)
+    warnings = rewrite_recording(source, tmp_path / 'out.csv', lambda _, wrench: wrench / 3)
+    assert 'digit for digit' in warnings[0]
     again = read_chamber_table(tmp_path / 'out.csv')
     np.testing.assert_array_equal(again.output, table.output / 3)
     np.testing.assert_array_equal(again.temperatures_c, table.temperatures_c)
@@ -96,7 +94,7 @@ HEADER = 'step,load_kpa,output_at_20_c,output_at_50_c\n'
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'sentence'),
     [
         (HEADER, 'no row below its header'),
         (HEADER + '0,0,1,2\n1,5,x,3\n', "Row 3 of t.csv, column output_at_20_c.*got 'x'"),
@@ -108,8 +106,8 @@ HEADER = 'step,load_kpa,output_at_20_c,output_at_50_c\n'
         (b'load_n,output_at_20_c\n\xff', 'UTF-8'),
     ],
 )
-def test_a_bad_table_is_refused_in_a_sentence(make_csv, text, said):
-    with pytest.raises(RecordingError, match=said):
+def test_a_bad_table_is_refused_in_a_sentence(make_csv, text, sentence):
+    with pytest.raises(RecordingError, match=sentence):
         read_chamber_table(make_csv(text, 't.csv'))
 
 

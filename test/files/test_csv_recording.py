@@ -114,7 +114,7 @@ HEADER = 'stamp_s,force_z,temperature_c\n'
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'sentence'),
     [
         ('', 'run.csv is empty'),
         ('\n', 'run.csv is empty'),
@@ -145,8 +145,8 @@ HEADER = 'stamp_s,force_z,temperature_c\n'
         (b'\x89PNG\r\n\x1a\n\0\0', 'UTF-8'),
     ],
 )
-def test_a_bad_file_is_refused_in_one_sentence_that_names_the_place(make_csv, text, said):
-    with pytest.raises(RecordingError, match=said):
+def test_a_bad_file_is_refused_in_one_sentence_that_names_the_place(make_csv, text, sentence):
+    with pytest.raises(RecordingError, match=sentence):
         read_recording(make_csv(text))
 
 

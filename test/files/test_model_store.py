@@ -131,8 +131,8 @@ def test_a_relative_name_is_looked_up_in_the_folder_first(store, tmp_path, monke
 def test_a_node_without_a_folder_gets_one_below_ros_home(monkeypatch, home, base):
     monkeypatch.setenv('HOME', '/home/user')
     monkeypatch.setenv('ROS_HOME', home)
-    found = model_store.default_directory('/left/arm/wrist_ft_comp')
-    assert found == Path(base) / 'wrist_ft_comp/left__arm__wrist_ft_comp'
+    directory = model_store.default_directory('/left/arm/wrist_ft_comp')
+    assert directory == Path(base) / 'wrist_ft_comp/left__arm__wrist_ft_comp'
 
 
 def test_the_list_is_readable_by_people_and_keeps_what_was_given(store):

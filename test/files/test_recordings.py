@@ -184,13 +184,6 @@ def test_a_bare_file_may_be_rewritten_into_a_bare_file(make_bag, storage, suffix
         rewrite_recording(source, target.with_name(f'x{other}'), halve)
 
 
-def test_a_rewritten_chamber_table_is_a_chamber_table(tmp_path):
-    warnings = rewrite_recording(TABLE, tmp_path / 'out.csv', halve)
-    assert 'digit for digit' in warnings[0]
-    before, after = read_recording(TABLE), read_recording(tmp_path / 'out.csv')
-    np.testing.assert_allclose(after.wrench, before.wrench / 2)
-
-
 @pytest.fixture(params=['sqlite3', 'mcap', 'csv', 'table'])
 def source(request, make_bag, make_csv, tmp_path):
     """A recording of each kind."""
@@ -237,8 +230,6 @@ def test_a_bag_is_described_from_its_index(make_bag):
         ('/temperature', 10, 'temperature'),
         ('/log', 10, ''),
     }
-    assert summary.first_ns is not None
-    assert summary.last_ns is not None
     assert summary.last_ns - summary.first_ns == 999_000_000
 
 

@@ -51,12 +51,12 @@ def learn(recordings, folder, reference='unloaded', **identification):
     settings = CalibrationSettings(
         reference, identification=IdentificationSettings(**identification)
     )
-    found = calibrate(recordings, settings)
+    calibration = calibrate(recordings, settings)
     provenance = {
         'recordings': [{'path': f'/data/{each.name}', 'sha256': 'a' * 64} for each in recordings],
         'settings': {'reference': reference, 'identification': identification},
     }
-    return found, save_model(folder / '<i>model.yaml', found, provenance)
+    return calibration, save_model(folder / '<i>model.yaml', calibration, provenance)
 
 
 def evaluated(stored, recording, reference='unloaded'):
@@ -90,9 +90,11 @@ def view(tmp_path_factory, stored):
         if kind == 'chamber':
             table = read_chamber_table(TABLE)
             recordings = [table_recording(table, 30.0)]
-            found, model = learn(recordings, folder, 'recorded', method='pls', features='hats')
+            calibration, model = learn(
+                recordings, folder, 'recorded', method='pls', features='hats'
+            )
             tables = {TABLE.name: dict.fromkeys(('raw', 'left out'), chamber_figures(table))}
-            return calibration_view(found, recordings, model, 'recorded', tables)
+            return calibration_view(calibration, recordings, model, 'recorded', tables)
         if kind == 'evaluation':
             second = evaluated(stored, make_recording('second.csv', 1), 'constant')
             return evaluation_view(stored, [evaluated(stored, make_recording()), second], 60.0)
@@ -102,8 +104,8 @@ def view(tmp_path_factory, stored):
             make_recording(name, k, slope=slope, hidden=hidden)
             for k, name in enumerate([NAME] if kind == 'weak' else [NAME, 'second.csv'])
         ]
-        found, model = learn(recordings, folder, method='pls' if kind == 'weak' else 'auto')
-        return calibration_view(found, recordings, model, 'unloaded')
+        calibration, model = learn(recordings, folder, method='pls' if kind == 'weak' else 'auto')
+        return calibration_view(calibration, recordings, model, 'unloaded')
 
     return build
 

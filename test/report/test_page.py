@@ -117,11 +117,13 @@ def test_the_headline_counts(view):
 
 def test_a_refused_axis_is_said_once_at_the_top(make, tmp_path):
     recordings = [make.recording()]
-    found, stored = make.learn(recordings, tmp_path, method='pls')
+    calibration, stored = make.learn(recordings, tmp_path, method='pls')
     refusal = 'force_z drifts too slowly'
-    fit = replace(found.fits['force_z'], model=None, refusal=refusal, reason=f'{refusal}.')
-    fits = {**found.fits, 'force_z': fit}
-    refused = replace(found, fits=fits, warnings=(f'{refusal}. It is left.', 'Something else.'))
+    fit = replace(calibration.fits['force_z'], model=None, refusal=refusal, reason=f'{refusal}.')
+    fits = {**calibration.fits, 'force_z': fit}
+    refused = replace(
+        calibration, fits=fits, warnings=(f'{refusal}. It is left.', 'Something else.')
+    )
     view = calibration_view(refused, recordings, stored, 'unloaded')
     assert view.warnings == ('Something else.',)
     axis = next(axis for axis in view.axes if axis.axis == 'force_z')
@@ -216,8 +218,8 @@ def test_names_that_are_no_text_do_not_stop_the_report(make, judge):
 def test_loads_are_shown_where_they_are_known(make, tmp_path):
     load = np.outer(np.sin(np.arange(400) / 5), [20, 20, 20, 1, 1, 1])
     recordings = [make.recording(reference=load)]
-    found, stored = make.learn(recordings, tmp_path, 'recorded', method='auto')
-    whole = Outline(page(calibration_view(found, recordings, stored, 'recorded'))).whole
+    calibration, stored = make.learn(recordings, tmp_path, 'recorded', method='auto')
+    whole = Outline(page(calibration_view(calibration, recordings, stored, 'recorded'))).whole
     assert 'Loads by the reference' in whole
     assert 'zero and gain' in whole
     assert 'Loads are not known' not in whole
