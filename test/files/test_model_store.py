@@ -42,7 +42,8 @@ def test_history_is_bounded_and_keeps_the_newest(store):
     'content',
     [
         b'', b'{', b'{}', b'[1]', b'[[]]', b'"a.yaml"', b'3', b'null', b'\xff\xfe', b'[' * 100_000,
-        b'{"history": {"a": 1}}', b'{"history": [{}], "given": 3}', b'[null' + b',null' * 10**6 + b']',
+        b'{"history": {"a": 1}}', b'{"history": [{}], "given": 3}',
+        b'[null' + b',null' * 10**6 + b']',
     ],
     ids=lambda content: repr(content[:20]),
 )  # fmt: skip
