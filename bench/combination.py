@@ -5,15 +5,19 @@ All candidates are linear in one pool of columns: powers of every temperature be
 a grid of time constants, for zero drift and, times the load, for gain drift. So each is a vector
 of gains, and so is every average of them: what comes out is one model with a parallel bank.
 
-1. Candidates: polynomials, three banks in ridge of three strengths, and one or two free time
-   constants, which are found between the grid's by interpolation and are the same for all axes
-   (one body). Each is fitted twice, with and without a transient at the start of every day.
+1. Candidates: polynomials, three banks in ridge of three strengths (ten times as strong for every
+   further degree), and one or two free time constants, which are found between the grid's by
+   interpolation and are the same for all axes (one body). Each is fitted twice, with and without
+   a transient at the start of every day.
 2. Each is fitted to all days but one and judged on that day; all errors come from quadratic forms
    of the gains, so that nothing is run twice.
 3. Weights fall with a power of the held-out error, half of it this axis' own and half of it the
    mean of all axes; the power grows with the number of days.
 4. What the average leaves of the held-out days decides how much of it is used: an axis, or a body,
    that is hardly helped gets less.
+
+What is claimed to be left is the mean over held-out days, tared in their first minute, and grows
+with the distance from the calibrated range.
 
 Residuals wander: a random walk in cosines is eliminated beside every day's constant, so that slow
 errors are not taken for many independent witnesses.
@@ -41,7 +45,7 @@ PARTS = 5
 CURVED_SHARE = 0.33
 #: Start transients, s, and their variance over that of the noise; cosines of a random walk.
 TRANSIENTS_S, TRANSIENT_VARIANCE, COSINES = (300.0, 1000.0, 3000.0), 30.0, 16
-POOLED, GATE = 0.5, 16.0
+POOLED, GATE, DEGREE_PENALTY = 0.5, 16.0, 10.0
 TINY = 1e-300
 
 
@@ -177,6 +181,13 @@ class Problem:
                     self.judged[fold, axis] = tared_form(held_out, rows, day.period_s)
                     self.cleaned[fold, axis] = cleaned_form(held_out, rows, day.period_s)
 
+    def spans_beyond(self, day: Day) -> float:
+        """Tell how far outside the calibrated range a day goes, in ranges."""
+        temperature_c = day.temperature_c
+        below = self.lower_c - temperature_c.min(axis=0)
+        above = temperature_c.max(axis=0) - self.upper_c
+        return float(np.max(np.maximum(np.maximum(below, above), 0) / (2 * self.scale.width_c)))
+
     def normal(self, axis: int, skip: int | None, *, transient: bool) -> FloatArray:
         """Sum the products over days, of which a fold may be left out."""
         size = len(self.judged[self.numbers[0], axis])
@@ -190,14 +201,16 @@ class Problem:
                 total += summed.without_nuisances(transient=transient)
         return total
 
-    def places(self, bank: Sequence[int], degree: int) -> IntArray:
-        """Positions of a bank's columns: all powers for zero drift, the first for gain drift."""
+    def places(self, bank: Sequence[int], degree: int) -> tuple[IntArray, IntArray]:
+        """Place a bank: all powers for zero drift, the first for gain drift; and which power."""
         pool = len(GRID_S) * DEGREES * self.thermometers
         grid = np.arange(pool).reshape(len(GRID_S), DEGREES, self.thermometers)[list(bank)]
-        zero = grid[:, :degree].ravel()
+        zero = grid[:, :degree]
+        powers = np.broadcast_to(np.arange(1, degree + 1)[:, np.newaxis], zero.shape).ravel()
         if not self.loaded:
-            return zero
-        return np.concatenate((zero, pool + grid[:, 0].ravel(), [2 * pool]))
+            return zero.ravel(), powers
+        gain = np.append(pool + grid[:, 0].ravel(), 2 * pool)
+        return np.concatenate((zero.ravel(), gain)), np.append(powers, np.ones_like(gain))
 
 
 def transients(time_s: NDArray[np.floating[Any]]) -> FloatArray:
@@ -222,10 +235,13 @@ def cleaned_form(z: FloatArray, rows: BoolArray, period_s: float) -> FloatArray:
     return np.asarray((inside.T @ inside - crossed.T @ solved) / len(inside))
 
 
-def ridge(normal: FloatArray, places: IntArray, strengths: Sequence[float]) -> FloatArray:
+def ridge(
+    normal: FloatArray, places: IntArray, powers: IntArray, strengths: Sequence[float]
+) -> FloatArray:
     """Fit columns at some strengths, relative to the diagonal: gains and -1 for y, (S, P + 1)."""
     diagonal = np.diag(normal)
     size = 1 / np.sqrt(np.where(diagonal > 1e-12 * diagonal.max(), diagonal, np.inf))[places]
+    size = size * DEGREE_PENALTY ** (-(powers - 1) / 2)
     values, vectors = np.linalg.eigh(normal[np.ix_(places, places)] * np.outer(size, size))
     right = vectors.T @ (normal[places, -1] * size)
     gains = np.zeros((len(strengths), len(normal)))
@@ -317,7 +333,7 @@ def first_guess(
     """Try all combinations on the grid."""
 
     def total(bank: Sequence[int]) -> float:
-        places = problem.places(bank, candidate.degree)
+        places, _ = problem.places(bank, candidate.degree)
         mixtures = np.eye(len(normals[0]) - 1)[:, places]
         return float(sum(np.log(misfit(normal, mixtures)[2]) for normal in normals))
 
@@ -347,8 +363,8 @@ def fit_all(
             mixtures, _, _ = free_columns(problem, logs, each.degree, size - 1)
             fits = [np.append(misfit(normal, mixtures)[1], -1.0)[np.newaxis] for normal in theirs]
         else:
-            places = problem.places(each.bank, each.degree)
-            fits = [ridge(normal, places, each.strengths) for normal in theirs]
+            places, powers = problem.places(each.bank, each.degree)
+            fits = [ridge(normal, places, powers, each.strengths) for normal in theirs]
         for target, fit in zip(gains, fits, strict=True):
             target.append(fit)
     return [np.concatenate(parts) for parts in gains]
@@ -408,5 +424,5 @@ def combine(days: Sequence[Day], judged: Day) -> tuple[FloatArray, FloatArray]:
         drift[:, axis] = design(columns, judged, axis)[:, :-1] @ mixed[:-1]
         drift[:, axis] = np.where(np.isfinite(drift[:, axis]), drift[:, axis], 0.0)
         left_out = np.einsum('i,fij,j->f', weights[n], forms[1][n], weights[n])
-        claim[axis] = np.sqrt(left_out.mean())
+        claim[axis] = np.sqrt(left_out).mean() * np.hypot(1.0, problem.spans_beyond(judged))
     return drift, claim
