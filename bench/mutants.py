@@ -19,14 +19,14 @@ import sys
 
 import yaml
 
+from wrist_ft_comp import ONE_THREAD
+
 ROOMS = ('model', 'stream')
 SEED = 11
 LEAST_KILLED, MOST_LISTED = 0.9, 0.05
 TREES = Path('build/mutated')
 MUTMUT = Path('build/mutants/bin/mutmut').absolute()
-EQUIVALENT = Path(__file__).with_name('mutants_equivalent.yaml')
-#: What becomes of a mutant, by the exit code that mutmut stores; 33 is one that no test runs. A
-#: mutant that takes many times the processor time of the original is ended by a signal.
+#: By the exit code that mutmut stores; no test runs 33, and a signal ends what takes too long.
 FATES: dict[int | None, str] = {1: 'killed', 3: 'killed', 0: 'survived', 33: 'survived'}
 FATES |= dict.fromkeys((-24, 24, 36, 152, 255), 'timed out')
 
@@ -46,14 +46,12 @@ Change = tuple[str, str, str]
 
 def mutmut(room: str, *words: str) -> str:
     """Run mutmut in a room's tree, numpy in one thread; return what it prints."""
-    one_thread = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'}
-    done = subprocess.run(
+    done = subprocess.run(  # noqa: PLW1510 -- looked at below
         [MUTMUT, *words],
         cwd=TREES / room,
-        env={**os.environ, **one_thread},
+        env={**os.environ, **ONE_THREAD},
         capture_output=True,
         text=True,
-        check=False,
     )
     if done.returncode:
         sys.exit(f'{done.stdout[-5000:]}{done.stderr}')
@@ -66,9 +64,8 @@ def make_tree(room: str) -> None:
     shutil.rmtree(tree, ignore_errors=True)
     for folder in ('wrist_ft_comp', 'test'):
         shutil.copytree(folder, tree / folder, ignore=shutil.ignore_patterns('__pycache__'))
-    shutil.copy('setup.cfg', tree)
-    settings = Path('pyproject.toml').read_text() + CONFIGURATION.format(room=room)
-    (tree / 'pyproject.toml').write_text(settings)
+    with Path(shutil.copy('pyproject.toml', tree)).open('a') as settings:
+        settings.write(CONFIGURATION.format(room=room))
 
 
 def exit_codes(room: str) -> dict[str, int | None]:
@@ -82,6 +79,8 @@ def exit_codes(room: str) -> dict[str, int | None]:
 def draw(count: int) -> list[tuple[str, str]]:
     """Draw rooms and names of mutants by a hash of each, so that no change draws others."""
     for room in ROOMS:
+        make_tree(room)
+    for room in ROOMS:
         # It makes all of them, whichever it is asked to run.
         mutmut(room, 'run', f'wrist_ft_comp.{room}.*__init____mutmut_1')
     mutants = [(room, name) for room in ROOMS for name in exit_codes(room)]
@@ -90,7 +89,7 @@ def draw(count: int) -> list[tuple[str, str]]:
 
 
 def change(room: str, name: str) -> Change:
-    """Tell what a mutant does."""
+    """Tell what a mutant does, function by module, class and name."""
     lines = mutmut(room, 'show', name).partition('@@\n')[2].splitlines()
     before, after = (
         ' '.join(line[1:].strip() for line in lines if line.startswith(sign)) for sign in '-+'
@@ -101,12 +100,9 @@ def change(room: str, name: str) -> Change:
 
 def main() -> int:
     """Draw, run, and judge."""
-    parser = argparse.ArgumentParser(description='Run the tests of two rooms on their mutants.')
+    parser = argparse.ArgumentParser()
     parser.add_argument('--count', type=int, default=300, help='how many are drawn')
-    count = parser.parse_args().count
-    for room in ROOMS:
-        make_tree(room)
-    drawn = draw(count)
+    drawn = draw(count := parser.parse_args().count)
     survivors: set[Change] = set()
     for room in ROOMS:
         names = [name for where, name in drawn if where == room]
@@ -115,14 +111,12 @@ def main() -> int:
         fates = {name: FATES.get(codes[name], 'unclear') for name in names}
         print(f'{room}: {len(names)} mutants,', dict(Counter(fates.values())), flush=True)
         survivors |= {
-            change(room, name) for name, fate in fates.items() if fate in ('survived', 'unclear')
+            change(room, name) for name in names if fates[name] in ('survived', 'unclear')
         }
-    entries = yaml.safe_load(EQUIVALENT.read_text())
+    entries = yaml.safe_load(Path(__file__).with_name('mutants_equivalent.yaml').read_text())
     listed = {(each['function'], each['before'], each['after']) for each in entries}
-    for what, changes in (
-        ('Survived', survivors - listed),
-        ('Listed, but no survivor', listed - survivors),
-    ):
+    wrong = {'Survived': survivors - listed, 'Listed, but no survivor': listed - survivors}
+    for what, changes in wrong.items():
         print(f'\n{what}: {len(changes)}')
         for function, before, after in sorted(changes):
             print(f'{function}\n  - {before}\n  + {after}')

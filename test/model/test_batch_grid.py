@@ -134,12 +134,12 @@ def test_unusable_samples_are_dropped_and_counted(fault: str) -> None:
 
 def test_a_backward_stamp_is_seen_across_blocks() -> None:
     builder = GridBuilder('a.csv', max_bad_share=0.5)
-    builder.add(samples('temperature_c', (0, 20), (1, 21), (2, 22)))
-    builder.add(samples('temperature_c', (1, 1e6), (2, 1e6), (3, 23)))
+    builder.add(samples('temperature_c', (0, 20), (1, 21), (1.5, math.nan), (2, 22)))
+    builder.add(samples('temperature_c', (1, 1e6), (2, 1e6), (2.5, math.nan), (3, 23)))
     builder.add(wrenches(0))
     recording = builder.build()
     np.testing.assert_array_equal(recording.temperature_c[:, 0], [20, 21, 22, 23])
-    assert '2 have a stamp that does not increase' in recording.warnings[0]
+    assert '2 of 8 samples are not finite and 2 have a stamp that' in recording.warnings[0]
 
 
 @pytest.mark.parametrize(('bad', 'refused'), [(2, False), (3, True)])

@@ -141,12 +141,10 @@ def test_nothing_is_lost_and_nothing_piles_up_while_a_thermometer_is_silent(sile
         expected.append((stamp, [wrench] * 6 + [reference] * 6 + [celsius if heard else NAN]))
     assert max(kept) <= 600
     rows += node.averager.rows(final=True)
-    found, whole = as_read(rows), as_read(expected[:-1])
-    np.testing.assert_array_equal(found.wrench, whole.wrench)
-    np.testing.assert_array_equal(found.reference, whole.reference)
-    np.testing.assert_array_equal(found.temperature_c, whole.temperature_c)
-    np.testing.assert_array_equal(found.measured, whole.measured)
-    assert found.warnings == ()
+    seen, whole = as_read(rows), as_read(expected[:-1])
+    for part in ('wrench', 'reference', 'temperature_c', 'measured'):
+        np.testing.assert_array_equal(getattr(seen, part), getattr(whole, part))
+    assert seen.warnings == ()
 
 
 @pytest.mark.parametrize('sent', [('raw',), ('reference',), ('raw', 'reference')])

@@ -100,7 +100,7 @@ class GridBuilder:
         if not any(axis in self._cells for axis in AXES):
             raise RecordingError(
                 f'{self._name} holds no wrench. Expected at least one of {", ".join(AXES)}; '
-                f'got {", ".join(sorted(self._cells)) or "no samples at all"}.'
+                f'got {", ".join(sorted(self._cells))}.'
             )
         first = max(int(self._cells[channel][0][0]) for channel in wanted)
         last = max(int(parts[-1][-1]) for parts in self._cells.values())
