@@ -200,7 +200,8 @@ def max_deviation(table: ChamberTable) -> float:
 
 @dataclass(frozen=True)
 class ChamberFigures:
-    """How good a sensor is over temperature, % of full scale, eq. 23 and 24.
+    """
+    How good a sensor is over temperature, % of full scale, eq. 23 and 24.
 
     The largest K_s is NaN when there is only the reference temperature.
     """

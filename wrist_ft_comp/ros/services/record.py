@@ -24,7 +24,7 @@ class OwnRecording:
         self.period_ns = period_ns
         self.rows = 0
         self.averager = CellAverager(period_ns, thermometers)
-        from wrist_ft_comp.files.csv_file import CsvRecordingWriter  # noqa: PLC0415 -- rarely needed
+        from wrist_ft_comp.files.csv_file import CsvRecordingWriter  # noqa: PLC0415 -- rare
 
         self._writer = CsvRecordingWriter(path, row_channels(thermometers))
 
