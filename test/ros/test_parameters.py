@@ -42,15 +42,12 @@ def test_without_overrides_every_parameter_has_its_default(make):
     assert values(make(), TABLE) == DEFAULTS
 
 
-def test_command_line_gives_the_values(make):
-    node = make(*given(flag='true', count='4', speed='2.5', mode='fast', levels='[0.0, 0.25]'))
-    expected = {'flag': True, 'count': 4, 'speed': 2.5, 'mode': 'fast', 'levels': (0.0, 0.25)}
-    assert values(node, TABLE) == {**DEFAULTS, **expected}
-
-
 @pytest.mark.parametrize(
     ('name', 'text', 'expected'),
     [
+        ('flag', 'true', True),
+        ('count', '4', 4),
+        ('mode', 'fast', 'fast'),
         ('speed', '400', 400.0),
         ('levels', '[0, 1]', (0.0, 1.0)),
         ('levels', '0.25', (0.25,)),

@@ -7,8 +7,8 @@ SOURCE = """
 import sys
 from rclpy.node import Node
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
-from wrist_ft_comp.ros.parameters import Parameter, declare
-from wrist_ft_comp.ros.running import EXECUTOR_PARAMETER, run_nodes
+from wrist_ft_comp.ros.parameters import EXECUTOR_PARAMETER, Parameter, declare
+from wrist_ft_comp.ros.running import run_nodes
 
 class Example(Node):
     def __init__(self, **kwargs):

@@ -83,7 +83,7 @@ class CompensatorNode(Node):
         self.health = InputHealth(len(topics))
         self.live = LiveModel(store, len(topics), first, self._swap, log)
         self.state_keeper = StateKeeper(
-            compensator, self._live_sha256, store.directory / 'state.json', chosen, log
+            compensator, lambda: self.live.sha256, store.directory / 'state.json', chosen, log
         )
         self.recording = RecordService(compensator, store, self._subscribe_reference, log)
         self.tare = TareService(compensator, self._settings, self.state_keeper.save, log)
@@ -225,10 +225,6 @@ class CompensatorNode(Node):
         simulated_time = bool(self.get_parameter('use_sim_time').value)
         return {**values(self, PARAMETERS), 'use_sim_time': simulated_time}
 
-    def _live_sha256(self) -> str | None:
-        """Hash of the live model."""
-        return None if self.live.stored is None else self.live.stored.sha256
-
     def _swap(self, model: DriftModel | None) -> None:
         """Make a model live; the old one stays when this raises."""
         self.compensator.go_live(model, self._newest and self._newest[:2])
@@ -303,9 +299,9 @@ class CompensatorNode(Node):
             model=self.live.stored,
             model_problem=self.live.problem,
             state_origin=self.state_keeper.outcome,
-            save_problem=self.state_keeper.problem,
-            saves=self.state_keeper.saves,
-            save_took_s=self.state_keeper.save_took_s,
+            save_problem=self.state_keeper.writer.problem,
+            saves=self.state_keeper.writer.written,
+            save_took_s=self.state_keeper.writer.took_s,
             calibrating_s=self.calibration.running_s,
             last_calibration=self.calibration.last_outcome,
             calibration_refused=self.calibration.refused,

@@ -134,27 +134,8 @@ def stream_state(compensator: Compensator) -> StreamState:
 
 
 def diagnostics(snapshot: Snapshot) -> list[Status]:
-    """
-    Judge a snapshot.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-        Of the node.
-
-    Returns
-    -------
-    list of Status
-        Input, temperature, model, calibration, output.
-
-    """
-    return [
-        _input(snapshot),
-        _temperature(snapshot),
-        _model(snapshot),
-        _calibration(snapshot),
-        _output(snapshot),
-    ]
+    """Judge a snapshot: input, temperature, model, calibration, output."""
+    return [judge(snapshot) for judge in (_input, _temperature, _model, _calibration, _output)]
 
 
 def _input(now: Snapshot) -> Status:

@@ -142,6 +142,11 @@ class LiveModel:
         #: Kept, because it goes live next, and reading it takes tens of milliseconds.
         self._validated: StoredModel | None = None
 
+    @property
+    def sha256(self) -> str | None:
+        """Hash of the live model's file."""
+        return None if self.stored is None else self.stored.sha256
+
     def take(self, stored: StoredModel) -> str:
         """Make a calibration's result live; return why it could not be remembered, or nothing."""
         self._make_live(stored)

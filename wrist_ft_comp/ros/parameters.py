@@ -104,18 +104,7 @@ def declare(node: Node, table: Sequence[Parameter]) -> None:
     """
     Declare a table on a node, with the values that the user gave; later changes are checked.
 
-    Parameters
-    ----------
-    node : Node
-        The node that will own the parameters.
-    table : sequence of Parameter
-        All of its parameters.
-
-    Raises
-    ------
-    SettingsError
-        When a value given at start-up has the wrong type or is not allowed.
-
+    SettingsError when a value given at start-up has the wrong type or is not allowed.
     """
     for row in table:
         # rclpy refuses an integer for a double and takes an empty array for bytes. So the given

@@ -27,7 +27,6 @@ from rclpy.task import Future
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.ros.parameters import (
     declare,
-    EXECUTOR_PARAMETER,
     NODE_NAME,
     PROCESS_PARAMETERS,
     ros_parameter,
@@ -51,22 +50,10 @@ USER_ERRORS = (
 
 def run_nodes(factory: NodesFactory, argv: Sequence[str] | None = None) -> int:
     """
-    Run nodes on one executor until SIGINT, SIGTERM, or an error of this package.
+    Run the nodes of ``factory(context=…)`` on one executor until SIGINT, SIGTERM, or an error.
 
-    The first node's parameter ``executor`` chooses it, where it is declared.
-
-    Parameters
-    ----------
-    factory : callable
-        Called as ``factory(context=…)``; returns the nodes, at least one.
-    argv : sequence of str, optional
-        Command line; sys.argv by default.
-
-    Returns
-    -------
-    int
-        Exit code: 0 after a signal, 1 after an error, which was logged as one sentence.
-
+    The first node's parameter ``executor`` chooses it, where it is declared. Returned is the exit
+    code: 0 after a signal, 1 after an error of this package, which was logged as one sentence.
     """
     context = Context()
     try:
@@ -86,10 +73,6 @@ def run_nodes(factory: NodesFactory, argv: Sequence[str] | None = None) -> int:
 
 def make_executor(choice: str, context: Context) -> Executor:
     """Make the executor of a choice that EXECUTOR_PARAMETER describes, for a context's nodes."""
-    if choice not in EXECUTOR_PARAMETER.choices:
-        raise SettingsError(
-            f'executor must be one of {", ".join(EXECUTOR_PARAMETER.choices)}; got {choice!r}.'
-        )
     if choice != 'default':
         try:
             # Inside the function because older rclpy lack it.

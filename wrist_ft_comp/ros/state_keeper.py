@@ -43,7 +43,8 @@ class StateKeeper:
         self._period_s: float = settings['save_period']
         self._simulated_time: bool = settings['use_sim_time']
         self._log = log
-        self._writer = StateWriter(path)
+        #: What saves states, and knows why it cannot.
+        self.writer = StateWriter(path)
         self._due = time.monotonic() + self._period_s
         self._told = compensator.tracker.origin
         self._complained = ''
@@ -51,21 +52,6 @@ class StateKeeper:
         self._loaded: SavedState | None = None
         self._restore()
         self._saved, self._saved_end_ns = self._key(), self._end_ns()
-
-    @property
-    def problem(self) -> str:
-        """Why states cannot be saved; empty when they can."""
-        return self._writer.problem
-
-    @property
-    def saves(self) -> int:
-        """How many states were saved."""
-        return self._writer.written
-
-    @property
-    def save_took_s(self) -> float:
-        """How long the last save took, s."""
-        return self._writer.took_s
 
     def _restore(self) -> None:
         """Go on from the saved state, if it is of use."""
@@ -117,10 +103,10 @@ class StateKeeper:
     def poll(self) -> None:
         """Tell what became of the saved state, and save what changed or is due."""
         self._tell_origin()
-        if self.problem != self._complained:
-            self._complained = self.problem
-            if self.problem:
-                self._log.error(self.problem)
+        if self.writer.problem != self._complained:
+            self._complained = self.writer.problem
+            if self.writer.problem:
+                self._log.error(self.writer.problem)
         due = time.monotonic() >= self._due and self._end_ns() != self._saved_end_ns
         if due or self._key() != self._saved:
             self.save()
@@ -149,7 +135,7 @@ class StateKeeper:
         saved_ns = time.time_ns()
         if self._loaded is not None and compensator.tracker.awaiting_gap:
             saved_ns = self._loaded.saved_ns  # what is not yet in use is as old as it was
-        self._writer.put(
+        self.writer.put(
             SavedState(saved_ns, self._live_sha256(), compensator.tare, compensator.memory())
         )
 
@@ -157,7 +143,7 @@ class StateKeeper:
         """Save once more, and wait for the disk."""
         if self._end_ns() != self._saved_end_ns or self._key() != self._saved:
             self.save()
-        if not self._writer.end(_END_TIMEOUT_S):
+        if not self.writer.end(_END_TIMEOUT_S):
             self._log.error(f'{self._path} was not saved: the disk does not answer.')
-        elif self.problem:
-            self._log.error(self.problem)
+        elif self.writer.problem:
+            self._log.error(self.writer.problem)

@@ -22,11 +22,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.calibration.result import AxisFit, Calibration
 from wrist_ft_comp.files.model_file import save_model
-from wrist_ft_comp.model.arx import relaxation
-from wrist_ft_comp.model.arx_pls import ArxPls
-from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import DriftModel, StoredModel
-from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
 from wrist_ft_comp.ros.diagnostics import Status
 from wrist_ft_comp.ros.messages import wrench_message
@@ -369,47 +365,21 @@ def _make_rig(kind: Callable[..., Any], bench: Any, tmp_path: Path, **options: A
     return kind(bench, namespace, options.pop('directory', tmp_path / 'data'), **options)
 
 
-def lag_model(
-    axes: dict[str, tuple[float, float, float]],
-    *,
-    period_s: float = 1.0,
-    thermometers: int = 1,
-    range_c: tuple[float, float] = (-50.0, 150.0),
-) -> DriftModel:
-    """Build a model by hand: per axis gain of o and of s per K above 20 °C, and time constant."""
-    ones = np.ones(thermometers)
-    return DriftModel(
-        period_ns=round(period_s * SECOND),
-        thermometers=thermometers,
-        axes={
-            axis: AxisModel(
-                Features('powers', 20.0 * ones, range_c[0] * ones, range_c[1] * ones),
-                ArxPls(
-                    input_mean=np.zeros(thermometers),
-                    input_weight=ones,
-                    rotations=ones[:, np.newaxis] / thermometers,
-                    latents=(relaxation(tau, period_s),),
-                    output_loadings=np.array([[zero], [sensitivity]]),
-                    output_weight=np.ones(2),
-                    output_mean=np.zeros(2),
-                ),
-            )
-            for axis, (zero, sensitivity, tau) in axes.items()
-        },
-    )
-
-
 @pytest.fixture
-def make_model(tmp_path: Path) -> Callable[..., StoredModel]:
-    """Write a model file as lag_model, below data/models when only a name is given."""
+def make_model(
+    make_model: Callable[..., DriftModel], tmp_path: Path
+) -> Callable[..., StoredModel]:
+    """Write a model's file, below data/models when only a name is given; it may be without lag."""
 
     def make(name: str | Path, axes: Any = None, **more: Any) -> StoredModel:
-        model = lag_model(axes or {'force_z': (2.0, 0.0, 0.0)}, **more)
+        range_c = more.setdefault('range_c', (-50.0, 150.0))
+        gains = axes or {'force_z': (2.0, 0.0, 0.0)}
+        model = make_model({a: (o, s, tau or 1e-9) for a, (o, s, tau) in gains.items()}, **more)
         fits = {
             axis: AxisFit(each, 'by hand', (), 1.0, 0.1, (1.0,))
             for axis, each in model.axes.items()
         }
-        ranges = np.tile(more.get('range_c', (-50.0, 150.0)), (model.thermometers, 1))
+        ranges = np.tile(range_c, (model.thermometers, 1))
         path = tmp_path / 'data/models' / name
         return save_model(path, Calibration(model, fits, ranges, 3600.0, ()), {})
 

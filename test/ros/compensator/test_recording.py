@@ -1,6 +1,4 @@
 import math
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -111,28 +109,6 @@ def test_a_data_directory_that_is_a_file_is_a_sentence(rig, tmp_path):
     answer = node.call('calibrate')
     assert not answer.success
     assert 'There is no recording in' in answer.message
-
-
-def test_a_full_disk_ends_the_recording_and_not_the_stream(rig):
-    node = rig()
-    path = start_recording(node)
-    feed(node, 3)
-    assert node.node.recording.current.rows == 2
-    file = node.node.recording.current._writer._file
-    with Path('/dev/full').open('wb') as full:
-        os.dup2(full.fileno(), file.fileno())
-    feed(node, 4, first=3)
-    assert node.node.recording.current is None
-    assert file.closed
-    status = node.diagnosis('calibration')
-    assert status.message.startswith(f'{path} cannot be written: No space left on device.')
-    assert 'ended after 2 thermal cells' in status.message
-    answer = node.call('record', False)
-    assert not answer.success
-    assert answer.message == status.message
-    assert len(read_recording(path)) == 2
-    assert node.call('record', True).success
-    assert node.call('record', False).success
 
 
 def test_a_model_of_another_period_ends_the_recording(rig, make_model):

@@ -5,6 +5,8 @@ A stand-in for the command ``ros2`` where only rclpy is installed: just what the
 talk over DDS.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 import importlib
 import os
 import sys
@@ -23,28 +25,33 @@ TIMEOUT_S = 60.0
 POLL_S = 0.1
 
 
-def call(service_type: Any, name: str, request: Any) -> Any:
-    """Call a service."""
+@contextmanager
+def own_node() -> Iterator[Any]:
+    """Make a node for one command."""
     rclpy.init(args=[])
     node = rclpy.create_node('ros2_stand_in')
     try:
+        yield node
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+def call(service_type: Any, name: str, request: Any) -> Any:
+    """Call a service."""
+    with own_node() as node:
         client = node.create_client(service_type, name)
         if not client.wait_for_service(TIMEOUT_S):
             sys.exit(f'no service {name}')
         future = client.call_async(request)
         rclpy.spin_until_future_complete(node, future, timeout_sec=TIMEOUT_S)
         return future.result()
-    finally:
-        node.destroy_node()
-        rclpy.shutdown()
 
 
 def echo(topic: str) -> Any:
     """Wait for one message of a topic."""
-    rclpy.init(args=[])
-    node = rclpy.create_node('ros2_stand_in')
     received: list[Any] = []
-    try:
+    with own_node() as node:
         for _ in range(round(TIMEOUT_S / POLL_S)):
             rclpy.spin_once(node, timeout_sec=POLL_S)
             kinds = dict(node.get_topic_names_and_types()).get(topic)
@@ -55,9 +62,6 @@ def echo(topic: str) -> Any:
             if received:
                 return received[0]
         sys.exit(f'no message on {topic}')
-    finally:
-        node.destroy_node()
-        rclpy.shutdown()
 
 
 def main(words: list[str]) -> int:

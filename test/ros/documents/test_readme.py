@@ -1,15 +1,57 @@
-"""The commands of the README, run as they are written, in their order."""
+"""The commands of the README, run as they are written, in their order, on bags of a robot."""
 
 from pathlib import Path
 import re
-import sys
+
+import numpy as np
+
+from wrist_ft_comp.simulation import ft_sensor
+from wrist_ft_comp.simulation import run as simulated_run
 
 ROOT = Path(__file__).parents[3]
 TITLES = ('max \\|K_s\\|, %FS/°C (eq. 23)', 'zero spread, %FS')
+#: As a Bota driver and a robot name them.
+SENSOR = '/bus0/ft_sensor0/ft_sensor_readings'
+THERMOMETERS = (f'{SENSOR}/temperature', '/joint_6/temperature')
+SECONDS = 7200
+#: When the duty cycle of the motor changes, and to what.
+DAYS = {
+    'warm_up': {0: 0.0, 600: 0.9, 4200: 0.0, 5700: 0.5},
+    'another_day': {0: 0.2, 1200: 0.8, 3000: 0.1, 5400: 0.6},
+}
 
 
-def test_the_readme_s_commands_run_and_give_its_figures(terminal, play):
-    terminal.run([sys.executable, str(Path(__file__).with_name('bags.py')), '.'])
+def simulate(number, duty):
+    """Wrench and temperatures of a day, once a second."""
+    rng = np.random.default_rng([1, number])
+    sensor = ft_sensor.build_sensor(ft_sensor.FtSensorSettings(), 1)
+    settings = simulated_run.RunSettings(
+        duty_start_s=tuple(map(float, duty)),
+        duty_level=tuple(duty.values()),
+        force_n=0.0,
+        torque_nm=0.0,
+    )
+    run = simulated_run.draw_run(settings, rng)
+    elapsed_s = np.arange(SECONDS) + 0.5
+    drive = simulated_run.drive(run, elapsed_s)
+    start = ft_sensor.start(sensor, float(drive[0, 1]))
+    true = simulated_run.true_wrench(run, elapsed_s)
+    result = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
+    return result.wrench, result.temperature_c
+
+
+def day(messages, number, duty):
+    """Messages of a day: topic, type, time and bytes."""
+    for second, (wrench, celsius) in enumerate(zip(*simulate(number, duty), strict=True)):
+        at_ns = (number * 86_400 + second) * 10**9
+        yield f'{SENSOR}/wrench', messages.wrench_type, at_ns, messages.wrench(at_ns, wrench)
+        for topic, value in zip(THERMOMETERS, celsius, strict=True):
+            yield topic, messages.temperature_type, at_ns, messages.temperature(at_ns, value)
+
+
+def test_the_readme_s_commands_run_and_give_its_figures(terminal, play, messages):
+    for number, (name, duty) in enumerate(DAYS.items(), start=1):
+        messages.write(terminal.folder / name, day(messages, number, duty), 'mcap')
     assert play('README.md', lambda each: each.temperature > 28.0) >= 10.0
     readme = (ROOT / 'README.md').read_text('utf-8')
     for title in TITLES:
