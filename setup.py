@@ -42,7 +42,7 @@ setup(
         'completion': ['shtab>=1.5,<2'],
         'test': [
             'pytest>=7.4,<10',
-            'pytest-xdist>=3.4,<4',
+            'pytest-xdist>=3.8,<4',  # newer than Ubuntu's: knows --no-loadscope-reorder
             'hypothesis>=6,<7',
             'scikit-learn>=1.4,<2',
             'shtab>=1.5,<2',
