@@ -89,6 +89,7 @@ def process(words: list[str], path: Path) -> Iterator[int]:
     """Run Python with the package of a folder; gives the process id."""
     running = subprocess.Popen(
         [sys.executable, *words],
+        cwd=path,  # which Python looks into first
         env={**os.environ, 'PYTHONPATH': str(path)},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
