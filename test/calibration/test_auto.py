@@ -1,7 +1,5 @@
 """What the competition fitted is what runs, and a drift that is too slow is refused."""
 
-from collections.abc import Callable, Mapping
-
 import numpy as np
 import pytest
 
@@ -10,20 +8,15 @@ from wrist_ft_comp.calibration.calibrate import identify_axis
 from wrist_ft_comp.calibration.candidates import build_candidate_data, structures
 from wrist_ft_comp.calibration.cross_validation import cross_validate
 from wrist_ft_comp.calibration.features import build_features
-from wrist_ft_comp.calibration.result import AxisFit, OUTPUTS
+from wrist_ft_comp.calibration.result import OUTPUTS
 from wrist_ft_comp.calibration.selection import anchor
 from wrist_ft_comp.calibration.settings import IdentificationSettings
-from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
+from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.identification.output_error import fit_columns
 from wrist_ft_comp.model import drift_model
-from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import DriftModel
-from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import AXES, Recording
+from wrist_ft_comp.model.signals import AXES
 
-Array = np.ndarray
-Lagged = Callable[..., Array]
-MakeProblem = Callable[..., AxisData]
 Z = AXES.index('force_z')
 CELLS = 300
 CASES = [(loaded, thermometers) for loaded in (False, True) for thermometers in (1, 2)]
@@ -31,19 +24,10 @@ KNOTS_C = (20.0, 27.0, 35.0, 45.0)
 
 
 @pytest.fixture(scope='module')
-def make_problem(
-    make_recording: Callable[..., Recording], warm_up: Callable[..., Array], lagged: Lagged
-) -> MakeProblem:
+def make_problem(make_recording, warm_up, lagged):
     """Drift of N/K behind each time constant, with a square, noise and a few gaps."""
 
-    def make(
-        truth: Mapping[float, float],
-        *,
-        loaded: bool = False,
-        thermometers: int = 1,
-        noise: float = 0.05,
-        cells: int = CELLS,
-    ) -> AxisData:
+    def make(truth, *, loaded=False, thermometers=1, noise=0.05, cells=CELLS):
         recordings = []
         for i in range(2):
             rng = np.random.default_rng([i, 5])
@@ -63,7 +47,7 @@ def make_problem(
     return make
 
 
-def running(problem: AxisData, axis: AxisModel) -> list[Array]:
+def running(problem, axis):
     """Zero and sensitivity drift of force z as the node makes them, shapes (N_i, M)."""
     thermometers = problem.temperature_c[0].shape[1]
     model = DriftModel(round(problem.period_s * 1e9), thermometers, {'force_z': axis})
@@ -78,12 +62,12 @@ def running(problem: AxisData, axis: AxisModel) -> list[Array]:
     return found
 
 
-def features_behind(features: Features, temperature_c: Array, tau: float, lagged: Lagged) -> Array:
+def features_behind(features, temperature_c, tau, lagged):
     relaxed = [lagged(column, tau) if tau else column for column in temperature_c.T]
     return features.expand(np.stack(relaxed, axis=1))
 
 
-def of_terms(problem: AxisData, features: Features, fit: AxisFit, lagged: Lagged) -> list[Array]:
+def of_terms(problem, features, fit, lagged):
     """The fit's columns times its gains, term by term."""
     found = []
     for temperature_c in problem.temperature_c:
@@ -96,7 +80,7 @@ def of_terms(problem: AxisData, features: Features, fit: AxisFit, lagged: Lagged
     return found
 
 
-def assert_same_up_to_a_constant(found: list[Array], expected: list[Array]) -> None:
+def assert_same_up_to_a_constant(found, expected):
     ours, theirs = np.concatenate(found), np.concatenate(expected)
     assert ours.shape == theirs.shape
     assert (np.ptp(theirs, axis=0) > 0).all()
@@ -107,9 +91,7 @@ def assert_same_up_to_a_constant(found: list[Array], expected: list[Array]) -> N
 class TestWhatWasFittedIsWhatRuns:
     @pytest.mark.parametrize(('loaded', 'thermometers'), CASES)
     @pytest.mark.parametrize('kind', ['powers', 'hats'])
-    def test_of_every_candidate(
-        self, make_problem: MakeProblem, lagged: Lagged, loaded: bool, thermometers: int, kind: str
-    ) -> None:
+    def test_of_every_candidate(self, make_problem, lagged, loaded, thermometers, kind):
         """Static, free time constants and banks; by the coefficients that were fitted."""
         problem = make_problem({250.0: 0.5}, loaded=loaded, thermometers=thermometers)
         knots = KNOTS_C if kind == 'hats' else ()
@@ -127,7 +109,7 @@ class TestWhatWasFittedIsWhatRuns:
             of = data.features_of(structure)
             if not structure.bank_s:
                 assert len(fitted.time_constants_s) == structure.free_time_constants
-                expected = of_terms(problem, of, fitted, lagged)  # type: ignore[arg-type]
+                expected = of_terms(problem, of, fitted, lagged)
             else:
                 _, coefficients = fit_columns(
                     moments, structure, np.ones(2, dtype=bool), data.inputs(structure)
@@ -158,17 +140,10 @@ class TestWhatWasFittedIsWhatRuns:
         ids=str,
     )
     def test_of_the_winner(  # noqa: PLR0913, PLR0917
-        self,
-        make_problem: MakeProblem,
-        lagged: Lagged,
-        method: str,
-        truth: dict[float, float],
-        chosen: str,
-        loaded: bool,
-        thermometers: int,
-    ) -> None:
+        self, make_problem, lagged, method, truth, chosen, loaded, thermometers
+    ):
         problem = make_problem(truth, loaded=loaded, thermometers=thermometers)
-        fit = identify_axis(problem, IdentificationSettings(method))  # type: ignore[arg-type]
+        fit = identify_axis(problem, IdentificationSettings(method))
         assert fit.chosen == f'{chosen}, degree 2'
         assert fit.model is not None
         assert not fit.doubts
@@ -187,10 +162,10 @@ class TestWhatWasFittedIsWhatRuns:
 class TestTooSlow:
     @pytest.mark.parametrize('method', ['arx_pls_oe', 'auto'])
     def test_a_drift_that_goes_on_for_longer_than_the_recordings_is_refused_with_numbers(
-        self, make_problem: MakeProblem, method: str
-    ) -> None:
+        self, make_problem, method
+    ):
         problem = make_problem({1e5: 20.0}, noise=0.01)
-        fit = identify_axis(problem, IdentificationSettings(method))  # type: ignore[arg-type]
+        fit = identify_axis(problem, IdentificationSettings(method))
         assert fit.model is None
         assert fit.chosen == 'none'
         assert fit.refusal.startswith('force_z drifts too slowly for these recordings: 1 time')
@@ -199,9 +174,7 @@ class TestTooSlow:
         assert fit.reason == f'{fit.refusal}.'
         assert fit.rms_after == fit.rms_before
 
-    def test_a_simpler_one_stands_in_where_it_does_nearly_as_well(
-        self, make_problem: MakeProblem
-    ) -> None:
+    def test_a_simpler_one_stands_in_where_it_does_nearly_as_well(self, make_problem):
         """One lag explains nearly all; what is left goes on for longer than the recordings."""
         problem = make_problem({300.0: 0.5, 1e5: 2.0}, noise=0.02)
         fit = identify_axis(problem, IdentificationSettings('arx_pls_oe'))

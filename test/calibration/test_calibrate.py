@@ -1,6 +1,5 @@
 """Calibration as a whole: what it refuses, what it warns of, what it hands back."""
 
-from collections.abc import Callable
 from dataclasses import replace
 import re
 
@@ -11,16 +10,13 @@ from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.calibration.data_checks import MIN_SAMPLES
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError, SettingsError
-from wrist_ft_comp.model.signals import Recording
 
-Array = np.ndarray
-MakeRecording = Callable[..., Recording]
 STATIC = CalibrationSettings(identification=IdentificationSettings(method='pls'))
 CELLS = 240
 
 
 @pytest.fixture(scope='module')
-def good(make_recording: MakeRecording, warm_up: Callable[..., Array]) -> list[Recording]:
+def good(make_recording, warm_up):
     """Two runs of two axes: force x drifts, torque z does not."""
     runs = []
     for i in range(2):
@@ -32,15 +28,15 @@ def good(make_recording: MakeRecording, warm_up: Callable[..., Array]) -> list[R
     return runs
 
 
-def with_raw(recording: Recording, raw: Array) -> Recording:
+def with_raw(recording, raw):
     wrench = recording.wrench.copy()
     wrench[:, 0] = raw
     return replace(recording, wrench=wrench)
 
 
 class TestResult:
-    def test_it_holds_the_model_and_its_evidence(self, good: list[Recording]) -> None:
-        shares: list[float] = []
+    def test_it_holds_the_model_and_its_evidence(self, good):
+        shares = []
         calibration = calibrate(good, CalibrationSettings(), shares.append)
         assert shares == [0.5, 1.0]
         assert set(calibration.fits) == {'force_x', 'torque_z'}
@@ -60,9 +56,7 @@ class TestResult:
         spread = np.mean([np.var(run.wrench[:, 0].reshape(-1, 3).mean(axis=1)) for run in good])
         assert fit.rms_before == pytest.approx(np.sqrt(spread), rel=1e-6)
 
-    def test_an_axis_is_called_by_its_own_name_whatever_is_beside_it(
-        self, good: list[Recording]
-    ) -> None:
+    def test_an_axis_is_called_by_its_own_name_whatever_is_beside_it(self, good):
         both = calibrate(good, STATIC).fits['force_x'].rms_after
         alone = []
         for run in good:
@@ -73,25 +67,25 @@ class TestResult:
         assert set(found.fits) == {'torque_y'}
         assert found.fits['torque_y'].rms_after == pytest.approx(both, rel=1e-12)
 
-    def test_recordings_are_not_modified(self, good: list[Recording]) -> None:
+    def test_recordings_are_not_modified(self, good):
         kept = [(run.temperature_c.copy(), run.wrench.copy()) for run in good]
         calibrate(good, CalibrationSettings())
         for run, (temperature_c, wrench) in zip(good, kept, strict=True):
             np.testing.assert_array_equal(run.temperature_c, temperature_c)
             np.testing.assert_array_equal(run.wrench, wrench)
 
-    def test_offsets_and_signs_of_recordings_do_not_matter(self, good: list[Recording]) -> None:
+    def test_offsets_and_signs_of_recordings_do_not_matter(self, good):
         expected = calibrate(good, STATIC).fits['force_x'].rms_after
         moved = [with_raw(run, 1e3 * i - run.wrench[:, 0]) for i, run in enumerate(good)]
         assert calibrate(moved, STATIC).fits['force_x'].rms_after == pytest.approx(expected)
 
 
 class TestRefusals:
-    def test_nothing_to_learn_from(self) -> None:
+    def test_nothing_to_learn_from(self):
         with pytest.raises(CalibrationRefusedError, match='at least one recording; got none'):
             calibrate([], STATIC)
 
-    def test_too_small_a_temperature_span(self, good: list[Recording]) -> None:
+    def test_too_small_a_temperature_span(self, good):
         calm = [replace(run, temperature_c=25 + 0.05 * (run.temperature_c - 30)) for run in good]
         span = np.ptp(np.concatenate([run.temperature_c for run in calm]))
         sentence = rf'run0.csv, run1.csv spans {span:.1f} K; at least 3.0 K are needed. Record'
@@ -100,7 +94,7 @@ class TestRefusals:
         calibrate(calm, replace(STATIC, min_temperature_span_k=0.5))
 
     @pytest.mark.parametrize('samples', [0, MIN_SAMPLES - 1])
-    def test_too_few_samples(self, good: list[Recording], samples: int) -> None:
+    def test_too_few_samples(self, good, samples):
         runs = []
         for run in good:
             wrench = run.wrench.copy()
@@ -115,12 +109,12 @@ class TestRefusals:
         with pytest.raises(CalibrationRefusedError, match=sentence):
             calibrate(runs, STATIC)
 
-    def test_no_wrench_beside_any_temperature(self, good: list[Recording]) -> None:
+    def test_no_wrench_beside_any_temperature(self, good):
         empty = [replace(run, wrench=np.full_like(run.wrench, np.nan)) for run in good]
         with pytest.raises(CalibrationRefusedError, match='holds no wrench'):
             calibrate(empty, STATIC)
 
-    def test_a_missing_reference(self, good: list[Recording]) -> None:
+    def test_a_missing_reference(self, good):
         with pytest.raises(
             CalibrationRefusedError, match=r'run0.csv holds no reference wrench, but .* recorded'
         ):
@@ -128,9 +122,7 @@ class TestRefusals:
 
     @pytest.mark.parametrize('reference', ['unloaded', 'constant'])
     @pytest.mark.parametrize('noise', [0.0, 0.05])
-    def test_a_load_that_varies_although_it_was_declared_not_to(
-        self, good: list[Recording], reference: str, noise: float
-    ) -> None:
+    def test_a_load_that_varies_although_it_was_declared_not_to(self, good, reference, noise):
         raw = 0.5 * good[1].temperature_c[:, 0]
         raw += noise * np.random.default_rng(0).standard_normal(CELLS)
         raw[100:140] += 20.0
@@ -139,27 +131,25 @@ class TestRefusals:
         with pytest.raises(CalibrationRefusedError, match=sentence):
             calibrate(runs, replace(STATIC, reference=reference))
 
-    def test_a_payload_that_was_hung_on_a_still_axis(self, good: list[Recording]) -> None:
+    def test_a_payload_that_was_hung_on_a_still_axis(self, good):
         raw = np.zeros(CELLS)
         raw[100:] = 10.0
         with pytest.raises(CalibrationRefusedError, match='jumps by 10 N after 1000 s'):
             calibrate([good[0], with_raw(good[1], raw)], STATIC)
 
     @pytest.mark.parametrize('resolution', [0.1, 1.0])
-    def test_a_coarse_resolution_is_no_load(
-        self, good: list[Recording], resolution: float
-    ) -> None:
+    def test_a_coarse_resolution_is_no_load(self, good, resolution):
         runs = [
             with_raw(run, resolution * np.round(run.wrench[:, 0] / resolution)) for run in good
         ]
         fit = calibrate(runs, STATIC).fits['force_x']
         assert fit.rms_after < fit.rms_before
 
-    def test_rounding_on_a_still_axis_is_no_load(self, good: list[Recording]) -> None:
+    def test_rounding_on_a_still_axis_is_no_load(self, good):
         still = 0.1 + 1e-17 * np.arange(CELLS) + np.spacing(0.1) * (np.arange(CELLS) % 40 == 7)
         calibrate([with_raw(run, still) for run in good], STATIC)
 
-    def test_different_thermometers(self, good: list[Recording]) -> None:
+    def test_different_thermometers(self, good):
         two = replace(
             good[1],
             temperature_c=np.tile(good[1].temperature_c, 2),
@@ -169,7 +159,7 @@ class TestRefusals:
         with pytest.raises(CalibrationRefusedError, match=sentence):
             calibrate([good[0], two], STATIC)
 
-    def test_different_periods(self, good: list[Recording]) -> None:
+    def test_different_periods(self, good):
         other = replace(good[1], period_ns=2 * good[1].period_ns)
         sentence = 'run0.csv is on thermal cells of 10.0 s and run1.csv on 20.0 s'
         with pytest.raises(CalibrationRefusedError, match=sentence):
@@ -177,29 +167,29 @@ class TestRefusals:
 
 
 class TestSettings:
-    def test_an_unknown_reference(self) -> None:
+    def test_an_unknown_reference(self):
         with pytest.raises(
             SettingsError, match=r"Unknown reference 'none'; .* unloaded, constant"
         ):
-            CalibrationSettings(reference='none')  # type: ignore[arg-type]
+            CalibrationSettings(reference='none')
 
     @pytest.mark.parametrize('span', [-0.1, np.nan, np.inf])
-    def test_a_span_that_is_no_span(self, span: float) -> None:
+    def test_a_span_that_is_no_span(self, span):
         with pytest.raises(SettingsError, match='at least 0 K; got'):
             CalibrationSettings(min_temperature_span_k=span)
 
     @pytest.mark.parametrize('gap', [-0.1, np.nan, np.inf])
-    def test_a_gap_that_is_no_gap(self, gap: float) -> None:
+    def test_a_gap_that_is_no_gap(self, gap):
         with pytest.raises(SettingsError, match='max_gap_s must be a number of at least 0; got'):
             CalibrationSettings(max_gap_s=gap)
 
 
 class TestWarnings:
-    def test_what_was_dropped_while_reading_is_passed_on(self, good: list[Recording]) -> None:
+    def test_what_was_dropped_while_reading_is_passed_on(self, good):
         runs = [good[0], replace(good[1], warnings=('3 samples were dropped.',))]
         assert calibrate(runs, STATIC).warnings == ('3 samples were dropped.',)
 
-    def test_a_silent_thermometer_is_named(self, good: list[Recording]) -> None:
+    def test_a_silent_thermometer_is_named(self, good):
         measured = good[1].measured.copy()
         measured[50:111] = False
         runs = [good[0], replace(good[1], measured=measured)]
@@ -209,9 +199,7 @@ class TestWarnings:
         measured[50] = True
         assert calibrate([good[0], replace(good[1], measured=measured)], STATIC).warnings == ()
 
-    def test_a_time_constant_that_the_recordings_hardly_show_is_named(
-        self, good: list[Recording], lagged: Callable[..., Array]
-    ) -> None:
+    def test_a_time_constant_that_the_recordings_hardly_show_is_named(self, good, lagged):
         runs = [with_raw(run, 2 * lagged(run.temperature_c[:, 0], 1500)) for run in good]
         settings = IdentificationSettings(method='arx_pls_oe')
         warnings = calibrate(runs, CalibrationSettings(identification=settings)).warnings
@@ -224,10 +212,10 @@ class TestWarnings:
 
     @pytest.mark.parametrize('method', ['auto', 'arx_pls_oe'])
     def test_a_time_constant_that_the_recordings_do_not_show_is_refused(
-        self, good: list[Recording], lagged: Callable[..., Array], method: str
-    ) -> None:
+        self, good, lagged, method
+    ):
         runs = [with_raw(run, 2 * lagged(run.temperature_c[:, 0], 1e5)) for run in good]
-        settings = IdentificationSettings(method=method)  # type: ignore[arg-type]
+        settings = IdentificationSettings(method=method)
         with pytest.raises(
             CalibrationRefusedError,
             match=r'force_x drifts too slowly .* at least 2400 s, .* Record at least 1.3 h',

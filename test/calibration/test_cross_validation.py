@@ -1,6 +1,5 @@
 """How candidates are scored, against refitting by hand, and that what is drawn is what is said."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
 
@@ -20,9 +19,9 @@ from wrist_ft_comp.calibration.settings import (
     IdentificationSettings,
     METHODS,
 )
-from wrist_ft_comp.identification.axis_data import AxisData, build_axis_data, JUDGED_PARTS
+from wrist_ft_comp.identification.axis_data import build_axis_data, JUDGED_PARTS
 from wrist_ft_comp.identification.bins import bin_axis_data
-from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
+from wrist_ft_comp.identification.moments import accumulate, bank_inputs
 from wrist_ft_comp.identification.output_error import Structure
 from wrist_ft_comp.identification.pls import fit_pls
 from wrist_ft_comp.identification.regression import MAX_LATENTS, RIDGE_STRENGTHS, TINY_RIDGE
@@ -30,13 +29,7 @@ from wrist_ft_comp.model.arx import relaxation
 from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import Recording
 
-Array = np.ndarray
-Bank = Callable[..., list[Array]]
-Stack = Callable[..., tuple[Array, Array, Array]]
-Centre = Callable[[Array, Array], Array]
-Solve = Callable[[Array, Array, float], Array]
 CELLS = 720
 FEATURES = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), degree=2)
 GRID = np.array([0.0, 50.0, 150.0, 400.0, 1200.0])
@@ -54,19 +47,19 @@ STRUCTURES = [
 ]
 
 
-def moments_of(problem: AxisData, parts: int = 1) -> Moments:
+def moments_of(problem, parts=1):
     cells = bin_axis_data(problem, 1)
     return accumulate(cells, bank_inputs(cells, FEATURES, GRID), GRID, parts)
 
 
-def choices(structure: Structure) -> list[tuple[float, ...]]:
+def choices(structure):
     """List the time constants that are tried."""
     if structure.free_time_constants:
         return list(combinations(GRID[1:], structure.free_time_constants))
     return [structure.bank_s or (0.0,)]
 
 
-def regress(structure: Structure, x: Array, y: Array, solve: Solve) -> list[Array]:
+def regress(structure, x, y, solve):
     """Regress by hand, with every strength."""
     if structure.regression == 'ridge':
         return [solve(x, y, strength) for strength in RIDGE_STRENGTHS]
@@ -83,13 +76,8 @@ def regress(structure: Structure, x: Array, y: Array, solve: Solve) -> list[Arra
 
 @pytest.mark.parametrize('structure', STRUCTURES, ids=lambda structure: structure.name)
 def test_held_out_errors_are_those_of_refitting_without_each_block(  # noqa: PLR0913, PLR0917
-    noisy_problem: AxisData,
-    textbook_bank: Bank,
-    stack_samples: Stack,
-    centre: Centre,
-    augmented_ridge: Solve,
-    structure: Structure,
-) -> None:
+    noisy_problem, textbook_bank, stack_samples, centre, augmented_ridge, structure
+):
     moments, judged = moments_of(noisy_problem), moments_of(noisy_problem, PARTS)
     scores = [_score_fold(moments, judged, structure, structure.degree, fold) for fold in range(3)]
     found = np.concatenate(scores, axis=1)
@@ -110,9 +98,7 @@ def test_held_out_errors_are_those_of_refitting_without_each_block(  # noqa: PLR
     np.testing.assert_allclose(found, np.concatenate(expected, axis=1), rtol=1e-5)
 
 
-def test_without_compensation_a_recording_is_left_around_its_mean(
-    noisy_problem: AxisData,
-) -> None:
+def test_without_compensation_a_recording_is_left_around_its_mean(noisy_problem):
     found = uncompensated_errors(moments_of(noisy_problem, PARTS))
     expected = []
     for values in noisy_problem.residual:
@@ -121,10 +107,7 @@ def test_without_compensation_a_recording_is_left_around_its_mean(
     np.testing.assert_allclose(found, expected, rtol=1e-8)
 
 
-def test_what_a_model_leaves_is_the_measurement_minus_its_free_run(
-    make_recording: Callable[..., Recording],
-    lagged: Callable[..., Array],
-) -> None:
+def test_what_a_model_leaves_is_the_measurement_minus_its_free_run(make_recording, lagged):
     dynamics = ArxPls(
         np.zeros(1), np.ones(1), np.ones((1, 1)), (relaxation(300.0, 10.0),),
         np.array([[0.5], [2e-3]]), np.ones(2), np.array([0.0, 0.01]),
@@ -151,9 +134,7 @@ def test_what_a_model_leaves_is_the_measurement_minus_its_free_run(
 
 
 @pytest.mark.parametrize('tared', [True, False])
-def test_a_fold_is_scored_in_parts_around_a_constant_per_recording(
-    make_recording: Callable[..., Recording], tared: bool
-) -> None:
+def test_a_fold_is_scored_in_parts_around_a_constant_per_recording(make_recording, tared):
     """Of means over 30 s; plateaus, which are not tared, around the mean of all else."""
     recordings = [make_recording(TEMPERATURE_C, {'force_x': 0.0}) for _ in range(2)]
     rng = np.random.default_rng(5)
@@ -164,7 +145,7 @@ def test_a_fold_is_scored_in_parts_around_a_constant_per_recording(
     for fold in range(3):
         expected = []
         for numbers, values in zip(folds, left, strict=True):
-            bins: dict[int, list[float]] = {}
+            bins = {}
             others = []
             for cell, (n, v) in enumerate(zip(numbers, values, strict=True)):
                 if n == fold and np.isfinite(v):
@@ -178,9 +159,7 @@ def test_a_fold_is_scored_in_parts_around_a_constant_per_recording(
         assert fold_errors(data, left, fold) == pytest.approx(expected)
 
 
-def test_fewer_bins_than_parts_are_scored_one_by_one(
-    make_recording: Callable[..., Recording],
-) -> None:
+def test_fewer_bins_than_parts_are_scored_one_by_one(make_recording):
     recording = make_recording(TEMPERATURE_C, {'force_x': 0.0})
     data = build_axis_data([recording], 'force_x', 'unloaded', [np.zeros(CELLS, dtype=np.int64)])
     left = np.full(CELLS, np.nan)

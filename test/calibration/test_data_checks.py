@@ -1,6 +1,5 @@
 """Channels that do not measure: dead, stuck, or thermometers that say nothing of their own."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,18 +11,15 @@ from wrist_ft_comp.calibration.data_checks import (
     silent_stretches,
 )
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.model.signals import Recording
 
-Array = np.ndarray
-Record = Callable[..., Recording]
 CELLS = 1000
 
 
 @pytest.fixture
-def record(make_recording: Callable[..., Recording], warm_up: Callable[..., Array]) -> Record:
+def record(make_recording, warm_up):
     """Record a lively force x, some of whose cells are set to a value, beside other axes."""
 
-    def make(cells: slice = slice(0), value: float = 0.0, **axes: object) -> Recording:
+    def make(cells=slice(0), value=0.0, **axes):
         lively = np.random.default_rng(0).standard_normal(CELLS)
         lively[cells] = value
         return make_recording(warm_up(CELLS, 0), {'force_x': lively, **axes}, name='a.csv')
@@ -32,7 +28,7 @@ def record(make_recording: Callable[..., Recording], warm_up: Callable[..., Arra
 
 
 @pytest.mark.parametrize(('value', 'verb'), [(9.0, 'saturates'), (0.5, 'freezes')])
-def test_a_stuck_stretch_is_left_out_and_named(record: Record, value: float, verb: str) -> None:
+def test_a_stuck_stretch_is_left_out_and_named(record, value, verb):
     recording = record(slice(200, 240), value)
     (sound,), sentences = drop_stuck_cells([recording], ['force_x'])
     assert sentences == [
@@ -47,18 +43,18 @@ def test_a_stuck_stretch_is_left_out_and_named(record: Record, value: float, ver
     assert np.isfinite(recording.wrench[:, 0]).all()
 
 
-def test_a_short_stretch_and_a_coarse_channel_are_not_stuck(record: Record) -> None:
+def test_a_short_stretch_and_a_coarse_channel_are_not_stuck(record):
     coarse = np.round(np.linspace(0, 5, CELLS))
     recording = record(slice(200, 229), 9.0, force_y=coarse)
     assert drop_stuck_cells([recording], ['force_x', 'force_y']) == ([recording], [])
 
 
-def test_too_long_a_stretch_is_refused(record: Record) -> None:
+def test_too_long_a_stretch_is_refused(record):
     with pytest.raises(CalibrationRefusedError, match=r'510 s \(5.1 %\).* up to 5 % can be left'):
         drop_stuck_cells([record(slice(200, 251), 9.0)], ['force_x'])
 
 
-def test_a_dead_axis_is_named_and_nothing_but_dead_axes_are_refused(record: Record) -> None:
+def test_a_dead_axis_is_named_and_nothing_but_dead_axes_are_refused(record):
     recording = record(force_y=2.5)
     _, sentences = drop_stuck_cells([recording], ['force_x', 'force_y'])
     assert sentences == [
@@ -71,7 +67,7 @@ def test_a_dead_axis_is_named_and_nothing_but_dead_axes_are_refused(record: Reco
         drop_stuck_cells([recording], ['force_y'])
 
 
-def test_a_thermometer_is_idle_when_it_stands_still_or_repeats_another(record: Record) -> None:
+def test_a_thermometer_is_idle_when_it_stands_still_or_repeats_another(record):
     first = record().temperature_c[:, 0]
     wander = np.cumsum(np.random.default_rng(1).standard_normal(CELLS))
     columns = (first, np.full(CELLS, 21.0), 2 * first + 5, wander)
@@ -82,9 +78,7 @@ def test_a_thermometer_is_idle_when_it_stands_still_or_repeats_another(record: R
     assert same.startswith('Thermometers 1 and 3 say the same')
 
 
-def test_a_wrench_that_is_missing_for_long_is_named_unless_between_plateaus(
-    record: Record,
-) -> None:
+def test_a_wrench_that_is_missing_for_long_is_named_unless_between_plateaus(record):
     recording = record(slice(200, 290), np.nan)
     (sentence,) = silent_stretches([recording], 600.0)
     assert sentence.startswith('The raw wrench of a.csv is missing for 900 s')

@@ -1,6 +1,5 @@
 """The competition: known truths are found, noise is left alone, every method runs."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,6 @@ import pytest
 from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.calibration.candidates import time_constant_grid
 from wrist_ft_comp.calibration.features import build_features
-from wrist_ft_comp.calibration.result import Calibration
 from wrist_ft_comp.calibration.settings import (
     CalibrationSettings,
     IdentificationSettings,
@@ -19,31 +17,26 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.arx import Orders
-from wrist_ft_comp.model.signals import AXES, Recording
+from wrist_ft_comp.model.signals import AXES
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
 
-Array = np.ndarray
 Z = AXES.index('force_z')
 CELLS = 480
 
 
-def evaluate(*compared: object) -> object:
-    return judge_errors([tared_errors(*compared)])  # type: ignore[arg-type]
+def evaluate(*compared):
+    return judge_errors([tared_errors(*compared)])
 
 
-def settings(method: str, reference: str = 'unloaded', **more: object) -> CalibrationSettings:
+def settings(method, reference='unloaded', **more):
     return CalibrationSettings(
-        reference=reference,  # type: ignore[arg-type]
-        identification=IdentificationSettings(method=method, **more),  # type: ignore[arg-type]
+        reference=reference,
+        identification=IdentificationSettings(method=method, **more),
     )
 
 
 @pytest.fixture(scope='module')
-def simulate(
-    make_recording: Callable[..., Recording],
-    warm_up: Callable[..., Array],
-    lagged: Callable[..., Array],
-) -> Callable[..., Recording]:
+def simulate(make_recording, warm_up, lagged):
     """
     Record a sensor with known gains at known time constants; o in N/K, s in 1/K.
 
@@ -51,16 +44,16 @@ def simulate(
     """
 
     def make(  # noqa: PLR0913 -- a factory names what it can vary
-        seed: int,
-        zero: dict[float, float],
-        sensitivity: dict[float, float] | None = None,
+        seed,
+        zero,
+        sensitivity=None,
         *,
-        noise: float = 0.0,
-        gain_error: float = 0.0,
-        thermometers: int = 1,
-        cells: int = CELLS,
-        share: float = 1.0,
-    ) -> Recording:
+        noise=0.0,
+        gain_error=0.0,
+        thermometers=1,
+        cells=CELLS,
+        share=1.0,
+    ):
         rng = np.random.default_rng([seed, 7])
         temperature_c = 20 + share * (warm_up(cells, seed) - 20)
         theta = temperature_c - 30
@@ -82,7 +75,7 @@ def simulate(
     return make
 
 
-def drift_of(calibration: Calibration, recording: Recording) -> tuple[Array, Array]:
+def drift_of(calibration, recording):
     """Zero and sensitivity drift of force z over a recording."""
     temperature_c = recording.temperature_c
     first = drift_model.start(calibration.model, temperature_c[0])
@@ -90,7 +83,7 @@ def drift_of(calibration: Calibration, recording: Recording) -> tuple[Array, Arr
     return found.zero[:, Z], found.sensitivity[:, Z]
 
 
-def centred(values: Array) -> Array:
+def centred(values):
     return values - values.mean()
 
 
@@ -99,13 +92,7 @@ class TestKnownTruth:
     @pytest.mark.parametrize(
         'truth', [{300.0: 0.5}, {1000.0: -0.8}, {200.0: 0.6, 1500.0: -0.4}], ids=str
     )
-    def test_lags_are_found_in_a_record_that_was_not_seen(
-        self,
-        simulate: Callable[..., Recording],
-        lagged: Callable[..., Array],
-        method: str,
-        truth: dict[float, float],
-    ) -> None:
+    def test_lags_are_found_in_a_record_that_was_not_seen(self, simulate, lagged, method, truth):
         calibration = calibrate([simulate(i, truth) for i in range(3)], settings(method))
         fit = calibration.fits['force_z']
         new = simulate(9, truth, share=0.8)
@@ -122,12 +109,7 @@ class TestKnownTruth:
         assert any('zero drift only' in note for note in fit.notes)
 
     @pytest.mark.parametrize('gain_error', [0.0, 0.15])
-    def test_sensitivity_drift_is_found_beside_zero_drift(
-        self,
-        simulate: Callable[..., Recording],
-        lagged: Callable[..., Array],
-        gain_error: float,
-    ) -> None:
+    def test_sensitivity_drift_is_found_beside_zero_drift(self, simulate, lagged, gain_error):
         zero, sensitivity = {600.0: 0.5}, {600.0: 1e-3}
         recordings = [simulate(i, zero, sensitivity, gain_error=gain_error) for i in range(3)]
         calibration = calibrate(recordings, settings('arx_pls_oe', 'recorded'))
@@ -139,9 +121,7 @@ class TestKnownTruth:
         nearest = min(abs(tau / 600 - 1) for tau in calibration.fits['force_z'].time_constants_s)
         assert nearest < 1e-2
 
-    def test_a_noisy_gain_is_found_within_four_standard_errors(
-        self, simulate: Callable[..., Recording]
-    ) -> None:
+    def test_a_noisy_gain_is_found_within_four_standard_errors(self, simulate):
         """A static line: its slope's standard error is the textbook's."""
         sigma = 0.5
         recordings = [simulate(i, {1e-6: 0.5}, noise=sigma) for i in range(3)]
@@ -154,19 +134,16 @@ class TestKnownTruth:
         assert abs(slope - 0.5) < 4 * sigma / np.sqrt(power)
 
     def test_the_second_thermometer_is_used_when_the_first_does_not_see_the_heat(
-        self,
-        make_recording: Callable[..., Recording],
-        warm_up: Callable[..., Array],
-        lagged: Callable[..., Array],
-    ) -> None:
-        def record(seed: int, share: float = 1.0) -> Recording:
+        self, make_recording, warm_up, lagged
+    ):
+        def record(seed, share=1.0):
             both = np.stack([warm_up(CELLS, seed), warm_up(CELLS, seed + 100)], axis=1)
             both = 20 + share * (both - 20)
             mixed = 0.5 * lagged(both[:, 0], 400.0) + 0.3 * lagged(both[:, 1], 400.0)
             noise = 0.02 * np.random.default_rng(seed).standard_normal(CELLS)
             return make_recording(both, {'force_z': mixed + noise})
 
-        def alone(recording: Recording) -> Recording:
+        def alone(recording):
             return replace(
                 recording,
                 temperature_c=recording.temperature_c[:, :1],
@@ -185,7 +162,7 @@ class TestKnownTruth:
 
 
 class TestNothingToLearn:
-    def test_pure_noise_is_left_alone(self, simulate: Callable[..., Recording]) -> None:
+    def test_pure_noise_is_left_alone(self, simulate):
         none = 0
         for seed in range(10):
             runs = [simulate(20 * seed + i, {}, noise=1.0) for i in range(3)]
@@ -198,9 +175,7 @@ class TestNothingToLearn:
         assert none >= 8
 
     @pytest.mark.parametrize('method', METHODS)
-    def test_a_constant_axis_gets_no_drift(
-        self, simulate: Callable[..., Recording], method: str
-    ) -> None:
+    def test_a_constant_axis_gets_no_drift(self, simulate, method):
         runs = [simulate(i, {}) for i in range(2)]
         calibration = calibrate(runs, settings(method))
         zero, _ = drift_of(calibration, runs[0])
@@ -208,11 +183,8 @@ class TestNothingToLearn:
 
     @pytest.mark.parametrize('method', METHODS)
     def test_loads_that_differ_only_between_recordings_give_no_wild_gain(
-        self,
-        make_recording: Callable[..., Recording],
-        warm_up: Callable[..., Array],
-        method: str,
-    ) -> None:
+        self, make_recording, warm_up, method
+    ):
         """The gain error at T_ref cannot be told from the unknown constants then."""
         runs = []
         for i, payload in enumerate((0.0, 50.1, 20.3)):
@@ -231,17 +203,10 @@ class TestEveryMethod:
     @pytest.mark.parametrize('thermometers', [1, 2])
     @pytest.mark.parametrize('features', ['powers', 'hats'])
     @pytest.mark.parametrize('loaded', [False, True])
-    def test_it_runs_and_helps(
-        self,
-        simulate: Callable[..., Recording],
-        method: str,
-        thermometers: int,
-        features: str,
-        loaded: bool,
-    ) -> None:
+    def test_it_runs_and_helps(self, simulate, method, thermometers, features, loaded):
         zero, sensitivity = {200.0: 0.5}, {200.0: 1e-3} if loaded else None
 
-        def record(seed: int, share: float = 1.0) -> Recording:
+        def record(seed, share=1.0):
             return simulate(
                 seed, zero, sensitivity, noise=0.1, thermometers=thermometers, share=share
             )
@@ -263,9 +228,7 @@ class TestEveryMethod:
         assert judged.rms_after < (0.35 if dynamic else 0.9) * judged.rms_before
 
     @pytest.mark.parametrize('method', METHODS)
-    def test_a_scale_in_kelvin_gives_the_same_drift(
-        self, simulate: Callable[..., Recording], method: str
-    ) -> None:
+    def test_a_scale_in_kelvin_gives_the_same_drift(self, simulate, method):
         runs = [simulate(i, {300.0: 0.5}, noise=0.05) for i in range(3)]
         kelvin = [replace(run, temperature_c=run.temperature_c + 273.15) for run in runs]
         celsius, _ = drift_of(calibrate(runs, settings(method)), runs[0])
@@ -273,9 +236,7 @@ class TestEveryMethod:
         np.testing.assert_allclose(found, celsius, atol=1e-3 * np.ptp(celsius))
 
     @pytest.mark.parametrize('method', METHODS)
-    def test_one_recording_is_enough(
-        self, simulate: Callable[..., Recording], method: str
-    ) -> None:
+    def test_one_recording_is_enough(self, simulate, method):
         calibration = calibrate([simulate(0, {100.0: 0.5}, noise=0.05)], settings(method))
         judged = evaluate(calibration.model, simulate(9, {100.0: 0.5}, share=0.8), 'unloaded')[
             'force_z'
@@ -284,7 +245,7 @@ class TestEveryMethod:
 
 
 class TestFeaturesAndGrid:
-    def test_the_features_span_what_was_recorded(self, warm_up: Callable[..., Array]) -> None:
+    def test_the_features_span_what_was_recorded(self, warm_up):
         temperatures = [warm_up(100, i)[:, np.newaxis] for i in range(2)]
         features = build_features(temperatures, IdentificationSettings(degree=3))
         everything = np.concatenate(temperatures)
@@ -293,7 +254,7 @@ class TestFeaturesAndGrid:
         assert features.upper_c == everything.max(axis=0)
         np.testing.assert_allclose(features.reference_c, everything.mean(axis=0))
 
-    def test_hats_stand_on_the_plateaus_or_where_they_were_put(self) -> None:
+    def test_hats_stand_on_the_plateaus_or_where_they_were_put(self):
         plateaus = np.repeat([20.0, -15.0, 50.0], 40)[:, np.newaxis]
         hats = IdentificationSettings(features='hats')
         np.testing.assert_array_equal(
@@ -307,9 +268,7 @@ class TestFeaturesAndGrid:
         assert knots[-1] == 50
         np.testing.assert_allclose(np.diff(knots), np.diff(knots)[0])
 
-    def test_time_constants_to_try_begin_static_and_end_with_the_recording(
-        self, simulate: Callable[..., Recording]
-    ) -> None:
+    def test_time_constants_to_try_begin_static_and_end_with_the_recording(self, simulate):
         runs = [simulate(0, {}), simulate(1, {}, cells=200)]
         problem = build_axis_data(runs, 'force_z', 'unloaded', assign_folds(runs))
         grid = time_constant_grid(problem)
@@ -338,11 +297,9 @@ class TestFeaturesAndGrid:
         ({'hat_temperatures_c': (20.0, np.inf)}, 'that ascend; got'),
     ],
 )
-def test_settings_outside_their_range_are_refused(
-    change: dict[str, object], sentence: str
-) -> None:
+def test_settings_outside_their_range_are_refused(change, sentence):
     with pytest.raises(SettingsError, match=sentence):
-        IdentificationSettings(**change)  # type: ignore[arg-type]
+        IdentificationSettings(**change)
 
 
 @pytest.mark.parametrize(
@@ -355,7 +312,7 @@ def test_settings_outside_their_range_are_refused(
         ('time_constants_s', ((-1.0,), (), (np.nan,), (30.0, np.inf))),
     ],
 )
-def test_orders_outside_their_range_are_refused(name: str, values: tuple[object, ...]) -> None:
+def test_orders_outside_their_range_are_refused(name, values):
     for value in (*values, *(() if isinstance(values[0], tuple) else (np.nan, np.inf))):
         with pytest.raises(SettingsError, match=name):
-            Orders(**{name: value})  # type: ignore[arg-type]
+            Orders(**{name: value})

@@ -1,31 +1,25 @@
 """Choosing among candidates, and the sentence that says why."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from wrist_ft_comp.calibration.cross_validation import simplest_good
-from wrist_ft_comp.calibration.result import AxisFit, Term
+from wrist_ft_comp.calibration.result import Term
 from wrist_ft_comp.calibration.selection import anchor, finish, Fitted
-from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
+from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.model.arx import relaxation, static_gain
 from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import Recording
 
-Array = np.ndarray
 CELLS = 200
 
 
 @pytest.fixture(scope='module')
-def make_problem(
-    make_recording: Callable[..., Recording], warm_up: Callable[..., Array]
-) -> Callable[..., AxisData]:
+def make_problem(make_recording, warm_up):
     """One axis, loaded as asked, with a gain error at the reference temperature."""
 
-    def make(axis: str = 'torque_x', load: Array | None = None, error: float = 0.0) -> AxisData:
+    def make(axis='torque_x', load=None, error=0.0):
         recordings = []
         for i in range(2):
             w = np.zeros(CELLS) if load is None else load
@@ -38,7 +32,7 @@ def make_problem(
     return make
 
 
-def lag(outputs: int = 1, mean: float = 0.0) -> AxisModel:
+def lag(outputs=1, mean=0.0):
     features = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), degree=2)
     dynamics = ArxPls(
         np.array([1.0, 50.0]), np.ones(2), np.array([[1.0], [0.1]]), (static_gain(),),
@@ -48,17 +42,17 @@ def lag(outputs: int = 1, mean: float = 0.0) -> AxisModel:
 
 
 class TestChoice:
-    def test_the_best_wins_when_it_is_clearly_better(self) -> None:
+    def test_the_best_wins_when_it_is_clearly_better(self):
         assert simplest_good([np.full(5, 9.0), np.full(5, 4.0), np.full(5, 1.0)]) == 2
 
-    def test_the_simplest_within_one_standard_error_of_the_best_wins(self) -> None:
+    def test_the_simplest_within_one_standard_error_of_the_best_wins(self):
         best = np.ones(4)
         wavering = best + np.array([0.9, -0.5, 0.9, -0.5])
         steady = best + 0.9
         assert simplest_good([best + 5, wavering, best]) == 1
         assert simplest_good([best + 5, steady, best]) == 2
 
-    def test_candidates_are_compared_part_by_part(self) -> None:
+    def test_candidates_are_compared_part_by_part(self):
         """Parts differ a thousandfold in difficulty, candidates by half in every one."""
         best = 10.0 ** np.arange(-3, 4)
         assert simplest_good([1.5 * best, best]) == 1
@@ -66,30 +60,26 @@ class TestChoice:
         assert simplest_good([1.5 * best[::-1], best]) == 0
 
     @pytest.mark.parametrize(('share', 'chosen'), [(0.14, 0), (0.16, 1)])
-    def test_a_gain_of_less_than_15_percent_is_not_worth_its_complexity(
-        self, share: float, chosen: int
-    ) -> None:
+    def test_a_gain_of_less_than_15_percent_is_not_worth_its_complexity(self, share, chosen):
         assert simplest_good([np.ones(5), np.full(5, 1.0 - share)]) == chosen
 
-    def test_a_richer_one_that_is_worse_never_wins(self) -> None:
+    def test_a_richer_one_that_is_worse_never_wins(self):
         assert simplest_good([np.full(5, 2.0), np.full(5, 1.0), np.full(5, 1.01)]) == 1
 
-    def test_a_single_part_has_no_standard_error(self) -> None:
+    def test_a_single_part_has_no_standard_error(self):
         assert simplest_good([np.array([2.0]), np.array([1.0])]) == 1
 
 
 class TestReasons:
     @pytest.fixture
-    def choose(self, make_problem: Callable[..., AxisData]) -> Callable[..., AxisFit]:
-        def finished(
-            errors: dict[str, Array], chosen: str, axis: str = 'torque_x', **more: object
-        ) -> AxisFit:
+    def choose(self, make_problem):
+        def finished(errors, chosen, axis='torque_x', **more):
             competing = more.get('competing', list(errors))
-            return finish(make_problem(axis), Fitted(None), chosen, errors, competing)  # type: ignore[arg-type]
+            return finish(make_problem(axis), Fitted(None), chosen, errors, competing)
 
         return finished
 
-    def test_the_best_is_called_so(self, choose: Callable[..., AxisFit]) -> None:
+    def test_the_best_is_called_so(self, choose):
         errors = {'none': np.full(4, 4.0), 'line': np.full(4, 1.0), 'lag': np.full(4, 0.25)}
         fit = choose(errors, 'lag')
         assert fit.reason == (
@@ -101,9 +91,7 @@ class TestReasons:
             {'none': 2.0, 'line': 1.0, 'lag': 0.5}
         )
 
-    def test_what_may_be_chance_is_called_so_with_its_numbers(
-        self, choose: Callable[..., AxisFit]
-    ) -> None:
+    def test_what_may_be_chance_is_called_so_with_its_numbers(self, choose):
         # Differences 0.8, -0.2, 0.8, -0.2: mean 0.3, standard error 0.289.
         best = np.ones(4)
         line = best + np.array([0.8, -0.2, 0.8, -0.2]) - 0.05
@@ -114,16 +102,14 @@ class TestReasons:
             '0.29 N²).'
         )
 
-    def test_what_is_not_worth_its_complexity_is_called_so(
-        self, choose: Callable[..., AxisFit]
-    ) -> None:
+    def test_what_is_not_worth_its_complexity_is_called_so(self, choose):
         errors = {'none': np.full(4, 9.0), 'line': np.full(4, 1.1), 'lag': np.ones(4)}
         assert choose(errors, 'line').reason.endswith(
             'the best of 3, lag, leaves 1 N m: in mean square 0.1 N m² less, not worth its '
             'complexity (less than 15 %).'
         )
 
-    def test_one_that_is_alone_is_called_so(self, choose: Callable[..., AxisFit]) -> None:
+    def test_one_that_is_alone_is_called_so(self, choose):
         errors = {'none': np.ones(4), 'line': np.full(4, 4.0)}
         reason = choose(errors, 'line', competing=['line']).reason
         assert reason == (
@@ -132,7 +118,7 @@ class TestReasons:
 
 
 class TestFinish:
-    def test_what_was_found_is_handed_on(self, make_problem: Callable[..., AxisData]) -> None:
+    def test_what_was_found_is_handed_on(self, make_problem):
         term = Term('zero', 300.0, 'θ1', 0.5, 0.1)
         winner = Fitted(lag(), (300.0,), (9.0,), (term,), ('mended',), ('doubtful',))
         errors = {'none': np.ones(4), 'lag': np.full(4, 0.1)}
@@ -144,9 +130,7 @@ class TestFinish:
             'mended', 'zero drift only: the reference was declared unloaded',
         )  # fmt: skip
 
-    def test_time_constants_that_were_not_searched_are_read_from_the_poles(
-        self, make_problem: Callable[..., AxisData]
-    ) -> None:
+    def test_time_constants_that_were_not_searched_are_read_from_the_poles(self, make_problem):
         errors = {'none': np.ones(4), 'lag': np.full(4, 0.1)}
         fit = finish(make_problem(), Fitted(lag()), 'lag', errors, list(errors))
         assert fit.time_constants_s == pytest.approx((300.0,))
@@ -155,17 +139,13 @@ class TestFinish:
 
 
 class TestAnchor:
-    def test_a_sensor_soaked_at_the_reference_has_no_zero_drift(
-        self, make_problem: Callable[..., AxisData]
-    ) -> None:
+    def test_a_sensor_soaked_at_the_reference_has_no_zero_drift(self, make_problem):
         at = np.array([30.0])
         anchored = anchor(make_problem(), lag(mean=5.0))
         assert anchored.step(anchored.start(at), at)[1] == pytest.approx([0.0], abs=1e-12)
 
     @pytest.mark.parametrize('error', [0.0, 0.03, -0.2])
-    def test_the_gain_error_there_is_that_of_least_squares(
-        self, make_problem: Callable[..., AxisData], error: float
-    ) -> None:
+    def test_the_gain_error_there_is_that_of_least_squares(self, make_problem, error):
         load = 50 + 30 * np.random.default_rng(0).standard_normal(CELLS)
         anchored = anchor(make_problem('force_z', load, error), lag(outputs=2, mean=5.0))
         at = np.array([30.0])

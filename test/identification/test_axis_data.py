@@ -1,35 +1,29 @@
 """What is fitted for one axis: residuals, loads, stretches and folds."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
-from wrist_ft_comp.model.signals import Recording, stretches
+from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
+from wrist_ft_comp.model.signals import stretches
 
-Array = np.ndarray
-Build = Callable[..., AxisData]
 CELLS = 240
 LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
 
 
 @pytest.fixture(scope='module')
-def build(make_recording: Callable[..., Recording]) -> Build:
+def build(make_recording):
     """Build force y of one recording in one fold, of a raw wrench and a reference."""
 
-    def make(
-        raw: Array, load: Array = LOAD, reference: str = 'recorded', axis: str = 'force_y'
-    ) -> AxisData:
+    def make(raw, load=LOAD, reference='recorded', axis='force_y'):
         recording = make_recording(np.linspace(20, 40, CELLS), {'force_y': raw}, {axis: load})
         folds = [np.zeros(CELLS, dtype=np.int64)]
-        return build_axis_data([recording], 'force_y', reference, folds)  # type: ignore[arg-type]
+        return build_axis_data([recording], 'force_y', reference, folds)
 
     return make
 
 
 @pytest.mark.parametrize('reference', ['unloaded', 'constant'])
-def test_without_a_reference_the_raw_wrench_is_the_residual(build: Build, reference: str) -> None:
+def test_without_a_reference_the_raw_wrench_is_the_residual(build, reference):
     data = build(LOAD, reference=reference)
     np.testing.assert_array_equal(data.residual[0], LOAD)
     assert data.load is None
@@ -37,7 +31,7 @@ def test_without_a_reference_the_raw_wrench_is_the_residual(build: Build, refere
     assert data.period_s == 10.0
 
 
-def test_with_a_reference_it_is_taken_off(build: Build) -> None:
+def test_with_a_reference_it_is_taken_off(build):
     raw = 1.02 * LOAD + 5
     raw[7] = np.nan
     data = build(raw)
@@ -48,7 +42,7 @@ def test_with_a_reference_it_is_taken_off(build: Build) -> None:
 
 
 @pytest.mark.parametrize('gain_error', [-0.5, 0.0, 0.3, 4.0])
-def test_a_gain_error_is_not_mistaken_for_noise(build: Build, gain_error: float) -> None:
+def test_a_gain_error_is_not_mistaken_for_noise(build, gain_error):
     noise = 0.1 * np.random.default_rng(1).standard_normal(CELLS)
     assert build((1 + gain_error) * LOAD + noise).no_sensitivity == ''
 
@@ -56,22 +50,20 @@ def test_a_gain_error_is_not_mistaken_for_noise(build: Build, gain_error: float)
 @pytest.mark.parametrize(
     ('share', 'why'), [(1 / 30, 'less than 10 times the noise'), (0.0, 'varied by 0')]
 )
-def test_a_load_that_hardly_varies_teaches_no_sensitivity(
-    build: Build, share: float, why: str
-) -> None:
+def test_a_load_that_hardly_varies_teaches_no_sensitivity(build, share, why):
     noise = np.random.default_rng(1).standard_normal(CELLS)
     data = build(share * LOAD + noise, share * LOAD)
     assert data.load is None
     assert why in data.no_sensitivity
 
 
-def test_an_axis_without_reference_teaches_nothing(build: Build) -> None:
+def test_an_axis_without_reference_teaches_nothing(build):
     data = build(LOAD, axis='force_x')
     assert data.no_sensitivity == 'no reference wrench was recorded for this axis'
     assert data.samples == 0
 
 
-def test_stretches_are_cut_at_gaps() -> None:
+def test_stretches_are_cut_at_gaps():
     present = np.zeros(100, dtype=bool)
     present[0:20:2] = present[60:70:2] = present[95:] = True
     numbers = stretches(present, period_s=10.0)
@@ -81,15 +73,13 @@ def test_stretches_are_cut_at_gaps() -> None:
 
 
 @pytest.mark.parametrize('present', [np.zeros(5, dtype=bool), np.ones(5, dtype=bool)])
-def test_without_gaps_there_is_one_stretch(present: Array) -> None:
+def test_without_gaps_there_is_one_stretch(present):
     np.testing.assert_array_equal(stretches(present, 1.0), np.zeros(5))
 
 
 @pytest.mark.parametrize('cells', [1, 7, 39, 40, 200, 3600, 30000])
 @pytest.mark.parametrize('period_s', [0.1, 1.0, 10.0, 60.0])
-def test_bins_that_are_judged_are_whole_bins_that_are_fitted(
-    make_recording: Callable[..., Recording], cells: int, period_s: float
-) -> None:
+def test_bins_that_are_judged_are_whole_bins_that_are_fitted(make_recording, cells, period_s):
     recording = make_recording(np.zeros(cells), {'force_x': 0.0}, period_s=period_s)
     folds = assign_folds([recording])
     fitted, judged = build_axis_data([recording], 'force_x', 'unloaded', folds).bin_cells
@@ -102,34 +92,28 @@ def test_bins_that_are_judged_are_whole_bins_that_are_fitted(
 
 class TestFolds:
     @pytest.fixture
-    def folds_of(self, make_recording: Callable[..., Recording]) -> Callable[..., list[Array]]:
-        def assign(*series: Array) -> list[Array]:
+    def folds_of(self, make_recording):
+        def assign(*series):
             return assign_folds([make_recording(raw, {'force_x': raw}) for raw in series])
 
         return assign
 
-    def test_several_recordings_are_held_out_whole(
-        self, folds_of: Callable[..., list[Array]]
-    ) -> None:
+    def test_several_recordings_are_held_out_whole(self, folds_of):
         for number, folds in enumerate(folds_of(np.ones(50), np.ones(60), np.ones(70))):
             np.testing.assert_array_equal(folds, np.full(50 + 10 * number, number))
 
-    def test_one_recording_is_cut_into_equal_times(
-        self, folds_of: Callable[..., list[Array]]
-    ) -> None:
+    def test_one_recording_is_cut_into_equal_times(self, folds_of):
         (folds,) = folds_of(LOAD)
         np.testing.assert_array_equal(folds, np.repeat(range(5), CELLS // 5))
 
-    def test_plateaus_are_held_out_whole(self, make_recording: Callable[..., Recording]) -> None:
+    def test_plateaus_are_held_out_whole(self, make_recording):
         raw = np.full(CELLS, np.nan)
         for start in (0, 60, 120, 180):
             raw[start : start + 20] = 1.0
         (folds,) = assign_folds([make_recording(LOAD, {'force_x': raw})])
         np.testing.assert_array_equal(folds[np.isfinite(raw)], np.repeat(range(4), 20))
 
-    def test_one_that_is_held_out_loses_its_samples_only(
-        self, make_recording: Callable[..., Recording]
-    ) -> None:
+    def test_one_that_is_held_out_loses_its_samples_only(self, make_recording):
         recordings = [make_recording(LOAD, {'force_x': LOAD}) for _ in range(3)]
         data = build_axis_data(recordings, 'force_x', 'unloaded', assign_folds(recordings))
         assert data.fold_numbers == [0, 1, 2]

@@ -1,18 +1,14 @@
 """Sums over bins: nothing that least squares asks for is lost."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from wrist_ft_comp.identification.axis_data import AxisData, build_axis_data
-from wrist_ft_comp.identification.bins import bin_axis_data, BinnedData
-from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
+from wrist_ft_comp.identification.axis_data import build_axis_data
+from wrist_ft_comp.identification.bins import bin_axis_data
+from wrist_ft_comp.identification.moments import accumulate, bank_inputs
 from wrist_ft_comp.model.arx import free_run, relaxation
 from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import Recording
 
-Array = np.ndarray
 STATIC = np.zeros(1)
 WIDTH = 10
 #: With a last bin of 4 cells.
@@ -20,7 +16,7 @@ CELLS = 24 * WIDTH + 4
 
 
 @pytest.fixture(scope='module', params=['unloaded', 'recorded'])
-def problem(request: pytest.FixtureRequest, make_recording: Callable[..., Recording]) -> AxisData:
+def problem(request, make_recording):
     """Temperatures that hold for 10 cells of 1 s, loads that change in every one, and gaps."""
     rng = np.random.default_rng(0)
     recordings, blocks = [], []
@@ -37,12 +33,12 @@ def problem(request: pytest.FixtureRequest, make_recording: Callable[..., Record
     return build_axis_data(recordings, 'force_z', request.param, blocks)
 
 
-def moments_of(binned: BinnedData, parts: int = 1) -> Moments:
+def moments_of(binned, parts=1):
     features = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), degree=2)
     return accumulate(binned, bank_inputs(binned, features, STATIC), STATIC, parts)
 
 
-def test_every_sum_is_the_textbook_loop(problem: AxisData) -> None:
+def test_every_sum_is_the_textbook_loop(problem):
     binned = bin_axis_data(problem, WIDTH)
     for i, sums in enumerate(binned.sums):
         for n in range(CELLS // WIDTH + 1):
@@ -62,7 +58,7 @@ def test_every_sum_is_the_textbook_loop(problem: AxisData) -> None:
             assert [part[n] for part in found] == pytest.approx(expected, rel=1e-12, abs=1e-9)
 
 
-def test_means_count_each_bin_once(problem: AxisData) -> None:
+def test_means_count_each_bin_once(problem):
     binned = bin_axis_data(problem, WIDTH, means=True)
     for i, sums in enumerate(binned.sums):
         for n in range(CELLS // WIDTH + 1):
@@ -76,9 +72,7 @@ def test_means_count_each_bin_once(problem: AxisData) -> None:
                 assert sums.load_square[n] == pytest.approx(sums.load[n] ** 2, rel=1e-12)
 
 
-def test_a_last_bin_that_is_not_full_keeps_its_own_mean_temperature(
-    make_recording: Callable[..., Recording],
-) -> None:
+def test_a_last_bin_that_is_not_full_keeps_its_own_mean_temperature(make_recording):
     temperature_c = np.arange(25.0)
     recording = make_recording(temperature_c, {'force_z': 0.0}, period_s=1.0)
     problem = build_axis_data([recording], 'force_z', 'unloaded', [np.zeros(25, dtype=int)])
@@ -88,7 +82,7 @@ def test_a_last_bin_that_is_not_full_keeps_its_own_mean_temperature(
     assert binned.period_s == 10.0
 
 
-def test_a_block_that_is_held_out_loses_its_samples_only(problem: AxisData) -> None:
+def test_a_block_that_is_held_out_loses_its_samples_only(problem):
     binned = bin_axis_data(problem, WIDTH)
     kept, expected = moments_of(binned.without(1)), moments_of(binned)
     here = expected.fold != 1
@@ -101,9 +95,7 @@ def test_a_block_that_is_held_out_loses_its_samples_only(problem: AxisData) -> N
 
 
 @pytest.mark.parametrize('tau', [3.0, 25.0, 400.0])
-def test_a_bin_holds_the_mean_of_a_relaxation_and_a_cell_its_end(
-    problem: AxisData, tau: float
-) -> None:
+def test_a_bin_holds_the_mean_of_a_relaxation_and_a_cell_its_end(problem, tau):
     """Against the cells of every bin, one by one."""
     binned = bin_axis_data(problem, WIDTH)
     temperature_c = np.random.default_rng(1).uniform(20, 40, 30)
@@ -122,9 +114,7 @@ def test_a_bin_holds_the_mean_of_a_relaxation_and_a_cell_its_end(
     assert binned.relaxation(tau).gain == pytest.approx(1.0, abs=1e-12)
 
 
-def test_a_bin_without_a_time_constant_holds_the_temperature_itself(
-    problem: AxisData,
-) -> None:
+def test_a_bin_without_a_time_constant_holds_the_temperature_itself(problem):
     for width in (1, WIDTH):
         static = bin_axis_data(problem, width).relaxation(0.0)
         assert (len(static.a), static.b.tolist(), static.first_lag) == (0, [1.0], 0)

@@ -1,34 +1,28 @@
 """Sums over samples: the columns they are of, their centring, and scores from them."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
+from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.identification.bins import bin_axis_data
-from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
+from wrist_ft_comp.identification.moments import accumulate, bank_inputs
 from wrist_ft_comp.identification.regression import least_squares
 from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import Recording
 
-Array = np.ndarray
-Bank = Callable[..., list[Array]]
-Stack = Callable[..., tuple[Array, Array, Array]]
-Centre = Callable[[Array, Array], Array]
 FEATURES = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), degree=2)
 GRID = np.array([0.0, 50.0, 150.0, 400.0, 1200.0])
 
 
-def moments_of(problem: AxisData, parts: int = 1) -> Moments:
+def moments_of(problem, parts=1):
     cells = bin_axis_data(problem, 1)
     return accumulate(cells, bank_inputs(cells, FEATURES, GRID), GRID, parts)
 
 
 def test_the_bank_is_the_textbook_loop_and_powers_are_taken_behind_it(
-    noisy_problem: AxisData, textbook_bank: Bank
-) -> None:
+    noisy_problem, textbook_bank
+):
     cells = bin_axis_data(noisy_problem, 1)
     found = bank_inputs(cells, FEATURES, GRID)
     for one, expected in zip(found, textbook_bank(noisy_problem, GRID), strict=True):
@@ -36,8 +30,8 @@ def test_the_bank_is_the_textbook_loop_and_powers_are_taken_behind_it(
 
 
 def test_entries_are_sums_over_the_samples_of_each_block(
-    noisy_problem: AxisData, textbook_bank: Bank, stack_samples: Stack
-) -> None:
+    noisy_problem, textbook_bank, stack_samples
+):
     moments = moments_of(noisy_problem)
     banked = textbook_bank(noisy_problem, GRID)
     np.testing.assert_array_equal(moments.fold, [0, 1, 2])
@@ -49,7 +43,7 @@ def test_entries_are_sums_over_the_samples_of_each_block(
         assert moments.counts[entry] == len(y)
 
 
-def test_parts_divide_a_block_in_time(noisy_problem: AxisData) -> None:
+def test_parts_divide_a_block_in_time(noisy_problem):
     whole, parts = moments_of(noisy_problem), moments_of(noisy_problem, 4)
     np.testing.assert_array_equal(parts.fold, np.repeat([0, 1, 2], 4))
     assert np.ptp(parts.counts[:4]) <= 1
@@ -61,7 +55,7 @@ def test_parts_divide_a_block_in_time(noisy_problem: AxisData) -> None:
     assert (np.diff(means) > 0).all()
 
 
-def test_more_parts_than_samples_are_as_many_as_samples(noisy_problem: AxisData) -> None:
+def test_more_parts_than_samples_are_as_many_as_samples(noisy_problem):
     residual = tuple(np.full_like(values, np.nan) for values in noisy_problem.residual)
     residual[0][[5, 50]] = 1.0
     residual[2][7] = 2.0
@@ -72,19 +66,15 @@ def test_more_parts_than_samples_are_as_many_as_samples(noisy_problem: AxisData)
 
 @pytest.mark.parametrize('kept', [{0, 1, 2}, {0, 2}, {1}])
 def test_centring_takes_a_constant_out_of_every_recording(
-    noisy_problem: AxisData,
-    textbook_bank: Bank,
-    stack_samples: Stack,
-    centre: Centre,
-    kept: set[int],
-) -> None:
+    noisy_problem, textbook_bank, stack_samples, centre, kept
+):
     found = moments_of(noisy_problem, 3).centred(np.isin(np.repeat(range(3), 3), [*kept]))
     x, y, recordings = stack_samples(noisy_problem, textbook_bank(noisy_problem, GRID), kept)
     both = centre(np.column_stack((x, y)), recordings)
     np.testing.assert_allclose(found, both.T @ both, rtol=1e-8, atol=1e-6)
 
 
-def test_columns_are_numbered_by_relaxation_then_feature(noisy_problem: AxisData) -> None:
+def test_columns_are_numbered_by_relaxation_then_feature(noisy_problem):
     moments = moments_of(noisy_problem)
     zero = [1 * 2, 3 * 2]
     expected = zero if noisy_problem.load is None else [*zero, 10 + 2, 10 + 6, 20]
@@ -93,25 +83,19 @@ def test_columns_are_numbered_by_relaxation_then_feature(noisy_problem: AxisData
 
 class TestScores:
     @pytest.fixture
-    def thetas(self, noisy_problem: AxisData) -> Array:
+    def thetas(self, noisy_problem):
         width = moments_of(noisy_problem).sums.shape[1]
         thetas = np.random.default_rng(0).standard_normal((3, width)) * 0.1
         thetas[:, -1] = 1.0
         return thetas
 
-    def left(
-        self, problem: AxisData, bank: Bank, stack: Stack, thetas: Array, blocks: set[int]
-    ) -> tuple[Array, Array]:
+    def left(self, problem, bank, stack, thetas, blocks):
         x, y, recordings = stack(problem, bank(problem, GRID), blocks)
         return np.column_stack((x, y)) @ thetas.T, recordings
 
     def test_a_held_out_recording_is_scored_around_its_own_mean_part_by_part(
-        self,
-        noisy_problem: AxisData,
-        textbook_bank: Bank,
-        stack_samples: Stack,
-        thetas: Array,
-    ) -> None:
+        self, noisy_problem, textbook_bank, stack_samples, thetas
+    ):
         moments = moments_of(noisy_problem, 4)
         found = moments.mean_squares(moments.fold == 1, thetas)
         left, _ = self.left(noisy_problem, textbook_bank, stack_samples, thetas, {1})
@@ -121,12 +105,8 @@ class TestScores:
         np.testing.assert_allclose(found, expected, rtol=1e-7)
 
     def test_a_plateau_is_scored_around_the_mean_of_the_others(
-        self,
-        noisy_problem: AxisData,
-        textbook_bank: Bank,
-        stack_samples: Stack,
-        thetas: Array,
-    ) -> None:
+        self, noisy_problem, textbook_bank, stack_samples, thetas
+    ):
         """Chamber tests are not tared: what differs between plateaus is the drift."""
         blocks = tuple(np.arange(len(values)) // 60 for values in noisy_problem.folds)
         chamber = replace(noisy_problem, folds=blocks, tared=False)
@@ -145,24 +125,22 @@ class TestSlowTrend:
     """Cells of 200 s make these recordings longer than 8 h."""
 
     @pytest.fixture
-    def long(self, noisy_problem: AxisData) -> AxisData:
+    def long(self, noisy_problem):
         return replace(noisy_problem, period_s=200.0)
 
     @pytest.fixture
-    def by_hand(self, long: AxisData, stack_samples: Stack) -> tuple[Array, Array]:
+    def by_hand(self, long, stack_samples):
         """Static columns and r - w of recording 1, and time from -1 to 1 where it is present."""
         powers = [np.column_stack((t - 30, (t - 30) ** 2)) for t in long.temperature_c]
         x, y, _ = stack_samples(long, powers, {1})
         time = np.linspace(-1, 1, len(long.residual[1]))
         return np.column_stack((x, y)), time[np.isfinite(long.residual[1])]
 
-    def static(self, problem: AxisData, parts: int = 1) -> Moments:
+    def static(self, problem, parts=1):
         cells, taus = bin_axis_data(problem, 1), np.zeros(1)
         return accumulate(cells, bank_inputs(cells, FEATURES, taus), taus, parts)
 
-    def test_it_is_taken_out_of_long_recordings_beside_the_constant(
-        self, long: AxisData, by_hand: tuple[Array, Array]
-    ) -> None:
+    def test_it_is_taken_out_of_long_recordings_beside_the_constant(self, long, by_hand):
         both, time = by_hand
         nuisance = np.column_stack((np.ones(len(time)), time))
         left = both - nuisance @ np.linalg.lstsq(nuisance, both, rcond=None)[0]
@@ -173,7 +151,7 @@ class TestSlowTrend:
         parts = [np.mean(part**2) for part in np.array_split(left[:, -1], 3)]
         np.testing.assert_allclose(squares[0], parts, rtol=1e-8)
 
-    def test_it_can_be_kept(self, long: AxisData, by_hand: tuple[Array, Array]) -> None:
+    def test_it_can_be_kept(self, long, by_hand):
         both, _ = by_hand
         centred = both - both.mean(axis=0)
         cells, taus = bin_axis_data(long, 1).without_trend(), np.zeros(1)
@@ -182,17 +160,13 @@ class TestSlowTrend:
             found = moments.centred(moments.fold == 1)
             np.testing.assert_allclose(found, centred.T @ centred, rtol=1e-8, atol=1e-6)
 
-    def test_short_recordings_and_plateaus_have_none(
-        self, noisy_problem: AxisData, long: AxisData
-    ) -> None:
+    def test_short_recordings_and_plateaus_have_none(self, noisy_problem, long):
         for problem in (noisy_problem, replace(long, tared=False)):
             assert not self.static(problem).nuisance_gram[:, 1].any()
         assert self.static(long).nuisance_gram[:, 1, 1].all()
 
 
-def test_a_column_that_only_differs_between_recordings_holds_nothing(
-    make_recording: Callable[..., Recording], warm_up: Callable[..., Array]
-) -> None:
+def test_a_column_that_only_differs_between_recordings_holds_nothing(make_recording, warm_up):
     """A room thermometer that read 21.3, 24.7 and 22.9 °C explains nothing within a run."""
     recordings = []
     for i, room in enumerate((21.3, 24.7, 22.9)):

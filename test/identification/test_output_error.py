@@ -1,33 +1,22 @@
 """Fits on the free-run error: the combination of time constants that is taken."""
 
-from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
 
-from wrist_ft_comp.identification.axis_data import AxisData
 from wrist_ft_comp.identification.bins import bin_axis_data
 from wrist_ft_comp.identification.moments import accumulate, bank_inputs
 from wrist_ft_comp.identification.output_error import fit_columns, Structure
 from wrist_ft_comp.identification.regression import TINY_RIDGE
 from wrist_ft_comp.model.features import Features
 
-Array = np.ndarray
-Bank = Callable[..., list[Array]]
-Stack = Callable[..., tuple[Array, Array, Array]]
-Centre = Callable[[Array, Array], Array]
-Solve = Callable[[Array, Array, float], Array]
 FEATURES = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), degree=2)
 GRID = np.array([0.0, 50.0, 150.0, 400.0, 1200.0])
 
 
 def test_the_combination_that_leaves_least_is_taken(
-    noisy_problem: AxisData,
-    textbook_bank: Bank,
-    stack_samples: Stack,
-    centre: Centre,
-    augmented_ridge: Solve,
-) -> None:
+    noisy_problem, textbook_bank, stack_samples, centre, augmented_ridge
+):
     cells = bin_axis_data(noisy_problem, 1)
     moments = accumulate(cells, bank_inputs(cells, FEATURES, GRID), GRID)
     structure = Structure('two', 1, free_time_constants=2)

@@ -1,18 +1,13 @@
 """The outer model: what PLS must satisfy whatever the data, and agreement with others."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.identification.pls import fit_pcr, fit_pls, fix_signs, Pls
-
-Array = np.ndarray
-Fit = Callable[[Array, Array, int], Pls]
+from wrist_ft_comp.identification.pls import fit_pcr, fit_pls, fix_signs
 
 
-def made_up(samples: int, inputs: int, outputs: int, seed: int = 1) -> tuple[Array, Array]:
+def made_up(samples, inputs, outputs, seed=1):
     """Correlated inputs, outputs that depend on them with noise; centred and scaled."""
     rng = np.random.default_rng(seed)
     x = rng.standard_normal((samples, inputs)) @ rng.standard_normal((inputs, inputs))
@@ -20,10 +15,10 @@ def made_up(samples: int, inputs: int, outputs: int, seed: int = 1) -> tuple[Arr
     return (x - x.mean(axis=0)) / x.std(axis=0), (y - y.mean(axis=0)) / y.std(axis=0)
 
 
-def textbook_nipals(x: Array, y: Array, latents: int) -> tuple[Array, Array, Array, Array, Array]:
+def textbook_nipals(x, y, latents):
     """NIPALS as it is printed: W, P, b, Q, T with iterations over whole score vectors."""
     e, f = x.copy(), y.copy()
-    parts: list[tuple[Array, ...]] = []
+    parts = []
     for _ in range(latents):
         u = f[:, np.argmax(f.var(axis=0))]
         w = np.zeros(x.shape[1])
@@ -56,9 +51,7 @@ shapes = pytest.mark.parametrize(
 
 
 @shapes
-def test_scores_are_orthogonal_and_directions_have_length_one(
-    inputs: int, outputs: int, latents: int
-) -> None:
+def test_scores_are_orthogonal_and_directions_have_length_one(inputs, outputs, latents):
     x, y = made_up(60, inputs, outputs)
     pls = fit_pls(x, y, latents)
     assert pls.latents == latents
@@ -71,8 +64,8 @@ def test_scores_are_orthogonal_and_directions_have_length_one(
 
 @shapes
 def test_inputs_are_scores_times_loadings_plus_a_remainder_they_do_not_explain(
-    inputs: int, outputs: int, latents: int
-) -> None:
+    inputs, outputs, latents
+):
     x, y = made_up(60, inputs, outputs)
     pls = fit_pls(x, y, latents)
     remainder = x - pls.scores @ pls.loadings.T  # eq. 3
@@ -87,7 +80,7 @@ def test_inputs_are_scores_times_loadings_plus_a_remainder_they_do_not_explain(
 
 
 @pytest.mark.parametrize('outputs', [1, 2, 3])
-def test_full_rank_pls_is_least_squares(outputs: int) -> None:
+def test_full_rank_pls_is_least_squares(outputs):
     x, y = made_up(50, 4, outputs)
     expected = np.linalg.lstsq(x, y, rcond=None)[0]
     for fit in (fit_pls, fit_pcr):
@@ -95,7 +88,7 @@ def test_full_rank_pls_is_least_squares(outputs: int) -> None:
 
 
 @shapes
-def test_nipals_of_the_textbook_gives_the_same(inputs: int, outputs: int, latents: int) -> None:
+def test_nipals_of_the_textbook_gives_the_same(inputs, outputs, latents):
     x, y = made_up(60, inputs, outputs)
     pls = fit_pls(x, y, latents)
     w, p, b, q, t = textbook_nipals(x, y, latents)
@@ -107,7 +100,7 @@ def test_nipals_of_the_textbook_gives_the_same(inputs: int, outputs: int, latent
 
 
 @shapes
-def test_scikit_learn_predicts_the_same(inputs: int, outputs: int, latents: int) -> None:
+def test_scikit_learn_predicts_the_same(inputs, outputs, latents):
     regression = pytest.importorskip(
         'sklearn.cross_decomposition', reason='scikit-learn is not installed'
     ).PLSRegression
@@ -118,9 +111,7 @@ def test_scikit_learn_predicts_the_same(inputs: int, outputs: int, latents: int)
 
 
 @shapes
-def test_pcr_is_scikit_learns_pca_with_linear_regression(
-    inputs: int, outputs: int, latents: int
-) -> None:
+def test_pcr_is_scikit_learns_pca_with_linear_regression(inputs, outputs, latents):
     decomposition = pytest.importorskip(
         'sklearn.decomposition', reason='scikit-learn is not installed'
     )
@@ -134,7 +125,7 @@ def test_pcr_is_scikit_learns_pca_with_linear_regression(
 
 
 @pytest.mark.parametrize('fit', [fit_pls, fit_pcr])
-def test_units_and_axes_of_the_inputs_change_no_prediction(fit: Fit) -> None:
+def test_units_and_axes_of_the_inputs_change_no_prediction(fit):
     x, y = made_up(50, 4, 2)
     expected = x @ fit(x, y, 2).coefficients
     turn = np.linalg.qr(np.random.default_rng(3).standard_normal((4, 4)))[0]
@@ -148,7 +139,7 @@ def test_units_and_axes_of_the_inputs_change_no_prediction(fit: Fit) -> None:
 
 @pytest.mark.parametrize('fit', [fit_pls, fit_pcr])
 class TestDegenerateData:
-    def test_a_constant_input_gets_no_part(self, fit: Fit) -> None:
+    def test_a_constant_input_gets_no_part(self, fit):
         x, y = made_up(40, 4, 2)
         x[:, 2] = 0.0
         found = fit(x, y, 4)
@@ -158,7 +149,7 @@ class TestDegenerateData:
             x @ found.coefficients, x @ np.linalg.lstsq(x, y, rcond=None)[0], atol=1e-10
         )
 
-    def test_lost_rank_gives_fewer_latents_and_still_least_squares(self, fit: Fit) -> None:
+    def test_lost_rank_gives_fewer_latents_and_still_least_squares(self, fit):
         x, y = made_up(40, 3, 2)
         x = np.column_stack([x, x[:, 0] - x[:, 1], 2 * x[:, 2]])
         found = fit(x, y, 5)
@@ -168,25 +159,25 @@ class TestDegenerateData:
         )
 
     @pytest.mark.parametrize('silent', ['x', 'y', 'both'])
-    def test_a_silent_block_leaves_nothing(self, fit: Fit, silent: str) -> None:
+    def test_a_silent_block_leaves_nothing(self, fit, silent):
         x, y = made_up(40, 3, 2)
         found = fit(x * (silent == 'y'), y * (silent == 'x'), 3)
         assert found.latents == 0
         assert found.coefficients.shape == (3, 2)
         assert not found.coefficients.any()
 
-    def test_fewer_samples_than_inputs_are_fitted_exactly(self, fit: Fit) -> None:
+    def test_fewer_samples_than_inputs_are_fitted_exactly(self, fit):
         x, y = made_up(5, 8, 1)
         found = fit(x, y, 8)
         assert found.latents <= 4
         np.testing.assert_allclose(x @ found.coefficients, y, atol=1e-9)
 
-    def test_less_than_one_latent_is_refused(self, fit: Fit) -> None:
+    def test_less_than_one_latent_is_refused(self, fit):
         with pytest.raises(SettingsError, match='at least 1 latent; got 0'):
             fit(*made_up(10, 2, 1), 0)
 
 
-def test_pls_stops_when_the_output_is_explained() -> None:
+def test_pls_stops_when_the_output_is_explained():
     x, _ = made_up(40, 4, 1)
     direction = np.linalg.svd(x, full_matrices=False)[2][0]
     found = fit_pls(x, (x @ direction)[:, np.newaxis], 4)
@@ -195,13 +186,13 @@ def test_pls_stops_when_the_output_is_explained() -> None:
 
 
 @pytest.mark.parametrize('fit', [fit_pls, fit_pcr])
-def test_signs_do_not_depend_on_the_signs_of_the_data(fit: Fit) -> None:
+def test_signs_do_not_depend_on_the_signs_of_the_data(fit):
     x, y = made_up(40, 4, 2)
     for found in (fit(x, y, 3), fit(x, -y, 3)):
         peaks = found.weights[np.argmax(np.abs(found.weights), axis=0), range(3)]
         assert (peaks > 0).all()
 
 
-def test_fix_signs_turns_the_largest_component_positive() -> None:
+def test_fix_signs_turns_the_largest_component_positive():
     np.testing.assert_array_equal(fix_signs(np.array([1.0, -3.0, 2.0])), [-1.0, 3.0, -2.0])
     np.testing.assert_array_equal(fix_signs(np.array([1.0, -3.0, 4.0])), [1.0, -3.0, 4.0])

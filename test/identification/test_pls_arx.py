@@ -1,19 +1,15 @@
 """The two-step methods, on data whose truth they can hold."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
+from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.identification.pls_arx import identify, OBSERVATION_WINDOW_S, observe_drift
 from wrist_ft_comp.model.arx import Orders
-from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import Recording
 
-Array = np.ndarray
 TWO = Features('powers', np.array([30.0, 25.0]), np.zeros(2), np.full(2, 99.0), degree=2)
 ONE = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0))
 CELLS = 400
@@ -21,17 +17,15 @@ LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
 
 
 @pytest.fixture(scope='module')
-def temperatures(warm_up: Callable[..., Array]) -> list[Array]:
+def temperatures(warm_up):
     return [np.stack([warm_up(CELLS, i), warm_up(CELLS, 50 + i)], axis=1) for i in range(3)]
 
 
 @pytest.fixture(scope='module')
-def pose(make_recording: Callable[..., Recording]) -> Callable[..., AxisData]:
+def pose(make_recording):
     """Build a problem from drifts; every recording gets an offset of its own."""
 
-    def make(
-        temperatures: list[Array], drifts: list[Array], loads: list[Array] | None = None
-    ) -> AxisData:
+    def make(temperatures, drifts, loads=None):
         recordings = [
             make_recording(
                 temperature_c,
@@ -50,20 +44,18 @@ def pose(make_recording: Callable[..., Recording]) -> Callable[..., AxisData]:
     return make
 
 
-def free_run(model: ArxPls | None, features: Features, temperature_c: Array) -> Array:
+def free_run(model, features, temperature_c):
     assert model is not None
     x = features.expand(temperature_c)
     return model.run(model.start(x[0]), x)[1]
 
 
-def centred(values: Array) -> Array:
+def centred(values):
     return values - values.mean(axis=0)
 
 
 @pytest.mark.parametrize('method', ['pcr', 'pls'])
-def test_a_static_truth_is_found_exactly(
-    pose: Callable[..., AxisData], temperatures: list[Array], method: str
-) -> None:
+def test_a_static_truth_is_found_exactly(pose, temperatures, method):
     gains = np.array([0.5, -0.3, 0.01, 0.02])
     drifts = [TWO.expand(t) @ gains for t in temperatures]
     model, notes = identify(method, pose(temperatures, drifts), TWO, Orders(latents=4))
@@ -73,9 +65,7 @@ def test_a_static_truth_is_found_exactly(
         np.testing.assert_allclose(centred(found), centred(drift), atol=1e-8)
 
 
-def test_filters_before_pls_find_a_truth_within_their_bank(
-    pose: Callable[..., AxisData], temperatures: list[Array], lagged: Callable[..., Array]
-) -> None:
+def test_filters_before_pls_find_a_truth_within_their_bank(pose, temperatures, lagged):
     one = [t[:, :1] for t in temperatures]
     drifts = [0.5 * lagged(t[:, 0], 300.0) - 0.2 * lagged(t[:, 0], 1000.0) for t in one]
     orders = Orders(latents=3, time_constants_s=(0.0, 300.0, 1000.0))
@@ -85,9 +75,7 @@ def test_filters_before_pls_find_a_truth_within_their_bank(
         np.testing.assert_allclose(centred(found), centred(drift), atol=1e-7)
 
 
-def test_the_papers_method_finds_a_noise_free_lag_exactly(
-    pose: Callable[..., AxisData], temperatures: list[Array], lagged: Callable[..., Array]
-) -> None:
+def test_the_papers_method_finds_a_noise_free_lag_exactly(pose, temperatures, lagged):
     one = [t[:, :1] for t in temperatures]
     drifts = [0.5 * lagged(t[:, 0], 300.0) for t in one]
     problem = pose(one, drifts)
@@ -103,9 +91,7 @@ def test_the_papers_method_finds_a_noise_free_lag_exactly(
     )
 
 
-def test_a_pole_that_had_to_be_moved_is_noted(
-    pose: Callable[..., AxisData], temperatures: list[Array]
-) -> None:
+def test_a_pole_that_had_to_be_moved_is_noted(pose, temperatures):
     one = [t[:, :1] for t in temperatures[:1]]
     growing = np.zeros(CELLS)
     for k in range(1, CELLS):
@@ -120,13 +106,7 @@ def test_a_pole_that_had_to_be_moved_is_noted(
 
 @pytest.mark.parametrize('method', ['pcr', 'pls', 'filtered_pls', 'arx_pls'])
 @pytest.mark.parametrize('loaded', [False, True])
-def test_units_change_nothing(
-    pose: Callable[..., AxisData],
-    temperatures: list[Array],
-    lagged: Callable[..., Array],
-    method: str,
-    loaded: bool,
-) -> None:
+def test_units_change_nothing(pose, temperatures, lagged, method, loaded):
     """In mN instead of N the zero drift is a thousandfold and the sensitivity drift the same."""
     rng = np.random.default_rng(0)
     loads = [30 * rng.standard_normal(CELLS) for _ in temperatures]
@@ -155,13 +135,7 @@ def test_units_change_nothing(
 
 @pytest.mark.parametrize('method', ['pcr', 'pls', 'filtered_pls', 'arx_pls'])
 class TestDegenerateData:
-    def test_a_constant_thermometer_does_not_matter(
-        self,
-        pose: Callable[..., AxisData],
-        temperatures: list[Array],
-        lagged: Callable[..., Array],
-        method: str,
-    ) -> None:
+    def test_a_constant_thermometer_does_not_matter(self, pose, temperatures, lagged, method):
         one = [t[:, :1] for t in temperatures]
         both = [np.column_stack((t, np.full(CELLS, 25.0))) for t in one]
         drifts = [0.5 * lagged(t[:, 0], 300.0) for t in one]
@@ -174,25 +148,21 @@ class TestDegenerateData:
             atol=1e-6,
         )
 
-    def test_a_sensor_without_drift_gets_no_model(
-        self, pose: Callable[..., AxisData], temperatures: list[Array], method: str
-    ) -> None:
+    def test_a_sensor_without_drift_gets_no_model(self, pose, temperatures, method):
         still = [np.full(CELLS, 3.0) for _ in temperatures]
         assert identify(method, pose(temperatures, still), TWO, Orders())[0] is None
 
-    def test_nothing_observed_gets_no_model(
-        self, pose: Callable[..., AxisData], temperatures: list[Array], method: str
-    ) -> None:
+    def test_nothing_observed_gets_no_model(self, pose, temperatures, method):
         nothing = [np.full(CELLS, np.nan) for _ in temperatures]
         assert identify(method, pose(temperatures, nothing), TWO, Orders())[0] is None
 
 
 class TestObservedDrift:
     @pytest.fixture
-    def observe(self, make_recording: Callable[..., Recording]) -> Callable[..., Array]:
+    def observe(self, make_recording):
         """Observe the drift of a raw wrench beside a load, over a rise from 20 to 40 °C."""
 
-        def make(raw: Array, load: Array | None = None) -> Array:
+        def make(raw, load=None):
             recordings = [
                 make_recording(
                     np.linspace(20, 40, CELLS),
@@ -206,10 +176,10 @@ class TestObservedDrift:
 
         return make
 
-    def test_without_load_it_is_the_residual(self, observe: Callable[..., Array]) -> None:
+    def test_without_load_it_is_the_residual(self, observe):
         np.testing.assert_array_equal(observe(LOAD), LOAD[:, np.newaxis])
 
-    def test_windows_do_not_cross_gaps(self, observe: Callable[..., Array]) -> None:
+    def test_windows_do_not_cross_gaps(self, observe):
         """Drift jumps in the gap, which lies inside what would be one window."""
         cells = round(OBSERVATION_WINDOW_S / 10.0)
         before, after = slice(0, cells // 2), slice(cells // 2 + 10, None)
@@ -223,7 +193,7 @@ class TestObservedDrift:
         np.testing.assert_allclose(found[seen, 1], sensitivity[seen], atol=1e-12)
         assert {0.02, -0.03} == set(np.round(found[seen, 1], 9))
 
-    def test_slow_drift_is_followed(self, observe: Callable[..., Array]) -> None:
+    def test_slow_drift_is_followed(self, observe):
         theta = np.linspace(-10, 10, CELLS)
         error = observe((1 + 1e-3 * theta) * LOAD + 0.2 * theta, LOAD)
         error -= np.stack((0.2 * theta, 1e-3 * theta), axis=1)
@@ -231,7 +201,7 @@ class TestObservedDrift:
         assert np.nanmax(np.abs(error[:, 1])) < 0.2 * 1.5 / 30 / 2
         assert np.sqrt(np.nanmean(error[:, 0] ** 2)) < 0.2
 
-    def test_windows_without_load_are_not_observed(self, observe: Callable[..., Array]) -> None:
+    def test_windows_without_load_are_not_observed(self, observe):
         quiet = LOAD.copy()
         quiet[120:180] = 5.0
         found = observe(1.1 * quiet, quiet)

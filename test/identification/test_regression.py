@@ -1,19 +1,16 @@
 """Regressions from moments are those on the samples: least squares, ridge and PLS."""
 
-from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.identification.axis_data import AxisData
 from wrist_ft_comp.identification.bins import bin_axis_data
-from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
+from wrist_ft_comp.identification.moments import accumulate, bank_inputs
 from wrist_ft_comp.identification.pls import fit_pls
 from wrist_ft_comp.identification.regression import (
     least_squares,
     MAX_LATENTS,
-    Path,
     pls_path,
     ridge_path,
     RIDGE_STRENGTHS,
@@ -21,37 +18,30 @@ from wrist_ft_comp.identification.regression import (
 )
 from wrist_ft_comp.model.features import Features
 
-Array = np.ndarray
-Solve = Callable[[Array, Array, float], Array]
 FEATURES = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), degree=2)
 GRID = np.array([0.0, 50.0, 150.0, 400.0, 1200.0])
 
 
 @pytest.fixture(scope='module')
-def moments(noisy_problem: AxisData) -> Moments:
+def moments(noisy_problem):
     cells = bin_axis_data(noisy_problem, 1)
     return accumulate(cells, bank_inputs(cells, FEATURES, GRID), GRID)
 
 
 @pytest.fixture(scope='module')
-def products(moments: Moments) -> Array:
+def products(moments):
     return moments.centred(np.ones(3, dtype=bool))
 
 
 @pytest.fixture(scope='module')
-def samples(
-    noisy_problem: AxisData,
-    textbook_bank: Callable[..., list[Array]],
-    stack_samples: Callable[..., tuple[Array, Array, Array]],
-    centre: Callable[[Array, Array], Array],
-) -> tuple[Array, Array]:
+def samples(noisy_problem, textbook_bank, stack_samples, centre):
     """All columns and the target, centred within each recording."""
     banked = textbook_bank(noisy_problem, GRID)
     x, y, recordings = stack_samples(noisy_problem, banked, {0, 1, 2})
     return centre(x, recordings), centre(y, recordings)
 
 
-def made_up(rows: int, inputs: int, rank: int) -> tuple[Array, Array, Array]:
+def made_up(rows, inputs, rank):
     """Centred columns of very different units, of some rank, a target, and all their products."""
     rng = np.random.default_rng([rows, inputs, rank])
     mixed = rng.standard_normal((rows, rank)) @ rng.standard_normal((rank, inputs))
@@ -63,9 +53,7 @@ def made_up(rows: int, inputs: int, rank: int) -> tuple[Array, Array, Array]:
 
 
 class TestLeastSquares:
-    def test_it_is_that_on_the_stacked_design(
-        self, moments: Moments, products: Array, samples: tuple[Array, Array]
-    ) -> None:
+    def test_it_is_that_on_the_stacked_design(self, moments, products, samples):
         columns = moments.columns([0, 2], 2)
         found, left = least_squares(products, columns)
         x, y = samples
@@ -74,9 +62,7 @@ class TestLeastSquares:
         np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6)
         assert float(left) == pytest.approx(rest, rel=1e-9)
 
-    def test_collinear_columns_share_their_gain(
-        self, products: Array, samples: tuple[Array, Array]
-    ) -> None:
+    def test_collinear_columns_share_their_gain(self, products, samples):
         x, y = samples
         found, left = least_squares(products, np.array([0, 0, 0]))
         slope = (x[:, 0] @ y) / (x[:, 0] @ x[:, 0])
@@ -84,16 +70,14 @@ class TestLeastSquares:
         assert float(left) == pytest.approx(np.sum((y - slope * x[:, 0]) ** 2))
 
     def test_the_ridge_that_keeps_it_solvable_is_the_one_that_is_named(
-        self, products: Array, samples: tuple[Array, Array], augmented_ridge: Solve
-    ) -> None:
+        self, products, samples, augmented_ridge
+    ):
         x, y = samples
         columns = np.array([0, 2, 4, 6, 8])  # nearly collinear: one power behind five lags
         expected = augmented_ridge(x[:, columns], y, TINY_RIDGE)
         np.testing.assert_allclose(least_squares(products, columns)[0], expected, rtol=1e-5)
 
-    def test_many_systems_are_solved_as_one_by_one(
-        self, moments: Moments, products: Array
-    ) -> None:
+    def test_many_systems_are_solved_as_one_by_one(self, moments, products):
         choices = np.stack([moments.columns(pair, 1) for pair in combinations(range(1, 5), 2)])
         together, left = least_squares(products, choices)
         for columns, theta, rest in zip(choices, together, left, strict=True):
@@ -104,12 +88,8 @@ class TestLeastSquares:
 
 class TestRidge:
     def test_every_strength_is_the_augmented_least_squares(
-        self,
-        moments: Moments,
-        products: Array,
-        samples: tuple[Array, Array],
-        augmented_ridge: Solve,
-    ) -> None:
+        self, moments, products, samples, augmented_ridge
+    ):
         x, y = samples
         columns = moments.columns([1, 3], 2)
         path = ridge_path(products, columns)
@@ -122,9 +102,7 @@ class TestRidge:
 
 class TestPls:
     @pytest.mark.parametrize(('inputs', 'rank'), [(4, 4), (20, 20), (8, 3), (1, 1)], ids=str)
-    def test_every_number_of_latents_is_nipals_on_the_samples(
-        self, inputs: int, rank: int
-    ) -> None:
+    def test_every_number_of_latents_is_nipals_on_the_samples(self, inputs, rank):
         x, y, products = made_up(150, inputs, rank)
         scale = np.linalg.norm(x, axis=0)
         path = pls_path(products, np.arange(inputs))
@@ -138,13 +116,13 @@ class TestPls:
 
 @pytest.mark.parametrize('path', [ridge_path, pls_path])
 class TestEveryPath:
-    def test_units_of_the_columns_do_not_matter(self, path: Path) -> None:
+    def test_units_of_the_columns_do_not_matter(self, path):
         _, _, products = made_up(60, 4, 4)
         units = np.array([1.0, 1e3, 1e-3, 60.0, 1.0])
         found = path(products * units * units[:, np.newaxis], np.arange(4))
         np.testing.assert_allclose(found * units[:-1], path(products, np.arange(4)), rtol=1e-7)
 
-    def test_a_constant_column_gets_no_gain_and_changes_no_other(self, path: Path) -> None:
+    def test_a_constant_column_gets_no_gain_and_changes_no_other(self, path):
         _, _, products = made_up(60, 4, 4)
         silent = np.insert(np.insert(products, 2, 0.0, axis=0), 2, 0.0, axis=1)
         found = path(silent, np.arange(5))
@@ -154,12 +132,12 @@ class TestEveryPath:
             np.delete(found, 2, axis=1), path(products, np.arange(4)), rtol=1e-7
         )
 
-    def test_a_target_that_nothing_explains_gets_no_gain(self, path: Path) -> None:
+    def test_a_target_that_nothing_explains_gets_no_gain(self, path):
         _, _, products = made_up(60, 4, 4)
         products[-1, :-1] = products[:-1, -1] = 0.0
         np.testing.assert_array_equal(path(products, np.arange(4)), 0.0)
 
-    def test_what_is_left_falls_along_the_path(self, path: Path) -> None:
+    def test_what_is_left_falls_along_the_path(self, path):
         x, y, products = made_up(60, 8, 8)
         left = [np.sum((y - x @ theta) ** 2) for theta in path(products, np.arange(8))]
         assert (np.diff(left) <= 1e-9 * left[0]).all()

@@ -1,20 +1,17 @@
 """Standard errors: over many repetitions, estimates scatter by as much as they say."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import signal
 
-from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
+from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.identification.bins import bin_axis_data
-from wrist_ft_comp.identification.standard_errors import by_relaxation, fit_gains, GainFit
+from wrist_ft_comp.identification.standard_errors import by_relaxation, fit_gains
 from wrist_ft_comp.identification.time_constants import search_time_constants
 from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import Recording
 
-Array = np.ndarray
 LINE = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0))
 CELLS = 720
 PERIOD_S = 10.0
@@ -26,12 +23,7 @@ CORRELATED_S = 100.0
 
 
 @pytest.fixture(scope='module', params=['unloaded', 'recorded'])
-def clean(
-    request: pytest.FixtureRequest,
-    make_recording: Callable[..., Recording],
-    warm_up: Callable[..., Array],
-    lagged: Callable[..., Array],
-) -> AxisData:
+def clean(request, make_recording, warm_up, lagged):
     """Three recordings of 2 h of one lag, with a load that changes quickly, without noise."""
     rng = np.random.default_rng(0)
     recordings = []
@@ -45,7 +37,7 @@ def clean(
     return build_axis_data(recordings, 'force_z', request.param, blocks)
 
 
-def noise(rng: np.random.Generator, correlated_s: float) -> Array:
+def noise(rng, correlated_s):
     """Noise of deviation SIGMA, from its steady state."""
     white = rng.standard_normal(CELLS + 200)
     if not correlated_s:
@@ -54,14 +46,14 @@ def noise(rng: np.random.Generator, correlated_s: float) -> Array:
     return SIGMA * np.sqrt(1 - pole**2) * signal.lfilter([1.0], [1.0, -pole], white)[200:]
 
 
-def fit_noisy(clean: AxisData, seed: int, correlated_s: float) -> GainFit:
+def fit_noisy(clean, seed, correlated_s):
     rng = np.random.default_rng([seed, 1])
     residual = tuple(values + noise(rng, correlated_s) for values in clean.residual)
     cells = bin_axis_data(replace(clean, residual=residual), 1)
     return fit_gains(cells, LINE, search_time_constants(cells, LINE, np.array([300.0])))
 
 
-def scatter(clean: AxisData, correlated_s: float) -> tuple[Array, Array, Array]:
+def scatter(clean, correlated_s):
     """Deviation of z-scores of τ and gains, of the estimates, and the mean stated errors."""
     truth = np.array([TAU_S, GAIN, SENSITIVITY])
     found, stated = [], []
@@ -74,7 +66,7 @@ def scatter(clean: AxisData, correlated_s: float) -> tuple[Array, Array, Array]:
     return np.sqrt(np.mean(z**2, axis=0)), np.std(found, axis=0), np.mean(stated, axis=0)
 
 
-def naive_errors(clean: AxisData, lagged: Callable[..., Array]) -> Array:
+def naive_errors(clean, lagged):
     """The textbook's for white noise of deviation SIGMA: σ² (JᵀJ)⁻¹, of τ and zero gain."""
     information = np.zeros((2, 2))
     for temperature_c in clean.temperature_c:
@@ -87,16 +79,14 @@ def naive_errors(clean: AxisData, lagged: Callable[..., Array]) -> Array:
     return SIGMA * np.sqrt(np.diagonal(np.linalg.inv(information)))
 
 
-def test_with_white_noise_estimates_scatter_as_stated(clean: AxisData) -> None:
+def test_with_white_noise_estimates_scatter_as_stated(clean):
     z, _, _ = scatter(clean, 0.0)
     assert len(z) == (2 if clean.load is None else 3)
     assert (z > 0.75).all()
     assert (z < 1.3).all()
 
 
-def test_with_correlated_noise_they_scatter_by_little_more_where_the_textbook_fails(
-    clean: AxisData, lagged: Callable[..., Array]
-) -> None:
+def test_with_correlated_noise_they_scatter_by_little_more_where_the_textbook_fails(clean, lagged):
     z, scattered, _ = scatter(clean, CORRELATED_S)
     assert (z > 0.75).all()
     assert (z < 1.6).all()
@@ -105,7 +95,7 @@ def test_with_correlated_noise_they_scatter_by_little_more_where_the_textbook_fa
 
 
 class TestWhatCannotBeSaid:
-    def test_too_few_stretches_give_no_errors(self, clean: AxisData) -> None:
+    def test_too_few_stretches_give_no_errors(self, clean):
         """Six cells for three constants, two gains and a time constant leave nothing over."""
         short = replace(
             clean,
@@ -119,7 +109,7 @@ class TestWhatCannotBeSaid:
         assert np.isnan(fit.gain_errors).all()
         assert np.isfinite(fit.gains).all()
 
-    def test_a_thermometer_that_stands_still_has_no_error(self, clean: AxisData) -> None:
+    def test_a_thermometer_that_stands_still_has_no_error(self, clean):
         rng = np.random.default_rng(0)
         both = replace(
             clean,
@@ -137,13 +127,13 @@ class TestWhatCannotBeSaid:
         np.testing.assert_allclose(fit.gain_errors[0, 0], alone.gain_errors[0, 0], rtol=0.02)
 
 
-def fit_noisy_at(clean: AxisData, residual: tuple[Array, ...]) -> GainFit:
+def fit_noisy_at(clean, residual):
     problem = bin_axis_data(replace(clean, residual=residual), 1)
     return fit_gains(problem, LINE, np.array([TAU_S]))
 
 
 @pytest.mark.parametrize('loaded', [False, True])
-def test_values_are_sorted_by_relaxation_feature_and_output(loaded: bool) -> None:
+def test_values_are_sorted_by_relaxation_feature_and_output(loaded):
     """In the order of columns: output, relaxation, feature, and the load last."""
     named = [
         100 * m + 10 * k + f for m in range(1 + loaded) for k in range(2) for f in range(3)
