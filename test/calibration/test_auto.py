@@ -187,3 +187,12 @@ class TestTooSlow:
             '3000 s, as long as the longest recording'
         )
         assert fit.rms_after < 0.1 * fit.rms_before
+
+    def test_noise_alone_is_no_drift_that_could_be_too_slow(self, make_problem):
+        problem = make_problem({}, thermometers=2, cells=200)
+        fit = identify_axis(problem, IdentificationSettings('arx_pls_oe'))
+        assert (fit.model, fit.chosen, fit.refusal) == (None, 'none', '')
+        assert fit.rms_after == fit.rms_before
+        assert 'was left out: its slowest time constant is at least 2000 s' in fit.notes[-2]
+        assert fit.reason.startswith('none leaves 0.0')
+        assert 'of 2' in fit.reason

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration import chamber
+from wrist_ft_comp.calibration.chamber import chamber_figures
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.recordings import rewrite_recording
@@ -24,13 +24,10 @@ FIGURES = {
 @pytest.mark.parametrize(('name', 'figures'), FIGURES.items())
 def test_figures_of_the_published_tables(name, figures, keep):
     table = read_chamber_table(DATA / name, keep_copied_columns=keep)
-    computed = (
-        np.nanmax(np.abs(chamber.sensitivity_drift(table))),
-        chamber.zero_spread(table),
-        chamber.max_deviation(table),
-    )
-    assert computed == pytest.approx(figures, abs=6e-4)
-    assert computed[0] == pytest.approx(figures[0], abs=6e-5)
+    computed = chamber_figures(table)
+    assert computed.max_sensitivity_drift == pytest.approx(figures[0], abs=6e-5)
+    assert computed.zero_spread == pytest.approx(figures[1], abs=6e-4)
+    assert computed.max_deviation == pytest.approx(figures[2], abs=6e-4)
 
 
 def test_the_copied_column_of_sensor_a_is_left_out_with_its_reason():

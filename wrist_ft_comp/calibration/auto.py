@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -11,9 +10,9 @@ from wrist_ft_comp.calibration.cross_validation import (
     cross_validate,
     CvScore,
     hold_out,
-    left_out_bins,
+    part_errors,
     simplest_good,
-    uncompensated_errors,
+    uncompensated_bins,
 )
 from wrist_ft_comp.calibration.features import build_features
 from wrist_ft_comp.calibration.result import AxisFit, OUTPUTS, Term
@@ -57,12 +56,14 @@ def identify_relaxations(data: AxisData, settings: IdentificationSettings) -> Ax
         structure.name: cross_validate(candidate_data, structure)
         for structure in structures(settings, features, grid)
     }
-    fit = _choose(candidate_data, scores, settings)
-    before, after = (
-        partial(left_out_bins, candidate_data, score) for score in (None, scores.get(fit.chosen))
-    )
+    bins = {'none': uncompensated_bins(candidate_data)}
+    bins |= {name: score.bins for name, score in scores.items()}
+    errors = {name: part_errors(each) for name, each in bins.items()}
+    competing = list(errors) if settings.method == 'auto' else list(scores)
+    fit = _choose(candidate_data, scores, errors, competing)
     detrended = any(sums.time.any() for sums in candidate_data.judged.sums)
-    return replace(fit, held_out=hold_out(data, before, after, detrended=detrended))
+    held_out = hold_out(data, bins['none'], bins[fit.chosen], detrended=detrended)
+    return replace(fit, held_out=held_out)
 
 
 def choose_trend(data: CandidateData) -> CandidateData:
@@ -76,20 +77,18 @@ def choose_trend(data: CandidateData) -> CandidateData:
     if not data.trend:
         return plain
     bank = Structure('any', 1, 0, tuple(data.fitted_moments.time_constants_s.tolist()), 'ridge')
-    errors = [cross_validate(each, bank).errors for each in (plain, data)]
+    errors = [part_errors(cross_validate(each, bank).bins) for each in (plain, data)]
     return (plain, data)[simplest_good(errors)]
 
 
 def _choose(
-    data: CandidateData, scores: Mapping[str, CvScore], settings: IdentificationSettings
+    data: CandidateData,
+    scores: Mapping[str, CvScore],
+    errors: Mapping[str, FloatArray],
+    competing: Sequence[str],
 ) -> AxisFit:
     """Find the simplest good candidate that may run, and fit it to everything."""
     axis_data = data.axis_data
-    errors = {
-        'none': uncompensated_errors(data.judged_moments),
-        **{name: score.errors for name, score in scores.items()},
-    }
-    competing = list(errors) if settings.method == 'auto' else list(scores)
     notes: tuple[str, ...] = (_TREND_SET_ASIDE,) if data.trend else ()
     doubts: tuple[str, ...] = ()
     while True:
@@ -112,7 +111,7 @@ def _choose(
         if not substitutes and simplest_good([errors['none'], errors[chosen]]) == 0:
             # What a person named finds no drift, so there is none that could be too slow.
             nothing = Fitted(None, notes=(*notes, left_out), doubts=doubts)
-            return finish(axis_data, nothing, 'none', errors, competing)
+            return finish(axis_data, nothing, 'none', errors, ['none', chosen])
         if not substitutes:
             return _refuse(axis_data, chosen, slow, errors)
         competing = substitutes

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from wrist_ft_comp.calibration.settings import IdentificationSettings
-from wrist_ft_comp.identification.axis_data import AxisData, JUDGED_PARTS
+from wrist_ft_comp.identification.axis_data import AxisData
 from wrist_ft_comp.identification.bins import bin_axis_data, BinnedData
 from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
 from wrist_ft_comp.identification.output_error import Structure
@@ -24,9 +24,9 @@ class CandidateData:
     """
     What all candidates of an axis are fitted from and scored on.
 
-    Features are those of one relaxation's temperatures, of the highest degree; moments hold all of
-    them behind a grid of time constants. A slow trend that no temperature has to explain may be
-    set aside in the fit; it is never counted against a candidate.
+    Features are those of one relaxation's temperatures, of the highest degree; moments and judged
+    inputs, (n_i, K·F), hold all of them behind a grid of time constants. A slow trend that no
+    temperature has to explain may be set aside in the fit; it never counts against a candidate.
     """
 
     axis_data: AxisData
@@ -34,7 +34,7 @@ class CandidateData:
     fitted: BinnedData
     judged: BinnedData
     fitted_moments: Moments
-    judged_moments: Moments
+    judged_inputs: list[FloatArray]
     trend: bool
 
     def inputs(self, structure: Structure) -> int:
@@ -62,9 +62,9 @@ def build_candidate_data(data: AxisData, features: Features) -> CandidateData:
     fitted = bin_axis_data(data, fitted_cells)
     judged = bin_axis_data(data, judged_cells, means=True)
     moments = accumulate(fitted, bank_inputs(fitted, features, grid), grid)
-    judged_moments = accumulate(judged, bank_inputs(judged, features, grid), grid, JUDGED_PARTS)
+    judged_inputs = bank_inputs(judged, features, grid)
     trend = bool(moments.nuisance_gram[:, 1].any())
-    return CandidateData(data, features, fitted, judged, moments, judged_moments, trend)
+    return CandidateData(data, features, fitted, judged, moments, judged_inputs, trend)
 
 
 def time_constant_grid(data: AxisData) -> FloatArray:

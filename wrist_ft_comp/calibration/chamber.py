@@ -134,10 +134,6 @@ class ChamberTable:
             Samples(('reference_force_z',), readings, repeated[:, np.newaxis]),
         )
 
-    def with_output(self, output: FloatArray) -> 'ChamberTable':
-        """Return the same test with other outputs, shape (S, P)."""
-        return replace(self, output=output)
-
 
 def leave_out_copies(table: ChamberTable) -> ChamberTable:
     """
@@ -166,44 +162,14 @@ def leave_out_copies(table: ChamberTable) -> ChamberTable:
     )
 
 
-def sensitivity_drift(table: ChamberTable) -> FloatArray:
-    """Compute K_s (eq. 23), % of full scale per °C, shape (P,); NaN at the reference."""
-    change = table.spans - table.full_scale
-    distance = table.temperatures_c - table.temperatures_c[table.reference_column]
-    k_s = np.full(len(distance), np.nan)
-    np.divide(100 * change, distance * table.full_scale, out=k_s, where=distance != 0)  # eq. 23
-    return k_s
-
-
-def accuracy(table: ChamberTable) -> float:
-    """
-    Compute A (eq. 24): the largest error over all loads and temperatures, % of full scale.
-
-    The error is counted from the straight line through zero and full load at the reference
-    temperature, so it holds drift, nonlinearity and hysteresis together.
-    """
-    line = table.output[0, table.reference_column] + table.reference - table.reference[0]
-    largest = np.abs(table.output - line[:, np.newaxis]).max()  # ΔA
-    return float(100 * largest / abs(table.full_scale))  # eq. 24
-
-
-def zero_spread(table: ChamberTable) -> float:
-    """Compute max - min over temperature of the first step's output, % of full scale."""
-    return float(100 * np.ptp(table.output[0]) / abs(table.full_scale))
-
-
-def max_deviation(table: ChamberTable) -> float:
-    """Compute the largest difference from the reference temperature's output, % of full scale."""
-    at_reference = table.output[:, [table.reference_column]]
-    return float(100 * np.abs(table.output - at_reference).max() / abs(table.full_scale))
-
-
 @dataclass(frozen=True)
 class ChamberFigures:
     """
-    How good a sensor is over temperature, % of full scale, eq. 23 and 24.
+    How good a sensor is over temperature, % of full scale.
 
-    The largest K_s is NaN when there is only the reference temperature.
+    The largest |K_s| (eq. 23, per °C), NaN when there is only the reference temperature; the range
+    of the output of the first step; the largest difference from the output at the reference
+    temperature; and A (eq. 24), the largest error over all loads and temperatures.
     """
 
     max_sensitivity_drift: float
@@ -213,14 +179,25 @@ class ChamberFigures:
 
 
 def chamber_figures(table: ChamberTable) -> ChamberFigures:
-    """Compute all figures of a table, raw or compensated."""
-    k_s = np.abs(sensitivity_drift(table))
-    known = k_s[np.isfinite(k_s)]
+    """
+    Compute all figures of a table, raw or compensated.
+
+    Accuracy is counted from the straight line through zero and full load at the reference
+    temperature, so it holds drift, nonlinearity and hysteresis together.
+    """
+    full_scale = abs(table.full_scale)
+    distance = table.temperatures_c - table.temperatures_c[table.reference_column]
+    elsewhere = distance != 0
+    change = (table.spans - table.full_scale)[elsewhere]
+    k_s = np.abs(100 * change / (distance[elsewhere] * table.full_scale))  # eq. 23
+    at_reference = table.output[:, [table.reference_column]]
+    line = at_reference[0] + table.reference - table.reference[0]
+    largest = np.abs(table.output - line[:, np.newaxis]).max()  # ΔA
     return ChamberFigures(
-        float(known.max()) if len(known) else float('nan'),
-        zero_spread(table),
-        max_deviation(table),
-        accuracy(table),
+        max_sensitivity_drift=float(k_s.max()) if len(k_s) else float('nan'),
+        zero_spread=float(100 * np.ptp(table.output[0]) / full_scale),
+        max_deviation=float(100 * np.abs(table.output - at_reference).max() / full_scale),
+        accuracy=float(100 * largest / full_scale),  # eq. 24
     )
 
 
@@ -237,7 +214,8 @@ def compensate_table(table: ChamberTable, model: DriftModel) -> ChamberTable:
     The sensor is tared once, without load at the reference temperature, as a robot's would be.
     """
     at_readings = _drift_at_readings(table, model)
-    return table.with_output(correct(table.output, at_readings, _tare(table, at_readings)))
+    output = correct(table.output, at_readings, _tare(table, at_readings))
+    return replace(table, output=output)
 
 
 def table_tare(table: ChamberTable, model: DriftModel) -> FloatArray:
@@ -285,4 +263,4 @@ def leave_one_temperature_out(
         except WristFtCompError:
             return None
         output[:, column] = compensate_table(table, model).output[:, column]
-    return table.with_output(output)
+    return replace(table, output=output)

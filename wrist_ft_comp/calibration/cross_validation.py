@@ -1,9 +1,9 @@
 """
 Where a candidate is scored: on folds that it did not see, in free run, averaged over bins.
 
-Relaxations are scored from sums (``cross_validate``), any other model by refitting and running it
-(``refit_errors``). ``simplest_good`` compares the scores; ``hold_out`` keeps the errors behind
-those of the winner, bin by bin, for pictures.
+Relaxations are fitted from sums (``cross_validate``), any other model by refitting and running it
+(``refit_bins``). ``part_errors`` sums their errors up, ``simplest_good`` compares the sums, and
+``hold_out`` keeps the winner's errors for pictures.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,41 +14,48 @@ import numpy as np
 
 from wrist_ft_comp.calibration.candidates import CandidateData
 from wrist_ft_comp.calibration.result import HeldOut
-from wrist_ft_comp.identification.axis_data import AxisData, JUDGED_PARTS
+from wrist_ft_comp.identification.axis_data import AxisData
 from wrist_ft_comp.identification.bins import Sums
-from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
+from wrist_ft_comp.identification.moments import accumulate, bank_inputs
 from wrist_ft_comp.identification.output_error import fit_columns, Structure
 from wrist_ft_comp.identification.time_constants import search_time_constants
 from wrist_ft_comp.model.axis_model import AxisModel
-from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
+from wrist_ft_comp.model.signals import FloatArray, IntArray
 
 #: Nearer to its optimum, a candidate's errors change by far less than they differ from others'.
 _TOLERANCE = 1e-5
+#: Parts that each held-out fold is scored in: two recordings alone cannot tell chance from merit.
+JUDGED_PARTS = 4
 #: A candidate has to lower the mean square error by this share to be worth its complexity.
 WORTHWHILE = 0.15
+
+
+class FoldBins(NamedTuple):
+    """
+    Bins of a recording in a held-out fold: mean cell numbers, (n,), and errors.
+
+    Errors are counted from a constant, (n,), or for every strength of a regression, (n, S).
+    """
+
+    recording: int
+    fold: int
+    cells: FloatArray
+    errors: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class CvScore:
     """
-    How a candidate did on held-out folds: mean square error of each part of each fold.
+    How a candidate did on held-out folds, at its best strength.
 
     The strength is the position of the best one of a regularised regression; time constants are
     those that were searched, (K,), s.
     """
 
     structure: Structure
-    errors: FloatArray
+    bins: list[FoldBins]
     strength: int = 0
     time_constants_s: FloatArray | None = None
-
-
-class FoldBins(NamedTuple):
-    """Mean cell numbers and errors of a recording's bins in a fold, around its constant, (n,)."""
-
-    recording: int
-    cells: FloatArray
-    errors: FloatArray
 
 
 #: Fits an axis, of which a fold may be held out: a model or None, and what had to be mended.
@@ -57,61 +64,97 @@ Refit = Callable[[AxisData], tuple[AxisModel | None, tuple[str, ...]]]
 
 def cross_validate(data: CandidateData, structure: Structure) -> CvScore:
     """Score a candidate, at its best strength, on folds that it did not see."""
-    moments, judged = data.fitted_moments, data.judged_moments
-    inputs = data.inputs(structure)
-    if not structure.free_time_constants:
-        folds = np.unique(moments.fold)
-        tried = [_score_fold(moments, judged, structure, inputs, fold) for fold in folds]
-        errors = np.concatenate(tried, axis=1)
-        best = int(np.argmin(errors.mean(axis=1)))
-        return CvScore(structure, errors[best], best)
-    columns, _ = fit_columns(moments, structure, moments.everything, inputs)
-    half = len(moments.time_constants_s) * moments.inputs
-    on_grid = moments.time_constants_s[np.unique(columns[columns < half] // moments.inputs)]
-    # All combinations on the grid were the starts; the best of them is followed.
-    tau_s = search_time_constants(data.fitted, data.features_of(structure), on_grid, _TOLERANCE)
-    return CvScore(structure, _searched_errors(data, structure, tau_s), 0, tau_s)
+    moments = data.fitted_moments
+    tau_s = None
+    if structure.free_time_constants:
+        columns, _ = fit_columns(moments, structure, moments.everything, data.inputs(structure))
+        half = len(moments.time_constants_s) * moments.inputs
+        on_grid = moments.time_constants_s[np.unique(columns[columns < half] // moments.inputs)]
+        # All combinations on the grid were the starts; the best of them is followed.
+        features = data.features_of(structure)
+        tau_s = search_time_constants(data.fitted, features, on_grid, _TOLERANCE)
+    bins = [
+        each
+        for fold in np.unique(moments.fold).tolist()
+        for each in _left_out_bins(data, structure, tau_s, fold)
+    ]
+    best = int(np.argmin(part_errors(bins).mean(axis=0)))
+    at_best = [each._replace(errors=each.errors[:, best]) for each in bins]
+    return CvScore(structure, at_best, best, tau_s)
 
 
-def _score_fold(
-    moments: Moments, judged: Moments, structure: Structure, inputs: int, fold: int
-) -> FloatArray:
-    """Fit to all folds but one, score on it: mean squares, shape (S, parts of the fold)."""
-    columns, coefficients = fit_columns(moments, structure, moments.fold != fold, inputs)
-    theta = np.zeros((len(coefficients), moments.sums.shape[1]))
-    theta[:, columns] = coefficients
-    theta[:, -1] = -1.0
-    return judged.mean_squares(judged.fold == fold, theta)
+def _left_out_bins(
+    data: CandidateData, structure: Structure, start_s: FloatArray | None, fold: int
+) -> list[FoldBins]:
+    """Fit a candidate to all folds but one, from a start where it searches; its errors there."""
+    fitted, judged = data.fitted, data.judged
+    moments, banked = data.fitted_moments, data.judged_inputs
+    if start_s is not None:
+        features = data.features_of(structure)
+        tau_s = search_time_constants(fitted.without(fold), features, start_s, _TOLERANCE)
+        structure = replace(structure, free_time_constants=0, bank_s=tuple(tau_s))
+        moments = accumulate(fitted, bank_inputs(fitted, features, tau_s), tau_s)
+        banked = bank_inputs(judged, features, tau_s)
+    keep = moments.fold != fold
+    columns, coefficients = fit_columns(moments, structure, keep, data.inputs(structure))
+    bins = []
+    for i in _recordings_with(data, fold):
+        design = _design(banked[i], judged.sums[i], loaded=judged.loaded)[:, columns]
+        errors = judged.sums[i].residual[:, np.newaxis] - design @ coefficients.T
+        bins.append(_around_level(data, i, fold, errors))
+    return bins
 
 
-def _searched_errors(data: CandidateData, structure: Structure, start_s: FloatArray) -> FloatArray:
-    """Search time constants without each fold in turn and score them there, shape (parts,)."""
-    features = data.features_of(structure)
-    errors = []
-    for fold in np.unique(data.fitted_moments.fold):
-        tau_s = _search_without(data, structure, start_s, fold)
-        fixed = replace(structure, free_time_constants=0, bank_s=tuple(tau_s))
-        moments = accumulate(data.fitted, bank_inputs(data.fitted, features, tau_s), tau_s)
-        banked = bank_inputs(data.judged, features, tau_s)
-        judged = accumulate(data.judged, banked, tau_s, JUDGED_PARTS)
-        errors.append(_score_fold(moments, judged, fixed, moments.inputs, fold)[0])
-    return np.concatenate(errors)
+def _recordings_with(data: CandidateData, fold: int) -> list[int]:
+    """List the recordings with samples in a fold."""
+    pairs = zip(data.judged.sums, data.judged.folds, strict=True)
+    return [i for i, (sums, folds) in enumerate(pairs) if (sums.count[folds == fold] > 0).any()]
 
 
-def _search_without(
-    data: CandidateData, structure: Structure, start_s: FloatArray, fold: int
-) -> FloatArray:
-    """Search time constants without a fold, s."""
-    kept = data.fitted.without(fold)
-    return search_time_constants(kept, data.features_of(structure), start_s, _TOLERANCE)
+def _around_level(data: CandidateData, i: int, fold: int, errors: FloatArray) -> FoldBins:
+    """Count a recording's errors, (n, S), in a fold from what no temperature has to explain."""
+    judged, sums = data.judged, data.judged.sums[i]
+    present = sums.count > 0
+    held = (judged.folds[i] == fold) & present
+    basis = held if judged.tared else ~held & present
+    # A constant, and a trend where time is not 0.
+    one_and_time = np.stack((np.ones_like(sums.time), sums.time), axis=1)
+    level = one_and_time @ np.linalg.lstsq(one_and_time[basis], errors[basis], rcond=None)[0]
+    cells = judged.period_s / data.axis_data.period_s
+    middles = (np.flatnonzero(held) + 0.5) * cells - 0.5
+    last = len(data.axis_data.residual[i]) - 1
+    return FoldBins(i, fold, np.minimum(middles, last), (errors - level)[held])
 
 
-def uncompensated_errors(judged: Moments) -> FloatArray:
-    """Score doing nothing, as CvScore.errors."""
-    nothing = np.zeros((1, judged.sums.shape[1]))
-    nothing[0, -1] = 1.0
-    folds = np.unique(judged.fold)
-    return np.concatenate([judged.mean_squares(judged.fold == fold, nothing)[0] for fold in folds])
+def _design(x: FloatArray, sums: Sums, *, loaded: bool) -> FloatArray:
+    """
+    Draw the regressors of the equation in ``output_error``, without the constant.
+
+        [ x_f(H_τ T) … | w x_f(H_τ T) … | w ]     with load
+        [ x_f(H_τ T) … ]                          without
+    """
+    w = sums.load[:, np.newaxis]
+    return np.concatenate((x, w * x, w), axis=1) if loaded else x
+
+
+def uncompensated_bins(data: CandidateData) -> list[FoldBins]:
+    """Keep the errors of doing nothing, as those of CvScore."""
+    return [
+        _around_level(data, i, fold, data.judged.sums[i].residual)
+        for fold in np.unique(data.fitted_moments.fold).tolist()
+        for i in _recordings_with(data, fold)
+    ]
+
+
+def part_errors(bins: Sequence[FoldBins]) -> FloatArray:
+    """Score every fold in parts: mean squares, shape (parts,), by strength (parts, S)."""
+    return np.array(
+        [
+            part.mean(axis=0)
+            for each in bins
+            for part in np.array_split(each.errors**2, min(JUDGED_PARTS, len(each.errors)))
+        ]
+    )
 
 
 def simplest_good(errors: Sequence[FloatArray]) -> int:
@@ -136,20 +179,13 @@ def standard_error(differences: FloatArray) -> float:
     return float(differences.std(ddof=1)) / np.sqrt(count) if count > 1 else 0.0
 
 
-def refit_errors(data: AxisData, refit: Refit) -> FloatArray:
-    """Refit a model without each fold in turn and score it there: mean squares, shape (parts,)."""
-    return np.array(
-        [
-            error
-            for fold in data.fold_numbers
-            for error in fold_errors(data, unexplained(data, refit(data.without(fold))[0]), fold)
-        ]
-    )
-
-
-def refit_bins(data: AxisData, refit: Refit, fold: int) -> list[FoldBins]:
-    """Refit a model without a fold, and keep its errors there."""
-    return fold_bins(data, unexplained(data, refit(data.without(fold))[0]), fold)
+def refit_bins(data: AxisData, refit: Refit) -> list[FoldBins]:
+    """Refit a model without each fold in turn, and keep its errors there."""
+    return [
+        each
+        for fold in data.fold_numbers
+        for each in fold_bins(data, unexplained(data, refit(data.without(fold))[0]), fold)
+    ]
 
 
 def unexplained(data: AxisData, model: AxisModel | None) -> list[FloatArray]:
@@ -170,15 +206,6 @@ def unexplained(data: AxisData, model: AxisModel | None) -> list[FloatArray]:
     return remainders
 
 
-def fold_errors(data: AxisData, remainders: Sequence[FloatArray], fold: int) -> list[float]:
-    """Score what ``unexplained`` leaves in a fold: mean squares of the fold's parts."""
-    errors = []
-    for bins in fold_bins(data, remainders, fold):
-        parts = np.array_split(bins.errors**2, min(JUDGED_PARTS, len(bins.errors)))
-        errors += [float(part.mean()) for part in parts]
-    return errors
-
-
 def fold_bins(data: AxisData, remainders: Sequence[FloatArray], fold: int) -> list[FoldBins]:
     """Average what is left in a fold over bins, around each recording's constant."""
     bins = []
@@ -189,7 +216,7 @@ def fold_bins(data: AxisData, remainders: Sequence[FloatArray], fold: int) -> li
             inside = bin_means(values[rows], rows, data.bin_cells[1])
             constant = (inside if data.tared else values[(folds != fold) & finite]).mean()
             cells = bin_means(rows.astype(float), rows, data.bin_cells[1])
-            bins.append(FoldBins(i, cells, inside - constant))
+            bins.append(FoldBins(i, fold, cells, inside - constant))
     return bins
 
 
@@ -206,23 +233,21 @@ def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray
 
 def hold_out(
     data: AxisData,
-    before: Callable[[int], Sequence[FoldBins]],
-    after: Callable[[int], Sequence[FoldBins]],
+    before: Sequence[FoldBins],
+    after: Sequence[FoldBins],
     *,
     detrended: bool = False,
 ) -> HeldOut:
     """Keep the errors on every held-out fold, without compensation and of the winner."""
-    rows: list[FloatArray] = []
-    for fold in data.fold_numbers:
-        for raw, compensated in zip(before(fold), after(fold), strict=True):
-            count = len(raw.cells)
-            recordings, folds = np.full(count, raw.recording), np.full(count, fold)
-            rows.append(np.stack((recordings, folds, raw.cells, raw.errors, compensated.errors)))
+    rows = [
+        np.stack(np.broadcast_arrays(*raw, compensated.errors))
+        for raw, compensated in zip(before, after, strict=True)
+    ]
     table = np.concatenate(rows, axis=1)
-    recording, held_out, cell, error, remaining = table[:, np.lexsort((table[2], table[0]))]
+    recording, fold, cell, error, remaining = table[:, np.lexsort((table[2], table[0]))]
     return HeldOut(
         recording=recording.astype(np.int64),
-        fold=held_out.astype(np.int64),
+        fold=fold.astype(np.int64),
         cell=cell,
         before=error,
         after=remaining,
@@ -230,61 +255,3 @@ def hold_out(
         tared=data.tared,
         detrended=detrended,
     )
-
-
-def left_out_bins(data: CandidateData, score: CvScore | None, fold: int) -> list[FoldBins]:
-    """Fit a candidate to all folds but one, and keep its errors there; None does nothing."""
-    judged = data.judged
-    remainders = [sums.residual for sums in judged.sums]
-    if score is not None:
-        remainders = _remainders(data, score, fold)
-    cells = judged.period_s / data.axis_data.period_s
-    bins = []
-    for i, (errors, sums, folds) in enumerate(
-        zip(remainders, judged.sums, judged.folds, strict=True)
-    ):
-        present = sums.count > 0
-        held = (folds == fold) & present
-        if held.any():
-            basis = held if judged.tared else ~held & present
-            level = _level(errors, sums.time, basis)
-            middles = (np.flatnonzero(held) + 0.5) * cells - 0.5
-            last = len(data.axis_data.residual[i]) - 1
-            bins.append(FoldBins(i, np.minimum(middles, last), (errors - level)[held]))
-    return bins
-
-
-def _level(errors: FloatArray, time: FloatArray, basis: BoolArray) -> FloatArray:
-    """Fit what no temperature has to explain: a constant, and a trend where time is not 0."""
-    one_and_time = np.stack((np.ones_like(time), time), axis=1)
-    level = np.linalg.lstsq(one_and_time[basis], errors[basis], rcond=None)[0]
-    return np.asarray(one_and_time @ level, dtype=float)
-
-
-def _remainders(data: CandidateData, score: CvScore, fold: int) -> list[FloatArray]:
-    """Subtract a fit to the other folds from r - w in bins, shapes (n_i,)."""
-    fitted, judged, structure = data.fitted, data.judged, score.structure
-    features = data.features_of(structure)
-    tau_s = np.array(structure.bank_s or (0.0,))
-    if score.time_constants_s is not None:
-        tau_s = _search_without(data, structure, score.time_constants_s, fold)
-    fixed = replace(structure, free_time_constants=0, bank_s=tuple(tau_s))
-    moments = accumulate(fitted, bank_inputs(fitted, features, tau_s), tau_s)
-    columns, coefficients = fit_columns(moments, fixed, moments.fold != fold, moments.inputs)
-    theta = np.zeros(moments.sums.shape[1] - 1)
-    theta[columns] = coefficients[score.strength]
-    return [
-        sums.residual - _design(x, sums, loaded=judged.loaded) @ theta
-        for x, sums in zip(bank_inputs(judged, features, tau_s), judged.sums, strict=True)
-    ]
-
-
-def _design(x: FloatArray, sums: Sums, *, loaded: bool) -> FloatArray:
-    """
-    Draw the regressors of the equation in ``output_error``, without the constant.
-
-        [ x_f(H_τ T) … | w x_f(H_τ T) … | w ]     with load
-        [ x_f(H_τ T) … ]                          without
-    """
-    w = sums.load[:, np.newaxis]
-    return np.concatenate((x, w * x, w), axis=1) if loaded else x

@@ -146,7 +146,8 @@ def drop_stuck_cells(
                 'connected. It is left uncompensated.'
             )
             continue
-        lively = any(_liveliness(each.wrench[:, column]) >= _LIVELY for each in recordings)
+        steps = [np.diff(_present(each.wrench[:, column])) for each in recordings]
+        lively = any((each != 0).mean() >= _LIVELY for each in steps if len(each))
         for i, recording in enumerate(sound):
             stuck = _find_stuck(recording.wrench[:, column])
             if lively and stuck.any():
@@ -161,12 +162,6 @@ def _present(values: FloatArray) -> FloatArray:
     """Take the finite values."""
     finite: FloatArray = values[np.isfinite(values)]
     return finite
-
-
-def _liveliness(values: FloatArray) -> float:
-    """Share of neighbouring samples that differ; 0 with fewer than two."""
-    steps = np.diff(_present(values))
-    return float(np.mean(steps != 0)) if len(steps) else 0.0
 
 
 def _is_dead(recordings: Sequence[Recording], column: int) -> bool:

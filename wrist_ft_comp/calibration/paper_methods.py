@@ -9,9 +9,9 @@ import numpy as np
 
 from wrist_ft_comp.calibration.cross_validation import (
     hold_out,
+    part_errors,
     Refit,
     refit_bins,
-    refit_errors,
     simplest_good,
 )
 from wrist_ft_comp.calibration.features import build_features
@@ -43,13 +43,13 @@ def identify_paper_method(
             for r in _latents_to_try(settings, _features(data, settings), method):
                 name = f'{method}, {r} latent{"s" * (r > 1)}'
                 refits[name] = partial(_fit, settings, method, r)
-    errors = {name: refit_errors(data, refit) for name, refit in refits.items()}
+    bins = {name: refit_bins(data, refit) for name, refit in refits.items()}
+    errors = {name: part_errors(each) for name, each in bins.items()}
     competing = [name for name in refits if name != 'none' or 'none' in methods]
     chosen = competing[simplest_good([errors[name] for name in competing])]
     model, notes = refits[chosen](data)
     result = finish(data, Fitted(model, notes=notes), chosen, errors, competing)
-    before, after = (partial(refit_bins, data, refits[name]) for name in ('none', chosen))
-    return replace(result, held_out=hold_out(data, before, after))
+    return replace(result, held_out=hold_out(data, bins['none'], bins[chosen]))
 
 
 def _features(data: AxisData, settings: IdentificationSettings) -> Features:

@@ -25,8 +25,6 @@ FITTED_BIN_S = 10.0
 JUDGED_BIN_S = 30.0
 #: … but a fold of a short recording still has so many bins.
 _BINS_PER_FOLD = 8
-#: Parts that each held-out fold is scored in: two recordings alone cannot tell chance from merit.
-JUDGED_PARTS = 4
 #: The load of an axis varies enough when its deviation is this many times the noise.
 MIN_LOAD_TO_NOISE = 10.0
 #: Folds of time that a single recording is divided into.

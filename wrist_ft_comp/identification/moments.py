@@ -44,8 +44,6 @@ class Moments:
         F, number of features.
     loaded : bool
         Whether the columns are doubled by the load, and the load itself is a column.
-    tared : bool
-        As AxisData.tared.
 
     """
 
@@ -57,17 +55,6 @@ class Moments:
     fold: IntArray
     inputs: int
     loaded: bool
-    tared: bool = True
-
-    @property
-    def sums(self) -> FloatArray:
-        """Sum of each column, shape (B, P + 1)."""
-        return self.nuisance_products[:, 0]
-
-    @property
-    def counts(self) -> FloatArray:
-        """Number of samples, shape (B,)."""
-        return self.nuisance_gram[:, 0, 0]
 
     def without_trend(self) -> 'Moments':
         """Have temperature explain everything but a constant, also in long recordings."""
@@ -119,26 +106,6 @@ class Moments:
         level: FloatArray = self._inverse_gram(inside) @ (crossed @ thetas.T)
         return level
 
-    def mean_squares(self, held: BoolArray, thetas: FloatArray) -> FloatArray:
-        """
-        Score combinations of columns, shape (S, P + 1), on the B' entries that are held out.
-
-        Mean squares around constant and trend of each recording, shape (S, B').
-        """
-        # (S, B') = diagonal of θ (P + 1) · products (B', P + 1, P + 1) · θ
-        halves = np.tensordot(thetas, self.products[held], axes=(1, 1))  # (S, B', P + 1)
-        squares = np.einsum('sp,sbp->sb', thetas, halves)
-        around = np.zeros_like(squares)
-        for recording in np.unique(self.recording[held]):
-            own = held & (self.recording == recording)
-            basis = own if self.tared else ~held & (self.recording == recording)
-            level = self.fit_nuisance(basis, thetas)  # (2, S)
-            crossed = np.einsum('qs,bqp,sp->sb', level, self.nuisance_products[own], thetas)
-            levels = np.einsum('qs,bqr,rs->sb', level, self.nuisance_gram[own], level)
-            around[:, own[held]] = squares[:, own[held]] - 2 * crossed + levels
-        errors: FloatArray = np.maximum(around, 0.0) / self.counts[held]
-        return errors
-
 
 def bank_inputs(
     data: BinnedData, features: Features, time_constants_s: FloatArray
@@ -157,22 +124,16 @@ def bank_inputs(
 
 
 def accumulate(
-    data: BinnedData, banked: Sequence[FloatArray], time_constants_s: FloatArray, parts: int = 1
+    data: BinnedData, banked: Sequence[FloatArray], time_constants_s: FloatArray
 ) -> Moments:
-    """
-    Sum products of all columns, from ``bank_inputs``, over every fold of every recording.
-
-    Each fold is divided into so many parts, entries of about the same number of bins.
-    """
+    """Sum products of all columns, from ``bank_inputs``, over every fold of every recording."""
     entries = []
     for i, (x, sums) in enumerate(zip(banked, data.sums, strict=True)):
         for fold in np.unique(data.folds[i]):
             rows = np.flatnonzero((data.folds[i] == fold) & (sums.count > 0))
-            entries += [
-                (*_sum_rows(x[part], sums, part, loaded=data.loaded), i, int(fold))
-                for part in np.array_split(rows, max(min(parts, len(rows)), 1))
-                if len(part)
-            ]
+            if len(rows):
+                products = _sum_rows(x[rows], sums, rows, loaded=data.loaded)
+                entries.append((*products, i, int(fold)))
     products, nuisance_products, nuisance_gram, recording, folds = zip(*entries, strict=True)
     return Moments(
         time_constants_s=time_constants_s,
@@ -183,7 +144,6 @@ def accumulate(
         fold=np.array(folds),
         inputs=banked[0].shape[1] // len(time_constants_s),
         loaded=data.loaded,
-        tared=data.tared,
     )
 
 

@@ -39,8 +39,6 @@ class Pls:
         Q, columns of length 1.
     scores : ndarray, shape (N, R)
         T of the data that were fitted.
-    output_scores : ndarray, shape (N, R)
-        U of the data that were fitted.
 
     """
 
@@ -49,7 +47,6 @@ class Pls:
     inner: FloatArray
     output_loadings: FloatArray
     scores: FloatArray
-    output_scores: FloatArray
 
     @property
     def latents(self) -> int:
@@ -98,11 +95,11 @@ def fit_pls(x: FloatArray, y: FloatArray, latents: int) -> Pls:
         b = float(u @ t) / tt  # eq. 9
         e -= np.outer(t, p)  # eq. 3
         f -= b * np.outer(t, q)  # eq. 5 with eq. 10
-        components.append((w, p, np.array(b), q, t, u))
+        components.append((w, p, np.array(b), q, t))
     if not components:
         return _empty(x, y)
-    w_, p_, b_, q_, t_, u_ = (np.stack(part, axis=-1) for part in zip(*components, strict=True))
-    return Pls(weights=w_, loadings=p_, inner=b_, output_loadings=q_, scores=t_, output_scores=u_)
+    w_, p_, b_, q_, t_ = (np.stack(part, axis=-1) for part in zip(*components, strict=True))
+    return Pls(weights=w_, loadings=p_, inner=b_, output_loadings=q_, scores=t_)
 
 
 def _empty(x: FloatArray, y: FloatArray) -> Pls:
@@ -114,7 +111,6 @@ def _empty(x: FloatArray, y: FloatArray) -> Pls:
         inner=np.zeros(0),
         output_loadings=np.zeros((outputs, 0)),
         scores=np.zeros((n, 0)),
-        output_scores=np.zeros((n, 0)),
     )
 
 
@@ -161,5 +157,4 @@ def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
         inner=inner,
         output_loadings=output_loadings,
         scores=scores,
-        output_scores=y @ output_loadings,
     )

@@ -80,7 +80,7 @@ def _standard_errors(projection: VarPro, free: BoolArray) -> FloatArray:
     jacobian = np.concatenate((copied, projection.derivative[free].T), axis=1)
     residual = projection.residual
     bread = jacobian.T @ moments.centred(moments.everything) @ jacobian
-    scores = np.empty((len(moments.counts), jacobian.shape[1]))
+    scores = np.empty((len(moments.fold), jacobian.shape[1]))
     for recording in np.unique(moments.recording):
         own = moments.recording == recording
         crossed = moments.nuisance_products[own]  # (C, 2, P + 1)
