@@ -4,15 +4,13 @@ Fixtures of several rooms: recordings, temperatures, drifts with a known truth, 
 Everything here is seeded and written without the package's mathematics and codecs.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib.util import find_spec
-from pathlib import Path
 import struct
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
+from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.model.arx import Arx
 from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
@@ -20,16 +18,15 @@ from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import AXES, Recording
 
-Array = np.ndarray
 collect_ignore = [] if find_spec('rclpy') else ['ros']
 
 
-def pytest_report_header() -> str:
+def pytest_report_header():
     """Say so where the nodes' tests cannot run."""
     return 'test/ros is left out: it needs ROS 2 (rclpy)' if collect_ignore else ''
 
 
-def _wrenches(cells: int, axes: Mapping[str, object]) -> Array:
+def _wrenches(cells, axes):
     wrench = np.full((cells, len(AXES)), np.nan)
     for axis, values in axes.items():
         wrench[:, AXES.index(axis)] = values
@@ -37,18 +34,12 @@ def _wrenches(cells: int, axes: Mapping[str, object]) -> Array:
 
 
 @pytest.fixture(scope='session')
-def make_recording() -> Callable[..., Recording]:
+def make_recording():
     """Build a recording from temperatures and the axes by name."""
 
     def make(  # noqa: PLR0913 -- a factory names what it can vary
-        temperature_c: Array,
-        wrench: Mapping[str, object],
-        reference: Mapping[str, object] | None = None,
-        *,
-        period_s: float = 10.0,
-        name: str = 'run',
-        first_cell: int = 0,
-    ) -> Recording:
+        temperature_c, wrench, reference=None, *, period_s=10.0, name='run', first_cell=0
+    ):
         temperature_c = temperature_c.reshape(len(temperature_c), -1)
         return Recording(
             name=name,
@@ -64,10 +55,10 @@ def make_recording() -> Callable[..., Recording]:
 
 
 @pytest.fixture(scope='session')
-def warm_up() -> Callable[..., Array]:
+def warm_up():
     """Warm up from about 20 to about 40 °C, with a slow room and with switching, seeded."""
 
-    def make(cells: int, seed: int, *, period_s: float = 10.0) -> Array:
+    def make(cells, seed, *, period_s=10.0):
         rng = np.random.default_rng(seed)
         t = np.arange(cells) * period_s
         working = np.repeat(rng.uniform(0.0, 1.0, cells // 30 + 1), 30)[:cells]
@@ -83,10 +74,10 @@ def warm_up() -> Callable[..., Array]:
 
 
 @pytest.fixture(scope='session')
-def lagged() -> Callable[..., Array]:
+def lagged():
     """Relax after an input by the textbook loop, from the steady state of its first value."""
 
-    def make(x: Array, time_constant_s: float, *, period_s: float = 10.0) -> Array:
+    def make(x, time_constant_s, *, period_s=10.0):
         pole = np.exp(-period_s / time_constant_s)
         u = np.empty(len(x))
         state = x[0]
@@ -99,17 +90,10 @@ def lagged() -> Callable[..., Array]:
 
 
 @pytest.fixture(scope='session')
-def make_model() -> Callable[..., DriftModel]:
+def make_model():
     """Build a drift model of lags by hand: per axis (gain of o, gain of s, time constant)."""
 
-    def make(
-        axes: Mapping[str, tuple[float, float, float]],
-        *,
-        period_s: float = 1.0,
-        thermometers: int = 1,
-        reference_c: float = 20.0,
-        range_c: tuple[float, float] = (-100.0, 200.0),
-    ) -> DriftModel:
+    def make(axes, *, period_s=1.0, thermometers=1, reference_c=20.0, range_c=(-100.0, 200.0)):
         ones = np.ones(thermometers)
         return DriftModel(
             period_ns=round(period_s * 1e9),
@@ -139,34 +123,51 @@ def make_model() -> Callable[..., DriftModel]:
     return make
 
 
+@pytest.fixture(scope='session')
+def make_axis_data(make_recording):
+    """Build force z of recordings from raw wrenches; with loads, the reference was recorded."""
+
+    def make(temperatures, raws, loads=None, *, folds=None, period_s=10.0):
+        reference = 'unloaded' if loads is None else 'recorded'
+        recordings = [
+            make_recording(
+                temperature_c,
+                {'force_z': raw},
+                {} if load is None else {'force_z': load},
+                period_s=period_s,
+            )
+            for temperature_c, raw, load in zip(
+                temperatures, raws, loads or [None] * len(raws), strict=True
+            )
+        ]
+        folds = assign_folds(recordings) if folds is None else folds
+        return build_axis_data(recordings, 'force_z', reference, folds)
+
+    return make
+
+
 @pytest.fixture(scope='session', params=[False, True], ids=['unloaded', 'loaded'])
-def noisy_problem(
-    request: pytest.FixtureRequest,
-    make_recording: Callable[..., Recording],
-    warm_up: Callable[..., Array],
-) -> AxisData:
+def noisy_problem(request, make_axis_data, warm_up):
     """Three recordings with gaps, offsets and much noise, so that no fit is perfect."""
     rng = np.random.default_rng(0)
-    recordings = []
-    for i in range(3):
-        temperature_c = warm_up(150 + 20 * i, i)
+    temperatures, raws, loads = [warm_up(150 + 20 * i, i) for i in range(3)], [], []
+    for i, temperature_c in enumerate(temperatures):
         load = 30 * rng.standard_normal(len(temperature_c))
         raw = 0.4 * temperature_c + 2 * rng.standard_normal(len(temperature_c)) + 100 * i
         raw += (1 + 1e-3 * temperature_c) * load * request.param
         raw[rng.uniform(size=len(raw)) < 0.1] = np.nan
-        recordings.append(make_recording(temperature_c, {'force_z': raw}, {'force_z': load}))
-    reference = 'recorded' if request.param else 'unloaded'
-    blocks = assign_folds(recordings)
-    problem = build_axis_data(recordings, 'force_z', reference, blocks)
+        raws.append(raw)
+        loads.append(load)
+    problem = make_axis_data(temperatures, raws, loads if request.param else None)
     assert (problem.load is not None) == request.param
     return problem
 
 
 @pytest.fixture(scope='session')
-def textbook_bank(lagged: Callable[..., Array]) -> Callable[..., list[Array]]:
+def textbook_bank(lagged):
     """Relax one thermometer's temperatures by the loop, then take powers of T - 30 °C."""
 
-    def make(problem: AxisData, time_constants_s: Array, degree: int = 2) -> list[Array]:
+    def make(problem, time_constants_s, degree=2):
         banked = []
         for temperature_c in problem.temperature_c:
             relaxed = [
@@ -181,12 +182,10 @@ def textbook_bank(lagged: Callable[..., Array]) -> Callable[..., list[Array]]:
 
 
 @pytest.fixture(scope='session')
-def stack_samples() -> Callable[..., tuple[Array, Array, Array]]:
+def stack_samples():
     """Stack the samples of some blocks: columns beside the load, r - w, and recordings."""
 
-    def make(
-        problem: AxisData, banked: list[Array], blocks: set[int]
-    ) -> tuple[Array, Array, Array]:
+    def make(problem, banked, blocks):
         rows, targets, recordings = [], [], []
         for i, columns in enumerate(banked):
             for k, value in enumerate(problem.residual[i]):
@@ -205,10 +204,10 @@ def stack_samples() -> Callable[..., tuple[Array, Array, Array]]:
 
 
 @pytest.fixture(scope='session')
-def centre() -> Callable[[Array, Array], Array]:
+def centre():
     """Take every recording's mean out of columns or values."""
 
-    def make(values: Array, recordings: Array) -> Array:
+    def make(values, recordings):
         centred = np.array(values, dtype=float)
         for i in np.unique(recordings):
             centred[recordings == i] -= centred[recordings == i].mean(axis=0)
@@ -218,10 +217,10 @@ def centre() -> Callable[[Array, Array], Array]:
 
 
 @pytest.fixture(scope='session')
-def augmented_ridge() -> Callable[[Array, Array, float], Array]:
+def augmented_ridge():
     """Solve ridge as least squares with a row per penalty, relative to each column's variance."""
 
-    def solve(x: Array, y: Array, strength: float) -> Array:
+    def solve(x, y, strength):
         penalty = np.sqrt(strength) * np.diag(np.linalg.norm(x, axis=0))
         stacked = np.concatenate((x, penalty))
         target = np.concatenate((y, np.zeros(x.shape[1])))
@@ -237,37 +236,31 @@ class Messages:
     temperature_type = 'sensor_msgs/msg/Temperature'
     text_type = 'std_msgs/msg/String'
 
-    def __init__(self) -> None:
+    def __init__(self):
         from rosbags.typesys import get_typestore, Stores  # noqa: PLC0415 -- only who needs it
 
         self.store = get_typestore(Stores.ROS2_JAZZY)
 
-    def _make(self, kind: str, *fields: object) -> object:
+    def _make(self, kind, *fields):
         return self.store.types[kind](*fields)
 
-    def _header(self, stamp_ns: int, frame: str) -> object:
+    def _header(self, stamp_ns, frame):
         time = self._make('builtin_interfaces/msg/Time', *divmod(stamp_ns, 10**9))
         return self._make('std_msgs/msg/Header', time, frame)
 
-    def wrench(
-        self, stamp_ns: int, values: Iterable[float], frame: str = 'ft_sensor', little: bool = True
-    ) -> bytes:
+    def wrench(self, stamp_ns, values, frame='ft_sensor', little=True):
         six = [float(value) for value in values]
         vectors = (self._make('geometry_msgs/msg/Vector3', *half) for half in (six[:3], six[3:]))
         body = self._make('geometry_msgs/msg/Wrench', *vectors)
         message = self._make(self.wrench_type, self._header(stamp_ns, frame), body)
         return bytes(self.store.serialize_cdr(message, self.wrench_type, little_endian=little))
 
-    def temperature(
-        self, stamp_ns: int, value: float, frame: str = 'ft_sensor', little: bool = True
-    ) -> bytes:
+    def temperature(self, stamp_ns, value, frame='ft_sensor', little=True):
         kind = self.temperature_type
         message = self._make(kind, self._header(stamp_ns, frame), float(value), 0.25)
         return bytes(self.store.serialize_cdr(message, kind, little_endian=little))
 
-    def run(
-        self, stamps_ns: Array, wrenches: Array, temperature_c: Array, topic: str = '/wrench_raw'
-    ) -> Iterator[tuple[str, str, int, bytes]]:
+    def run(self, stamps_ns, wrenches, temperature_c, topic='/wrench_raw'):
         """Wrenches, and at every hundredth a temperature and a message of no interest."""
         content = bytearray(self.wrench(0, [0.0] * 6))
         hello = self._make(self.text_type, 'hello')
@@ -281,13 +274,7 @@ class Messages:
                 yield '/temperature', self.temperature_type, stamp_ns + 6000, warm
                 yield '/log', self.text_type, stamp_ns + 7000, text
 
-    def write(
-        self,
-        folder: Path,
-        parts: Iterable[tuple[str, str, int, bytes | None]],
-        storage: str = 'sqlite3',
-        compression: str = 'none',
-    ) -> Path:
+    def write(self, folder, parts, storage='sqlite3', compression='none'):
         """Write topic, type, time and bytes of each; without bytes there is only the topic."""
         from rosbags import rosbag2  # noqa: PLC0415 -- only who needs it
 
@@ -295,7 +282,7 @@ class Messages:
         mode = rosbag2.CompressionMode[compression.upper()]
         writer = rosbag2.Writer(folder, version=9, storage_plugin=plugin)
         writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
-        topics: dict[str, object] = {}
+        topics = {}
         with writer:
             for topic, kind, time_ns, content in parts:
                 if topic not in topics:
@@ -306,6 +293,6 @@ class Messages:
 
 
 @pytest.fixture(scope='session')
-def messages() -> Messages:
+def messages():
     """Build ROS messages and bags."""
     return Messages()

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
-from wrist_ft_comp.model.signals import stretches
 
 CELLS = 240
 LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
@@ -63,20 +62,6 @@ def test_an_axis_without_reference_teaches_nothing(build):
     assert data.samples == 0
 
 
-def test_stretches_are_cut_at_gaps():
-    present = np.zeros(100, dtype=bool)
-    present[0:20:2] = present[60:70:2] = present[95:] = True
-    numbers = stretches(present, period_s=10.0)
-    np.testing.assert_array_equal(numbers[present], [0] * 10 + [1] * 5 + [2] * 5)
-    assert (np.diff(numbers) >= 0).all()
-    assert numbers[40] == 0
-
-
-@pytest.mark.parametrize('present', [np.zeros(5, dtype=bool), np.ones(5, dtype=bool)])
-def test_without_gaps_there_is_one_stretch(present):
-    np.testing.assert_array_equal(stretches(present, 1.0), np.zeros(5))
-
-
 @pytest.mark.parametrize('cells', [1, 7, 39, 40, 200, 3600, 30000])
 @pytest.mark.parametrize('period_s', [0.1, 1.0, 10.0, 60.0])
 def test_bins_that_are_judged_are_whole_bins_that_are_fitted(make_recording, cells, period_s):
@@ -91,31 +76,20 @@ def test_bins_that_are_judged_are_whole_bins_that_are_fitted(make_recording, cel
 
 
 class TestFolds:
-    @pytest.fixture
-    def folds_of(self, make_recording):
-        def assign(*series):
-            return assign_folds([make_recording(raw, {'force_x': raw}) for raw in series])
-
-        return assign
-
-    def test_several_recordings_are_held_out_whole(self, folds_of):
-        for number, folds in enumerate(folds_of(np.ones(50), np.ones(60), np.ones(70))):
+    def test_several_recordings_are_held_out_whole(self, make_recording):
+        recordings = [make_recording(np.ones(n), {'force_x': 1.0}) for n in (50, 60, 70)]
+        for number, folds in enumerate(assign_folds(recordings)):
             np.testing.assert_array_equal(folds, np.full(50 + 10 * number, number))
 
-    def test_one_recording_is_cut_into_equal_times(self, folds_of):
-        (folds,) = folds_of(LOAD)
+    def test_one_recording_is_cut_into_equal_times_or_at_plateaus(self, make_recording):
+        (folds,) = assign_folds([make_recording(LOAD, {'force_x': LOAD})])
         np.testing.assert_array_equal(folds, np.repeat(range(5), CELLS // 5))
-
-    def test_plateaus_are_held_out_whole(self, make_recording):
-        raw = np.full(CELLS, np.nan)
-        for start in (0, 60, 120, 180):
-            raw[start : start + 20] = 1.0
+        raw = np.where(np.arange(CELLS) % 60 < 20, 1.0, np.nan)
         (folds,) = assign_folds([make_recording(LOAD, {'force_x': raw})])
         np.testing.assert_array_equal(folds[np.isfinite(raw)], np.repeat(range(4), 20))
 
-    def test_one_that_is_held_out_loses_its_samples_only(self, make_recording):
-        recordings = [make_recording(LOAD, {'force_x': LOAD}) for _ in range(3)]
-        data = build_axis_data(recordings, 'force_x', 'unloaded', assign_folds(recordings))
+    def test_one_that_is_held_out_loses_its_samples_only(self, make_axis_data):
+        data = make_axis_data([LOAD] * 3, [LOAD] * 3)
         assert data.fold_numbers == [0, 1, 2]
         part = data.without(1)
         assert np.isnan(part.residual[1]).all()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.identification.pls import fit_pcr, fit_pls, fix_signs
+from wrist_ft_comp.identification.pls import fit_pcr, fit_pls
 
 
 def made_up(samples, inputs, outputs, seed=1):
@@ -51,23 +51,15 @@ shapes = pytest.mark.parametrize(
 
 
 @shapes
-def test_scores_are_orthogonal_and_directions_have_length_one(inputs, outputs, latents):
+def test_scores_are_orthogonal_and_explain_their_part_of_the_inputs(inputs, outputs, latents):
     x, y = made_up(60, inputs, outputs)
     pls = fit_pls(x, y, latents)
     assert pls.latents == latents
     gram = pls.scores.T @ pls.scores
     assert np.diagonal(gram).min() > 0
     np.testing.assert_allclose(gram, np.diag(np.diagonal(gram)), atol=1e-10 * gram.max())
-    np.testing.assert_allclose(np.linalg.norm(pls.weights, axis=0), 1, rtol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(pls.output_loadings, axis=0), 1, rtol=1e-12)
-
-
-@shapes
-def test_inputs_are_scores_times_loadings_plus_a_remainder_they_do_not_explain(
-    inputs, outputs, latents
-):
-    x, y = made_up(60, inputs, outputs)
-    pls = fit_pls(x, y, latents)
+    for directions in (pls.weights, pls.output_loadings):
+        np.testing.assert_allclose(np.linalg.norm(directions, axis=0), 1, rtol=1e-12)
     remainder = x - pls.scores @ pls.loadings.T  # eq. 3
     np.testing.assert_allclose(pls.scores.T @ remainder, 0, atol=1e-10)
     assert np.sum(remainder**2) < np.sum(x**2)
@@ -101,27 +93,17 @@ def test_nipals_of_the_textbook_gives_the_same(inputs, outputs, latents):
 
 @shapes
 def test_scikit_learn_predicts_the_same(inputs, outputs, latents):
-    regression = pytest.importorskip(
-        'sklearn.cross_decomposition', reason='scikit-learn is not installed'
-    ).PLSRegression
+    cross = pytest.importorskip('sklearn.cross_decomposition', reason='no scikit-learn')
+    from sklearn.decomposition import PCA  # noqa: PLC0415 -- only where it is installed
+
     x, y = made_up(60, inputs, outputs)
-    peer = regression(n_components=latents, scale=False, tol=1e-24, max_iter=20_000).fit(x, y)
+    peer = cross.PLSRegression(latents, scale=False, tol=1e-24, max_iter=20_000).fit(x, y)
     ours = x @ fit_pls(x, y, latents).coefficients
     np.testing.assert_allclose(ours, peer.predict(x).reshape(ours.shape), atol=1e-9)
-
-
-@shapes
-def test_pcr_is_scikit_learns_pca_with_linear_regression(inputs, outputs, latents):
-    decomposition = pytest.importorskip(
-        'sklearn.decomposition', reason='scikit-learn is not installed'
-    )
-    linear = pytest.importorskip('sklearn.linear_model', reason='scikit-learn is not installed')
-    x, y = made_up(60, inputs, outputs)
-    pcr = fit_pcr(x, y, latents)
-    scores = decomposition.PCA(latents, svd_solver='full').fit_transform(x)
-    peer = linear.LinearRegression().fit(scores, y).predict(scores)
-    np.testing.assert_allclose(x @ pcr.coefficients, peer.reshape(y.shape), atol=1e-10)
+    pcr, scores = fit_pcr(x, y, latents), PCA(latents, svd_solver='full').fit_transform(x)
     np.testing.assert_allclose(np.abs(pcr.scores), np.abs(scores), atol=1e-9)
+    expected = scores @ np.linalg.lstsq(scores, y, rcond=None)[0]
+    np.testing.assert_allclose(x @ pcr.coefficients, expected, atol=1e-10)
 
 
 @pytest.mark.parametrize('fit', [fit_pls, fit_pcr])
@@ -139,38 +121,30 @@ def test_units_and_axes_of_the_inputs_change_no_prediction(fit):
 
 @pytest.mark.parametrize('fit', [fit_pls, fit_pcr])
 class TestDegenerateData:
-    def test_a_constant_input_gets_no_part(self, fit):
-        x, y = made_up(40, 4, 2)
-        x[:, 2] = 0.0
-        found = fit(x, y, 4)
-        assert found.latents == 3
-        np.testing.assert_allclose(found.coefficients[2], 0, atol=1e-12)
-        np.testing.assert_allclose(
-            x @ found.coefficients, x @ np.linalg.lstsq(x, y, rcond=None)[0], atol=1e-10
-        )
-
     def test_lost_rank_gives_fewer_latents_and_still_least_squares(self, fit):
-        x, y = made_up(40, 3, 2)
-        x = np.column_stack([x, x[:, 0] - x[:, 1], 2 * x[:, 2]])
-        found = fit(x, y, 5)
-        assert found.latents == 3
-        np.testing.assert_allclose(
-            x @ found.coefficients, x @ np.linalg.lstsq(x, y, rcond=None)[0], atol=1e-9
-        )
+        full, y = made_up(40, 3, 2)
+        constant = np.insert(full, 2, 0.0, axis=1)
+        repeated = np.column_stack([full, full[:, 0] - full[:, 1], 2 * full[:, 2]])
+        for x in (constant, repeated):
+            outer = fit(x, y, x.shape[1])
+            assert outer.latents == 3
+            expected = x @ np.linalg.lstsq(x, y, rcond=None)[0]
+            np.testing.assert_allclose(x @ outer.coefficients, expected, atol=1e-9)
+        np.testing.assert_allclose(fit(constant, y, 4).coefficients[2], 0, atol=1e-12)
 
     @pytest.mark.parametrize('silent', ['x', 'y', 'both'])
     def test_a_silent_block_leaves_nothing(self, fit, silent):
         x, y = made_up(40, 3, 2)
-        found = fit(x * (silent == 'y'), y * (silent == 'x'), 3)
-        assert found.latents == 0
-        assert found.coefficients.shape == (3, 2)
-        assert not found.coefficients.any()
+        outer = fit(x * (silent == 'y'), y * (silent == 'x'), 3)
+        assert outer.latents == 0
+        assert outer.coefficients.shape == (3, 2)
+        assert not outer.coefficients.any()
 
     def test_fewer_samples_than_inputs_are_fitted_exactly(self, fit):
         x, y = made_up(5, 8, 1)
-        found = fit(x, y, 8)
-        assert found.latents <= 4
-        np.testing.assert_allclose(x @ found.coefficients, y, atol=1e-9)
+        outer = fit(x, y, 8)
+        assert outer.latents <= 4
+        np.testing.assert_allclose(x @ outer.coefficients, y, atol=1e-9)
 
     def test_less_than_one_latent_is_refused(self, fit):
         with pytest.raises(SettingsError, match='at least 1 latent; got 0'):
@@ -180,19 +154,14 @@ class TestDegenerateData:
 def test_pls_stops_when_the_output_is_explained():
     x, _ = made_up(40, 4, 1)
     direction = np.linalg.svd(x, full_matrices=False)[2][0]
-    found = fit_pls(x, (x @ direction)[:, np.newaxis], 4)
-    assert found.latents == 1
-    np.testing.assert_allclose(found.coefficients[:, 0], direction, atol=1e-10)
+    outer = fit_pls(x, (x @ direction)[:, np.newaxis], 4)
+    assert outer.latents == 1
+    np.testing.assert_allclose(outer.coefficients[:, 0], direction, atol=1e-10)
 
 
 @pytest.mark.parametrize('fit', [fit_pls, fit_pcr])
-def test_signs_do_not_depend_on_the_signs_of_the_data(fit):
+def test_the_largest_weight_is_positive_whatever_the_signs_of_the_data(fit):
     x, y = made_up(40, 4, 2)
-    for found in (fit(x, y, 3), fit(x, -y, 3)):
-        peaks = found.weights[np.argmax(np.abs(found.weights), axis=0), range(3)]
+    for outer in (fit(x, y, 3), fit(x, -y, 3)):
+        peaks = outer.weights[np.argmax(np.abs(outer.weights), axis=0), range(3)]
         assert (peaks > 0).all()
-
-
-def test_fix_signs_turns_the_largest_component_positive():
-    np.testing.assert_array_equal(fix_signs(np.array([1.0, -3.0, 2.0])), [-1.0, 3.0, -2.0])
-    np.testing.assert_array_equal(fix_signs(np.array([1.0, -3.0, 4.0])), [1.0, -3.0, 4.0])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.identification.bins import bin_axis_data
 from wrist_ft_comp.identification.standard_errors import by_relaxation, fit_gains
 from wrist_ft_comp.identification.time_constants import search_time_constants
@@ -23,18 +22,16 @@ CORRELATED_S = 100.0
 
 
 @pytest.fixture(scope='module', params=['unloaded', 'recorded'])
-def clean(request, make_recording, warm_up, lagged):
+def clean(request, make_axis_data, warm_up, lagged):
     """Three recordings of 2 h of one lag, with a load that changes quickly, without noise."""
     rng = np.random.default_rng(0)
-    recordings = []
-    for i in range(3):
-        temperature_c = warm_up(CELLS, i)
+    temperatures, raws, loads = [warm_up(CELLS, i) for i in range(3)], [], []
+    for i, temperature_c in enumerate(temperatures):
         theta = lagged(temperature_c, TAU_S) - 30
         load = 40 * rng.standard_normal(CELLS) * (request.param == 'recorded')
-        raw = (1 + SENSITIVITY * theta) * load + GAIN * theta + 7 * i
-        recordings.append(make_recording(temperature_c, {'force_z': raw}, {'force_z': load}))
-    blocks = assign_folds(recordings)
-    return build_axis_data(recordings, 'force_z', request.param, blocks)
+        raws.append((1 + SENSITIVITY * theta) * load + GAIN * theta + 7 * i)
+        loads.append(load)
+    return make_axis_data(temperatures, raws, loads if request.param == 'recorded' else None)
 
 
 def noise(rng, correlated_s):
@@ -54,16 +51,15 @@ def fit_noisy(clean, seed, correlated_s):
 
 
 def scatter(clean, correlated_s):
-    """Deviation of z-scores of τ and gains, of the estimates, and the mean stated errors."""
+    """Root mean square of z-scores of τ and gains, and deviation of the estimates."""
     truth = np.array([TAU_S, GAIN, SENSITIVITY])
-    found, stated = [], []
+    estimates, stated = [], []
     for seed in range(REPETITIONS):
         fit = fit_noisy(clean, seed, correlated_s)
-        found.append([fit.time_constants_s[0], *fit.gains[0, 0]])
+        estimates.append([fit.time_constants_s[0], *fit.gains[0, 0]])
         stated.append([fit.time_constant_errors_s[0], *fit.gain_errors[0, 0]])
-    errors = np.array(found) - truth[: len(found[0])]
-    z = errors / np.array(stated)
-    return np.sqrt(np.mean(z**2, axis=0)), np.std(found, axis=0), np.mean(stated, axis=0)
+    z = (np.array(estimates) - truth[: len(estimates[0])]) / np.array(stated)
+    return np.sqrt(np.mean(z**2, axis=0)), np.std(estimates, axis=0)
 
 
 def naive_errors(clean, lagged):
@@ -80,14 +76,14 @@ def naive_errors(clean, lagged):
 
 
 def test_with_white_noise_estimates_scatter_as_stated(clean):
-    z, _, _ = scatter(clean, 0.0)
+    z, _ = scatter(clean, 0.0)
     assert len(z) == (2 if clean.load is None else 3)
     assert (z > 0.75).all()
     assert (z < 1.3).all()
 
 
 def test_with_correlated_noise_they_scatter_by_little_more_where_the_textbook_fails(clean, lagged):
-    z, scattered, _ = scatter(clean, CORRELATED_S)
+    z, scattered = scatter(clean, CORRELATED_S)
     assert (z > 0.75).all()
     assert (z < 1.6).all()
     # Sensitivity has its own column, whose quick load makes this noise white.
@@ -120,16 +116,12 @@ class TestWhatCannotBeSaid:
         )
         features = Features('powers', np.array([30.0, 20.0]), np.zeros(2), np.full(2, 99.0))
         fit = fit_gains(bin_axis_data(both, 1), features, np.array([TAU_S]))
-        alone = fit_noisy_at(clean, both.residual)
+        problem = bin_axis_data(replace(clean, residual=both.residual), 1)
+        alone = fit_gains(problem, LINE, np.array([TAU_S]))
         assert np.isnan(fit.gain_errors[0, 1, 0])
         assert fit.gains[0, 1, 0] == 0
         # Beside a load its sensitivity still counts as a gain, of the few that 36 stretches allow.
         np.testing.assert_allclose(fit.gain_errors[0, 0], alone.gain_errors[0, 0], rtol=0.02)
-
-
-def fit_noisy_at(clean, residual):
-    problem = bin_axis_data(replace(clean, residual=residual), 1)
-    return fit_gains(problem, LINE, np.array([TAU_S]))
 
 
 @pytest.mark.parametrize('loaded', [False, True])
@@ -138,7 +130,7 @@ def test_values_are_sorted_by_relaxation_feature_and_output(loaded):
     named = [
         100 * m + 10 * k + f for m in range(1 + loaded) for k in range(2) for f in range(3)
     ] + [-1.0] * loaded
-    found = by_relaxation(np.array(named, dtype=float), 2, 3, loaded=loaded)
-    assert found.shape == (2, 3, 1 + loaded)
-    for (k, f, m), value in np.ndenumerate(found):
+    values = by_relaxation(np.array(named, dtype=float), 2, 3, loaded=loaded)
+    assert values.shape == (2, 3, 1 + loaded)
+    for (k, f, m), value in np.ndenumerate(values):
         assert value == 100 * m + 10 * k + f
