@@ -1,5 +1,6 @@
 """Calibration as a whole: what it refuses, what it warns of, what it hands back."""
 
+from copy import deepcopy
 from dataclasses import replace
 import re
 
@@ -36,9 +37,12 @@ def with_raw(recording, raw):
 
 class TestResult:
     def test_it_holds_the_model_and_its_evidence(self, good):
-        shares = []
+        shares, before = [], deepcopy(good)
         calibration = calibrate(good, CalibrationSettings(), shares.append)
         assert shares == [0.5, 1.0]
+        for run, old in zip(good, before, strict=True):
+            np.testing.assert_array_equal(run.temperature_c, old.temperature_c)
+            np.testing.assert_array_equal(run.wrench, old.wrench)
         assert set(calibration.fits) == {'force_x', 'torque_z'}
         assert set(calibration.model.axes) == {'force_x'}
         assert calibration.fits['torque_z'].model is None
@@ -63,16 +67,9 @@ class TestResult:
             wrench = np.full_like(run.wrench, np.nan)
             wrench[:, 4] = run.wrench[:, 0]
             alone.append(replace(run, wrench=wrench))
-        found = calibrate(alone, STATIC)
-        assert set(found.fits) == {'torque_y'}
-        assert found.fits['torque_y'].rms_after == pytest.approx(both, rel=1e-12)
-
-    def test_recordings_are_not_modified(self, good):
-        kept = [(run.temperature_c.copy(), run.wrench.copy()) for run in good]
-        calibrate(good, CalibrationSettings())
-        for run, (temperature_c, wrench) in zip(good, kept, strict=True):
-            np.testing.assert_array_equal(run.temperature_c, temperature_c)
-            np.testing.assert_array_equal(run.wrench, wrench)
+        fits = calibrate(alone, STATIC).fits
+        assert set(fits) == {'torque_y'}
+        assert fits['torque_y'].rms_after == pytest.approx(both, rel=1e-12)
 
     def test_offsets_and_signs_of_recordings_do_not_matter(self, good):
         expected = calibrate(good, STATIC).fits['force_x'].rms_after
@@ -80,108 +77,91 @@ class TestResult:
         assert calibrate(moved, STATIC).fits['force_x'].rms_after == pytest.approx(expected)
 
 
-class TestRefusals:
-    def test_nothing_to_learn_from(self):
-        with pytest.raises(CalibrationRefusedError, match='at least one recording; got none'):
-            calibrate([], STATIC)
+def test_nothing_to_learn_from_is_refused(good):
+    with pytest.raises(CalibrationRefusedError, match='at least one recording; got none'):
+        calibrate([], STATIC)
+    empty = [replace(run, wrench=np.full_like(run.wrench, np.nan)) for run in good]
+    with pytest.raises(CalibrationRefusedError, match='holds no wrench'):
+        calibrate(empty, STATIC)
 
-    def test_too_small_a_temperature_span(self, good):
-        calm = [replace(run, temperature_c=25 + 0.05 * (run.temperature_c - 30)) for run in good]
-        span = np.ptp(np.concatenate([run.temperature_c for run in calm]))
-        sentence = rf'run0.csv, run1.csv spans {span:.1f} K; at least 3.0 K are needed. Record'
+
+def test_too_small_a_temperature_span_is_refused(good):
+    calm = [replace(run, temperature_c=25 + 0.05 * (run.temperature_c - 30)) for run in good]
+    span = np.ptp(np.concatenate([run.temperature_c for run in calm]))
+    sentence = rf'run0.csv, run1.csv spans {span:.1f} K; at least 3.0 K are needed. Record'
+    with pytest.raises(CalibrationRefusedError, match=sentence):
+        calibrate(calm, STATIC)
+    calibrate(calm, replace(STATIC, min_temperature_span_k=0.5))
+
+
+def test_too_few_samples_are_refused_and_an_axis_without_any_is_not_there(good):
+    runs = deepcopy(good)
+    assert 'torque_x' not in calibrate(runs, STATIC).fits
+    runs[0].wrench[: MIN_SAMPLES // 2, 3] = 0.1
+    runs[1].wrench[: MIN_SAMPLES // 2 - 1, 3] = 0.1
+    sentence = f'torque_x has {MIN_SAMPLES - 1} thermal cells .* at least {MIN_SAMPLES} in 2 bl'
+    with pytest.raises(CalibrationRefusedError, match=sentence):
+        calibrate(runs, STATIC)
+
+
+def test_a_missing_reference_is_refused(good):
+    sentence = r'run0.csv holds no reference wrench, but .* recorded'
+    with pytest.raises(CalibrationRefusedError, match=sentence):
+        calibrate(good, replace(STATIC, reference='recorded'))
+
+
+@pytest.mark.parametrize('reference', ['unloaded', 'constant'])
+@pytest.mark.parametrize('noise', [0.0, 0.05])
+def test_a_load_that_varies_although_it_was_declared_not_to_is_refused(good, reference, noise):
+    raw = 0.5 * good[1].temperature_c[:, 0]
+    raw += noise * np.random.default_rng(0).standard_normal(CELLS)
+    raw[100:140] += 20.0
+    sentence = rf'force_x of run1.csv jumps by [12]\d.* N after 1\d\d0 s, .* {reference}'
+    with pytest.raises(CalibrationRefusedError, match=sentence):
+        calibrate([good[0], with_raw(good[1], raw)], replace(STATIC, reference=reference))
+
+
+def test_a_payload_that_was_hung_on_a_still_axis_is_refused(good):
+    raw = np.where(np.arange(CELLS) < 100, 0.0, 10.0)
+    with pytest.raises(CalibrationRefusedError, match='jumps by 10 N after 1000 s'):
+        calibrate([good[0], with_raw(good[1], raw)], STATIC)
+
+
+@pytest.mark.parametrize('resolution', [0.1, 1.0])
+def test_a_coarse_resolution_is_no_load(good, resolution):
+    runs = [with_raw(run, resolution * np.round(run.wrench[:, 0] / resolution)) for run in good]
+    fit = calibrate(runs, STATIC).fits['force_x']
+    assert fit.rms_after < fit.rms_before
+
+
+def test_rounding_on_a_still_axis_is_no_load(good):
+    still = 0.1 + 1e-17 * np.arange(CELLS) + np.spacing(0.1) * (np.arange(CELLS) % 40 == 7)
+    calibrate([with_raw(run, still) for run in good], STATIC)
+
+
+def test_recordings_that_are_not_alike_are_refused(good):
+    first, second = good
+    doubled = {name: np.tile(getattr(second, name), 2) for name in ('temperature_c', 'measured')}
+    for change, sentence in (
+        (doubled, 'run0.csv has 1 thermometers and run1.csv has 2; they must be the same'),
+        ({'period_ns': 2 * 10**10}, 'run0.csv is on thermal cells of 10.0 s and run1.csv on 20.0'),
+        ({'unit': 'digits'}, 'run0.csv and run1.csv are in different units; they must be the'),
+    ):
         with pytest.raises(CalibrationRefusedError, match=sentence):
-            calibrate(calm, STATIC)
-        calibrate(calm, replace(STATIC, min_temperature_span_k=0.5))
-
-    @pytest.mark.parametrize('samples', [0, MIN_SAMPLES - 1])
-    def test_too_few_samples(self, good, samples):
-        runs = []
-        for run in good:
-            wrench = run.wrench.copy()
-            wrench[:, 3] = np.nan
-            wrench[: samples // 2, 3] = 0.1
-            wrench[-1, 3] = 0.1 if samples % 2 and run is good[0] else np.nan
-            runs.append(replace(run, wrench=wrench))
-        if not samples:
-            assert 'torque_x' not in calibrate(runs, STATIC).fits
-            return
-        sentence = f'torque_x has {samples} thermal cells .* at least {MIN_SAMPLES} in 2 blocks'
-        with pytest.raises(CalibrationRefusedError, match=sentence):
-            calibrate(runs, STATIC)
-
-    def test_no_wrench_beside_any_temperature(self, good):
-        empty = [replace(run, wrench=np.full_like(run.wrench, np.nan)) for run in good]
-        with pytest.raises(CalibrationRefusedError, match='holds no wrench'):
-            calibrate(empty, STATIC)
-
-    def test_a_missing_reference(self, good):
-        with pytest.raises(
-            CalibrationRefusedError, match=r'run0.csv holds no reference wrench, but .* recorded'
-        ):
-            calibrate(good, replace(STATIC, reference='recorded'))
-
-    @pytest.mark.parametrize('reference', ['unloaded', 'constant'])
-    @pytest.mark.parametrize('noise', [0.0, 0.05])
-    def test_a_load_that_varies_although_it_was_declared_not_to(self, good, reference, noise):
-        raw = 0.5 * good[1].temperature_c[:, 0]
-        raw += noise * np.random.default_rng(0).standard_normal(CELLS)
-        raw[100:140] += 20.0
-        runs = [good[0], with_raw(good[1], raw)]
-        sentence = rf'force_x of run1.csv jumps by [12]\d.* N after 1\d\d0 s, .* {reference}'
-        with pytest.raises(CalibrationRefusedError, match=sentence):
-            calibrate(runs, replace(STATIC, reference=reference))
-
-    def test_a_payload_that_was_hung_on_a_still_axis(self, good):
-        raw = np.zeros(CELLS)
-        raw[100:] = 10.0
-        with pytest.raises(CalibrationRefusedError, match='jumps by 10 N after 1000 s'):
-            calibrate([good[0], with_raw(good[1], raw)], STATIC)
-
-    @pytest.mark.parametrize('resolution', [0.1, 1.0])
-    def test_a_coarse_resolution_is_no_load(self, good, resolution):
-        runs = [
-            with_raw(run, resolution * np.round(run.wrench[:, 0] / resolution)) for run in good
-        ]
-        fit = calibrate(runs, STATIC).fits['force_x']
-        assert fit.rms_after < fit.rms_before
-
-    def test_rounding_on_a_still_axis_is_no_load(self, good):
-        still = 0.1 + 1e-17 * np.arange(CELLS) + np.spacing(0.1) * (np.arange(CELLS) % 40 == 7)
-        calibrate([with_raw(run, still) for run in good], STATIC)
-
-    def test_different_thermometers(self, good):
-        two = replace(
-            good[1],
-            temperature_c=np.tile(good[1].temperature_c, 2),
-            measured=np.tile(good[1].measured, 2),
-        )
-        sentence = 'run0.csv has 1 thermometers and run1.csv has 2; they must be the same'
-        with pytest.raises(CalibrationRefusedError, match=sentence):
-            calibrate([good[0], two], STATIC)
-
-    def test_different_periods(self, good):
-        other = replace(good[1], period_ns=2 * good[1].period_ns)
-        sentence = 'run0.csv is on thermal cells of 10.0 s and run1.csv on 20.0 s'
-        with pytest.raises(CalibrationRefusedError, match=sentence):
-            calibrate([good[0], other], STATIC)
+            calibrate([first, replace(second, **change)], STATIC)
 
 
-class TestSettings:
-    def test_an_unknown_reference(self):
-        with pytest.raises(
-            SettingsError, match=r"Unknown reference 'none'; .* unloaded, constant"
-        ):
-            CalibrationSettings(reference='none')
-
-    @pytest.mark.parametrize('span', [-0.1, np.nan, np.inf])
-    def test_a_span_that_is_no_span(self, span):
-        with pytest.raises(SettingsError, match='at least 0 K; got'):
-            CalibrationSettings(min_temperature_span_k=span)
-
-    @pytest.mark.parametrize('gap', [-0.1, np.nan, np.inf])
-    def test_a_gap_that_is_no_gap(self, gap):
-        with pytest.raises(SettingsError, match='max_gap_s must be a number of at least 0; got'):
-            CalibrationSettings(max_gap_s=gap)
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'reference': 'none'}, "Unknown reference 'none'; .* unloaded, constant"),
+        *(({'min_temperature_span_k': k}, 'at least 0 K; got') for k in (-0.1, np.nan, np.inf)),
+        ({'max_gap_s': -0.1}, 'max_gap_s must be a number of at least 0; got'),
+    ],
+)
+def test_settings_outside_their_range_are_refused(change, sentence):
+    with pytest.raises(SettingsError, match=sentence):
+        CalibrationSettings(**change)
 
 
 class TestWarnings:

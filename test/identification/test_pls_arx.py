@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.identification.pls_arx import identify, OBSERVATION_WINDOW_S, observe_drift
 from wrist_ft_comp.model.arx import Orders
 from wrist_ft_comp.model.features import Features
 
 TWO = Features('powers', np.array([30.0, 25.0]), np.zeros(2), np.full(2, 99.0), degree=2)
 ONE = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0))
+LAG = Orders(latents=1, outputs=1, inputs=1, first_lag=0)
 CELLS = 400
 LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
 
@@ -22,36 +22,26 @@ def temperatures(warm_up):
 
 
 @pytest.fixture(scope='module')
-def pose(make_recording):
+def pose(make_axis_data):
     """Build a problem from drifts; every recording gets an offset of its own."""
 
     def make(temperatures, drifts, loads=None):
-        recordings = [
-            make_recording(
-                temperature_c,
-                {'force_z': drift + 100.0 * i},
-                None if loads is None else {'force_z': loads[i]},
-            )
-            for i, (temperature_c, drift) in enumerate(zip(temperatures, drifts, strict=True))
-        ]
-        return build_axis_data(
-            recordings,
-            'force_z',
-            'unloaded' if loads is None else 'recorded',
-            assign_folds(recordings),
-        )
+        raws = [drift + 100.0 * i for i, drift in enumerate(drifts)]
+        return make_axis_data(temperatures, raws, loads)
 
     return make
 
 
 def free_run(model, features, temperature_c):
-    assert model is not None
     x = features.expand(temperature_c)
     return model.run(model.start(x[0]), x)[1]
 
 
-def centred(values):
-    return values - values.mean(axis=0)
+def assert_drifts(model, features, temperatures, drifts, atol):
+    """Compare zero drift, up to a constant, in every recording."""
+    for temperature_c, drift in zip(temperatures, drifts, strict=True):
+        zero = free_run(model, features, temperature_c)[:, 0]
+        np.testing.assert_allclose(zero - zero.mean(), drift - drift.mean(), atol=atol)
 
 
 @pytest.mark.parametrize('method', ['pcr', 'pls'])
@@ -60,9 +50,7 @@ def test_a_static_truth_is_found_exactly(pose, temperatures, method):
     drifts = [TWO.expand(t) @ gains for t in temperatures]
     model, notes = identify(method, pose(temperatures, drifts), TWO, Orders(latents=4))
     assert notes == ()
-    for temperature_c, drift in zip(temperatures, drifts, strict=True):
-        found = free_run(model, TWO, temperature_c)[:, 0]
-        np.testing.assert_allclose(centred(found), centred(drift), atol=1e-8)
+    assert_drifts(model, TWO, temperatures, drifts, 1e-8)
 
 
 def test_filters_before_pls_find_a_truth_within_their_bank(pose, temperatures, lagged):
@@ -70,9 +58,7 @@ def test_filters_before_pls_find_a_truth_within_their_bank(pose, temperatures, l
     drifts = [0.5 * lagged(t[:, 0], 300.0) - 0.2 * lagged(t[:, 0], 1000.0) for t in one]
     orders = Orders(latents=3, time_constants_s=(0.0, 300.0, 1000.0))
     model, _ = identify('filtered_pls', pose(one, drifts), ONE, orders)
-    for temperature_c, drift in zip(one, drifts, strict=True):
-        found = free_run(model, ONE, temperature_c)[:, 0]
-        np.testing.assert_allclose(centred(found), centred(drift), atol=1e-7)
+    assert_drifts(model, ONE, one, drifts, 1e-7)
 
 
 def test_the_papers_method_finds_a_noise_free_lag_exactly(pose, temperatures, lagged):
@@ -81,14 +67,10 @@ def test_the_papers_method_finds_a_noise_free_lag_exactly(pose, temperatures, la
     problem = pose(one, drifts)
     for i in (0, 2):
         problem.residual[i][50:53] = np.nan  # a gap
-    orders = Orders(latents=1, outputs=1, inputs=1, first_lag=0)
-    model, notes = identify('arx_pls', problem, ONE, orders)
-    assert model is not None
+    model, notes = identify('arx_pls', problem, ONE, LAG)
     assert notes == ()
     np.testing.assert_allclose(model.latents[0].poles, [np.exp(-10.0 / 300.0)], rtol=1e-8)
-    np.testing.assert_allclose(
-        centred(free_run(model, ONE, one[0])[:, 0]), centred(drifts[0]), atol=1e-7
-    )
+    assert_drifts(model, ONE, one, drifts, 1e-7)
 
 
 def test_a_pole_that_had_to_be_moved_is_noted(pose, temperatures):
@@ -96,9 +78,7 @@ def test_a_pole_that_had_to_be_moved_is_noted(pose, temperatures):
     growing = np.zeros(CELLS)
     for k in range(1, CELLS):
         growing[k] = 1.01 * growing[k - 1] + 0.01 * (one[0][k, 0] - 20)
-    orders = Orders(latents=1, outputs=1, inputs=1, first_lag=0)
-    model, notes = identify('arx_pls', pose(one, [growing]), ONE, orders)
-    assert model is not None
+    model, notes = identify('arx_pls', pose(one, [growing]), ONE, LAG)
     assert abs(model.latents[0].poles[0]) < 1
     assert notes == ('latent 1: a pole of radius 1.010000 was moved inside the unit circle',)
     assert np.isfinite(free_run(model, ONE, one[0])).all()
@@ -116,7 +96,7 @@ def test_units_change_nothing(pose, temperatures, lagged, method, loaded):
         + 0.01 * rng.standard_normal(CELLS)
         for t, load in zip(temperatures, loads, strict=True)
     ]
-    found = []
+    runs = []
     for unit in (1.0, 1000.0):
         problem = pose(
             temperatures,
@@ -125,12 +105,12 @@ def test_units_change_nothing(pose, temperatures, lagged, method, loaded):
         )
         assert (problem.load is not None) == loaded
         model, _ = identify(method, problem, TWO, Orders(latents=3))
-        found.append(free_run(model, TWO, temperatures[0]))
-    assert found[0].shape == (CELLS, 1 + loaded)
-    np.testing.assert_allclose(found[1][:, 0] / 1000, found[0][:, 0], rtol=1e-5, atol=1e-6)
-    if loaded:
-        np.testing.assert_allclose(found[1][:, 1], found[0][:, 1], rtol=1e-5, atol=1e-8)
-    assert np.ptp(found[0][:, 0]) > 1
+        runs.append(free_run(model, TWO, temperatures[0]))
+    newton, millinewton = runs
+    assert newton.shape == (CELLS, 1 + loaded)
+    assert np.ptp(newton[:, 0]) > 1
+    millinewton[:, 0] /= 1000
+    np.testing.assert_allclose(millinewton, newton, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize('method', ['pcr', 'pls', 'filtered_pls', 'arx_pls'])
@@ -139,40 +119,30 @@ class TestDegenerateData:
         one = [t[:, :1] for t in temperatures]
         both = [np.column_stack((t, np.full(CELLS, 25.0))) for t in one]
         drifts = [0.5 * lagged(t[:, 0], 300.0) for t in one]
-        orders = Orders(latents=1, outputs=1, inputs=1, first_lag=0)
-        alone, _ = identify(method, pose(one, drifts), ONE, orders)
-        beside, _ = identify(method, pose(both, drifts), replace(TWO, degree=1), orders)
+        alone, _ = identify(method, pose(one, drifts), ONE, LAG)
+        beside, _ = identify(method, pose(both, drifts), replace(TWO, degree=1), LAG)
         np.testing.assert_allclose(
             free_run(beside, replace(TWO, degree=1), both[0]),
             free_run(alone, ONE, one[0]),
             atol=1e-6,
         )
 
-    def test_a_sensor_without_drift_gets_no_model(self, pose, temperatures, method):
-        still = [np.full(CELLS, 3.0) for _ in temperatures]
-        assert identify(method, pose(temperatures, still), TWO, Orders())[0] is None
-
-    def test_nothing_observed_gets_no_model(self, pose, temperatures, method):
-        nothing = [np.full(CELLS, np.nan) for _ in temperatures]
+    @pytest.mark.parametrize('value', [3.0, np.nan])
+    def test_no_drift_or_nothing_observed_gets_no_model(self, pose, temperatures, method, value):
+        nothing = [np.full(CELLS, value) for _ in temperatures]
         assert identify(method, pose(temperatures, nothing), TWO, Orders())[0] is None
 
 
 class TestObservedDrift:
     @pytest.fixture
-    def observe(self, make_recording):
+    def observe(self, make_axis_data):
         """Observe the drift of a raw wrench beside a load, over a rise from 20 to 40 °C."""
 
         def make(raw, load=None):
-            recordings = [
-                make_recording(
-                    np.linspace(20, 40, CELLS),
-                    {'force_x': raw},
-                    {'force_x': LOAD if load is None else load},
-                )
-            ]
-            reference = 'unloaded' if load is None else 'recorded'
+            loads = None if load is None else [load]
             folds = [np.zeros(CELLS, dtype=np.int64)]
-            return observe_drift(build_axis_data(recordings, 'force_x', reference, folds))[0]
+            rise_c = np.linspace(20, 40, CELLS)
+            return observe_drift(make_axis_data([rise_c], [raw], loads, folds=folds))[0]
 
         return make
 
@@ -186,12 +156,12 @@ class TestObservedDrift:
         sensitivity, zero, gap = np.full(CELLS, 0.02), np.full(CELLS, 3.0), np.zeros(CELLS)
         sensitivity[after], zero[after] = -0.03, -5.0
         gap[before.stop : after.start] = np.nan
-        found = observe((1 + sensitivity) * LOAD + zero + gap, LOAD)
-        seen = np.isfinite(found).all(axis=1)
+        observed = observe((1 + sensitivity) * LOAD + zero + gap, LOAD)
+        seen = np.isfinite(observed).all(axis=1)
         assert (~seen).sum() <= 10 + 10  # the gap, and at most a last window of few cells
-        np.testing.assert_allclose(found[seen, 0], zero[seen], atol=1e-9)
-        np.testing.assert_allclose(found[seen, 1], sensitivity[seen], atol=1e-12)
-        assert {0.02, -0.03} == set(np.round(found[seen, 1], 9))
+        np.testing.assert_allclose(observed[seen, 0], zero[seen], atol=1e-9)
+        np.testing.assert_allclose(observed[seen, 1], sensitivity[seen], atol=1e-12)
+        assert {0.02, -0.03} == set(np.round(observed[seen, 1], 9))
 
     def test_slow_drift_is_followed(self, observe):
         theta = np.linspace(-10, 10, CELLS)
@@ -204,5 +174,5 @@ class TestObservedDrift:
     def test_windows_without_load_are_not_observed(self, observe):
         quiet = LOAD.copy()
         quiet[120:180] = 5.0
-        found = observe(1.1 * quiet, quiet)
-        np.testing.assert_array_equal(np.isnan(found[:, 1]), (quiet != LOAD))
+        observed = observe(1.1 * quiet, quiet)
+        np.testing.assert_array_equal(np.isnan(observed[:, 1]), (quiet != LOAD))

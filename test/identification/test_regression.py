@@ -55,19 +55,19 @@ def made_up(rows, inputs, rank):
 class TestLeastSquares:
     def test_it_is_that_on_the_stacked_design(self, moments, products, samples):
         columns = moments.columns([0, 2], 2)
-        found, left = least_squares(products, columns)
+        gains, rss = least_squares(products, columns)
         x, y = samples
         expected, (rest,), _, _ = np.linalg.lstsq(x[:, columns], y, rcond=None)
         assert len(columns) == (9 if moments.loaded else 4)
-        np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6)
-        assert float(left) == pytest.approx(rest, rel=1e-9)
+        np.testing.assert_allclose(gains, expected, rtol=1e-4, atol=1e-6)
+        assert float(rss) == pytest.approx(rest, rel=1e-9)
 
     def test_collinear_columns_share_their_gain(self, products, samples):
         x, y = samples
-        found, left = least_squares(products, np.array([0, 0, 0]))
+        gains, rss = least_squares(products, np.array([0, 0, 0]))
         slope = (x[:, 0] @ y) / (x[:, 0] @ x[:, 0])
-        np.testing.assert_allclose(found, slope / 3, rtol=1e-6)
-        assert float(left) == pytest.approx(np.sum((y - slope * x[:, 0]) ** 2))
+        np.testing.assert_allclose(gains, slope / 3, rtol=1e-6)
+        assert float(rss) == pytest.approx(np.sum((y - slope * x[:, 0]) ** 2))
 
     def test_the_ridge_that_keeps_it_solvable_is_the_one_that_is_named(
         self, products, samples, augmented_ridge
@@ -79,11 +79,10 @@ class TestLeastSquares:
 
     def test_many_systems_are_solved_as_one_by_one(self, moments, products):
         choices = np.stack([moments.columns(pair, 1) for pair in combinations(range(1, 5), 2)])
-        together, left = least_squares(products, choices)
-        for columns, theta, rest in zip(choices, together, left, strict=True):
-            alone, alone_left = least_squares(products, columns)
-            np.testing.assert_allclose(theta, alone, rtol=1e-8)
-            assert rest == pytest.approx(float(alone_left))
+        for columns, theta, rss in zip(choices, *least_squares(products, choices), strict=True):
+            gains, alone = least_squares(products, columns)
+            np.testing.assert_allclose(theta, gains, rtol=1e-8)
+            assert rss == pytest.approx(float(alone))
 
 
 class TestRidge:
@@ -95,9 +94,9 @@ class TestRidge:
         path = ridge_path(products, columns)
         assert list(RIDGE_STRENGTHS) == sorted(RIDGE_STRENGTHS, reverse=True)
         assert path.shape == (len(RIDGE_STRENGTHS), len(columns))
-        for strength, found in zip(RIDGE_STRENGTHS, path, strict=True):
+        for strength, gains in zip(RIDGE_STRENGTHS, path, strict=True):
             expected = augmented_ridge(x[:, columns], y, strength)
-            np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-8)
+            np.testing.assert_allclose(gains, expected, rtol=1e-5, atol=1e-8)
 
 
 class TestPls:
@@ -107,11 +106,11 @@ class TestPls:
         scale = np.linalg.norm(x, axis=0)
         path = pls_path(products, np.arange(inputs))
         assert path.shape == (MAX_LATENTS, inputs)
-        for latents, found in enumerate(path, start=1):
+        for latents, gains in enumerate(path, start=1):
             outer = fit_pls(x / scale, y[:, np.newaxis], min(latents, rank))
             expected = outer.coefficients[:, 0]
             tolerance = 1e-8 * np.abs(expected).max()
-            np.testing.assert_allclose(found * scale, expected, rtol=1e-8, atol=tolerance)
+            np.testing.assert_allclose(gains * scale, expected, rtol=1e-8, atol=tolerance)
 
 
 @pytest.mark.parametrize('path', [ridge_path, pls_path])
@@ -119,17 +118,17 @@ class TestEveryPath:
     def test_units_of_the_columns_do_not_matter(self, path):
         _, _, products = made_up(60, 4, 4)
         units = np.array([1.0, 1e3, 1e-3, 60.0, 1.0])
-        found = path(products * units * units[:, np.newaxis], np.arange(4))
-        np.testing.assert_allclose(found * units[:-1], path(products, np.arange(4)), rtol=1e-7)
+        gains = path(products * units * units[:, np.newaxis], np.arange(4))
+        np.testing.assert_allclose(gains * units[:-1], path(products, np.arange(4)), rtol=1e-7)
 
     def test_a_constant_column_gets_no_gain_and_changes_no_other(self, path):
         _, _, products = made_up(60, 4, 4)
         silent = np.insert(np.insert(products, 2, 0.0, axis=0), 2, 0.0, axis=1)
-        found = path(silent, np.arange(5))
+        gains = path(silent, np.arange(5))
         # Rounding over the weakest ridge is all that may be left, beside gains of 0.01 to 100.
-        np.testing.assert_allclose(found[:, 2], 0.0, atol=1e-6)
+        np.testing.assert_allclose(gains[:, 2], 0.0, atol=1e-6)
         np.testing.assert_allclose(
-            np.delete(found, 2, axis=1), path(products, np.arange(4)), rtol=1e-7
+            np.delete(gains, 2, axis=1), path(products, np.arange(4)), rtol=1e-7
         )
 
     def test_a_target_that_nothing_explains_gets_no_gain(self, path):
@@ -139,6 +138,6 @@ class TestEveryPath:
 
     def test_what_is_left_falls_along_the_path(self, path):
         x, y, products = made_up(60, 8, 8)
-        left = [np.sum((y - x @ theta) ** 2) for theta in path(products, np.arange(8))]
-        assert (np.diff(left) <= 1e-9 * left[0]).all()
-        assert left[-1] < 0.5 * left[0]
+        rss = [np.sum((y - x @ theta) ** 2) for theta in path(products, np.arange(8))]
+        assert (np.diff(rss) <= 1e-9 * rss[0]).all()
+        assert rss[-1] < 0.5 * rss[0]
