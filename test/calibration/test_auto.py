@@ -11,7 +11,6 @@ from wrist_ft_comp.calibration.features import build_features
 from wrist_ft_comp.calibration.result import OUTPUTS
 from wrist_ft_comp.calibration.selection import anchor
 from wrist_ft_comp.calibration.settings import IdentificationSettings
-from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.identification.output_error import fit_columns
 from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.drift_model import DriftModel
@@ -24,68 +23,69 @@ KNOTS_C = (20.0, 27.0, 35.0, 45.0)
 
 
 @pytest.fixture(scope='module')
-def make_problem(make_recording, warm_up, lagged):
+def make_problem(make_axis_data, warm_up, lagged):
     """Drift of N/K behind each time constant, with a square, noise and a few gaps."""
 
     def make(truth, *, loaded=False, thermometers=1, noise=0.05, cells=CELLS):
-        recordings = []
+        temperatures, raws, loads = [], [], []
         for i in range(2):
             rng = np.random.default_rng([i, 5])
             both = np.stack([warm_up(cells, i + 100 * j) for j in range(thermometers)], axis=1)
-            seen = both.mean(axis=1)
-            relaxed = {tau: lagged(seen, tau) - 30 for tau in truth}
+            relaxed = {tau: lagged(both.mean(axis=1), tau) - 30 for tau in truth}
             zero = sum(
                 gain * (relaxed[tau] + 0.02 * relaxed[tau] ** 2) for tau, gain in truth.items()
             )
             load = 40 * rng.standard_normal(cells)
             raw = (1 + 2e-3 * zero) * load * loaded + zero + noise * rng.standard_normal(cells)
             raw[rng.uniform(size=cells) < 0.05] = np.nan
-            recordings.append(make_recording(both, {'force_z': raw}, {'force_z': load}))
-        blocks = assign_folds(recordings)
-        return build_axis_data(recordings, 'force_z', 'recorded' if loaded else 'unloaded', blocks)
+            temperatures.append(both)
+            raws.append(raw)
+            loads.append(load)
+        return make_axis_data(temperatures, raws, loads if loaded else None)
 
     return make
 
 
-def running(problem, axis):
-    """Zero and sensitivity drift of force z as the node makes them, shapes (N_i, M)."""
+def run(problem, axis):
+    """Zero and sensitivity drift of force z as the node makes them, all recordings, (N, M)."""
     thermometers = problem.temperature_c[0].shape[1]
     model = DriftModel(round(problem.period_s * 1e9), thermometers, {'force_z': axis})
-    found = []
+    rows = []
     for temperature_c in problem.temperature_c:
         state = drift_model.start(model, temperature_c[0])
-        rows = []
         for row in temperature_c:
             state, now = drift_model.step(model, state, row)
             rows.append([now.zero[Z], now.sensitivity[Z]][: axis.outputs])
-        found.append(np.array(rows))
-    return found
+    return np.array(rows)
 
 
-def features_behind(features, temperature_c, tau, lagged):
-    relaxed = [lagged(column, tau) if tau else column for column in temperature_c.T]
-    return features.expand(np.stack(relaxed, axis=1))
+def features_behind(problem, features, tau, lagged):
+    """Features of the temperatures behind a lag, all recordings, (N, F)."""
+    return np.concatenate(
+        [
+            features.expand(
+                np.stack([lagged(column, tau) if tau else column for column in t.T], axis=1)
+            )
+            for t in problem.temperature_c
+        ]
+    )
 
 
-def of_terms(problem, features, fit, lagged):
-    """The fit's columns times its gains, term by term."""
-    found = []
-    for temperature_c in problem.temperature_c:
-        total = np.zeros((len(temperature_c), 1 + (problem.load is not None)))
-        for term in fit.terms:
-            x = features_behind(features, temperature_c, term.time_constant_s, lagged)
-            column = x[:, features.names.index(term.feature)]
-            total[:, OUTPUTS.index(term.output)] += term.gain * column
-        found.append(total)
-    return found
+def drift_by_terms(problem, features, fit, lagged):
+    """The fit's columns times its gains, term by term, (N, M)."""
+    drift = np.zeros((sum(map(len, problem.residual)), 1 + (problem.load is not None)))
+    for term in fit.terms:
+        x = features_behind(problem, features, term.time_constant_s, lagged)
+        column = x[:, features.names.index(term.feature)]
+        drift[:, OUTPUTS.index(term.output)] += term.gain * column
+    return drift
 
 
-def assert_same_up_to_a_constant(found, expected):
-    ours, theirs = np.concatenate(found), np.concatenate(expected)
-    assert ours.shape == theirs.shape
-    assert (np.ptp(theirs, axis=0) > 0).all()
-    difference = ours - theirs
-    np.testing.assert_array_less(np.ptp(difference, axis=0), 1e-9 * np.ptp(theirs, axis=0))
+def assert_same_up_to_a_constant(drift, expected):
+    assert drift.shape == expected.shape
+    assert (np.ptp(expected, axis=0) > 0).all()
+    spread = np.ptp(drift - expected, axis=0)
+    np.testing.assert_array_less(spread, 1e-9 * np.ptp(expected, axis=0))
 
 
 class TestWhatWasFittedIsWhatRuns:
@@ -99,43 +99,34 @@ class TestWhatWasFittedIsWhatRuns:
         features = build_features(problem.temperature_c, settings)
         data = choose_trend(build_candidate_data(problem, features))
         moments = data.fitted_moments
-        grid = moments.time_constants_s
         names = []
-        for structure in structures(settings, features, grid):
+        for structure in structures(settings, features, moments.time_constants_s):
             score = cross_validate(data, structure)
             fitted = _fit(data, score)
-            assert fitted.model is not None
-            found = running(problem, anchor(problem, fitted.model))
-            of = data.features_of(structure)
-            if not structure.bank_s:
-                assert len(fitted.time_constants_s) == structure.free_time_constants
-                expected = of_terms(problem, of, fitted, lagged)
-            else:
-                _, coefficients = fit_columns(
-                    moments, structure, np.ones(2, dtype=bool), data.inputs(structure)
-                )
+            own_features, inputs = data.features_of(structure), data.inputs(structure)
+            if structure.bank_s:
+                _, coefficients = fit_columns(moments, structure, moments.everything, inputs)
                 gains = coefficients[score.strength][: len(coefficients[0]) - loaded]
-                expected = [
-                    np.concatenate(
-                        [features_behind(of, t, tau, lagged) for tau in structure.bank_s], axis=1
-                    )
-                    @ gains.reshape(1 + loaded, -1).T
-                    for t in problem.temperature_c
+                columns = [
+                    features_behind(problem, own_features, tau, lagged) for tau in structure.bank_s
                 ]
-            assert_same_up_to_a_constant(found, expected)
+                expected = np.concatenate(columns, axis=1) @ gains.reshape(1 + loaded, -1).T
+            else:
+                assert len(fitted.time_constants_s) == structure.free_time_constants
+                expected = drift_by_terms(problem, own_features, fitted, lagged)
+            assert_same_up_to_a_constant(run(problem, anchor(problem, fitted.model)), expected)
             names.append(structure.name)
         assert any('PLS' in name for name in names)
         assert any('ridge' in name for name in names)
         assert len(names) == (6 if kind == 'hats' else 11)
 
-    @pytest.mark.parametrize(('loaded', 'thermometers'), CASES)
     @pytest.mark.parametrize(
-        ('method', 'truth', 'chosen'),
+        ('method', 'truth', 'chosen', 'loaded', 'thermometers'),
         [
-            ('auto', {1e-6: 0.5}, 'static'),
-            ('auto', {300.0: 0.5}, '1 time constant'),
-            ('arx_pls_oe', {300.0: 0.5}, '1 time constant'),
-            ('arx_pls_oe', {100.0: 0.6, 900.0: -0.5}, '2 time constants'),
+            ('auto', {1e-6: 0.5}, 'static', True, 1),
+            ('auto', {300.0: 0.5}, '1 time constant', False, 2),
+            ('arx_pls_oe', {300.0: 0.5}, '1 time constant', True, 2),
+            ('arx_pls_oe', {100.0: 0.6, 900.0: -0.5}, '2 time constants', False, 1),
         ],
         ids=str,
     )
@@ -145,18 +136,16 @@ class TestWhatWasFittedIsWhatRuns:
         problem = make_problem(truth, loaded=loaded, thermometers=thermometers)
         fit = identify_axis(problem, IdentificationSettings(method))
         assert fit.chosen == f'{chosen}, degree 2'
-        assert fit.model is not None
         assert not fit.doubts
         features = build_features(problem.temperature_c, IdentificationSettings())
-        assert_same_up_to_a_constant(
-            running(problem, fit.model), of_terms(problem, features, fit, lagged)
-        )
+        expected = drift_by_terms(problem, features, fit, lagged)
+        assert_same_up_to_a_constant(run(problem, fit.model), expected)
         count = max(len(fit.time_constants_s), 1)
         assert len(fit.terms) == count * 2 * thermometers * (1 + loaded)
-        for found, error, true in zip(
-            fit.time_constants_s, fit.time_constant_errors_s, truth, strict=chosen != 'static'
-        ):
-            assert not abs(found - true) > max(4 * error, 0.2 * true)
+        pairs = zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
+        if chosen != 'static':
+            for (tau, error), true in zip(pairs, truth, strict=True):
+                assert not abs(tau - true) > max(4 * error, 0.2 * true)
 
 
 class TestTooSlow:

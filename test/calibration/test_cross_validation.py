@@ -22,7 +22,6 @@ from wrist_ft_comp.calibration.settings import (
     IdentificationSettings,
     METHODS,
 )
-from wrist_ft_comp.identification.axis_data import build_axis_data
 from wrist_ft_comp.identification.bins import bin_axis_data
 from wrist_ft_comp.identification.moments import accumulate, bank_inputs
 from wrist_ft_comp.identification.output_error import Structure
@@ -122,39 +121,31 @@ def test_a_plateau_is_scored_around_the_mean_of_the_others(noisy_problem):
         assert (folds[recording][cells.astype(int)] == fold).all()
 
 
-def test_what_a_model_leaves_is_the_measurement_minus_its_free_run(make_recording, lagged):
-    dynamics = ArxPls(
-        np.zeros(1), np.ones(1), np.ones((1, 1)), (relaxation(300.0, 10.0),),
-        np.array([[0.5], [2e-3]]), np.ones(2), np.array([0.0, 0.01]),
-    )  # fmt: skip
+def test_what_a_model_leaves_is_the_measurement_minus_its_free_run(make_axis_data, lagged):
     features = Features('powers', np.array([20.0]), np.zeros(1), np.full(1, 99.0))
     noise = np.random.default_rng(4).standard_normal(CELLS)
     moved = lagged(TEMPERATURE_C - 20, 300.0)
-    raw = (1 + 0.01 + 2e-3 * moved) * LOAD + 0.5 * moved + noise
-    recording = make_recording(TEMPERATURE_C, {'force_x': raw}, {'force_x': LOAD})
-    data = build_axis_data([recording], 'force_x', 'recorded', [np.zeros(CELLS, dtype=np.int64)])
-    model = AxisModel(features, dynamics)
-    np.testing.assert_allclose(unexplained(data, model)[0], noise, atol=1e-9)
+    sensitivity = 0.01 + 2e-3 * moved
+    raw = (1 + sensitivity) * LOAD + 0.5 * moved + noise
+    data = make_axis_data([TEMPERATURE_C], [raw], [LOAD])
     np.testing.assert_array_equal(unexplained(data, None)[0], data.residual[0])
-    zero_drift_only = replace(
-        dynamics,
-        output_loadings=np.array([[0.5]]),
-        output_weight=np.ones(1),
-        output_mean=np.zeros(1),
-    )
-    without = AxisModel(features, zero_drift_only)
-    np.testing.assert_allclose(
-        unexplained(data, without)[0], noise + (0.01 + 2e-3 * moved) * LOAD, atol=1e-9
-    )
+    for outputs, remainder in ((2, noise), (1, noise + sensitivity * LOAD)):
+        loadings, mean = np.array([[0.5], [2e-3]]), np.array([0.0, 0.01])
+        dynamics = ArxPls(
+            np.zeros(1), np.ones(1), np.ones((1, 1)), (relaxation(300.0, 10.0),),
+            loadings[:outputs], np.ones(outputs), mean[:outputs],
+        )  # fmt: skip
+        model = AxisModel(features, dynamics)
+        np.testing.assert_allclose(unexplained(data, model)[0], remainder, atol=1e-9)
 
 
 @pytest.mark.parametrize('tared', [True, False])
-def test_a_fold_is_scored_in_parts_around_a_constant_per_recording(make_recording, tared):
+def test_a_fold_is_scored_in_parts_around_a_constant_per_recording(make_axis_data, tared):
     """Of means over 30 s; plateaus, which are not tared, around the mean of all else."""
-    recordings = [make_recording(TEMPERATURE_C, {'force_x': 0.0}) for _ in range(2)]
     rng = np.random.default_rng(5)
     folds = [rng.integers(0, 3, CELLS) for _ in range(2)]
-    data = replace(build_axis_data(recordings, 'force_x', 'unloaded', folds), tared=tared)
+    data = make_axis_data([TEMPERATURE_C] * 2, [TEMPERATURE_C] * 2, folds=folds)
+    data = replace(data, tared=tared)
     remainders = [rng.standard_normal(CELLS) + 100 * i for i in range(2)]
     remainders[0][::7] = np.nan
     for fold in range(3):
@@ -173,9 +164,9 @@ def test_a_fold_is_scored_in_parts_around_a_constant_per_recording(make_recordin
         assert part_errors(fold_bins(data, remainders, fold)) == pytest.approx(expected)
 
 
-def test_fewer_bins_than_parts_are_scored_one_by_one(make_recording):
-    recording = make_recording(TEMPERATURE_C, {'force_x': 0.0})
-    data = build_axis_data([recording], 'force_x', 'unloaded', [np.zeros(CELLS, dtype=np.int64)])
+def test_fewer_bins_than_parts_are_scored_one_by_one(make_axis_data):
+    folds = [np.zeros(CELLS, dtype=np.int64)]
+    data = make_axis_data([TEMPERATURE_C], [TEMPERATURE_C], folds=folds)
     remainder = np.full(CELLS, np.nan)
     remainder[[0, 1, 90]] = 1.0, 3.0, 6.0
     assert part_errors(fold_bins(data, [remainder], 0)).tolist() == [4.0, 4.0]

@@ -14,7 +14,6 @@ from wrist_ft_comp.calibration.settings import (
     METHODS,
 )
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.arx import Orders
 from wrist_ft_comp.model.signals import AXES
@@ -29,10 +28,7 @@ def evaluate(calibration, recording, reference='unloaded'):
 
 
 def settings(method, reference='unloaded', **more):
-    return CalibrationSettings(
-        reference=reference,
-        identification=IdentificationSettings(method=method, **more),
-    )
+    return CalibrationSettings(reference, identification=IdentificationSettings(method, **more))
 
 
 @pytest.fixture(scope='module')
@@ -43,34 +39,19 @@ def simulate(make_recording, warm_up, lagged):
     A share below 1 keeps a recording within the temperatures of the others.
     """
 
-    def make(  # noqa: PLR0913 -- a factory names what it can vary
-        seed,
-        zero,
-        sensitivity=None,
-        *,
-        noise=0.0,
-        gain_error=0.0,
-        thermometers=1,
-        cells=CELLS,
-        share=1.0,
-    ):
+    def make(seed, zero, sensitivity=None, *, thermometers=1, share=1.0, **more):
         rng = np.random.default_rng([seed, 7])
-        temperature_c = 20 + share * (warm_up(cells, seed) - 20)
-        theta = temperature_c - 30
+        noise, gain_error = more.get('noise', 0.0), more.get('gain_error', 0.0)
+        both = [20 + share * (warm_up(CELLS, seed + 1000 * j) - 20) for j in range(thermometers)]
+        theta = both[0] - 30
         o = sum(gain * lagged(theta, tau) for tau, gain in zero.items())
-        load = 40 * rng.standard_normal(cells)
+        load = 40 * rng.standard_normal(CELLS)
         s = gain_error + sum(g * lagged(theta, tau) for tau, g in (sensitivity or {}).items())
-        raw = (1 + s) * load + o + 10.0 * seed + noise * rng.standard_normal(cells)
+        raw = (1 + s) * load + o + 10.0 * seed + noise * rng.standard_normal(CELLS)
         if sensitivity is None:
             raw -= load
-        second = 20 + share * (warm_up(cells, seed + 1000) - 20)
-        both = np.stack([temperature_c, second][:thermometers], axis=1)
-        return make_recording(
-            both,
-            {'force_z': raw},
-            None if sensitivity is None else {'force_z': load},
-            name=f'run{seed}',
-        )
+        reference = {} if sensitivity is None else {'force_z': load}
+        return make_recording(np.stack(both, axis=1), {'force_z': raw}, reference)
 
     return make
 
@@ -247,10 +228,9 @@ class TestFeaturesAndGrid:
         assert knots[-1] == 50
         np.testing.assert_allclose(np.diff(knots), np.diff(knots)[0])
 
-    def test_time_constants_to_try_begin_static_and_end_with_the_recording(self, simulate):
-        runs = [simulate(0, {}), simulate(1, {}, cells=200)]
-        problem = build_axis_data(runs, 'force_z', 'unloaded', assign_folds(runs))
-        grid = time_constant_grid(problem)
+    def test_time_constants_to_try_begin_static_and_end_with_the_recording(self, make_axis_data):
+        lengths = [np.zeros(CELLS), np.zeros(200)]
+        grid = time_constant_grid(make_axis_data(lengths, lengths))
         assert grid[0] == 0
         assert (np.diff(grid) > 0).all()
         assert grid[-1] <= CELLS * 10.0 / 2 * (1 + 1e-9)
@@ -263,17 +243,10 @@ class TestFeaturesAndGrid:
     [
         ({'method': 'magic'}, "Unknown method 'magic'; expected one of pcr"),
         ({'features': 'hat'}, "Unknown features 'hat'"),
-        ({'degree': 0}, 'between 1 and 4; got 0'),
-        ({'degree': 5}, 'between 1 and 4; got 5'),
-        ({'degree': 2.5}, 'between 1 and 4; got 2.5'),
-        ({'degree': np.nan}, 'between 1 and 4; got nan'),
-        ({'latents': 0}, 'At least 1 latent is needed; got 0'),
-        ({'latents': np.nan}, 'At least 1 latent is needed; got nan'),
-        ({'latents': np.inf}, 'At least 1 latent is needed; got inf'),
+        *(({'degree': n}, f'between 1 and 4; got {n}') for n in (0, 5, 2.5, np.nan)),
+        *(({'latents': n}, f'At least 1 latent is needed; got {n}') for n in (0, np.nan, np.inf)),
         ({'hat_temperatures_c': (20.0,)}, r'at least 2 temperatures that ascend; got \[20.0\]'),
-        ({'hat_temperatures_c': (30.0, 20.0)}, 'that ascend; got'),
-        ({'hat_temperatures_c': (20.0, np.nan)}, 'that ascend; got'),
-        ({'hat_temperatures_c': (20.0, np.inf)}, 'that ascend; got'),
+        *(({'hat_temperatures_c': (20.0, t)}, 'that ascend; got') for t in (10.0, np.nan, np.inf)),
     ],
 )
 def test_settings_outside_their_range_are_refused(change, sentence):

@@ -1,12 +1,13 @@
 """Choosing among candidates, and the sentence that says why."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from wrist_ft_comp.calibration.cross_validation import simplest_good
 from wrist_ft_comp.calibration.result import Term
 from wrist_ft_comp.calibration.selection import anchor, finish, Fitted
-from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.model.arx import relaxation, static_gain
 from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
@@ -16,18 +17,15 @@ CELLS = 200
 
 
 @pytest.fixture(scope='module')
-def make_problem(make_recording, warm_up):
+def make_problem(make_axis_data, warm_up):
     """One axis, loaded as asked, with a gain error at the reference temperature."""
 
-    def make(axis='torque_x', load=None, error=0.0):
-        recordings = []
-        for i in range(2):
-            w = np.zeros(CELLS) if load is None else load
-            raw = (1 + error) * w + 3.0 * i
-            recordings.append(make_recording(warm_up(CELLS, i), {axis: raw}, {axis: w}))
-        blocks = assign_folds(recordings)
-        reference = 'unloaded' if load is None else 'recorded'
-        return build_axis_data(recordings, axis, reference, blocks)
+    def make(load=None, error=0.0):
+        raws = [
+            (1 + error) * (np.zeros(CELLS) if load is None else load) + offset for offset in (0, 3)
+        ]
+        temperatures = [warm_up(CELLS, i) for i in range(2)]
+        return make_axis_data(temperatures, raws, None if load is None else [load, load])
 
     return make
 
@@ -70,18 +68,14 @@ class TestChoice:
         assert simplest_good([np.array([2.0]), np.array([1.0])]) == 1
 
 
+def choose(problem, errors, chosen, competing=None):
+    return finish(problem, Fitted(None), chosen, errors, competing or list(errors))
+
+
 class TestReasons:
-    @pytest.fixture
-    def choose(self, make_problem):
-        def finished(errors, chosen, axis='torque_x', **more):
-            competing = more.get('competing', list(errors))
-            return finish(make_problem(axis), Fitted(None), chosen, errors, competing)
-
-        return finished
-
-    def test_the_best_is_called_so(self, choose):
+    def test_the_best_is_called_so(self, make_problem):
         errors = {'none': np.full(4, 4.0), 'line': np.full(4, 1.0), 'lag': np.full(4, 0.25)}
-        fit = choose(errors, 'lag')
+        fit = choose(replace(make_problem(), unit='N m'), errors, 'lag')
         assert fit.reason == (
             'lag leaves 0.5 N m RMS on held-out data, no compensation 2 N m; of 3 candidates it '
             'is the best.'
@@ -91,63 +85,55 @@ class TestReasons:
             {'none': 2.0, 'line': 1.0, 'lag': 0.5}
         )
 
-    def test_what_may_be_chance_is_called_so_with_its_numbers(self, choose):
-        # Differences 0.8, -0.2, 0.8, -0.2: mean 0.3, standard error 0.289.
+    def test_what_may_be_chance_is_called_so_with_its_numbers(self, make_problem):
+        # Differences 0.75, -0.25, 0.75, -0.25: mean 0.25, standard error 0.289.
         best = np.ones(4)
         line = best + np.array([0.8, -0.2, 0.8, -0.2]) - 0.05
-        fit = choose({'none': np.full(4, 9.0), 'line': line, 'lag': best}, 'line', 'force_z')
-        assert fit.reason == (
+        errors = {'none': np.full(4, 9.0), 'line': line, 'lag': best}
+        assert choose(make_problem(), errors, 'line').reason == (
             'line leaves 1.12 N RMS on held-out data, no compensation 3 N; the best of 3, lag, '
             'leaves 1 N: in mean square 0.25 N² less, no more than chance (standard error '
             '0.29 N²).'
         )
 
-    def test_what_is_not_worth_its_complexity_is_called_so(self, choose):
+    def test_what_is_not_worth_its_complexity_is_called_so(self, make_problem):
         errors = {'none': np.full(4, 9.0), 'line': np.full(4, 1.1), 'lag': np.ones(4)}
-        assert choose(errors, 'line').reason.endswith(
-            'the best of 3, lag, leaves 1 N m: in mean square 0.1 N m² less, not worth its '
+        assert choose(make_problem(), errors, 'line').reason.endswith(
+            'the best of 3, lag, leaves 1 N: in mean square 0.1 N² less, not worth its '
             'complexity (less than 15 %).'
         )
 
-    def test_one_that_is_alone_is_called_so(self, choose):
+    def test_one_that_is_alone_is_called_so(self, make_problem):
         errors = {'none': np.ones(4), 'line': np.full(4, 4.0)}
-        reason = choose(errors, 'line', competing=['line']).reason
-        assert reason == (
-            'line leaves 2 N m RMS on held-out data, no compensation 1 N m; nothing else competed.'
+        assert choose(make_problem(), errors, 'line', ['line']).reason == (
+            'line leaves 2 N RMS on held-out data, no compensation 1 N; nothing else competed.'
         )
 
 
 class TestFinish:
+    ERRORS = {'none': np.ones(4), 'lag': np.full(4, 0.1)}  # noqa: RUF012 -- never changed
+
     def test_what_was_found_is_handed_on(self, make_problem):
         term = Term('zero', 300.0, 'θ1', 0.5, 0.1)
         winner = Fitted(lag(), (300.0,), (9.0,), (term,), ('mended',), ('doubtful',))
-        errors = {'none': np.ones(4), 'lag': np.full(4, 0.1)}
-        fit = finish(make_problem(), winner, 'lag', errors, list(errors))
+        fit = finish(make_problem(), winner, 'lag', self.ERRORS, list(self.ERRORS))
         assert (fit.time_constants_s, fit.time_constant_errors_s) == ((300.0,), (9.0,))
-        assert fit.terms == (term,)
-        assert fit.doubts == ('doubtful',)
-        assert fit.notes == (
-            'mended', 'zero drift only: the reference was declared unloaded',
-        )  # fmt: skip
+        assert (fit.terms, fit.doubts) == ((term,), ('doubtful',))
+        assert fit.notes == ('mended', 'zero drift only: the reference was declared unloaded')
 
     def test_time_constants_that_were_not_searched_are_read_from_the_poles(self, make_problem):
-        errors = {'none': np.ones(4), 'lag': np.full(4, 0.1)}
-        fit = finish(make_problem(), Fitted(lag()), 'lag', errors, list(errors))
+        fit = finish(make_problem(), Fitted(lag()), 'lag', self.ERRORS, list(self.ERRORS))
         assert fit.time_constants_s == pytest.approx((300.0,))
-        assert len(fit.time_constant_errors_s) == 1
-        assert np.isnan(fit.time_constant_errors_s).all()
+        assert fit.time_constant_errors_s == pytest.approx((np.nan,), nan_ok=True)
 
 
-class TestAnchor:
-    def test_a_sensor_soaked_at_the_reference_has_no_zero_drift(self, make_problem):
-        at = np.array([30.0])
-        anchored = anchor(make_problem(), lag(mean=5.0))
-        assert anchored.step(anchored.start(at), at)[1] == pytest.approx([0.0], abs=1e-12)
-
-    @pytest.mark.parametrize('error', [0.0, 0.03, -0.2])
-    def test_the_gain_error_there_is_that_of_least_squares(self, make_problem, error):
-        load = 50 + 30 * np.random.default_rng(0).standard_normal(CELLS)
-        anchored = anchor(make_problem('force_z', load, error), lag(outputs=2, mean=5.0))
-        at = np.array([30.0])
-        found = anchored.step(anchored.start(at), at)[1]
-        assert found == pytest.approx([0.0, error], abs=1e-6)
+@pytest.mark.parametrize('error', [None, 0.0, 0.03, -0.2])
+def test_a_sensor_soaked_at_the_reference_has_no_drift_but_the_least_squares_gain_error(
+    make_problem, error
+):
+    load = 50 + 30 * np.random.default_rng(0).standard_normal(CELLS)
+    problem = make_problem() if error is None else make_problem(load, error)
+    expected = [0.0] if error is None else [0.0, error]
+    anchored, soaked_c = anchor(problem, lag(len(expected), mean=5.0)), np.array([30.0])
+    drift = anchored.step(anchored.start(soaked_c), soaked_c)[1]
+    assert drift == pytest.approx(expected, abs=1e-12 if error is None else 1e-6)

@@ -9,9 +9,10 @@ from wrist_ft_comp.calibration.calibrate import summarise
 from wrist_ft_comp.calibration.result import AxisFit, Calibration
 
 
-def lines(before, after, *, outputs=2, chosen='static, degree 1', warnings=(), unit='N'):
+def lines(before, after, *, outputs=2, warnings=(), unit='N'):
     """Sum up a calibration of force z, by a model of so many outputs."""
     model = SimpleNamespace(dynamics=SimpleNamespace(output_mean=np.zeros(outputs)))
+    chosen = 'static, degree 1'
     fit = AxisFit(model if outputs else None, chosen, (), before, after, unit=unit)
     ranges = np.array([[20, 35.5], [-5, 30]])
     return summarise(Calibration(None, {'force_z': fit}, ranges, 5400.0, warnings)).splitlines()
@@ -25,7 +26,7 @@ def test_an_axis_says_before_after_unit_and_choice(outputs, what, unit):
 
 
 def test_an_axis_without_compensation_says_so():
-    line = lines(0.5, 0.5, outputs=0, chosen='none')[0]
+    line = lines(0.5, 0.5, outputs=0)[0]
     assert line == 'force_z: no compensation; drift held out 0.5 N RMS'
 
 

@@ -52,65 +52,54 @@ def made_up(rows, inputs, rank):
     return x, y, both.T @ both
 
 
-class TestLeastSquares:
-    def test_it_is_that_on_the_stacked_design(self, moments, products, samples):
-        columns = moments.columns([0, 2], 2)
-        gains, rss = least_squares(products, columns)
-        x, y = samples
-        expected, (rest,), _, _ = np.linalg.lstsq(x[:, columns], y, rcond=None)
-        assert len(columns) == (9 if moments.loaded else 4)
-        np.testing.assert_allclose(gains, expected, rtol=1e-4, atol=1e-6)
-        assert float(rss) == pytest.approx(rest, rel=1e-9)
-
-    def test_collinear_columns_share_their_gain(self, products, samples):
-        x, y = samples
-        gains, rss = least_squares(products, np.array([0, 0, 0]))
-        slope = (x[:, 0] @ y) / (x[:, 0] @ x[:, 0])
-        np.testing.assert_allclose(gains, slope / 3, rtol=1e-6)
-        assert float(rss) == pytest.approx(np.sum((y - slope * x[:, 0]) ** 2))
-
-    def test_the_ridge_that_keeps_it_solvable_is_the_one_that_is_named(
-        self, products, samples, augmented_ridge
-    ):
-        x, y = samples
-        columns = np.array([0, 2, 4, 6, 8])  # nearly collinear: one power behind five lags
-        expected = augmented_ridge(x[:, columns], y, TINY_RIDGE)
-        np.testing.assert_allclose(least_squares(products, columns)[0], expected, rtol=1e-5)
-
-    def test_many_systems_are_solved_as_one_by_one(self, moments, products):
-        choices = np.stack([moments.columns(pair, 1) for pair in combinations(range(1, 5), 2)])
-        for columns, theta, rss in zip(choices, *least_squares(products, choices), strict=True):
-            gains, alone = least_squares(products, columns)
-            np.testing.assert_allclose(theta, gains, rtol=1e-8)
-            assert rss == pytest.approx(float(alone))
+def test_every_strength_is_the_augmented_least_squares(
+    moments, products, samples, augmented_ridge
+):
+    """Also the one that only keeps least squares solvable."""
+    x, y = samples
+    columns = moments.columns([1, 3], 2)
+    assert len(columns) == (9 if moments.loaded else 4)
+    assert list(RIDGE_STRENGTHS) == sorted(RIDGE_STRENGTHS, reverse=True)
+    gains, rss = least_squares(products, columns)
+    path = [*ridge_path(products, columns), gains]
+    for strength, theta in zip((*RIDGE_STRENGTHS, TINY_RIDGE), path, strict=True):
+        expected = augmented_ridge(x[:, columns], y, strength)
+        np.testing.assert_allclose(theta, expected, rtol=1e-5, atol=1e-8)
+    assert float(rss) == pytest.approx(np.sum((y - x[:, columns] @ gains) ** 2), rel=1e-9)
 
 
-class TestRidge:
-    def test_every_strength_is_the_augmented_least_squares(
-        self, moments, products, samples, augmented_ridge
-    ):
-        x, y = samples
-        columns = moments.columns([1, 3], 2)
-        path = ridge_path(products, columns)
-        assert list(RIDGE_STRENGTHS) == sorted(RIDGE_STRENGTHS, reverse=True)
-        assert path.shape == (len(RIDGE_STRENGTHS), len(columns))
-        for strength, gains in zip(RIDGE_STRENGTHS, path, strict=True):
-            expected = augmented_ridge(x[:, columns], y, strength)
-            np.testing.assert_allclose(gains, expected, rtol=1e-5, atol=1e-8)
+def test_nearly_collinear_columns_are_solved_and_equal_ones_share_their_gain(
+    products, samples, augmented_ridge
+):
+    x, y = samples
+    columns = np.array([0, 2, 4, 6, 8])  # one power behind five lags
+    expected = augmented_ridge(x[:, columns], y, TINY_RIDGE)
+    np.testing.assert_allclose(least_squares(products, columns)[0], expected, rtol=1e-5)
+    slope = (x[:, 0] @ y) / (x[:, 0] @ x[:, 0])
+    gains, rss = least_squares(products, np.array([0, 0, 0]))
+    np.testing.assert_allclose(gains, slope / 3, rtol=1e-6)
+    assert float(rss) == pytest.approx(np.sum((y - slope * x[:, 0]) ** 2))
 
 
-class TestPls:
-    @pytest.mark.parametrize(('inputs', 'rank'), [(4, 4), (20, 20), (8, 3), (1, 1)], ids=str)
-    def test_every_number_of_latents_is_nipals_on_the_samples(self, inputs, rank):
-        x, y, products = made_up(150, inputs, rank)
-        scale = np.linalg.norm(x, axis=0)
-        path = pls_path(products, np.arange(inputs))
-        assert path.shape == (MAX_LATENTS, inputs)
-        for latents, gains in enumerate(path, start=1):
-            outer = fit_pls(x / scale, y[:, np.newaxis], min(latents, rank))
-            expected = outer.coefficients[:, 0]
-            tolerance = 1e-8 * np.abs(expected).max()
-            np.testing.assert_allclose(gains * scale, expected, rtol=1e-8, atol=tolerance)
+def test_many_systems_are_solved_as_one_by_one(moments, products):
+    choices = np.stack([moments.columns(pair, 1) for pair in combinations(range(1, 5), 2)])
+    for columns, theta, rss in zip(choices, *least_squares(products, choices), strict=True):
+        gains, alone = least_squares(products, columns)
+        np.testing.assert_allclose(theta, gains, rtol=1e-8)
+        assert rss == pytest.approx(float(alone))
+
+
+@pytest.mark.parametrize(('inputs', 'rank'), [(4, 4), (20, 20), (8, 3), (1, 1)], ids=str)
+def test_every_number_of_latents_is_nipals_on_the_samples(inputs, rank):
+    x, y, products = made_up(150, inputs, rank)
+    scale = np.linalg.norm(x, axis=0)
+    path = pls_path(products, np.arange(inputs))
+    assert path.shape == (MAX_LATENTS, inputs)
+    for latents, gains in enumerate(path, start=1):
+        outer = fit_pls(x / scale, y[:, np.newaxis], min(latents, rank))
+        expected = outer.coefficients[:, 0]
+        tolerance = 1e-8 * np.abs(expected).max()
+        np.testing.assert_allclose(gains * scale, expected, rtol=1e-8, atol=tolerance)
 
 
 @pytest.mark.parametrize('path', [ridge_path, pls_path])
