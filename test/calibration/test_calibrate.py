@@ -164,40 +164,29 @@ def test_settings_outside_their_range_are_refused(change, sentence):
         CalibrationSettings(**change)
 
 
-class TestWarnings:
-    def test_what_was_dropped_while_reading_is_passed_on(self, good):
-        runs = [good[0], replace(good[1], warnings=('3 samples were dropped.',))]
-        assert calibrate(runs, STATIC).warnings == ('3 samples were dropped.',)
+@pytest.mark.parametrize(('silent', 'named'), [(slice(50, 111), True), (slice(51, 111), False)])
+def test_a_silent_thermometer_is_named_beside_what_was_dropped_while_reading(good, silent, named):
+    measured = good[1].measured.copy()
+    measured[silent] = False
+    second = replace(good[1], measured=measured, warnings=('3 samples were dropped.',))
+    sentence = 'Thermometer 1 of run1.csv is silent for 610 s; its last value was held.'
+    expected = ('3 samples were dropped.', *[sentence] * named)
+    assert calibrate([good[0], second], STATIC).warnings == expected
 
-    def test_a_silent_thermometer_is_named(self, good):
-        measured = good[1].measured.copy()
-        measured[50:111] = False
-        runs = [good[0], replace(good[1], measured=measured)]
-        assert calibrate(runs, STATIC).warnings == (
-            'Thermometer 1 of run1.csv is silent for 610 s; its last value was held.',
-        )
-        measured[50] = True
-        assert calibrate([good[0], replace(good[1], measured=measured)], STATIC).warnings == ()
 
-    def test_a_time_constant_that_the_recordings_hardly_show_is_named(self, good, lagged):
-        runs = [with_raw(run, 2 * lagged(run.temperature_c[:, 0], 1500)) for run in good]
-        settings = IdentificationSettings(method='arx_pls_oe')
-        warnings = calibrate(runs, CalibrationSettings(identification=settings)).warnings
-        assert len(warnings) == 1
-        assert re.search(
-            r'The slowest time constant, 15\d\d s of force_x, is more than half of the longest '
-            r'recording \(2400 s\); record at least 1.7 h',
-            warnings[0],
-        )
+def test_a_time_constant_that_the_recordings_hardly_show_is_named_or_refused(good, lagged):
+    settings = CalibrationSettings(identification=IdentificationSettings(method='arx_pls_oe'))
 
-    @pytest.mark.parametrize('method', ['auto', 'arx_pls_oe'])
-    def test_a_time_constant_that_the_recordings_do_not_show_is_refused(
-        self, good, lagged, method
-    ):
-        runs = [with_raw(run, 2 * lagged(run.temperature_c[:, 0], 1e5)) for run in good]
-        settings = IdentificationSettings(method=method)
-        with pytest.raises(
-            CalibrationRefusedError,
-            match=r'force_x drifts too slowly .* at least 2400 s, .* Record at least 1.3 h',
-        ):
-            calibrate(runs, CalibrationSettings(identification=settings))
+    def learn(tau):
+        runs = [with_raw(run, 2 * lagged(run.temperature_c[:, 0], tau)) for run in good]
+        return calibrate(runs, settings)
+
+    (warning,) = learn(1500).warnings
+    assert re.search(
+        r'The slowest time constant, 15\d\d s of force_x, is more than half of the longest '
+        r'recording \(2400 s\); record at least 1.7 h',
+        warning,
+    )
+    refusal = r'force_x drifts too slowly .* at least 2400 s, .* Record at least 1.3 h'
+    with pytest.raises(CalibrationRefusedError, match=refusal):
+        learn(1e5)

@@ -1,10 +1,11 @@
 """Figures of chamber tables, and the tables laid out in time."""
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration import chamber
-from wrist_ft_comp.calibration.chamber import ChamberTable
+from wrist_ft_comp.calibration.chamber import chamber_figures, ChamberTable
 
 
 def ideal(**changes):
@@ -20,27 +21,23 @@ def ideal(**changes):
 
 
 def test_a_zero_that_moves_has_no_sensitivity_drift():
-    table = ideal()
-    assert np.isnan(chamber.sensitivity_drift(table)[1])
-    np.testing.assert_allclose(chamber.sensitivity_drift(table)[[0, 2]], 0.0, atol=1e-12)
-    assert chamber.zero_spread(table) == pytest.approx(100 * 5 / 6)
-    assert chamber.max_deviation(table) == pytest.approx(100 * 3 / 6)
-    assert chamber.accuracy(table) == pytest.approx(100 * 3 / 6)
+    figures = chamber_figures(ideal())
+    assert figures.max_sensitivity_drift == pytest.approx(0.0, abs=1e-12)
+    assert figures.zero_spread == pytest.approx(100 * 5 / 6)
+    assert figures.max_deviation == pytest.approx(100 * 3 / 6)
+    assert figures.accuracy == pytest.approx(100 * 3 / 6)
 
 
 def test_a_gain_that_moves_is_the_sensitivity_drift():
     gain = 1 + 0.002 * (np.array([0.0, 20, 50]) - 20)
-    table = ideal(output=np.array([[0.0], [1], [2], [1]]) * gain)
-    np.testing.assert_allclose(chamber.sensitivity_drift(table)[[0, 2]], 0.2)
-    assert chamber.zero_spread(table) == 0.0
+    figures = chamber_figures(ideal(output=np.array([[0.0], [1], [2], [1]]) * gain))
+    assert figures.max_sensitivity_drift == pytest.approx(0.2)
+    assert figures.zero_spread == 0.0
 
 
 def test_units_of_the_output_change_no_figure():
-    table = ideal()
-    other = table.with_output(-7.0 * table.output + 3.0)
-    for figure in (chamber.zero_spread, chamber.max_deviation, chamber.accuracy):
-        assert figure(other) == pytest.approx(figure(table))
-    assert table.output[2, 2] == 11.0
+    other = chamber_figures(ideal(output=-7.0 * ideal().output + 3.0))
+    assert astuple(other) == pytest.approx(astuple(chamber_figures(ideal())), abs=1e-12)
 
 
 def test_readings_stand_at_the_end_of_their_plateau():

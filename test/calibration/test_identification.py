@@ -71,12 +71,7 @@ def centred(values):
 class TestKnownTruth:
     @pytest.mark.parametrize(
         ('method', 'truth'),
-        [
-            ('arx_pls_oe', {300.0: 0.5}),
-            ('auto', {1000.0: -0.8}),
-            ('arx_pls_oe', {200.0: 0.6, 1500.0: -0.4}),
-            ('auto', {200.0: 0.6, 1500.0: -0.4}),
-        ],
+        [('arx_pls_oe', {300.0: 0.5}), ('auto', {200.0: 0.6, 1500.0: -0.4})],
         ids=str,
     )
     def test_lags_are_found_in_a_record_that_was_not_seen(self, simulate, lagged, method, truth):
@@ -107,17 +102,6 @@ class TestKnownTruth:
         nearest = min(abs(tau / 600 - 1) for tau in calibration.fits['force_z'].time_constants_s)
         assert nearest < 1e-2
 
-    def test_a_noisy_gain_is_found_within_four_standard_errors(self, simulate):
-        """A static line: its slope's standard error is the textbook's."""
-        sigma = 0.5
-        recordings = [simulate(i, {1e-6: 0.5}, noise=sigma) for i in range(3)]
-        calibration = calibrate(recordings, settings('auto'))
-        assert calibration.fits['force_z'].chosen == 'static, degree 1'
-        theta = recordings[0].temperature_c[:, 0]
-        slope = np.polyfit(theta, drift_of(calibration, recordings[0])[0], 1)[0]
-        power = sum(np.sum(centred(r.temperature_c[:, 0]) ** 2) for r in recordings)
-        assert abs(slope - 0.5) < 4 * sigma / np.sqrt(power)
-
     def test_the_second_thermometer_is_used_when_the_first_does_not_see_the_heat(
         self, make_recording, warm_up, lagged
     ):
@@ -137,37 +121,15 @@ class TestKnownTruth:
         assert two.rms_after < 0.2 * one.rms_after
 
 
-class TestNothingToLearn:
-    def test_pure_noise_is_left_alone(self, simulate):
-        none = 0
-        for seed in range(0, 200, 20):
-            runs = [simulate(seed + i, {}, noise=1.0) for i in range(3)]
-            calibration = calibrate(runs, settings('auto'))
-            none += calibration.fits['force_z'].model is None
-            judged = evaluate(calibration, simulate(seed + 9, {}, noise=1.0))
-            assert judged.rms_after < 1.1 * judged.rms_before
-        assert none >= 8
-
-    @pytest.mark.parametrize('method', METHODS)
-    def test_a_constant_axis_gets_no_drift(self, simulate, method):
-        runs = [simulate(i, {}) for i in range(2)]
-        zero, _ = drift_of(calibrate(runs, settings(method)), runs[0])
-        np.testing.assert_allclose(zero, 0, atol=1e-9)
-
-    @pytest.mark.parametrize('method', METHODS)
-    def test_loads_that_differ_only_between_recordings_give_no_wild_gain(
-        self, make_recording, warm_up, method
-    ):
-        """The gain error at T_ref cannot be told from the unknown constants then."""
-        runs = []
-        for i, payload in enumerate((0.0, 50.1, 20.3)):
-            temperature_c = warm_up(CELLS, i)
-            theta = temperature_c - 30
-            raw = (1 + 1e-3 * theta) * payload + 0.5 * theta
-            raw += 0.01 * np.random.default_rng(i).standard_normal(CELLS)
-            runs.append(make_recording(temperature_c, {'force_z': raw}, {'force_z': payload}))
-        _, sensitivity = drift_of(calibrate(runs, settings(method, 'recorded')), runs[0])
-        assert np.abs(sensitivity).max() < 0.1
+def test_pure_noise_is_left_alone(simulate):
+    none = 0
+    for seed in range(0, 200, 20):
+        runs = [simulate(seed + i, {}, noise=1.0) for i in range(3)]
+        calibration = calibrate(runs, settings('auto'))
+        none += calibration.fits['force_z'].model is None
+        judged = evaluate(calibration, simulate(seed + 9, {}, noise=1.0))
+        assert judged.rms_after < 1.1 * judged.rms_before
+    assert none >= 8
 
 
 @pytest.mark.parametrize('method', METHODS)
@@ -195,6 +157,25 @@ class TestEveryMethod:
         dynamic = method in ('filtered_pls', 'arx_pls_oe', 'auto')
         assert judged.rms_after < (0.35 if dynamic else 0.9) * judged.rms_before
 
+    def test_a_constant_axis_gets_no_drift(self, simulate, method):
+        runs = [simulate(i, {}) for i in range(2)]
+        zero, _ = drift_of(calibrate(runs, settings(method)), runs[0])
+        np.testing.assert_allclose(zero, 0, atol=1e-9)
+
+    def test_loads_that_differ_only_between_recordings_give_no_wild_gain(
+        self, make_recording, warm_up, method
+    ):
+        """The gain error at T_ref cannot be told from the unknown constants then."""
+        runs = []
+        for i, payload in enumerate((0.0, 50.1, 20.3)):
+            temperature_c = warm_up(CELLS, i)
+            theta = temperature_c - 30
+            raw = (1 + 1e-3 * theta) * payload + 0.5 * theta
+            raw += 0.01 * np.random.default_rng(i).standard_normal(CELLS)
+            runs.append(make_recording(temperature_c, {'force_z': raw}, {'force_z': payload}))
+        _, sensitivity = drift_of(calibrate(runs, settings(method, 'recorded')), runs[0])
+        assert np.abs(sensitivity).max() < 0.1
+
     def test_a_scale_in_kelvin_gives_the_same_drift(self, simulate, method):
         runs = [simulate(i, {300.0: 0.5}, noise=0.05) for i in range(3)]
         kelvin = [replace(run, temperature_c=run.temperature_c + 273.15) for run in runs]
@@ -217,16 +198,14 @@ class TestFeaturesAndGrid:
     def test_hats_stand_on_the_plateaus_or_where_they_were_put(self):
         plateaus = np.repeat([20.0, -15.0, 50.0], 40)[:, np.newaxis]
         hats = IdentificationSettings(features='hats')
-        np.testing.assert_array_equal(
-            build_features([plateaus], hats).knots_c[0], [-15.0, 20.0, 50.0]
-        )
         put = replace(hats, hat_temperatures_c=(0.0, 10.0))
-        np.testing.assert_array_equal(build_features([plateaus], put).knots_c[0], [0.0, 10.0])
         slope = np.linspace(0, 50, 500)[:, np.newaxis]
-        knots = build_features([slope], hats).knots_c[0]
-        assert knots[0] == 0
-        assert knots[-1] == 50
-        np.testing.assert_allclose(np.diff(knots), np.diff(knots)[0])
+        for temperature_c, asked, knots in (
+            (plateaus, hats, [-15.0, 20.0, 50.0]),
+            (plateaus, put, [0.0, 10.0]),
+            (slope, hats, np.linspace(0, 50, 6)),
+        ):
+            np.testing.assert_allclose(build_features([temperature_c], asked).knots_c[0], knots)
 
     def test_time_constants_to_try_begin_static_and_end_with_the_recording(self, make_axis_data):
         lengths = [np.zeros(CELLS), np.zeros(200)]

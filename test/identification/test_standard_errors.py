@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from wrist_ft_comp.identification.bins import bin_axis_data
-from wrist_ft_comp.identification.standard_errors import by_relaxation, fit_gains
+from wrist_ft_comp.identification.standard_errors import fit_gains
 from wrist_ft_comp.identification.time_constants import search_time_constants
 from wrist_ft_comp.model.features import Features
 
@@ -75,62 +75,41 @@ def naive_errors(clean, lagged):
     return SIGMA * np.sqrt(np.diagonal(np.linalg.inv(information)))
 
 
-def test_with_white_noise_estimates_scatter_as_stated(clean):
-    z, _ = scatter(clean, 0.0)
+@pytest.mark.parametrize(
+    ('correlated_s', 'most', 'times_textbook'), [(0.0, 1.3, 0.8), (CORRELATED_S, 1.6, 2.5)]
+)
+def test_estimates_scatter_by_little_more_than_stated_also_where_the_textbook_fails(
+    clean, lagged, correlated_s, most, times_textbook
+):
+    z, scattered = scatter(clean, correlated_s)
     assert len(z) == (2 if clean.load is None else 3)
     assert (z > 0.75).all()
-    assert (z < 1.3).all()
-
-
-def test_with_correlated_noise_they_scatter_by_little_more_where_the_textbook_fails(clean, lagged):
-    z, scattered = scatter(clean, CORRELATED_S)
-    assert (z > 0.75).all()
-    assert (z < 1.6).all()
-    # Sensitivity has its own column, whose quick load makes this noise white.
-    assert (scattered[:2] > 2.5 * naive_errors(clean, lagged)).all()
+    assert (z < most).all()
+    # Sensitivity has its own column, whose quick load makes correlated noise white.
+    assert (scattered[:2] > times_textbook * naive_errors(clean, lagged)).all()
 
 
 class TestWhatCannotBeSaid:
     def test_too_few_stretches_give_no_errors(self, clean):
         """Six cells for three constants, two gains and a time constant leave nothing over."""
-        short = replace(
-            clean,
-            temperature_c=tuple(values[:2] for values in clean.temperature_c),
-            residual=tuple(values[:2] for values in clean.residual),
-            load=None if clean.load is None else tuple(values[:2] for values in clean.load),
-            folds=tuple(values[:2] for values in clean.folds),
-        )
-        fit = fit_gains(bin_axis_data(short, 1), replace(LINE, degree=2), np.array([TAU_S]))
+        names = ['temperature_c', 'residual', 'folds', *['load'] * (clean.load is not None)]
+        beginnings = {name: tuple(v[:2] for v in getattr(clean, name)) for name in names}
+        short = bin_axis_data(replace(clean, **beginnings), 1)
+        fit = fit_gains(short, replace(LINE, degree=2), np.array([TAU_S]))
         assert np.isnan(fit.time_constant_errors_s).all()
         assert np.isnan(fit.gain_errors).all()
         assert np.isfinite(fit.gains).all()
 
     def test_a_thermometer_that_stands_still_has_no_error(self, clean):
         rng = np.random.default_rng(0)
-        both = replace(
-            clean,
-            temperature_c=tuple(
-                np.column_stack((values, np.full(CELLS, 22.0))) for values in clean.temperature_c
-            ),
-            residual=tuple(values + noise(rng, 0.0) for values in clean.residual),
-        )
+        noisy = replace(clean, residual=tuple(y + noise(rng, 0.0) for y in clean.residual))
+        still = np.full(CELLS, 22.0)
+        both = tuple(np.column_stack((t, still)) for t in clean.temperature_c)
+        beside = bin_axis_data(replace(noisy, temperature_c=both), 1)
         features = Features('powers', np.array([30.0, 20.0]), np.zeros(2), np.full(2, 99.0))
-        fit = fit_gains(bin_axis_data(both, 1), features, np.array([TAU_S]))
-        problem = bin_axis_data(replace(clean, residual=both.residual), 1)
-        alone = fit_gains(problem, LINE, np.array([TAU_S]))
+        fit = fit_gains(beside, features, np.array([TAU_S]))
+        alone = fit_gains(bin_axis_data(noisy, 1), LINE, np.array([TAU_S]))
         assert np.isnan(fit.gain_errors[0, 1, 0])
         assert fit.gains[0, 1, 0] == 0
         # Beside a load its sensitivity still counts as a gain, of the few that 36 stretches allow.
         np.testing.assert_allclose(fit.gain_errors[0, 0], alone.gain_errors[0, 0], rtol=0.02)
-
-
-@pytest.mark.parametrize('loaded', [False, True])
-def test_values_are_sorted_by_relaxation_feature_and_output(loaded):
-    """In the order of columns: output, relaxation, feature, and the load last."""
-    named = [
-        100 * m + 10 * k + f for m in range(1 + loaded) for k in range(2) for f in range(3)
-    ] + [-1.0] * loaded
-    values = by_relaxation(np.array(named, dtype=float), 2, 3, loaded=loaded)
-    assert values.shape == (2, 3, 1 + loaded)
-    for (k, f, m), value in np.ndenumerate(values):
-        assert value == 100 * m + 10 * k + f
