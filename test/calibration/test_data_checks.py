@@ -56,11 +56,11 @@ def test_too_long_a_stretch_is_refused(record):
 
 def test_a_dead_axis_is_named_and_nothing_but_dead_axes_are_refused(record):
     recording = record(force_y=2.5)
-    _, sentences = drop_stuck_cells([recording], ['force_x', 'force_y'])
-    assert sentences == [
+    _, (sentence,) = drop_stuck_cells([recording], ['force_x', 'force_y'])
+    assert sentence == (
         'force_y reads 2.5 N throughout: the channel is dead, or not connected. It is left '
         'uncompensated.'
-    ]
+    )
     with pytest.raises(CalibrationRefusedError, match=r'Every axis of a\.csv keeps one value'):
         drop_stuck_cells([recording], ['force_y'])
 
