@@ -27,19 +27,19 @@ every_document = pytest.mark.parametrize(
 )
 
 
-def outside_blocks(document: Path) -> str:
+def outside_blocks(document):
     return re.sub(r'^```.*?^```', '', document.read_text('utf-8'), flags=re.M | re.S)
 
 
 @every_document
-def test_links_lead_somewhere(document: Path) -> None:
+def test_links_lead_somewhere(document):
     for target in re.findall(r'\]\(([^)]+)\)', outside_blocks(document)):
         if not target.startswith(('http:', 'https:', 'mailto:', '#')):
             assert (document.parent / target.split('#')[0]).exists(), target
 
 
 @every_document
-def test_files_that_are_named_exist(document: Path) -> None:
+def test_files_that_are_named_exist(document):
     """Paths in backticks that begin with a folder of the project or a room of the package."""
     for name in re.findall(r'`([\w./-]+/[\w.-]+\.?\w*)`', outside_blocks(document)):
         first = name.split('/')[0]
@@ -50,13 +50,13 @@ def test_files_that_are_named_exist(document: Path) -> None:
 
 
 @every_document
-def test_targets_of_make_that_are_named_exist(document: Path) -> None:
+def test_targets_of_make_that_are_named_exist(document):
     makefile = (ROOT / 'Makefile').read_text('utf-8')
     for target in re.findall(r'`make ([\w-]+)', document.read_text('utf-8')):
         assert re.search(rf'^{target}:', makefile, re.M), target
 
 
-def holes(node: ast.AST) -> str:
+def holes(node):
     """A string of the code, with … for what is filled in."""
     if isinstance(node, ast.JoinedStr):
         return ''.join(holes(part) for part in node.values)
@@ -67,14 +67,14 @@ def holes(node: ast.AST) -> str:
     return '…'
 
 
-def normal(text: str) -> str:
+def normal(text):
     """White space as one blank, and holes beside each other as one."""
     text = ' '.join(text.split())
     return re.sub(r'…( ?…)*', '…', text)
 
 
 @cache
-def messages() -> tuple[str, ...]:
+def messages():
     """Every string of the package."""
     return tuple(
         normal(holes(node))
@@ -84,26 +84,26 @@ def messages() -> tuple[str, ...]:
     )
 
 
-def quoted() -> list[str]:
+def quoted():
     text = (ROOT / 'docs/troubleshooting.md').read_text('utf-8')
     return [normal(line) for line in re.findall(r'^> (.*)$', text, re.M)]
 
 
 @pytest.mark.parametrize('message', quoted())
-def test_a_quoted_message_is_one_of_the_code(message: str) -> None:
+def test_a_quoted_message_is_one_of_the_code(message):
     """Holes may stand for more in the document than in the code, never for less."""
     parts = [part.strip(' .') for part in message.split('…') if part.strip(' .,;')]
     pattern = '.*'.join(map(re.escape, parts))
     assert any(re.search(pattern, each) for each in messages()), message
 
 
-def test_the_parts_of_a_message_are_compared_in_their_order() -> None:
+def test_the_parts_of_a_message_are_compared_in_their_order():
     (tree,) = ast.parse("f'{name} spans {span:.1f} K; at ' 'least'").body
     assert isinstance(tree, ast.Expr)
     assert normal(holes(tree.value)) == '… spans … K; at least'
 
 
-def test_hooks_before_a_commit_run_what_make_lint_runs() -> None:
+def test_hooks_before_a_commit_run_what_make_lint_runs():
     config = yaml.safe_load((ROOT / '.pre-commit-config.yaml').read_text('utf-8'))
     (repository,) = config['repos']
     assert repository['repo'] == 'local', "the linters are the environment's own"

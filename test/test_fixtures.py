@@ -5,13 +5,11 @@ How the files were made is told beside them, in fixtures/v0_1_0/README.md. They 
 again: a later version has to read them, however it writes its own.
 """
 
-from collections.abc import Callable
 import csv
 import hashlib
 import json
 from pathlib import Path
 import shutil
-from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +34,7 @@ SECOND = 1_000_000_000
 STORED_HISTORY = [None, 'model_20261121T220509Z.yaml', 'model_20261121T220520Z.yaml']
 
 
-def read_json(name: str) -> Any:
+def read_json(name):
     return json.loads((HERE / name).read_text(encoding='utf-8'))
 
 
@@ -46,17 +44,17 @@ RECORDINGS = read_json('recordings.json')
 every_model = pytest.mark.parametrize('path', MODELS, ids=lambda path: path.stem)
 
 
-def simulated(model: Any, path: Path) -> tuple[Any, Any]:
+def simulated(model, path):
     """Zero and sensitivity drift by batch, shape (N, 6) each."""
     return tuple(simulate_drift(model, read_recording(path, period_s=model.period_ns / SECOND)))
 
 
-def fresh(model: Any) -> Any:
+def fresh(model):
     """A compensator that runs a model."""
     return Compensator(model.thermometers, StreamSettings(), model)
 
 
-def resumed(model: Any, state: Any) -> Any:
+def resumed(model, state):
     """A compensator that goes on from a saved state, as the node does."""
     compensator = fresh(model)
     compensator.restore_tare(state.tare)
@@ -64,7 +62,7 @@ def resumed(model: Any, state: Any) -> Any:
     return compensator
 
 
-def stream(compensator: Any, path: Path, first_ns: int) -> list[list[float]]:
+def stream(compensator, path, first_ns):
     """Feed temperatures one by one; the corrected wrench of every fourth row."""
     outputs = []
     with path.open(encoding='utf-8') as file:
@@ -81,13 +79,11 @@ def stream(compensator: Any, path: Path, first_ns: int) -> list[list[float]]:
 
 
 @pytest.fixture
-def printed(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., str]:
+def printed(monkeypatch, capsys):
     """Run the command line where the fixtures lie; it has to succeed."""
     monkeypatch.chdir(HERE)
 
-    def run(*words: object) -> str:
+    def run(*words):
         capsys.readouterr()
         assert main([str(word) for word in words]) == 0, words
         return capsys.readouterr().out
@@ -96,16 +92,16 @@ def printed(
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Any:
+def store(tmp_path):
     """A copy of the node's folder."""
     return ModelStore(Path(shutil.copytree(HERE / 'store', tmp_path / 'moved')))
 
 
-def close(expected: Any) -> Any:
+def close(expected):
     return pytest.approx(expected, abs=TOLERANCE, rel=0)
 
 
-def test_the_models_are_of_every_method_and_structure() -> None:
+def test_the_models_are_of_every_method_and_structure():
     assert len(MODELS) == 18
     axes = [
         axis
@@ -125,7 +121,7 @@ def test_the_models_are_of_every_method_and_structure() -> None:
 
 
 @every_model
-def test_a_model_gives_the_same_drift_in_a_batch(path: Path) -> None:
+def test_a_model_gives_the_same_drift_in_a_batch(path):
     expected = read_json(str(path.relative_to(HERE).with_suffix('.json')))
     stored = load_model(path)
     assert stored.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
@@ -142,13 +138,13 @@ def test_a_model_gives_the_same_drift_in_a_batch(path: Path) -> None:
 
 
 @every_model
-def test_a_model_corrects_a_stream_to_the_same_wrenches(path: Path) -> None:
+def test_a_model_corrects_a_stream_to_the_same_wrenches(path):
     expected = read_json(str(path.relative_to(HERE).with_suffix('.json')))
     outputs = stream(fresh(load_model(path).model), HERE / expected['input'], 0)
     np.testing.assert_allclose(outputs, expected['stream'], rtol=0, atol=TOLERANCE)
 
 
-def same_numbers(value: Any, expected: Any) -> None:
+def same_numbers(value, expected):
     """Whatever was printed then is printed now; there may be more."""
     if isinstance(expected, dict):
         for key, each in expected.items():
@@ -160,7 +156,7 @@ def same_numbers(value: Any, expected: Any) -> None:
 
 
 @pytest.mark.parametrize('name', EVALUATIONS)
-def test_a_model_is_evaluated_to_the_same_figures(printed: Callable[..., str], name: str) -> None:
+def test_a_model_is_evaluated_to_the_same_figures(printed, name):
     then = EVALUATIONS[name]
     now = json.loads(printed('evaluate', *then['words'], '--json'))
     assert then['printed']['axes']
@@ -168,7 +164,7 @@ def test_a_model_is_evaluated_to_the_same_figures(printed: Callable[..., str], n
 
 
 @every_model
-def test_a_model_is_shown(printed: Callable[..., str], path: Path) -> None:
+def test_a_model_is_shown(printed, path):
     content = path.read_bytes()
     shown = json.loads(printed('show', path, '--json'))
     assert shown['sha256'] == hashlib.sha256(content).hexdigest()
@@ -177,7 +173,7 @@ def test_a_model_is_shown(printed: Callable[..., str], path: Path) -> None:
         assert axis in printed('show', path)
 
 
-def test_a_stream_goes_on_from_the_saved_state() -> None:
+def test_a_stream_goes_on_from_the_saved_state():
     expected = read_json('state.json')
     stored = load_model(HERE / 'store/models' / str(STORED_HISTORY[-1]))
     state = load_state(HERE / 'store/state.json')
@@ -195,11 +191,11 @@ def test_a_stream_goes_on_from_the_saved_state() -> None:
     assert not np.allclose(outputs, new, rtol=0, atol=0.1), 'the state counts'
 
 
-def names(store: Any) -> list[str | None]:
+def names(store):
     return [path and path.name for path in store.history()]
 
 
-def test_the_list_of_models_is_read_where_it_was_moved_to(store: Any) -> None:
+def test_the_list_of_models_is_read_where_it_was_moved_to(store):
     assert names(store) == STORED_HISTORY
     assert store.given() == ''
     assert [path.name for path in store.recordings()] == ['recording_20261121T220452Z.csv']
@@ -208,7 +204,7 @@ def test_the_list_of_models_is_read_where_it_was_moved_to(store: Any) -> None:
         assert load_model(path).model.thermometers == 2
 
 
-def test_the_list_of_models_is_rolled_back(store: Any) -> None:
+def test_the_list_of_models_is_rolled_back(store):
     for steps in (1, 2):
         store.activate(store.history()[:-1])
         assert names(store) == STORED_HISTORY[:-steps]
@@ -217,7 +213,7 @@ def test_the_list_of_models_is_rolled_back(store: Any) -> None:
 
 
 @pytest.mark.parametrize('then', RECORDINGS, ids=lambda r: f'{r["path"]} {r["wrench_topic"]}')
-def test_a_recording_is_read_to_the_same_cells(then: dict[str, Any]) -> None:
+def test_a_recording_is_read_to_the_same_cells(then):
     topics = Topics(wrench=then['wrench_topic'])
     recording = read_recording(HERE / then['path'], period_s=then['period_s'], topics=topics)
     channels = np.hstack([recording.temperature_c, recording.wrench, recording.reference])
@@ -229,14 +225,12 @@ def test_a_recording_is_read_to_the_same_cells(then: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize('then', RECORDINGS, ids=lambda r: f'{r["path"]} {r["wrench_topic"]}')
-def test_a_recording_is_shown(printed: Callable[..., str], then: dict[str, Any]) -> None:
+def test_a_recording_is_shown(printed, then):
     wrench = ('--wrench-topic', then['wrench_topic'])
     assert 'temperature' in printed('show', then['path'], *wrench)
 
 
-def test_a_recording_is_compensated_to_the_same_wrenches(
-    printed: Callable[..., str], tmp_path: Path
-) -> None:
+def test_a_recording_is_compensated_to_the_same_wrenches(printed, tmp_path):
     model, source = 'models/arx_pls_oe_loaded.yaml', 'recordings/loaded.csv'
     printed('compensate', model, source, '-o', tmp_path / 'now.csv')
     now, then, raw = (

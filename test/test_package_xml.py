@@ -33,7 +33,7 @@ NOT_IMPORTED_BY_US = {'rosidl_generator_py'}
 OPTIONAL = {'shtab'}
 
 
-def imported(folder: str) -> set[str]:
+def imported(folder):
     """Keys of what a folder's modules import from elsewhere."""
     roots: set[str] = set()
     for path in (ROOT / folder).rglob('*.py'):
@@ -47,19 +47,19 @@ def imported(folder: str) -> set[str]:
     return {KEYS.get(root, root) for root in foreign}
 
 
-def declared(*tags: str) -> set[str]:
+def declared(*tags):
     return {str(each.text) for tag in tags for each in MANIFEST.iter(tag)}
 
 
-def test_what_the_package_imports_is_what_it_depends_on() -> None:
+def test_what_the_package_imports_is_what_it_depends_on():
     assert imported('wrist_ft_comp') - OPTIONAL == declared('exec_depend')
 
 
-def test_what_the_tests_import_is_named_for_them() -> None:
+def test_what_the_tests_import_is_named_for_them():
     assert imported('test') - OPTIONAL <= declared('exec_depend', 'test_depend')
 
 
-def test_the_version_is_written_the_same_everywhere() -> None:
+def test_the_version_is_written_the_same_everywhere():
     found = re.search(r"version='(.*)'", SETUP)
     assert found is not None
     assert MANIFEST.findtext('version') == found[1] == wrist_ft_comp.__version__
@@ -67,13 +67,13 @@ def test_the_version_is_written_the_same_everywhere() -> None:
 
 
 @pytest.mark.parametrize('tag', ['description', 'license', 'maintainer', 'name'])
-def test_what_rep_149_demands_is_there(tag: str) -> None:
+def test_what_rep_149_demands_is_there(tag):
     assert MANIFEST.get('format') == '3'
     assert (MANIFEST.findtext(tag) or '').strip()
     assert MANIFEST.findtext('export/build_type') == 'ament_python'
 
 
-def test_the_licence_is_the_one_that_is_named() -> None:
+def test_the_licence_is_the_one_that_is_named():
     licence = MANIFEST.find('license')
     assert licence is not None
     text = (ROOT / str(licence.get('file'))).read_text('utf-8')

@@ -1,7 +1,6 @@
 """The rooms of the package: who looks into whom, how full they are, and what each may do."""
 
 import ast
-from collections.abc import Iterator
 from pathlib import Path
 import subprocess
 import sys
@@ -43,16 +42,16 @@ FILE_CALLS = {
 FILE_MODULES = {'io', 'os', 'shutil', 'sqlite3', 'subprocess', 'tempfile', 'zipfile'}
 
 
-def room_of(module: str) -> str:
+def room_of(module):
     first = module.split('.', maxsplit=1)[0]
     return first if first in DOORS else ''
 
 
-def tree_of(module: str) -> ast.Module:
+def tree_of(module):
     return ast.parse(MODULES[module].read_text(encoding='utf-8'))
 
 
-def imported(tree: ast.AST) -> Iterator[str]:
+def imported(tree):
     """Yield every imported name in full, wherever the import stands, also for type checking."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -63,13 +62,13 @@ def imported(tree: ast.AST) -> Iterator[str]:
             yield from (f'{node.module}.{alias.name}' for alias in node.names)
 
 
-def own_imports(module: str) -> set[str]:
+def own_imports(module):
     """Modules of the package that a module imports."""
     names = {name.removeprefix('wrist_ft_comp.') for name in imported(tree_of(module))}
     return {name for name in names if name in MODULES and name != module}
 
 
-def called(tree: ast.AST) -> Iterator[str]:
+def called(tree):
     """Yield the last name of everything that is called."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Call):
@@ -81,7 +80,7 @@ def called(tree: ast.AST) -> Iterator[str]:
                 yield node.func.attr
 
 
-def roots(module: str) -> set[str]:
+def roots(module):
     return {name.split('.')[0] for name in imported(tree_of(module))}
 
 
@@ -91,17 +90,17 @@ every_module_of_the_mathematics = pytest.mark.parametrize(
 )
 
 
-def every_module_but(*rooms: str) -> pytest.MarkDecorator:
+def every_module_but(*rooms):
     others = [module for module in MODULES if room_of(module) not in rooms]
     return pytest.mark.parametrize('module', others)
 
 
-def test_every_room_is_there() -> None:
+def test_every_room_is_there():
     assert {room_of(module) for module in MODULES} == {*DOORS, ''}
 
 
 @every_module
-def test_a_room_looks_only_through_its_doors(module: str) -> None:
+def test_a_room_looks_only_through_its_doors(module):
     room = room_of(module)
     if module == '__main__':
         assert own_imports(module) == {'cli.entry'}
@@ -111,7 +110,7 @@ def test_a_room_looks_only_through_its_doors(module: str) -> None:
     assert {room_of(name) for name in outside} - {''} <= allowed
 
 
-def test_no_imports_go_round_in_a_circle() -> None:
+def test_no_imports_go_round_in_a_circle():
     """Not even those that only type checking sees."""
     arrows = {module: own_imports(module) for module in MODULES}
     while ends := {module for module, others in arrows.items() if not others}:
@@ -119,41 +118,41 @@ def test_no_imports_go_round_in_a_circle() -> None:
     assert not arrows
 
 
-def test_no_room_is_too_full_to_see_through() -> None:
+def test_no_room_is_too_full_to_see_through():
     for folder in {path.parent for path in MODULES.values()}:
         files = [path for path in folder.glob('*.py') if path.name != '__init__.py']
         assert len(files) <= MOST_FILES, f'{folder.name} holds {len(files)} files'
 
 
 @every_module
-def test_every_file_says_first_what_lives_in_it(module: str) -> None:
+def test_every_file_says_first_what_lives_in_it(module):
     docstring = ast.get_docstring(tree_of(module)) or ''
     assert docstring.split('\n')[0].endswith(('.', ':'))
 
 
 @every_module_of_the_mathematics
-def test_the_mathematics_knows_numpy_scipy_and_the_standard_library_only(module: str) -> None:
+def test_the_mathematics_knows_numpy_scipy_and_the_standard_library_only(module):
     foreign = roots(module) - set(sys.stdlib_module_names) - {'numpy', 'scipy', 'wrist_ft_comp'}
     assert not foreign
 
 
 @every_module_of_the_mathematics
-def test_the_mathematics_asks_no_clock_and_keeps_no_log(module: str) -> None:
+def test_the_mathematics_asks_no_clock_and_keeps_no_log(module):
     assert not roots(module) & CLOCKS_AND_LOGS
 
 
 @every_module_of_the_mathematics
-def test_the_mathematics_does_not_reach_for_files(module: str) -> None:
+def test_the_mathematics_does_not_reach_for_files(module):
     assert not roots(module) & FILE_MODULES
 
 
 @every_module_but('files')
-def test_only_files_open_files(module: str) -> None:
+def test_only_files_open_files(module):
     assert not set(called(tree_of(module))) & FILE_CALLS
 
 
 @every_module_but('files')
-def test_pictures_are_drawn_into_memory(module: str) -> None:
+def test_pictures_are_drawn_into_memory(module):
     """Matplotlib writes a file where it is given a path."""
     nodes = list(ast.walk(tree_of(module)))
     buffers = {
@@ -170,17 +169,17 @@ def test_pictures_are_drawn_into_memory(module: str) -> None:
 
 
 @every_module_but('ros')
-def test_only_ros_knows_ros(module: str) -> None:
+def test_only_ros_knows_ros(module):
     assert not roots(module) & ROS_PACKAGES
 
 
 @every_module_but('cli')
-def test_only_the_command_line_prints(module: str) -> None:
+def test_only_the_command_line_prints(module):
     assert 'print' not in set(called(tree_of(module)))
 
 
 @every_module
-def test_nothing_leaves_the_process_but_the_command_line(module: str) -> None:
+def test_nothing_leaves_the_process_but_the_command_line(module):
     """A library that calls sys.exit takes its user down with it; ``__main__`` blocks may."""
     tree = tree_of(module)
     guarded = {
@@ -199,7 +198,7 @@ def test_nothing_leaves_the_process_but_the_command_line(module: str) -> None:
     assert not exits or room_of(module) in {'cli', 'ros'}
 
 
-def test_what_runs_live_loads_no_submodule_of_scipy() -> None:
+def test_what_runs_live_loads_no_submodule_of_scipy():
     """Nor any room that only fits or reports: the node that holds it has to be light."""
     rooms = 'identification|calibration|report|files|simulation'
     program = f"""

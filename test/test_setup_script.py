@@ -24,7 +24,7 @@ esac
 
 
 @pytest.fixture
-def clone(tmp_path: Path) -> Path:
+def clone(tmp_path):
     """A clone with the script, and a Python that tells what it was asked for."""
     shutil.copytree(ROOT / 'requirements', tmp_path / 'requirements')
     stand_in = tmp_path / 'python'
@@ -33,7 +33,7 @@ def clone(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def source_ros(clone: Path, content: str) -> str:
+def source_ros(clone, content):
     """Lay out what a sourced installation puts on PYTHONPATH."""
     package = clone / 'opt/ros/jazzy/lib/python3/site-packages/rclpy'
     package.mkdir(parents=True)
@@ -41,7 +41,7 @@ def source_ros(clone: Path, content: str) -> str:
     return str(package.parent)
 
 
-def run(clone: Path, path: str = '') -> 'subprocess.CompletedProcess[str]':
+def run(clone, path=''):
     return subprocess.run(
         ['/bin/sh', 'requirements/setup.sh', str(clone / 'python')],
         cwd=clone,
@@ -53,13 +53,13 @@ def run(clone: Path, path: str = '') -> 'subprocess.CompletedProcess[str]':
     )
 
 
-def calls(clone: Path) -> list[str]:
+def calls(clone):
     return (clone / 'calls').read_text().splitlines()
 
 
 def test_around_a_sourced_ros_its_packages_and_the_versions_of_ubuntu_are_used(
-    clone: Path,
-) -> None:
+    clone,
+):
     done = run(clone, source_ros(clone, ''))
     assert done.returncode == 0, done.stderr
     venv, pip = calls(clone)
@@ -69,7 +69,7 @@ def test_around_a_sourced_ros_its_packages_and_the_versions_of_ubuntu_are_used(
     assert pip.endswith('-e .[test,lint]')
 
 
-def test_without_one_ros_comes_from_wheels_in_the_locked_versions(clone: Path) -> None:
+def test_without_one_ros_comes_from_wheels_in_the_locked_versions(clone):
     done = run(clone)
     assert done.returncode == 0, done.stderr
     venv, pip = calls(clone)
@@ -79,7 +79,7 @@ def test_without_one_ros_comes_from_wheels_in_the_locked_versions(clone: Path) -
     assert pip.endswith('-e .[ros,test,lint]')
 
 
-def test_a_ros_for_another_python_is_a_sentence_and_changes_nothing(clone: Path) -> None:
+def test_a_ros_for_another_python_is_a_sentence_and_changes_nothing(clone):
     (clone / '.venv').mkdir()
     (clone / '.venv/kept').touch()
     done = run(clone, source_ros(clone, 'raise ImportError("built for another one")'))

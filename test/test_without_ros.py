@@ -19,7 +19,7 @@ TIMEOUT_S = 100.0
 
 
 @pytest.fixture(scope='module')
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def site(tmp_path_factory):
     """A folder of this Python's packages but those of ROS 2."""
     folder = tmp_path_factory.mktemp('site')
     for name in NEEDED:
@@ -33,7 +33,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run(site: Path, *words: str) -> 'subprocess.CompletedProcess[str]':
+def run(site, *words):
     environment = {key: value for key, value in os.environ.items() if 'ROS' not in key}
     return subprocess.run(
         [sys.executable, '-S', *words],
@@ -46,12 +46,12 @@ def run(site: Path, *words: str) -> 'subprocess.CompletedProcess[str]':
     )
 
 
-def test_there_really_is_no_ros(site: Path) -> None:
+def test_there_really_is_no_ros(site):
     done = run(site, '-c', 'import numpy, rclpy')
     assert "No module named 'rclpy'" in done.stderr
 
 
-def test_the_command_line_gives_its_results(site: Path, tmp_path: Path) -> None:
+def test_the_command_line_gives_its_results(site, tmp_path):
     model, out = tmp_path / 'b.yaml', tmp_path / 'out.csv'
     for words in (
         ['calibrate', TABLE, '-o', model, '--report', tmp_path / 'b.html'],
@@ -66,7 +66,7 @@ def test_the_command_line_gives_its_results(site: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('name', ['compensator', 'simulated_sensor'])
-def test_a_node_that_is_asked_for_is_refused_in_one_sentence(site: Path, name: str) -> None:
+def test_a_node_that_is_asked_for_is_refused_in_one_sentence(site, name):
     source = f'from wrist_ft_comp.ros import executables; executables.{name}()'
     done = run(site, '-c', source)
     assert done.returncode == 1
@@ -76,7 +76,7 @@ def test_a_node_that_is_asked_for_is_refused_in_one_sentence(site: Path, name: s
     assert 'Source a ROS 2 installation' in done.stderr
 
 
-def test_the_demonstration_is_refused_too(site: Path) -> None:
+def test_the_demonstration_is_refused_too(site):
     done = run(site, '-m', 'wrist_ft_comp', 'demo')
     assert done.returncode == 1
     assert 'The demonstration needs rclpy' in done.stderr

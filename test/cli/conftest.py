@@ -1,6 +1,5 @@
 """Recordings with a known drift, and the command line run in this process."""
 
-from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 import subprocess
 import sys
@@ -23,7 +22,7 @@ class Outcome(NamedTuple):
     err: str
 
     @property
-    def sentence(self) -> str:
+    def sentence(self):
         """The one line of a refusal."""
         lines = self.err.splitlines()
         assert self.code == 1, self
@@ -36,10 +35,10 @@ class Outcome(NamedTuple):
 
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
+def run(capsys):
     """Run a command in this process."""
 
-    def invoke(*argv: object) -> Outcome:
+    def invoke(*argv):
         capsys.readouterr()
         try:
             code = main([str(word) for word in argv])
@@ -51,10 +50,10 @@ def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
 
 
 @pytest.fixture
-def done(run: Callable[..., Outcome]) -> Callable[..., str]:
+def done(run):
     """Run a command that has to succeed; gives its standard output."""
 
-    def invoke(*argv: object) -> str:
+    def invoke(*argv):
         outcome = run(*argv)
         assert outcome.code == 0, outcome
         return outcome.out
@@ -63,17 +62,17 @@ def done(run: Callable[..., Outcome]) -> Callable[..., str]:
 
 
 @pytest.fixture
-def process() -> Callable[..., 'subprocess.Popen[str]']:
+def process():
     """Start a command as a process of its own."""
 
-    def start(*argv: object, **more: object) -> 'subprocess.Popen[str]':
+    def start(*argv, **more):
         command = [sys.executable, '-m', 'wrist_ft_comp.cli.main', *map(str, argv)]
         return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **more)
 
     return start
 
 
-def write_csv(path: Path, columns: Mapping[str, Iterable[object]], delimiter=',') -> Path:
+def write_csv(path, columns, delimiter=','):
     """Write columns as text; None and NaN become empty cells."""
     rows = zip(*columns.values(), strict=True)
     lines = [
@@ -84,7 +83,7 @@ def write_csv(path: Path, columns: Mapping[str, Iterable[object]], delimiter=','
     return path
 
 
-def warm_up(seconds: int, seed: int = 0) -> dict[str, list[float]]:
+def warm_up(seconds, seed=0):
     """A warm-up, sampled once a second, with two thermometers."""
     rng = np.random.default_rng(seed)
     t = np.arange(seconds, dtype=float)
@@ -97,7 +96,7 @@ def warm_up(seconds: int, seed: int = 0) -> dict[str, list[float]]:
     }
 
 
-def drifting(seconds: int = 400, seed: int = 0, *, both: bool = False, offset: float = 3.0):
+def drifting(seconds=400, seed=0, *, both=False, offset=3.0):
     """An unloaded recording: force z drifts with the temperatures, torque x hardly."""
     columns = warm_up(seconds, seed)
     rng = np.random.default_rng(seed + 100)
@@ -111,7 +110,7 @@ def drifting(seconds: int = 400, seed: int = 0, *, both: bool = False, offset: f
     return {**columns, 'force_z': force.tolist(), 'torque_x': torque.tolist()}
 
 
-def loaded(seconds: int = 600, seed: int = 0):
+def loaded(seconds=600, seed=0):
     """A loaded recording with its reference: zero 0.5 N/K, gain -0.2 %/K."""
     columns = warm_up(seconds, seed)
     del columns['temperature_2_c']
@@ -124,13 +123,13 @@ def loaded(seconds: int = 600, seed: int = 0):
 
 
 @pytest.fixture(scope='session')
-def drift_csv(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def drift_csv(tmp_path_factory):
     """One thermometer, unloaded."""
     return write_csv(tmp_path_factory.mktemp('csv') / 'drift.csv', drifting())
 
 
 @pytest.fixture(scope='session')
-def model(tmp_path_factory: pytest.TempPathFactory, drift_csv: Path) -> Path:
+def model(tmp_path_factory, drift_csv):
     """A model of that recording; read-only."""
     path = tmp_path_factory.mktemp('model') / 'model.yaml'
     assert main(['calibrate', str(drift_csv), '-o', str(path), '--method', 'pls']) == 0
@@ -138,7 +137,7 @@ def model(tmp_path_factory: pytest.TempPathFactory, drift_csv: Path) -> Path:
 
 
 @pytest.fixture(scope='session')
-def bags(tmp_path_factory: pytest.TempPathFactory, messages: object) -> dict[str, Path]:
+def bags(tmp_path_factory, messages):
     """Bags of both storages: 1 kHz wrenches and 10 Hz temperatures of an accelerated warm-up."""
     rng = np.random.default_rng(0)
     t = np.arange(90_000) / 1000
@@ -156,6 +155,6 @@ def bags(tmp_path_factory: pytest.TempPathFactory, messages: object) -> dict[str
 
 
 @pytest.fixture(scope='session')
-def make() -> SimpleNamespace:
+def make():
     """The builders above, for tests: fixtures are what importlib mode shares."""
     return SimpleNamespace(csv=write_csv, drifting=drifting, loaded=loaded, keller=KELLER)

@@ -15,13 +15,12 @@ from wrist_ft_comp.model.arx import (
     stabilise,
 )
 
-Array = np.ndarray
 #: n, m, first lag; with a direct term (0), without (1), as the paper's first H(z) (2), and later.
 ORDERS = [(0, 1, 0), (1, 1, 0), (1, 1, 1), (2, 1, 0), (2, 2, 1), (2, 2, 2), (3, 2, 0), (1, 3, 4)]
 orders = pytest.mark.parametrize(('order', 'inputs', 'first_lag'), ORDERS)
 
 
-def seeded_arx(order: int, inputs: int, first_lag: int, seed: int = 0) -> Arx:
+def seeded_arx(order, inputs, first_lag, seed=0):
     """A stable system: real poles and complex pairs well inside the unit circle."""
     rng = np.random.default_rng([seed, order, inputs, first_lag])
     poles: list[complex] = []
@@ -35,11 +34,11 @@ def seeded_arx(order: int, inputs: int, first_lag: int, seed: int = 0) -> Arx:
     return Arx(a, rng.uniform(0.5, 2.0, inputs), first_lag)
 
 
-def seeded_input(samples: int, seed: int = 0) -> Array:
+def seeded_input(samples, seed=0):
     return np.cumsum(np.random.default_rng(seed).standard_normal(samples))
 
 
-def textbook_output(arx: Arx, t: Array, before: float = 0.0) -> Array:
+def textbook_output(arx, t, before=0.0):
     """The module's equation, term by term; before the first sample all inputs are `before`."""
     resting = before * sum(arx.b) / (1 + sum(arx.a))
     u = np.zeros(len(t))
@@ -53,7 +52,7 @@ def textbook_output(arx: Arx, t: Array, before: float = 0.0) -> Array:
 
 
 @orders
-def test_regressors_are_the_rows_of_eq_20(order: int, inputs: int, first_lag: int) -> None:
+def test_regressors_are_the_rows_of_eq_20(order, inputs, first_lag):
     t, u = seeded_input(30), seeded_input(30, 1)
     phi, target = regressors(t, u, order, inputs, first_lag)
     longest = max(order, first_lag + inputs - 1)
@@ -69,9 +68,7 @@ def test_regressors_are_the_rows_of_eq_20(order: int, inputs: int, first_lag: in
 
 
 @orders
-def test_recordings_with_different_offsets_and_gaps_are_fitted_together(
-    order: int, inputs: int, first_lag: int
-) -> None:
+def test_recordings_with_different_offsets_and_gaps_are_fitted_together(order, inputs, first_lag):
     true = seeded_arx(order, inputs, first_lag)
     segments = []
     for seed, offset in enumerate((0.0, 1e3, -40.0)):
@@ -84,7 +81,7 @@ def test_recordings_with_different_offsets_and_gaps_are_fitted_together(
     assert found.first_lag == first_lag
 
 
-def test_too_few_complete_rows_are_refused() -> None:
+def test_too_few_complete_rows_are_refused():
     t = np.random.default_rng(0).standard_normal(40)
     u = t.copy()
     u[::3] = np.nan
@@ -99,7 +96,7 @@ def test_too_few_complete_rows_are_refused() -> None:
 
 
 @orders
-def test_the_free_run_feeds_back_its_own_outputs(order: int, inputs: int, first_lag: int) -> None:
+def test_the_free_run_feeds_back_its_own_outputs(order, inputs, first_lag):
     arx, t = seeded_arx(order, inputs, first_lag), seeded_input(60)
     expected = textbook_output(arx, t, before=t[0])
     np.testing.assert_allclose(free_run(arx, t), expected, rtol=1e-10, atol=1e-10)
@@ -108,7 +105,7 @@ def test_the_free_run_feeds_back_its_own_outputs(order: int, inputs: int, first_
 
 
 @pytest.mark.parametrize('time_constant_s', [0.0, 7.0, 300.0])
-def test_a_mean_relaxation_gives_the_means_of_bins(time_constant_s: float) -> None:
+def test_a_mean_relaxation_gives_the_means_of_bins(time_constant_s):
     bins = seeded_input(30)
     cells = free_run(relaxation(time_constant_s, 2.0), np.repeat(bins, 5))
     means = free_run(mean_relaxation(time_constant_s, 2.0, 5), bins)
@@ -116,7 +113,7 @@ def test_a_mean_relaxation_gives_the_means_of_bins(time_constant_s: float) -> No
 
 
 @pytest.mark.parametrize('time_constant_s', [0.0, 5.0, 300.0, 7200.0])
-def test_a_relaxation_follows_a_step_as_the_continuous_one(time_constant_s: float) -> None:
+def test_a_relaxation_follows_a_step_as_the_continuous_one(time_constant_s):
     lag = relaxation(time_constant_s, 2.0, gain=3.0)
     step = np.concatenate(([0.0], np.ones(5000)))
     elapsed = 2.0 * np.arange(5001)  # end of each cell after the step
@@ -135,7 +132,7 @@ def test_a_relaxation_follows_a_step_as_the_continuous_one(time_constant_s: floa
         [3.0 * np.exp(2j), 3.0 * np.exp(-2j), 0.9],
     ],
 )
-def test_unstable_poles_come_inside_and_the_static_gain_stays(poles: list[complex]) -> None:
+def test_unstable_poles_come_inside_and_the_static_gain_stays(poles):
     unstable = Arx(np.real(np.poly(poles))[1:], np.array([0.3, 0.4]), 1)
     mended, moved = stabilise(unstable)
     assert moved
@@ -147,8 +144,8 @@ def test_unstable_poles_come_inside_and_the_static_gain_stays(poles: list[comple
 
 @pytest.mark.parametrize('pole', [1.2, 1.0, 1.0 + 1e-9, 1.0 - 1e-9, 1.0 - 1e-12])
 def test_a_pole_at_or_beyond_one_comes_inside_and_the_response_stays_that_of_an_integrator(
-    pole: float,
-) -> None:
+    pole,
+):
     """There is no static gain to keep: what counts is how the output sets out."""
     mended, moved = stabilise(Arx(np.array([-pole]), np.array([0.01])))
     assert moved
@@ -158,7 +155,7 @@ def test_a_pole_at_or_beyond_one_comes_inside_and_the_response_stays_that_of_an_
 
 
 @orders
-def test_a_stable_system_is_left_alone(order: int, inputs: int, first_lag: int) -> None:
+def test_a_stable_system_is_left_alone(order, inputs, first_lag):
     slowest = Arx(np.array([-MAX_POLE_RADIUS]), np.ones(1))
     for arx in (seeded_arx(order, inputs, first_lag), slowest):
         mended, moved = stabilise(arx)

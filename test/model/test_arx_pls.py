@@ -11,8 +11,6 @@ from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.model.arx import Arx, free_run, relaxation, static_gain
 from wrist_ft_comp.model.arx_pls import ArxPls, from_gains, from_loadings
 
-Array = np.ndarray
-
 # The paper's section 4.2.
 PAPER_P = np.array(
     [
@@ -35,7 +33,7 @@ PAPER_H = [
 
 
 @pytest.fixture(scope='module')
-def paper() -> ArxPls:
+def paper():
     # (b0 z + b1) / (z² + a1 z + a2) is b0 z^-1 + b1 z^-2 over …; a factor z^-1 delays by one more.
     latents = [
         Arx(np.array(below[1:]), np.array(above), first_lag=2 if delayed else 1)
@@ -45,7 +43,7 @@ def paper() -> ArxPls:
 
 
 @pytest.fixture(scope='module')
-def general() -> ArxPls:
+def general():
     """Three inputs, four latents of different orders, two outputs, and means."""
     rng = np.random.default_rng(2)
     return ArxPls(
@@ -64,7 +62,7 @@ def general() -> ArxPls:
     )
 
 
-def test_the_papers_model_runs_as_scipy_assembles_it(paper: ArxPls) -> None:
+def test_the_papers_model_runs_as_scipy_assembles_it(paper):
     x = np.random.default_rng(0).standard_normal((200, 4))
     x[0] = 0.0
     _, y = paper.run(paper.start(x[0]), x)
@@ -78,7 +76,7 @@ def test_the_papers_model_runs_as_scipy_assembles_it(paper: ArxPls) -> None:
     assert np.abs(y).max() > 0.1
 
 
-def single(latent: Arx) -> ArxPls:
+def single(latent):
     """One latent, and nothing around it."""
     one = np.ones(1)
     return ArxPls(0 * one, one, np.eye(1), (latent,), np.eye(1), one, 0 * one)
@@ -86,7 +84,7 @@ def single(latent: Arx) -> ArxPls:
 
 @pytest.mark.parametrize('order', [1, 2, 3])
 @pytest.mark.parametrize('inputs', [2, 4])
-def test_a_run_filters_as_scipy_does_to_the_last_digit(order: int, inputs: int) -> None:
+def test_a_run_filters_as_scipy_does_to_the_last_digit(order, inputs):
     """On machines whose compiler fuses multiply and add, scipy's own last digit differs."""
     rng = np.random.default_rng(order)
     latent = Arx(np.poly(rng.uniform(0.9, 0.999, order))[1:], rng.standard_normal(inputs))
@@ -102,7 +100,7 @@ def test_a_run_filters_as_scipy_does_to_the_last_digit(order: int, inputs: int) 
 
 @pytest.mark.parametrize('pole', [-0.7, 0.0, 1e-9, 0.5, np.exp(-1 / 30), np.exp(-1 / 3000)])
 @pytest.mark.parametrize('cells', [1, 31, 32, 33, 1024, 1025, 5000])
-def test_a_relaxation_runs_as_the_plain_recursion(pole: float, cells: int) -> None:
+def test_a_relaxation_runs_as_the_plain_recursion(pole, cells):
     t = 1.0 + np.random.default_rng(cells).standard_normal(cells)
     u, last = np.empty(cells), -3.0
     for k in range(cells):
@@ -126,37 +124,33 @@ def test_a_relaxation_runs_as_the_plain_recursion(pole: float, cells: int) -> No
         ('output_mean', np.zeros(1), 'output_loadings'),
     ],
 )
-def test_parts_that_do_not_fit_are_refused(
-    general: ArxPls, part: str, value: object, told: str
-) -> None:
+def test_parts_that_do_not_fit_are_refused(general, part, value, told):
     with pytest.raises(ModelFileError, match=rf'^{told} must have shape .* to fit 3 inputs, '):
         replace(general, **{part: value})
 
 
 @pytest.mark.parametrize('weight', [[0.5, 0.0], [0.5, -1.0], [0.5, np.nan]])
-def test_an_output_weight_that_is_not_positive_is_refused(
-    general: ArxPls, weight: list[float]
-) -> None:
+def test_an_output_weight_that_is_not_positive_is_refused(general, weight):
     with pytest.raises(ModelFileError, match='output_weight must be positive'):
         replace(general, output_weight=np.array(weight))
 
 
 @pytest.mark.parametrize('a', [[-1.0], [-1.5], [1.2], [-2.0, 1.01], [0.0, 1.0]])
-def test_a_latent_that_would_grow_is_refused(general: ArxPls, a: list[float]) -> None:
+def test_a_latent_that_would_grow_is_refused(general, a):
     unstable = (*general.latents[:3], Arx(np.array(a), np.ones(1)))
     with pytest.raises(ModelFileError, match=r'^Latent 4 has a pole of .* without bound\.$'):
         replace(general, latents=unstable)
 
 
 @pytest.mark.parametrize('loadings', [np.ones((4, 4)), np.eye(4)[:3], np.zeros((4, 4))])
-def test_loadings_that_do_not_determine_the_scores_are_refused(loadings: Array) -> None:
+def test_loadings_that_do_not_determine_the_scores_are_refused(loadings):
     latents = [static_gain()] * 4
     with pytest.raises(ModelFileError, match='P must be square and invertible'):
         from_loadings(loadings, PAPER_Q, PAPER_W_X, PAPER_W_Y, latents)
 
 
 @pytest.mark.parametrize('dead', [False, True], ids=['all inputs', 'one of weight 0'])
-def test_a_sum_of_filtered_gains_is_written_exactly(*, dead: bool) -> None:
+def test_a_sum_of_filtered_gains_is_written_exactly(*, dead):
     rng = np.random.default_rng(7)
     bank = [static_gain(), relaxation(5.0, 1.0), relaxation(50.0, 1.0)]
     gains, mean = rng.standard_normal((3, 4, 2)), rng.standard_normal(4)

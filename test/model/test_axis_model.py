@@ -1,6 +1,5 @@
 """The drift of one axis: filters, then features, then dynamics, against the textbook loop."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 from hypothesis import given, settings
@@ -14,8 +13,6 @@ from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.features import Features
 
-Array = np.ndarray
-MakeAxis = Callable[..., AxisModel]
 #: Of static gain 1: two relaxations, and one that is of second order and late.
 FILTERS = (
     relaxation(30.0, 10.0),
@@ -27,15 +24,15 @@ LOWER_C, UPPER_C = np.array([15.0, 18.0]), np.array([45.0, 38.0])
 
 
 @pytest.fixture(scope='module')
-def make_axis() -> MakeAxis:
+def make_axis():
     """Two thermometers, two powers of each filtered temperature, random gains."""
 
     def make(
-        filters: tuple[Arx, ...] = FILTERS,
-        latents: tuple[Arx, ...] = LATENTS,
-        outputs: int = 2,
-        degree: int = 2,
-    ) -> AxisModel:
+        filters=FILTERS,
+        latents=LATENTS,
+        outputs=2,
+        degree=2,
+    ):
         rng = np.random.default_rng([len(filters), len(latents), outputs, degree])
         count = max(len(filters), 1)
         features = Features(
@@ -61,7 +58,7 @@ def make_axis() -> MakeAxis:
 
 
 @pytest.fixture(scope='module')
-def temperature_c() -> Array:
+def temperature_c():
     """Wandering, and at first and for some time outside what was calibrated, on both sides."""
     steps = np.random.default_rng(0).standard_normal((120, 2))
     found = 28 + np.cumsum(steps, axis=0)
@@ -69,7 +66,7 @@ def temperature_c() -> Array:
     return found
 
 
-def textbook_run(axis: AxisModel, temperature_c: Array) -> Array:
+def textbook_run(axis, temperature_c):
     """Clamp, filter, take powers, score, run the latents, load; one after the other."""
     margin = 0.2 * (UPPER_C - LOWER_C)
     held = np.minimum(np.maximum(temperature_c, LOWER_C - margin), UPPER_C + margin)
@@ -108,12 +105,12 @@ every_form = pytest.mark.parametrize(
 @every_form
 @pytest.mark.parametrize('outputs', [1, 2])
 def test_a_run_is_the_textbook_loop(
-    make_axis: MakeAxis,
-    temperature_c: Array,
-    filters: tuple[Arx, ...],
-    latents: tuple[Arx, ...],
-    outputs: int,
-) -> None:
+    make_axis,
+    temperature_c,
+    filters,
+    latents,
+    outputs,
+):
     axis = make_axis(filters, latents, outputs)
     assert (axis.thermometers, axis.outputs) == (2, outputs)
     _, found = axis.run(axis.start(temperature_c[0]), temperature_c)
@@ -126,12 +123,12 @@ def test_a_run_is_the_textbook_loop(
 @settings(deadline=None, max_examples=15, derandomize=True)
 @given(cuts=st.sets(st.integers(1, 119), max_size=4))
 def test_a_run_split_anywhere_is_the_fold_of_step(
-    make_axis: MakeAxis,
-    temperature_c: Array,
-    filters: tuple[Arx, ...],
-    latents: tuple[Arx, ...],
-    cuts: set[int],
-) -> None:
+    make_axis,
+    temperature_c,
+    filters,
+    latents,
+    cuts,
+):
     axis = make_axis(filters, latents)
     state = first = axis.start(temperature_c[0])
     rows = []
@@ -152,8 +149,8 @@ def test_a_run_split_anywhere_is_the_fold_of_step(
 
 
 def test_its_poles_are_those_of_its_parts_and_its_range_that_of_the_thermometers(
-    make_axis: MakeAxis,
-) -> None:
+    make_axis,
+):
     axis = make_axis()
     expected = [pole for part in (*FILTERS, *LATENTS) for pole in part.poles]
     np.testing.assert_allclose(np.sort_complex(axis.poles), np.sort_complex(expected))
@@ -163,7 +160,7 @@ def test_its_poles_are_those_of_its_parts_and_its_range_that_of_the_thermometers
 
 class TestBeyondTheRange:
     @pytest.fixture
-    def line(self) -> AxisModel:
+    def line(self):
         """0.5 N/K and -2 N/K, each behind its own lags, some of it later."""
         features = Features(
             'powers', np.tile([30.0, 25.0], 2), np.tile(LOWER_C, 2), np.tile(UPPER_C, 2)
@@ -175,14 +172,14 @@ class TestBeyondTheRange:
         return AxisModel(features, dynamics, FILTERS[:2])
 
     @pytest.mark.parametrize('excess', [0.0, 0.01, 1.0, 5.9, 6.1, 100.0])
-    def test_of_a_line_it_is_slope_times_excess(self, line: AxisModel, excess: float) -> None:
+    def test_of_a_line_it_is_slope_times_excess(self, line, excess):
         hot, cold = UPPER_C + np.array([excess, 0.0]), LOWER_C - np.array([0.0, excess])
         assert line.drift_beyond_range(hot) == pytest.approx(0.5 * excess)
         assert line.drift_beyond_range(cold) == pytest.approx(2.0 * excess)
         both = np.array([UPPER_C[0] + excess, LOWER_C[1] - excess])
         assert line.drift_beyond_range(both) == pytest.approx(2.5 * excess)
 
-    def test_of_a_parabola_it_follows_the_slope_at_the_edge(self) -> None:
+    def test_of_a_parabola_it_follows_the_slope_at_the_edge(self):
         features = Features('powers', *np.array([[8.0], [10.0], [20.0]]), degree=2)
         dynamics = ArxPls(
             np.zeros(2), np.ones(2), np.array([[0.0], [1.0]]), (static_gain(),),
@@ -193,7 +190,7 @@ class TestBeyondTheRange:
         assert axis.drift_beyond_range(np.array([22.0])) == pytest.approx(2 * (144.0 - 121.0))
         assert axis.drift_beyond_range(np.array([7.0])) == pytest.approx(3 * (9.0 - 4.0))
 
-    def test_a_thermometer_that_never_moved_says_nothing_of_its_slope(self) -> None:
+    def test_a_thermometer_that_never_moved_says_nothing_of_its_slope(self):
         features = Features('powers', np.full(1, 20.0), np.full(1, 20.0), np.full(1, 20.0))
         dynamics = ArxPls(
             np.zeros(1), np.ones(1), np.ones((1, 1)), (static_gain(),),
@@ -203,18 +200,16 @@ class TestBeyondTheRange:
 
 
 class TestRefusals:
-    def test_filters_that_do_not_divide_the_filtered_temperatures(
-        self, make_axis: MakeAxis
-    ) -> None:
+    def test_filters_that_do_not_divide_the_filtered_temperatures(self, make_axis):
         with pytest.raises(ModelFileError, match='4 filters cannot give 6 filtered temperatures'):
             replace(make_axis(), filters=(*FILTERS, static_gain()))
 
-    def test_a_filter_whose_gain_is_not_one(self, make_axis: MakeAxis) -> None:
+    def test_a_filter_whose_gain_is_not_one(self, make_axis):
         wrong = (FILTERS[0], relaxation(400.0, 10.0, 1.001), FILTERS[2])
         with pytest.raises(ModelFileError, match=r'^Filter 2 .* 1\.001; .* be temperatures\.$'):
             replace(make_axis(), filters=wrong)
 
-    def test_a_filter_that_would_run_away(self, make_axis: MakeAxis) -> None:
+    def test_a_filter_that_would_run_away(self, make_axis):
         unstable = Arx(np.array([-1.01]), np.array([-0.01]))
         assert unstable.gain == pytest.approx(1.0)
         with pytest.raises(ModelFileError, match=r'pole of radius 1\.01'):

@@ -16,18 +16,18 @@ SECOND = 1_000_000_000
 EPOCH = 1_767_225_600 * SECOND
 
 
-def samples(channel: str, *pairs: tuple[float, float], origin: int = 0) -> Samples:
+def samples(channel, *pairs, origin=0):
     """One channel: pairs of second and value."""
     stamps = np.array([origin + round(s * SECOND) for s, _ in pairs], dtype=np.int64)
     values = np.array([value for _, value in pairs], dtype=float)[:, np.newaxis]
     return Samples((channel,), stamps, values)
 
 
-def wrenches(*seconds: float, origin: int = 0) -> Samples:
+def wrenches(*seconds, origin=0):
     return samples('force_z', *((s, 1.0) for s in seconds), origin=origin)
 
 
-def textbook_cells(block: Samples, period_ns: int) -> dict[int, float]:
+def textbook_cells(block, period_ns):
     """Means per cell, sample by sample."""
     cells: dict[int, list[float]] = {}
     for stamp, (value,) in zip(block.stamps_ns.tolist(), block.values.tolist(), strict=True):
@@ -36,7 +36,7 @@ def textbook_cells(block: Samples, period_ns: int) -> dict[int, float]:
 
 
 @st.composite
-def streams(draw: st.DrawFn) -> list[Samples]:
+def streams(draw):
     """One to three thermometers and a wrench, irregular, with gaps."""
     blocks = []
     for channel in [*map(temperature_channel, range(draw(st.integers(1, 3)))), 'torque_y']:
@@ -55,9 +55,7 @@ def streams(draw: st.DrawFn) -> list[Samples]:
 
 @settings(deadline=None, max_examples=150, derandomize=True)
 @given(blocks=streams(), period_s=st.sampled_from([0.5, 1.0, 3.0]), size=st.integers(1, 30))
-def test_the_grid_is_the_textbook_loop_in_pieces_of_any_size(
-    blocks: list[Samples], period_s: float, size: int
-) -> None:
+def test_the_grid_is_the_textbook_loop_in_pieces_of_any_size(blocks, period_s, size):
     pieces = [
         Samples(each.channels, each.stamps_ns[at : at + size], each.values[at : at + size])
         for each in blocks
@@ -86,7 +84,7 @@ def test_the_grid_is_the_textbook_loop_in_pieces_of_any_size(
 
 
 @pytest.mark.parametrize('origin', [0, EPOCH, -EPOCH])
-def test_cells_are_half_open(origin: int) -> None:
+def test_cells_are_half_open(origin):
     recording = grid_samples(
         [
             samples('temperature_c', (0.0, 1.0), (0.999999999, 3.0), (1.0, 10.0), origin=origin),
@@ -97,7 +95,7 @@ def test_cells_are_half_open(origin: int) -> None:
     np.testing.assert_array_equal(recording.temperature_c[:, 0], [2.0, 10.0])
 
 
-def test_several_channels_of_one_block_share_their_stamps() -> None:
+def test_several_channels_of_one_block_share_their_stamps():
     stamps = np.array([0, SECOND // 2, SECOND])
     block = Samples(
         ('temperature_c', 'force_x', 'reference_force_x'),
@@ -112,7 +110,7 @@ def test_several_channels_of_one_block_share_their_stamps() -> None:
 
 
 @pytest.mark.parametrize('fault', ['repeated', 'backward', 'nan', 'infinite'])
-def test_unusable_samples_are_dropped_and_counted(fault: str) -> None:
+def test_unusable_samples_are_dropped_and_counted(fault):
     good = [(float(k), 20.0 + k) for k in range(200)]
     bad = {
         'repeated': (99.0, 1e6),
@@ -132,7 +130,7 @@ def test_unusable_samples_are_dropped_and_counted(fault: str) -> None:
     )
 
 
-def test_a_backward_stamp_is_seen_across_blocks() -> None:
+def test_a_backward_stamp_is_seen_across_blocks():
     builder = GridBuilder('a.csv', max_bad_share=0.5)
     builder.add(samples('temperature_c', (0, 20), (1, 21), (1.5, math.nan), (2, 22)))
     builder.add(samples('temperature_c', (1, 1e6), (2, 1e6), (2.5, math.nan), (3, 23)))
@@ -143,7 +141,7 @@ def test_a_backward_stamp_is_seen_across_blocks() -> None:
 
 
 @pytest.mark.parametrize(('bad', 'refused'), [(2, False), (3, True)])
-def test_too_large_a_share_of_unusable_samples_is_refused(bad: int, refused: bool) -> None:
+def test_too_large_a_share_of_unusable_samples_is_refused(bad, refused):
     values = [20.0] * 200
     for k in range(bad):
         values[10 * k + 5] = math.nan
@@ -159,18 +157,18 @@ def test_too_large_a_share_of_unusable_samples_is_refused(bad: int, refused: boo
     ('present', 'missing'),
     [((), 'temperature_c'), ((1,), 'temperature_c'), ((0, 2), 'temperature_2_c')],
 )
-def test_a_missing_thermometer_is_named(present: tuple[int, ...], missing: str) -> None:
+def test_a_missing_thermometer_is_named(present, missing):
     blocks = [samples(temperature_channel(j), (0, 20)) for j in present]
     with pytest.raises(RecordingError, match=f'a.csv holds no usable {missing}'):
         grid_samples([*blocks, wrenches(0)], name='a.csv')
 
 
-def test_a_missing_wrench_is_named() -> None:
+def test_a_missing_wrench_is_named():
     with pytest.raises(RecordingError, match=r'a.csv holds no wrench.*got temperature_c\.'):
         grid_samples([samples('temperature_c', (0, 20))], name='a.csv')
 
 
-def test_nothing_at_all_is_refused() -> None:
+def test_nothing_at_all_is_refused():
     with pytest.raises(RecordingError, match='holds no usable temperature_c'):
         grid_samples([])
     empty = Samples(('temperature_c',), np.zeros(0, dtype=np.int64), np.zeros((0, 1)))
@@ -179,7 +177,7 @@ def test_nothing_at_all_is_refused() -> None:
 
 
 @pytest.mark.parametrize(('late_s', 'named'), [(61, True), (60, False)])
-def test_a_thermometer_that_comes_late_is_named(late_s: int, *, named: bool) -> None:
+def test_a_thermometer_that_comes_late_is_named(late_s, *, named):
     blocks = [
         samples('temperature_c', *((k, 20 + k / 100) for k in range(200))),
         samples('temperature_2_c', *((k, 30) for k in range(late_s, 200))),
@@ -195,18 +193,18 @@ def test_a_thermometer_that_comes_late_is_named(late_s: int, *, named: bool) -> 
         )
 
 
-def test_a_broken_first_stamp_is_not_taken_for_a_late_thermometer() -> None:
+def test_a_broken_first_stamp_is_not_taken_for_a_late_thermometer():
     blocks = [samples('temperature_c', (10**6, 20), (10**6 + 1, 21)), wrenches(0, 10**6)]
     assert not grid_samples(blocks).warnings
 
 
-def test_one_stamp_of_another_century_is_refused_without_the_memory_for_it() -> None:
+def test_one_stamp_of_another_century_is_refused_without_the_memory_for_it():
     blocks = [samples('temperature_c', (0, 20), (MAX_CELLS, 21)), wrenches(0)]
     with pytest.raises(RecordingError, match=r'span 5e\+06 s; at most 5000000 thermal cells'):
         grid_samples(blocks)
 
 
 @pytest.mark.parametrize('period_s', [0.0, -1.0, 1e-10, 1e30, math.nan, math.inf])
-def test_a_period_out_of_range_is_refused(period_s: float) -> None:
+def test_a_period_out_of_range_is_refused(period_s):
     with pytest.raises(RecordingError, match='thermal period must be above 0'):
         GridBuilder('a.csv', period_s)

@@ -1,6 +1,5 @@
 """The drift of a sensor: step and run, the measurement equation, and what a model refuses."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +8,10 @@ import pytest
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.axis_model import AxisModel
-from wrist_ft_comp.model.drift_model import Drift, DriftModel
+from wrist_ft_comp.model.drift_model import Drift
 from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import AXES
 
-Array = np.ndarray
-Lagged = Callable[..., Array]
 #: Per axis: gain of zero drift, of sensitivity drift, time constant.
 TRUTH = {
     'force_x': (0.5, 1e-3, 40.0),
@@ -24,18 +21,18 @@ TRUTH = {
 
 
 @pytest.fixture(scope='module')
-def model(make_model: Callable[..., DriftModel]) -> DriftModel:
+def model(make_model):
     return make_model(TRUTH, thermometers=2)
 
 
 @pytest.fixture(scope='module')
-def temperature_c() -> Array:
+def temperature_c():
     return 20 + np.cumsum(np.random.default_rng(0).standard_normal((80, 2)), axis=0)
 
 
 def test_the_drift_is_the_textbook_lag_on_its_axes_and_zero_on_the_others(
-    model: DriftModel, temperature_c: Array, lagged: Lagged
-) -> None:
+    model, temperature_c, lagged
+):
     _, found = drift_model.run(model, drift_model.start(model, temperature_c[0]), temperature_c)
     mean_theta = temperature_c.mean(axis=1) - 20
     for i, axis in enumerate(AXES):
@@ -46,9 +43,7 @@ def test_the_drift_is_the_textbook_lag_on_its_axes_and_zero_on_the_others(
 
 
 @pytest.mark.parametrize('cut', [1, 40, 79])
-def test_run_is_the_fold_of_step_wherever_it_is_split(
-    model: DriftModel, temperature_c: Array, cut: int
-) -> None:
+def test_run_is_the_fold_of_step_wherever_it_is_split(model, temperature_c, cut):
     first = drift_model.start(model, temperature_c[0])
     end, whole = drift_model.run(model, first, temperature_c)
     state, head = drift_model.run(model, first, temperature_c[:cut])
@@ -68,7 +63,7 @@ def test_run_is_the_fold_of_step_wherever_it_is_split(
         np.testing.assert_allclose(part, whole_part[-1:], atol=1e-12)
 
 
-def test_correct_inverts_the_measurement() -> None:
+def test_correct_inverts_the_measurement():
     rng = np.random.default_rng(0)
     wrench, zero, tare = rng.normal(0, 100, (4, 6)), rng.normal(0, 100, 6), rng.normal(0, 100, 6)
     drift = Drift(zero, rng.uniform(-0.4, 0.4, 6))
@@ -78,8 +73,8 @@ def test_correct_inverts_the_measurement() -> None:
 
 
 def test_thermometers_outside_the_calibrated_range_are_named(
-    make_model: Callable[..., DriftModel],
-) -> None:
+    make_model,
+):
     model = make_model(TRUTH, thermometers=3)
     narrow = make_model({'force_z': TRUTH['force_z']}, thermometers=3, range_c=(10.0, 40.0))
     model = replace(model, axes={**model.axes, **narrow.axes})
@@ -89,15 +84,13 @@ def test_thermometers_outside_the_calibrated_range_are_named(
 
 class TestUncertainty:
     @pytest.fixture
-    def calibrated(self, make_model: Callable[..., DriftModel]) -> DriftModel:
+    def calibrated(self, make_model):
         """Force x drifts, force y does not, force z drifts but was not calibrated by us."""
         axes = {'force_x': (-0.5, 0.0, 10.0), 'force_z': (2.0, 0.0, 10.0)}
         model = make_model(axes, range_c=(10.0, 40.0))
         return replace(model, deviation={'force_x': 0.3, 'force_y': 0.2})
 
-    def test_it_is_what_the_model_leaves_and_the_drift_of_every_kelvin_beyond(
-        self, calibrated: DriftModel
-    ) -> None:
+    def test_it_is_what_the_model_leaves_and_the_drift_of_every_kelvin_beyond(self, calibrated):
         for celsius, excess in (
             (10, 0),
             (33.3, 0),
@@ -111,22 +104,20 @@ class TestUncertainty:
             assert zero == pytest.approx(np.hypot(0.3, 0.5 * excess))
             np.testing.assert_array_equal(others, [0.2] + [np.nan] * 4)
 
-    def test_without_any_calibration_nothing_is_known(
-        self, make_model: Callable[..., DriftModel]
-    ) -> None:
+    def test_without_any_calibration_nothing_is_known(self, make_model):
         assert np.isnan(make_model(TRUTH).uncertainty(np.array([25.0]))).all()
 
 
 class TestRefusals:
-    def test_an_unknown_axis(self, model: DriftModel) -> None:
+    def test_an_unknown_axis(self, model):
         with pytest.raises(ModelFileError, match=r"Unknown axis 'force_q'; .* force_x, force_y, "):
             replace(model, axes={'force_q': model.axes['force_x']})
 
-    def test_another_number_of_thermometers(self, model: DriftModel) -> None:
+    def test_another_number_of_thermometers(self, model):
         with pytest.raises(ModelFileError, match='expects 2 thermometers, the model has 1'):
             replace(model, thermometers=1)
 
-    def test_no_period_or_no_thermometer(self, model: DriftModel) -> None:
+    def test_no_period_or_no_thermometer(self, model):
         assert replace(model, period_ns=1).period_ns == 1
         for period_ns, thermometers in ((0, 2), (10**9, 0)):
             with pytest.raises(ModelFileError) as refusal:
@@ -136,13 +127,13 @@ class TestRefusals:
                 f'{period_ns} ns and {thermometers}.'
             )
 
-    def test_features_that_do_not_fit_the_dynamics(self, model: DriftModel) -> None:
+    def test_features_that_do_not_fit_the_dynamics(self, model):
         axis = model.axes['force_x']
         features = Features('powers', np.zeros(2), np.zeros(2), np.ones(2), degree=2)
         with pytest.raises(ModelFileError, match='features give 4 inputs, the dynamics expect 2'):
             AxisModel(features, axis.dynamics)
 
-    def test_a_third_output(self, model: DriftModel) -> None:
+    def test_a_third_output(self, model):
         axis = model.axes['force_x']
         three = replace(
             axis.dynamics,

@@ -11,14 +11,14 @@ from wrist_ft_comp.model.features import Features
 WIDE = (np.array([-100.0]), np.array([200.0]))
 
 
-def hats(*knots_c: list[float], lower: float = -100.0, upper: float = 200.0) -> Features:
+def hats(*knots_c, lower=-100.0, upper=200.0):
     ones = np.ones(len(knots_c))
     return Features(
         'hats', 20 * ones, lower * ones, upper * ones, knots_c=tuple(map(np.array, knots_c))
     )
 
 
-def test_powers_are_ordered_by_power_then_thermometer() -> None:
+def test_powers_are_ordered_by_power_then_thermometer():
     features = Features('powers', np.array([20.0, 30.0]), np.zeros(2), np.full(2, 99.0), degree=3)
     np.testing.assert_allclose(
         features.expand(np.array([22.0, 33.0])), [2.0, 3.0, 4.0, 9.0, 8.0, 27.0]
@@ -27,7 +27,7 @@ def test_powers_are_ordered_by_power_then_thermometer() -> None:
 
 
 @pytest.mark.parametrize('shape', [(2,), (5, 2), (3, 4, 2)])
-def test_every_leading_shape_is_expanded_row_by_row(shape: tuple[int, ...]) -> None:
+def test_every_leading_shape_is_expanded_row_by_row(shape):
     temperature = np.random.default_rng(0).uniform(-10, 60, shape)
     powers = Features('powers', np.array([20.0, 30.0]), np.zeros(2), np.full(2, 50.0), degree=2)
     for features in (powers, hats([0.0, 20.0, 50.0], [10.0, 40.0])):
@@ -37,7 +37,7 @@ def test_every_leading_shape_is_expanded_row_by_row(shape: tuple[int, ...]) -> N
             np.testing.assert_array_equal(whole[index], features.expand(temperature[index]))
 
 
-def test_hats_interpolate_coefficients_and_are_exact_at_the_knots() -> None:
+def test_hats_interpolate_coefficients_and_are_exact_at_the_knots():
     knots = [-40.0, -15.0, 0.0, 20.0, 100.0]
     features = hats(knots)
     coefficients = np.array([3.0, -1.0, 4.0, 1.0, -5.0])
@@ -51,7 +51,7 @@ def test_hats_interpolate_coefficients_and_are_exact_at_the_knots() -> None:
 
 
 @pytest.mark.parametrize('kind', ['powers', 'hats'])
-def test_a_fifth_of_the_calibrated_span_beyond_it_the_limit_holds(kind: str) -> None:
+def test_a_fifth_of_the_calibrated_span_beyond_it_the_limit_holds(kind):
     """10 to 40 °C were calibrated, so 6 K more are followed on each side."""
     features = (
         Features('powers', np.array([20.0]), np.array([10.0]), np.array([40.0]), degree=2)
@@ -66,19 +66,19 @@ def test_a_fifth_of_the_calibrated_span_beyond_it_the_limit_holds(kind: str) -> 
         assert (features.expand(np.array([inside])) != features.expand(np.array([edge]))).any()
 
 
-def test_hats_stay_constant_beyond_their_last_knots() -> None:
+def test_hats_stay_constant_beyond_their_last_knots():
     features = hats([10.0, 25.0, 40.0], lower=10.0, upper=40.0)
     for outside, knot in ((5.0, 0), (45.0, 2)):
         np.testing.assert_array_equal(features.expand(np.array([outside])), np.eye(3)[knot])
 
 
-def test_every_thermometer_has_its_own_limits() -> None:
+def test_every_thermometer_has_its_own_limits():
     features = Features('powers', np.zeros(2), np.array([10.0, 0.0]), np.array([40.0, 5.0]))
     np.testing.assert_allclose(features.clamp(np.array([99.0, -99.0])), [46.0, -1.0])
     np.testing.assert_allclose(features.clamp(np.array([[-99.0, 99.0]])), [[4.0, 6.0]])
 
 
-def test_features_are_named_in_the_order_of_their_values() -> None:
+def test_features_are_named_in_the_order_of_their_values():
     """Each name says how its value follows from the temperatures."""
     powers = Features('powers', np.zeros(2), np.full(2, -99.0), np.full(2, 99.0), degree=4)
     values = dict(zip(powers.names, powers.expand(np.array([2.0, 3.0])), strict=True))
@@ -96,7 +96,7 @@ def test_features_are_named_in_the_order_of_their_values() -> None:
 
 
 @pytest.mark.parametrize('knots', [[], [20.0], [20.0, 20.0], [30.0, 20.0], [0.0, np.nan]])
-def test_knots_that_do_not_increase_are_refused(knots: list[float]) -> None:
+def test_knots_that_do_not_increase_are_refused(knots):
     with pytest.raises(SettingsError, match=r'^Hat functions .* thermometer; got '):
         hats(knots)
     hats([20.0, 20.5])
@@ -111,7 +111,7 @@ def test_knots_that_do_not_increase_are_refused(knots: list[float]) -> None:
         ({'lower_c': np.array([np.nan, 0.0])}, '^The calibrated range must not be empty; got '),
     ],
 )
-def test_what_makes_no_features_is_refused(change: dict[str, object], sentence: str) -> None:
+def test_what_makes_no_features_is_refused(change, sentence):
     right = Features('powers', np.zeros(2), np.zeros(2), np.full(2, 200.0))
     with pytest.raises(SettingsError, match=sentence):
         replace(right, **change)

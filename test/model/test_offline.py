@@ -1,31 +1,23 @@
 """The drift of a whole recording, and its wrenches corrected, offline."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.offline import correct_many, simulate_drift, track_drift
-from wrist_ft_comp.model.signals import Recording
 
-Array = np.ndarray
 AXES = {'force_z': (0.4, 1e-3, 50.0), 'torque_x': (0.01, 0.0, 5.0)}
 FIRST, CELLS = 7, 60
 
 
 @pytest.fixture(scope='module')
-def recording(
-    make_recording: Callable[..., Recording], warm_up: Callable[..., Array]
-) -> Recording:
+def recording(make_recording, warm_up):
     return make_recording(warm_up(CELLS, 1), {'force_z': 1.0}, first_cell=FIRST)
 
 
-def test_a_cells_drift_is_reached_one_cell_after_its_end_and_ramped_to(
-    make_model: Callable[..., DriftModel], recording: Recording
-) -> None:
+def test_a_cells_drift_is_reached_one_cell_after_its_end_and_ramped_to(make_model, recording):
     model = make_model(AXES, period_s=10.0)
     simulated, track = simulate_drift(model, recording), track_drift(model, recording)
     at = np.array([0, FIRST + 1, FIRST + 2, FIRST + 6.5, FIRST + CELLS + 1, 999])
@@ -44,9 +36,7 @@ def test_a_cells_drift_is_reached_one_cell_after_its_end_and_ramped_to(
     np.testing.assert_allclose(correct_many(late, stamps, raw, tare), corrected, atol=1e-9)
 
 
-def test_a_recording_that_does_not_fit_is_refused(
-    make_model: Callable[..., DriftModel], recording: Recording
-) -> None:
+def test_a_recording_that_does_not_fit_is_refused(make_model, recording):
     slow, two = make_model(AXES, period_s=1.0), make_model(AXES, period_s=10.0, thermometers=2)
     with pytest.raises(RecordingError, match=r'^run is on .* 10\.0 s, .* on 1\.0 s\. .* model\.$'):
         track_drift(slow, recording)

@@ -12,7 +12,7 @@ from wrist_ft_comp.model.ranges import check_range
 from wrist_ft_comp.model.signals import noise_level, Recording, Samples, stretches
 
 
-def test_samples_refuse_values_that_do_not_fit_their_channels() -> None:
+def test_samples_refuse_values_that_do_not_fit_their_channels():
     with pytest.raises(RecordingError, match=r'values of shape \(2, 1\); got \(2, 2\)'):
         Samples(('force_x',), np.array([0, 1]), np.zeros((2, 2)))
 
@@ -29,7 +29,7 @@ def test_samples_refuse_values_that_do_not_fit_their_channels() -> None:
         ({'reference': np.zeros((2, 6))}, r'^reference of run must have shape \(3, 6\)'),
     ],
 )
-def test_a_recording_refuses_what_does_not_fit(change: dict[str, object], sentence: str) -> None:
+def test_a_recording_refuses_what_does_not_fit(change, sentence):
     ones = np.ones((3, 1), dtype=bool)
     right = Recording('run', 10**9, 0, np.zeros((3, 1)), ones, np.zeros((3, 6)), np.zeros((3, 6)))
     assert (right.period_s, right.duration_s) == (1, 3)
@@ -40,7 +40,7 @@ def test_a_recording_refuses_what_does_not_fit(change: dict[str, object], senten
         replace(right, **change)
 
 
-def test_noise_is_told_apart_from_slow_motion_and_steps() -> None:
+def test_noise_is_told_apart_from_slow_motion_and_steps():
     rng = np.random.default_rng(0)
     series = [np.cumsum(np.full(5000, 0.01)) + rng.normal(0, 0.3, 5000) for _ in range(2)]
     series[0][2000:] += 50.0
@@ -49,7 +49,7 @@ def test_noise_is_told_apart_from_slow_motion_and_steps() -> None:
     assert noise_level([np.full(5, np.nan), np.array([1.0])]) == 0.0
 
 
-def test_a_gap_of_ten_usual_distances_and_a_minute_begins_a_new_stretch() -> None:
+def test_a_gap_of_ten_usual_distances_and_a_minute_begins_a_new_stretch():
     at = np.array([3, 5, 7, 9, 24, 26, 86, 88, 149, 151])
     present = np.isin(np.arange(160), at)
     every_minute, every_ten = stretches(present, 1.0), stretches(present, 10.0)
@@ -70,9 +70,7 @@ def test_a_gap_of_ten_usual_distances_and_a_minute_begins_a_new_stretch() -> Non
         ({'least': -math.inf}, (-1e9, 1e9), (), 'that is finite'),
     ],
 )
-def test_a_number_outside_its_range_is_told_with_the_range(
-    bounds: dict[str, float], right: tuple[float, ...], wrong: tuple[float, ...], words: str
-) -> None:
+def test_a_number_outside_its_range_is_told_with_the_range(bounds, right, wrong, words):
     for value in right:
         check_range('it', value, **bounds)
     for value in (*wrong, math.nan, math.inf, -math.inf):
@@ -83,7 +81,7 @@ def test_a_number_outside_its_range_is_told_with_the_range(
 @pytest.mark.parametrize(
     ('name', 'least'), [('latents', 1), ('outputs', 0), ('inputs', 1), ('first_lag', 0)]
 )
-def test_orders_below_the_least_are_refused(name: str, least: int) -> None:
+def test_orders_below_the_least_are_refused(name, least):
     Orders(**{name: least})
     with pytest.raises(SettingsError, match=f'{name} must be'):
         Orders(**{name: least - 1})

@@ -10,22 +10,21 @@ import pytest
 
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.signals import Samples, temperature_channel
-from wrist_ft_comp.model.stream_grid import CompletedCells, ThermalGrid
+from wrist_ft_comp.model.stream_grid import ThermalGrid
 
 SECOND = 1_000_000_000
 FOREVER_S = 1e6
-Sample = tuple[int, int, float]
 
 
-def feed(grid: ThermalGrid, stream: list[Sample]) -> list[CompletedCells]:
+def feed(grid, stream):
     return [cells for sample in stream for cells in grid.add(*sample)]
 
 
-def seconds(thermometer: int, *pairs: tuple[float, float]) -> list[Sample]:
+def seconds(thermometer, *pairs):
     return [(thermometer, round(s * SECOND), value) for s, value in pairs]
 
 
-def dense(completed: list[CompletedCells]) -> tuple[np.ndarray, np.ndarray]:
+def dense(completed):
     """One row per cell; the cells must follow each other without gap or overlap."""
     for before, after in pairwise(completed):
         assert after.first_cell == before.first_cell + before.count
@@ -36,7 +35,7 @@ def dense(completed: list[CompletedCells]) -> tuple[np.ndarray, np.ndarray]:
 
 
 @st.composite
-def streams(draw: st.DrawFn) -> tuple[int, list[Sample]]:
+def streams(draw):
     """Samples of one to three thermometers in order of time, with gaps and with faults."""
     thermometers = draw(st.integers(1, 3))
     step = st.one_of(st.integers(1, SECOND), st.integers(SECOND, 9 * SECOND))
@@ -53,7 +52,7 @@ def streams(draw: st.DrawFn) -> tuple[int, list[Sample]]:
 
 @settings(deadline=None, max_examples=300, derandomize=True)
 @given(drawn=streams())
-def test_the_stream_gives_what_the_batch_gives(drawn: tuple[int, list[Sample]]) -> None:
+def test_the_stream_gives_what_the_batch_gives(drawn):
     thermometers, stream = drawn
     grid = ThermalGrid(SECOND, thermometers, FOREVER_S)
     completed = feed(grid, stream)
@@ -89,9 +88,7 @@ def test_the_stream_gives_what_the_batch_gives(drawn: tuple[int, list[Sample]]) 
 
 @settings(deadline=None, max_examples=200, derandomize=True)
 @given(drawn=streams(), patience_s=st.floats(0.1, 5.0))
-def test_an_impatient_stream_still_gives_every_cell_once(
-    drawn: tuple[int, list[Sample]], patience_s: float
-) -> None:
+def test_an_impatient_stream_still_gives_every_cell_once(drawn, patience_s):
     thermometers, stream = drawn
     grid = ThermalGrid(SECOND, thermometers, patience_s)
     completed = feed(grid, stream)
@@ -101,7 +98,7 @@ def test_an_impatient_stream_still_gives_every_cell_once(
         assert np.isfinite(temperature_c).all()
 
 
-def test_a_cell_is_complete_with_the_first_sample_of_the_next() -> None:
+def test_a_cell_is_complete_with_the_first_sample_of_the_next():
     grid = ThermalGrid(SECOND, 1, 5.0)
     assert not feed(grid, seconds(0, (0.2, 20.0), (0.999999999, 22.0)))
     (cells,) = grid.add(0, SECOND, 40.0)
@@ -110,7 +107,7 @@ def test_a_cell_is_complete_with_the_first_sample_of_the_next() -> None:
     assert cells.temperature_c == pytest.approx([21.0])
 
 
-def test_a_silent_thermometer_is_waited_for_and_then_held() -> None:
+def test_a_silent_thermometer_is_waited_for_and_then_held():
     grid = ThermalGrid(SECOND, 2, patience_s=3.0)
     assert not feed(grid, seconds(0, (0.5, 20.0)))
     assert not feed(grid, seconds(1, (0.5, 50.0)))
@@ -131,9 +128,7 @@ def test_a_silent_thermometer_is_waited_for_and_then_held() -> None:
 @pytest.mark.parametrize(
     ('patience_s', 'cells'), [(0.0, 1), (0.1, 1), (1.0, 1), (1.1, 2), (3.0, 3)]
 )
-def test_a_silent_thermometer_holds_the_others_up_for_its_patience(
-    patience_s: float, cells: int
-) -> None:
+def test_a_silent_thermometer_holds_the_others_up_for_its_patience(patience_s, cells):
     grid = ThermalGrid(SECOND, 2, patience_s)
     feed(grid, seconds(0, (0.5, 20.0)) + seconds(1, (0.5, 50.0)))
     emitted = [len(feed(grid, seconds(0, (k + 0.5, 20.0)))) for k in range(1, 6)]
@@ -141,9 +136,7 @@ def test_a_silent_thermometer_holds_the_others_up_for_its_patience(
 
 
 @pytest.mark.parametrize(('second', 'first'), [(1999.6, 1999), (1990.6, 1996)])
-def test_a_thermometer_that_never_reported_is_waited_for_without_hoarding(
-    second: float, first: int
-) -> None:
+def test_a_thermometer_that_never_reported_is_waited_for_without_hoarding(second, first):
     grid = ThermalGrid(SECOND, 2, patience_s=3.0)
     assert not feed(grid, seconds(0, *((k + 0.5, 20.0 + k) for k in range(2000))))
     assert len(grid._open) < 100
@@ -153,7 +146,7 @@ def test_a_thermometer_that_never_reported_is_waited_for_without_hoarding(
     assert started[0].temperature_c == pytest.approx([20.0 + first, 5.0])
 
 
-def test_samples_for_cells_that_are_gone_are_counted() -> None:
+def test_samples_for_cells_that_are_gone_are_counted():
     grid = ThermalGrid(SECOND, 2, patience_s=1.0)
     feed(grid, seconds(0, (0.5, 20.0)) + seconds(1, (0.5, 20.0)))
     feed(grid, seconds(0, (9.5, 20.0)))
@@ -162,7 +155,7 @@ def test_samples_for_cells_that_are_gone_are_counted() -> None:
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
-def test_a_value_that_is_not_finite_is_counted_and_leaves_no_trace(value: float) -> None:
+def test_a_value_that_is_not_finite_is_counted_and_leaves_no_trace(value):
     grid = ThermalGrid(SECOND, 1, 5.0)
     completed = feed(grid, seconds(0, (0.2, 20.0), (0.4, value), (0.6, 22.0), (1.0, 30.0)))
     assert completed[0].temperature_c == pytest.approx([21.0])
@@ -170,7 +163,7 @@ def test_a_value_that_is_not_finite_is_counted_and_leaves_no_trace(value: float)
 
 
 @pytest.mark.parametrize('stamp_s', [5.5, 5.2, 1.5, 0.0])
-def test_a_stamp_that_does_not_increase_is_counted(stamp_s: float) -> None:
+def test_a_stamp_that_does_not_increase_is_counted(stamp_s):
     grid = ThermalGrid(SECOND, 1, 5.0)
     feed(grid, seconds(0, *((k + 0.5, 20.0) for k in range(6))))
     assert not feed(grid, seconds(0, (stamp_s, 99.0)))
@@ -179,7 +172,7 @@ def test_a_stamp_that_does_not_increase_is_counted(stamp_s: float) -> None:
     assert cells.temperature_c == pytest.approx([20.0])
 
 
-def test_time_that_ran_back_restarts_the_grid_there() -> None:
+def test_time_that_ran_back_restarts_the_grid_there():
     grid = ThermalGrid(SECOND, 2, patience_s=5.0)
     both = [s for k in range(100, 120) for j in (0, 1) for s in seconds(j, (k + 0.5, 20.0 + j))]
     again = [s for k in range(10) for j in (0, 1) for s in seconds(j, (k + 0.5, 30.0 + j))]
@@ -191,7 +184,7 @@ def test_time_that_ran_back_restarts_the_grid_there() -> None:
     np.testing.assert_allclose(temperature_c, np.tile([30.0, 31.0], (9, 1)))
 
 
-def test_a_huge_gap_gives_held_cells_in_one_piece() -> None:
+def test_a_huge_gap_gives_held_cells_in_one_piece():
     grid = ThermalGrid(SECOND, 1, 5.0)
     completed = feed(grid, seconds(0, (0.5, 20.0), (1e9, 30.0), (1e9 + 1, 31.0)))
     assert len(completed) == 3

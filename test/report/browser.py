@@ -5,7 +5,6 @@ from contextlib import suppress
 import fcntl
 import json
 import os
-from pathlib import Path
 from select import select
 import shutil
 import subprocess
@@ -31,7 +30,7 @@ class Browser:
     Commands go to its file descriptor 3 and answers come from its 4, JSON ended by a zero byte.
     """
 
-    def __init__(self, profile: Path) -> None:
+    def __init__(self, profile):
         to_browser, self._out = os.pipe()
         self._in, from_browser = os.pipe()
         # Copies far away from 3 and 4, so that neither can be overwritten by the other.
@@ -54,7 +53,7 @@ class Browser:
         for domain in ('Page', 'Runtime', 'Log', 'Network'):
             self.send(f'{domain}.enable')
 
-    def _read(self) -> dict:
+    def _read(self):
         while b'\0' not in self._buffer:
             assert select([self._in], [], [], _ANSWER_TIMEOUT_S)[0], 'the browser is silent'
             part = os.read(self._in, 1 << 20)
@@ -63,7 +62,7 @@ class Browser:
         message, self._buffer = self._buffer.split(b'\0', 1)
         return json.loads(message)
 
-    def send(self, method: str, **parameters: object) -> dict:
+    def send(self, method, **parameters):
         """Send a command and wait for its answer; what comes before it are events."""
         self._number += 1
         message = {'id': self._number, 'method': method, 'params': parameters}
@@ -79,7 +78,7 @@ class Browser:
                 return answer['result']
             self.events.append(answer)
 
-    def open(self, page: Path, width: int, scheme: str = 'light') -> None:
+    def open(self, page, width, scheme='light'):
         """Load a file at a width, light or dark."""
         self.events.clear()
         metrics = {'width': width, 'height': 900, 'deviceScaleFactor': 1, 'mobile': False}
@@ -90,13 +89,13 @@ class Browser:
         while not any(e.get('method') == 'Page.loadEventFired' for e in self.events):
             self.events.append(self._read())
 
-    def evaluate(self, expression: str) -> object:
+    def evaluate(self, expression):
         """Run JavaScript; the value has to be JSON."""
         answer = self.send('Runtime.evaluate', expression=expression, returnByValue=True)
         assert 'exceptionDetails' not in answer, answer
         return answer['result'].get('value')
 
-    def complaints(self) -> list[dict]:
+    def complaints(self):
         """Everything that the page printed, threw, logged, or loaded besides itself."""
         bad = {'Runtime.exceptionThrown', 'Runtime.consoleAPICalled', 'Log.entryAdded'}
         requests = [
@@ -106,12 +105,12 @@ class Browser:
         ]
         return [e for e in self.events if e.get('method') in bad] + requests[1:]
 
-    def pdf(self) -> bytes:
+    def pdf(self):
         """The page as it is printed."""
         self.send('Emulation.setEmulatedMedia', media='print', features=[])
         return base64.b64decode(self.send('Page.printToPDF', preferCSSPageSize=True)['data'])
 
-    def close(self) -> None:
+    def close(self):
         with suppress(AssertionError, OSError):
             self.send('Browser.close')
         self._process.wait(timeout=30)

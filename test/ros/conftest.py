@@ -1,6 +1,5 @@
 """Fixtures of the node tests: an own domain, nodes in threads, queues with timeouts, processes."""
 
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import cached_property
 from importlib import import_module
@@ -37,7 +36,7 @@ LOOPBACK_UDP = {
 
 
 @pytest.fixture(scope='session')
-def ros_domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+def ros_domain(tmp_path_factory):
     """Reserve a ROS domain for this test process; child processes inherit it."""
     with warnings.catch_warnings():
         # A parser that comes with ROS 2 imports a deprecated module of Python's.
@@ -54,7 +53,7 @@ def ros_domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
         yield domain
 
 
-def _reserve_domain(stack: ExitStack) -> int:
+def _reserve_domain(stack):
     """Take the first free domain of 1 to 100 (higher ones meet ephemeral ports)."""
     # Taken is what has a socket name of the kernel, which leaves nothing behind.
     for domain in range(1, 101):
@@ -69,7 +68,7 @@ def _reserve_domain(stack: ExitStack) -> int:
 
 
 @pytest.fixture
-def ros_context(ros_domain: int) -> Iterator[Any]:
+def ros_context(ros_domain):
     """Initialise an own rclpy context; it is shut down after every node and executor."""
     context = Context()
     context.init([], domain_id=ros_domain)
@@ -77,7 +76,7 @@ def ros_context(ros_domain: int) -> Iterator[Any]:
     context.try_shutdown()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Run what takes longest first, so that no worker does it alone in the end."""
     items.sort(key=lambda item: not item.path.name.startswith(_LONG))
 
@@ -85,27 +84,27 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 class Bench:
     """Runs nodes in threads of their own, beside a helper that listens, publishes and calls."""
 
-    def __init__(self, context: Any) -> None:
+    def __init__(self, context):
         self.context = context
         self._stack = ExitStack()
         self._stops: list[threading.Event] = []
 
     @cached_property
-    def helper(self) -> Any:
+    def helper(self):
         """The node that the methods below use, made when it is first needed."""
         return self.start(Node, 'helper', use_global_arguments=False)
 
-    def make(self, factory: Callable[..., Any], **kwargs: Any) -> Any:
+    def make(self, factory, **kwargs):
         """Make a node as ``start`` does, whose callbacks nobody calls."""
         node = factory(context=self.context, **_node_arguments(kwargs))
         self._stack.callback(node.destroy_node)
         return node
 
-    def start(self, factory: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    def start(self, factory, *args, **kwargs):
         """Make a node and spin it until the test ends; ``executor`` is as in make_executor."""
         return self.start_all(lambda **options: [factory(*args, **options)], **kwargs)[0]
 
-    def start_all(self, factory: Callable[..., list[Any]], **kwargs: Any) -> list[Any]:
+    def start_all(self, factory, **kwargs):
         """Make nodes as ``factory(context=…, **kwargs)`` and spin them in one thread."""
         executor = make_executor(kwargs.pop('executor', 'default'), self.context)
         nodes = factory(context=self.context, **_node_arguments(kwargs))
@@ -116,7 +115,7 @@ class Bench:
         thread = threading.Thread(target=spin, args=(executor, self.context, stop))
         thread.start()
 
-        def take_down() -> None:
+        def take_down():
             stop.set()
             thread.join(TIMEOUT_S)
             assert not thread.is_alive(), f'{nodes[0].get_name()} did not stop'
@@ -127,7 +126,7 @@ class Bench:
         self._stack.callback(take_down)
         return nodes
 
-    def listen(self, message_type: Any, topic: str, qos: Any = None) -> 'queue.Queue[Any]':
+    def listen(self, message_type, topic, qos=None):
         """Subscribe; without qos it is best effort, which hears every publisher, and deep."""
         best_effort = QoSReliabilityPolicy.BEST_EFFORT
         profile = qos or QoSProfile(depth=5000, reliability=best_effort)
@@ -135,13 +134,13 @@ class Bench:
         self.helper.create_subscription(message_type, topic, messages.put, profile)
         return messages
 
-    def publisher(self, message_type: Any, topic: str, qos: Any = 1000) -> Any:
+    def publisher(self, message_type, topic, qos=1000):
         """Make a publisher that already has a subscriber, so that nothing is lost."""
         result = self.helper.create_publisher(message_type, topic, qos)
         self.wait_until(lambda: result.get_subscription_count() > 0, f'a subscriber of {topic}')
         return result
 
-    def call(self, service_type: Any, name: str, request: Any, timeout: float = TIMEOUT_S) -> Any:
+    def call(self, service_type, name, request, timeout=TIMEOUT_S):
         """Call a service and return its response."""
         client = self.helper.create_client(service_type, name)
         assert client.wait_for_service(timeout_sec=timeout), f'{name} is not offered'
@@ -151,11 +150,11 @@ class Bench:
         assert done.wait(timeout), f'{name} did not answer within {timeout} s'
         return future.result()
 
-    def wait_for_node(self, name: str) -> None:
+    def wait_for_node(self, name):
         """Wait for a process's node; one of the test before may still be listed by its name."""
         self.wait_until(lambda: name in self.helper.get_node_names(), f'the node {name}')
 
-    def wait_until(self, condition: Callable[[], bool], what: str) -> None:
+    def wait_until(self, condition, what):
         """Wait for a change of the ROS graph."""
         pause = threading.Event()
         for _ in range(int(TIMEOUT_S / 0.01)):
@@ -164,14 +163,14 @@ class Bench:
             pause.wait(0.01)
         pytest.fail(f'waited {TIMEOUT_S} s for {what}')
 
-    def close(self) -> None:
+    def close(self):
         """Stop every thread and destroy every node, the last first."""
         for stop in self._stops:
             stop.set()  # all at once, because each thread looks at its flag now and then only
         self._stack.close()
 
 
-def _node_arguments(kwargs: dict[str, Any]) -> dict[str, Any]:
+def _node_arguments(kwargs):
     """Translate ``parameters`` and ``remap`` into rclpy's node arguments."""
     rest = dict(kwargs)
     parameters = rest.pop('parameters', {})
@@ -185,7 +184,7 @@ def _node_arguments(kwargs: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.fixture
-def bench(ros_context: Any) -> Iterator[Bench]:
+def bench(ros_context):
     """Give a bench, and take down what ran on it."""
     result = Bench(ros_context)
     try:
@@ -197,9 +196,7 @@ def bench(ros_context: Any) -> Iterator[Bench]:
 class Executable:
     """A node as a process of its own: ``python -m MODULE --ros-args ARGS``, or ``-c SOURCE``."""
 
-    def __init__(
-        self, module: str, *ros_args: str, source: str = '', may_be_killed: bool = False
-    ) -> None:
+    def __init__(self, module, *ros_args, source='', may_be_killed=False):
         command = [sys.executable, *(['-c', source] if source else ['-m', module])]
         command += ['--ros-args', *ros_args] if ros_args else []
         self.process = subprocess.Popen(
@@ -212,23 +209,23 @@ class Executable:
             env={**os.environ, **(LOOPBACK_UDP if may_be_killed else {})},
         )
 
-    def end(self, number: int = signal.SIGINT) -> tuple[int, str]:
+    def end(self, number=signal.SIGINT):
         """Send a signal; return the exit code and what stands on standard error."""
         self.process.send_signal(number)
         return self.result()
 
-    def result(self) -> tuple[int, str]:
+    def result(self):
         """Wait for the end; return the exit code and what stands on standard error."""
         _, errors = self.process.communicate(timeout=TIMEOUT_S)
         return self.process.returncode, errors
 
 
 @pytest.fixture
-def executable(ros_domain: int) -> Iterator[Callable[..., Executable]]:  # noqa: ARG001
+def executable(ros_domain):  # noqa: ARG001
     """Start executables; those still running when the test ends are killed by their pid."""
     running: list[Executable] = []
 
-    def start(*words: str, **options: Any) -> Executable:
+    def start(*words, **options):
         running.append(Executable(*words, **options))
         return running[-1]
 
@@ -240,10 +237,10 @@ def executable(ros_domain: int) -> Iterator[Callable[..., Executable]]:  # noqa:
 
 
 @pytest.fixture
-def run_bench(ros_domain: int) -> Callable[..., tuple[int, str]]:  # noqa: ARG001
+def run_bench(ros_domain):  # noqa: ARG001
     """Run a bench; its exit code and what it printed."""
 
-    def run(name: str, *words: str) -> tuple[int, str]:
+    def run(name, *words):
         done = subprocess.run(
             [sys.executable, str(ROOT / 'bench' / name), *words],
             env={**os.environ, 'PYTHONPATH': str(ROOT)},

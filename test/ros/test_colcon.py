@@ -1,13 +1,11 @@
 """The package as a workspace builds it; where colcon is missing, "make colcon" brings it."""
 
-from collections.abc import Iterator
 import os
 from pathlib import Path
 import shutil
 import signal
 import subprocess
 import sys
-from typing import Any
 
 import pytest
 from std_srvs.srv import Trigger
@@ -24,7 +22,7 @@ colcon = shutil.which('colcon')
 pytestmark = pytest.mark.skipif(colcon is None, reason='colcon is not on the PATH: make colcon')
 
 
-def run(words: list[str], folder: Path, environment: dict[str, str]) -> str:
+def run(words, folder, environment):
     done = subprocess.run(
         words,
         cwd=folder,
@@ -39,7 +37,7 @@ def run(words: list[str], folder: Path, environment: dict[str, str]) -> str:
 
 
 @pytest.fixture(scope='module')
-def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def workspace(tmp_path_factory):
     """A workspace with this package, built."""
     folder = tmp_path_factory.mktemp('workspace')
     shutil.copytree(
@@ -53,7 +51,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope='module')
-def sourced(workspace: Path) -> dict[str, str]:
+def sourced(workspace):
     """The environment of a shell that sourced the workspace, far from these sources."""
     environment = {k: v for k, v in os.environ.items() if k != 'PYTHONPATH'}
     listing = run(['sh', '-c', '. install/setup.sh && env -0'], workspace, environment)
@@ -61,17 +59,17 @@ def sourced(workspace: Path) -> dict[str, str]:
 
 
 @pytest.fixture(scope='module')
-def prefix(workspace: Path) -> Path:
+def prefix(workspace):
     return workspace / 'install' / NAME
 
 
-def test_the_executables_are_where_ros2_run_looks(prefix: Path) -> None:
+def test_the_executables_are_where_ros2_run_looks(prefix):
     folder = prefix / 'lib' / NAME
     assert {each.name for each in folder.iterdir()} == EXECUTABLES
     assert all(os.access(each, os.X_OK) for each in folder.iterdir())
 
 
-def test_the_package_is_in_the_index(prefix: Path, sourced: dict[str, str]) -> None:
+def test_the_package_is_in_the_index(prefix, sourced):
     assert str(prefix) in sourced['AMENT_PREFIX_PATH'].split(os.pathsep)
     code = (
         'from ament_index_python.packages import *; '
@@ -81,7 +79,7 @@ def test_the_package_is_in_the_index(prefix: Path, sourced: dict[str, str]) -> N
     assert printed.split() == [str(prefix), str(prefix / 'share' / NAME)]
 
 
-def test_what_people_read_and_load_is_in_share(prefix: Path) -> None:
+def test_what_people_read_and_load_is_in_share(prefix):
     share = prefix / 'share' / NAME
     for name in ('package.xml', 'README.md', 'CHANGELOG.rst', 'LICENSE'):
         assert (share / name).read_bytes() == (ROOT / name).read_bytes(), name
@@ -91,9 +89,7 @@ def test_what_people_read_and_load_is_in_share(prefix: Path) -> None:
     assert yaml.safe_load((share / 'config/compensator.yaml').read_text('utf-8'))
 
 
-def test_the_installed_command_calibrates(
-    prefix: Path, sourced: dict[str, str], tmp_path: Path
-) -> None:
+def test_the_installed_command_calibrates(prefix, sourced, tmp_path):
     command = str(prefix / 'lib' / NAME / NAME)
     table = str(prefix / 'share' / NAME / 'data/keller_pa10/table2_sensor_b_raw.csv')
     run([command, 'calibrate', table, '-o', 'b.yaml'], tmp_path, sourced)  # with its schema
@@ -103,7 +99,7 @@ def test_the_installed_command_calibrates(
 
 
 @pytest.fixture
-def node(prefix: Path, sourced: dict[str, str], ros_domain: int) -> Iterator[None]:
+def node(prefix, sourced, ros_domain):
     """The installed node, with the installed file of parameters."""
     environment = {**sourced, 'ROS_DOMAIN_ID': str(ros_domain)}
     for name in ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_HOME', 'ROS_LOG_DIR'):
@@ -119,7 +115,7 @@ def node(prefix: Path, sourced: dict[str, str], ros_domain: int) -> Iterator[Non
 
 
 @pytest.mark.usefixtures('node')
-def test_the_installed_node_answers(bench: Any) -> None:
+def test_the_installed_node_answers(bench):
     service = '/installed/wrist_ft_comp/reset_tare'
     answer = bench.call(Trigger, service, Trigger.Request())
     assert answer.message == 'the tare is zero again'

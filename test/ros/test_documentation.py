@@ -11,7 +11,7 @@ TIMEOUT_S = 60.0
 
 
 @pytest.mark.usefixtures('ros_domain')
-def test_the_reference_of_the_interface_is_what_the_code_says() -> None:
+def test_the_reference_of_the_interface_is_what_the_code_says():
     done = subprocess.run(
         [sys.executable, 'docs/generator/interface.py'],
         cwd=ROOT,

@@ -1,11 +1,9 @@
 """However long the stream runs and whatever its thermometers do, what is kept does not grow."""
 
-from collections.abc import Callable
 import pickle
 
 import pytest
 
-from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SECOND = 1_000_000_000
@@ -25,10 +23,10 @@ READINGS = {
 @pytest.mark.parametrize('axes', [{}, {'force_z': (0.4, 1e-3, 30.0)}])
 @pytest.mark.parametrize('readings', READINGS.values(), ids=READINGS)
 def test_what_is_kept_does_not_grow(
-    make_model: Callable[..., DriftModel],
-    readings: Callable[[int], list[tuple[int, float]]],
-    axes: dict[str, tuple[float, float, float]],
-) -> None:
+    make_model,
+    readings,
+    axes,
+):
     settings = StreamSettings(history_s=HISTORY_S)
     compensator = Compensator(2, settings, make_model(axes, thermometers=2) if axes else None)
     sizes = []

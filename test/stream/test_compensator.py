@@ -1,6 +1,5 @@
 """The stream: what comes out for a wrench, when models change and when things go wrong."""
 
-from collections.abc import Callable
 import pickle
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.batch_grid import grid_samples
-from wrist_ft_comp.model.drift_model import Drift, DriftModel
+from wrist_ft_comp.model.drift_model import Drift
 from wrist_ft_comp.model.offline import correct_many, track_drift
 from wrist_ft_comp.model.signals import AXES, Samples
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
@@ -19,8 +18,6 @@ from wrist_ft_comp.stream.limits import (
     MAX_SENSITIVITY_RATE,
 )
 
-Array = np.ndarray
-MakeModel = Callable[..., DriftModel]
 SECOND = 1_000_000_000
 LOAD = np.array([50.0, -20.0, 100.0, 3.0, -1.0, 2.0])
 ZEROS = np.zeros(6)
@@ -30,28 +27,28 @@ OTHER = {'force_z': (-1.0, -2e-3, 60.0), 'force_x': (0.2, 5e-4, 10.0)}
 
 
 @pytest.fixture(scope='module')
-def model(make_model: MakeModel) -> DriftModel:
+def model(make_model):
     return make_model(TRUTH)
 
 
 @pytest.fixture(scope='module')
-def other(make_model: MakeModel) -> DriftModel:
+def other(make_model):
     return make_model(OTHER)
 
 
-def warming(stamp_ns: int) -> float:
+def warming(stamp_ns):
     """0.05 K per second from 20 °C, with a faster wave."""
     seconds = stamp_ns / SECOND
     return 20.0 + 0.05 * seconds + float(np.sin(seconds / 7.0))
 
 
 def stream(
-    compensator: Compensator,
-    span_s: tuple[float, float],
-    raw: Array = LOAD,
-    rate_hz: float = 50.0,
-    temperature: Callable[[int], float] = warming,
-) -> tuple[Array, Array]:
+    compensator,
+    span_s,
+    raw=LOAD,
+    rate_hz=50.0,
+    temperature=warming,
+):
     """Wrenches at the rate and a temperature every half second; stamps and what came out."""
     stamps = np.arange(round(span_s[0] * rate_hz), round(span_s[1] * rate_hz)) * round(
         SECOND / rate_hz
@@ -66,12 +63,12 @@ def stream(
     return stamps, np.array(outputs)
 
 
-def newest_before(second: float) -> tuple[int, list[float]]:
+def newest_before(second):
     """What ``stream`` sent last, until a second."""
     return round(second * SECOND) - SECOND // 50, LOAD.tolist()
 
 
-def steps(outputs: Array) -> Array:
+def steps(outputs):
     return np.abs(np.diff(outputs, axis=0)).max(axis=0)
 
 
@@ -85,7 +82,7 @@ def steps(outputs: Array) -> Array:
         ('history_s', (0.0, -1.0)),
     ],
 )
-def test_settings_outside_their_range_are_refused(name: str, values: tuple[float, ...]) -> None:
+def test_settings_outside_their_range_are_refused(name, values):
     for value in (*values, np.nan, np.inf, -np.inf):
         with pytest.raises(SettingsError, match=f'^{name} must be a number .*; got {value}'):
             StreamSettings(**{name: value})
@@ -94,7 +91,7 @@ def test_settings_outside_their_range_are_refused(name: str, values: tuple[float
 
 
 @pytest.mark.parametrize('live', [False, True])
-def test_the_wrench_passes_until_a_model_has_a_cell(model: DriftModel, *, live: bool) -> None:
+def test_the_wrench_passes_until_a_model_has_a_cell(model, *, live):
     compensator = Compensator(1, StreamSettings(), model if live else None)
     for second in range(3):
         assert compensator.compensating == (live and second > 1)
@@ -105,7 +102,7 @@ def test_the_wrench_passes_until_a_model_has_a_cell(model: DriftModel, *, live: 
     assert compensator.compensation.zero[2] == pytest.approx(soaked)
 
 
-def test_the_output_is_the_equation_with_the_drift_of_its_time(model: DriftModel) -> None:
+def test_the_output_is_the_equation_with_the_drift_of_its_time(model):
     """Temperatures come at the cells' borders, so the ramps of stream and batch are the same."""
     compensator = Compensator(1, StreamSettings(), model)
     stamps, outputs = stream(compensator, (0, 120))
@@ -121,7 +118,7 @@ def test_the_output_is_the_equation_with_the_drift_of_its_time(model: DriftModel
     assert np.ptp(outputs[settled, 2]) > 2.0
 
 
-def test_irregular_temperatures_make_no_step(model: DriftModel) -> None:
+def test_irregular_temperatures_make_no_step(model):
     """A ramp that is overtaken by the next cell goes on from where it stands."""
     compensator = Compensator(1, StreamSettings(), model)
     rng = np.random.default_rng(0)
@@ -137,7 +134,7 @@ def test_irregular_temperatures_make_no_step(model: DriftModel) -> None:
     assert steps(moving)[2] < steps(moving[::200])[2] / 50
 
 
-def test_the_force_path_has_no_memory(model: DriftModel) -> None:
+def test_the_force_path_has_no_memory(model):
     """Correcting a wrench, whatever it holds, leaves everything as it was."""
     compensator = Compensator(1, StreamSettings(), model)
     stream(compensator, (0, 10))
@@ -150,8 +147,8 @@ def test_the_force_path_has_no_memory(model: DriftModel) -> None:
 
 class TestLimits:
     def test_the_correction_never_moves_faster_than_its_rate_and_the_axes_are_named(
-        self, make_model: MakeModel
-    ) -> None:
+        self, make_model
+    ):
         """A thermometer that comes loose: 40 K in one sample, and a model that believes it."""
         model = make_model({'force_z': (2.0, 2e-3, 0.1), 'torque_x': (0.1, 0.0, 0.1)})
         compensator = Compensator(1, StreamSettings(max_drift_rate_n_s=2.0), model)
@@ -165,9 +162,7 @@ class TestLimits:
         assert compensator.limits.too_fast == ()
         np.testing.assert_allclose(compensator.compensation.zero, [0, 0, 80, 4, 0, 0], atol=1e-6)
 
-    def test_limits_that_held_one_model_back_are_not_told_of_the_next(
-        self, make_model: MakeModel
-    ) -> None:
+    def test_limits_that_held_one_model_back_are_not_told_of_the_next(self, make_model):
         hasty, calm = make_model({'force_z': (20.0, 0.0, 0.1)}), make_model(TRUTH)
         for following in (None, calm):
             compensator = Compensator(1, StreamSettings(), hasty)
@@ -178,7 +173,7 @@ class TestLimits:
             assert compensator.limits.too_fast == compensator.limits.too_large == ()
 
     @pytest.mark.parametrize('sign', [-1.0, 1.0])
-    def test_a_drift_moves_as_far_as_its_rate_allows_in_the_time(self, sign: float) -> None:
+    def test_a_drift_moves_as_far_as_its_rate_allows_in_the_time(self, sign):
         limits, here = Limits(200.0, 2.0), Drift(np.arange(6.0), np.full(6, 0.1))
         for share, reached, told in ((0.9, 0.9, ()), (1.0, 1.0, ()), (1e3, 1.0, AXES)):
             rates = sign * 2.5 * axis_limits(2.0), sign * 2.5 * MAX_SENSITIVITY_RATE
@@ -190,7 +185,7 @@ class TestLimits:
 
     def test_a_drift_is_as_large_as_its_limit_at_most_and_nothing_where_it_is_no_number(
         self,
-    ) -> None:
+    ):
         limits, largest = Limits(30.0, 1.0), Drift([30.0] * 3 + [3.0] * 3, [MAX_SENSITIVITY] * 6)
         for share, reached, told in (
             (-1e3, -1, AXES),
@@ -216,12 +211,12 @@ class TestModelSwap:
     )
     def test_going_live_leaves_the_loaded_output_where_it_was(
         self,
-        make_model: MakeModel,
-        model: DriftModel,
-        when_s: float,
-        period_s: float | None,
-        tared: bool,
-    ) -> None:
+        make_model,
+        model,
+        when_s,
+        period_s,
+        tared,
+    ):
         """Whatever the period of the other model, and without one, too."""
         other = make_model(OTHER, period_s=period_s) if period_s else None
         compensator = Compensator(1, StreamSettings(), model)
@@ -239,8 +234,8 @@ class TestModelSwap:
 
     @pytest.mark.parametrize('live_s', [10.5, 63.2, 200.0])
     def test_a_model_that_goes_live_later_has_the_drift_of_one_that_ran_from_the_start(
-        self, model: DriftModel, live_s: float
-    ) -> None:
+        self, model, live_s
+    ):
         early = Compensator(1, StreamSettings(), model)
         late = Compensator(1, StreamSettings())
         stream(early, (0, live_s))
@@ -260,8 +255,8 @@ class TestModelSwap:
 
     @pytest.mark.parametrize('period_s', [0.5, 1.0, 2.0])
     def test_what_was_counted_stays_counted_and_what_was_told_goes_with_its_model(
-        self, make_model: MakeModel, model: DriftModel, period_s: float
-    ) -> None:
+        self, make_model, model, period_s
+    ):
         compensator = Compensator(1, StreamSettings(), model)
         tracker = compensator.tracker
         stream(compensator, (1000, 1010))
@@ -281,8 +276,8 @@ class TestModelSwap:
         )
 
     def test_a_model_with_other_thermometers_is_refused_and_the_running_one_stays(
-        self, make_model: MakeModel, model: DriftModel
-    ) -> None:
+        self, make_model, model
+    ):
         compensator = Compensator(1, StreamSettings(), model)
         stream(compensator, (0, 30))
         before = pickle.dumps(compensator)
@@ -294,9 +289,7 @@ class TestModelSwap:
         with pytest.raises(SettingsError):
             Compensator(2, StreamSettings(), model)
 
-    def test_where_the_wrench_is_no_number_the_unloaded_output_stays(
-        self, model: DriftModel, other: DriftModel
-    ) -> None:
+    def test_where_the_wrench_is_no_number_the_unloaded_output_stays(self, model, other):
         compensator = Compensator(1, StreamSettings(), model)
         stream(compensator, (0, 30))
         stamp = 30 * SECOND
@@ -310,8 +303,8 @@ class TestModelSwap:
 
 class TestTare:
     def test_the_tared_wrench_reads_zero_at_once_and_without_sensitivity_drift_for_ever(
-        self, make_model: MakeModel
-    ) -> None:
+        self, make_model
+    ):
         """The raw wrench drifts as the model says; what is left is the load, which was tared."""
         model = make_model({'force_z': (0.4, 0.0, 30.0)})
         compensator = Compensator(1, StreamSettings(), model)
@@ -329,9 +322,7 @@ class TestTare:
         compensator.reset_tare()
         np.testing.assert_allclose(compensator.correct(stamp, (LOAD + zero).tolist()), LOAD)
 
-    def test_a_tare_that_was_reset_before_the_first_temperature_leaves_no_trace(
-        self, model: DriftModel
-    ) -> None:
+    def test_a_tare_that_was_reset_before_the_first_temperature_leaves_no_trace(self, model):
         untouched, tared = (Compensator(1, StreamSettings(), model) for _ in range(2))
         tared.set_tare(LOAD, 0)
         tared.reset_tare()
@@ -344,8 +335,8 @@ class TestTare:
         assert abs(outputs[0][-1, 2] - LOAD[2]) > 1
 
     def test_a_temperature_moves_the_tare_only_to_keep_an_output_when_the_drift_begins(
-        self, model: DriftModel
-    ) -> None:
+        self, model
+    ):
         """After a tare, or after a model went live under a wrench."""
         tared, alone, free = (Compensator(1, StreamSettings(), model) for _ in range(3))
         swapped = Compensator(1, StreamSettings())
@@ -366,7 +357,7 @@ class TestTare:
 
 
 class TestTrouble:
-    def test_a_gap_longer_than_the_history_counts_as_soaked(self, model: DriftModel) -> None:
+    def test_a_gap_longer_than_the_history_counts_as_soaked(self, model):
         compensator = Compensator(1, StreamSettings(history_s=60.0), model)
         stream(compensator, (0, 60))
         far = 10**9 * SECOND
@@ -379,9 +370,7 @@ class TestTrouble:
         one_cell = (1 - np.exp(-1 / 30)) * (50.0 - held_c)
         assert compensator.tracker.drift.zero[2] == pytest.approx(0.4 * (held_c - 20 + one_cell))
 
-    def test_a_gap_within_the_history_is_run_with_the_held_temperature(
-        self, model: DriftModel
-    ) -> None:
+    def test_a_gap_within_the_history_is_run_with_the_held_temperature(self, model):
         compensator = Compensator(1, StreamSettings(max_drift_rate_n_s=100.0), model)
         for second, temperature in ((0, 20.0), (1, 40.0), (2, 40.0)):
             compensator.add_temperature(0, second * SECOND, temperature)
@@ -391,7 +380,7 @@ class TestTrouble:
         # 20 °C for one cell, then 91 cells of 40 °C.
         assert compensator.compensation.zero[2] == pytest.approx(0.4 * 20 * (1 - np.exp(-91 / 30)))
 
-    def test_time_that_ran_back_goes_on_from_where_the_drift_was(self, model: DriftModel) -> None:
+    def test_time_that_ran_back_goes_on_from_where_the_drift_was(self, model):
         compensator = Compensator(1, StreamSettings(), model)
         _, before = stream(compensator, (1000, 1060))
         held = compensator.compensation

@@ -17,16 +17,16 @@ SECOND = 1_000_000_000
 RAW = [1.0, 2.0, 3.0, 0.1, 0.2, 0.0]
 
 
-def look(watch: SensorWatch, readings: object) -> None:
+def look(watch, readings):
     for number, reading in enumerate(np.atleast_2d(readings).tolist(), watch._received + 1):
         watch.look(number, number * SECOND, reading)
 
 
-def noisy(count: int) -> np.ndarray:
+def noisy(count):
     return RAW + np.random.default_rng(0).normal(0, 1, (count, 6)) * [1, 1, 1, 1, 1, 0]
 
 
-def test_a_reading_that_stays_is_frozen_until_a_bit_changes() -> None:
+def test_a_reading_that_stays_is_frozen_until_a_bit_changes():
     watch = SensorWatch()
     for number in range(1, LOOKS + 1):
         watch.look(number, number, RAW)
@@ -37,7 +37,7 @@ def test_a_reading_that_stays_is_frozen_until_a_bit_changes() -> None:
     assert not watch.frozen
 
 
-def test_looks_without_a_new_reading_do_not_count() -> None:
+def test_looks_without_a_new_reading_do_not_count():
     watch = SensorWatch()
     for _ in range(10 * LOOKS):
         watch.look(1, 5, RAW)
@@ -49,8 +49,8 @@ def test_looks_without_a_new_reading_do_not_count() -> None:
     ('stays_at', 'saturated'), [((-500.0, 200.0), ('force_y', 'force_z')), ((2.0, 3.0), ())]
 )
 def test_an_axis_that_stays_at_its_extreme_is_saturated_and_one_that_never_moved_is_not(
-    stays_at: tuple[float, float], saturated: tuple[str, ...]
-) -> None:
+    stays_at, saturated
+):
     watch = SensorWatch()
     readings = noisy(4 * LOOKS)
     look(watch, readings[:LOOKS])
@@ -61,7 +61,7 @@ def test_an_axis_that_stays_at_its_extreme_is_saturated_and_one_that_never_moved
     assert not watch.frozen
 
 
-def test_stamps_are_judged_by_their_steps() -> None:
+def test_stamps_are_judged_by_their_steps():
     """A simulation that runs hundreds of times as fast as the clock does not leap."""
     watch = SensorWatch()
     at = 3600 * SECOND
@@ -84,7 +84,7 @@ def test_stamps_are_judged_by_their_steps() -> None:
     assert not watch.unstamped
 
 
-def test_stamps_stand_still_from_the_sixth_at_the_same_time() -> None:
+def test_stamps_stand_still_from_the_sixth_at_the_same_time():
     watch = SensorWatch()
     assert not watch.unstamped
     for stamps in ([7] * 6, [8] * 6):
@@ -95,13 +95,13 @@ def test_stamps_stand_still_from_the_sixth_at_the_same_time() -> None:
         assert seen == [False] * 5 + [True]
 
 
-def test_absolute_zero_kelvins_and_no_numbers_are_not_plausible() -> None:
+def test_absolute_zero_kelvins_and_no_numbers_are_not_plausible():
     assert all(map(is_plausible, (-99.9, -40.0, 0.0, 25.0, 85.0, 150.0, 199.9)))
     strange = (-273.15, -100.0, 200.0, 273.15, 298.15, 1e9, math.nan, math.inf)
     assert not any(map(is_plausible, strange))
 
 
-def test_the_unit_is_guessed_where_it_explains_the_value() -> None:
+def test_the_unit_is_guessed_where_it_explains_the_value():
     for unit, values in (
         ('degrees Fahrenheit', (59.0, 86.0, 113.0)),
         ('kelvins', (288.15, 303.15, 318.15)),
@@ -114,9 +114,7 @@ def test_the_unit_is_guessed_where_it_explains_the_value() -> None:
     ('step_k', 'cells', 'period_s', 'jumps'),
     [(2.2, 1, 1, 0), (2.3, 1, 1, 1), (-3, 1, 1, 1), (20, 99, 1, 0), (4, 1, 10, 0), (-5, 1, 10, 1)],
 )  # fmt: skip
-def test_a_jump_is_more_than_metal_can_do_in_the_time(
-    step_k: float, cells: int, period_s: int, jumps: int
-) -> None:
+def test_a_jump_is_more_than_metal_can_do_in_the_time(step_k, cells, period_s, jumps):
     watch = ThermometerWatch(2)
     for back in (0, 1):
         watch.look(np.array([20.0, 0.0]), 10**9, SECOND)

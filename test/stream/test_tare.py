@@ -14,18 +14,18 @@ START = 1_700_000_000 * SECOND + 1
 WRENCH = np.array([1.0, -2.0, 30.0, 0.1, -0.2, 0.3])
 
 
-def collect(wrenches: np.ndarray, rate_hz: int = 100, **limits: float) -> TareCollector:
+def collect(wrenches, rate_hz=100, **limits):
     collector = TareCollector(**{'duration_s': 1.0, 'max_deviation_n': 1.0, **limits})
     for k, wrench in enumerate(wrenches):
         collector.add(START + k * SECOND // rate_hz, wrench.tolist())
     return collector
 
 
-def noisy(samples: int = 101) -> np.ndarray:
+def noisy(samples=101):
     return WRENCH + np.random.default_rng(0).normal(0, 0.05, (samples, 6))
 
 
-def test_the_tare_is_the_mean_and_the_middle_of_its_time() -> None:
+def test_the_tare_is_the_mean_and_the_middle_of_its_time():
     wrenches = noisy()
     mean, stamp_ns = collect(wrenches).result()
     np.testing.assert_allclose(mean, wrenches.sum(axis=0) / 101, rtol=1e-12)
@@ -33,9 +33,7 @@ def test_the_tare_is_the_mean_and_the_middle_of_its_time() -> None:
 
 
 @pytest.mark.parametrize(('step_ns', 'waiting'), [(SECOND // 20, 10), (SECOND, 9)])
-def test_the_stretch_is_complete_after_its_duration_with_ten_wrenches(
-    step_ns: int, waiting: int
-) -> None:
+def test_the_stretch_is_complete_after_its_duration_with_ten_wrenches(step_ns, waiting):
     collector = TareCollector(duration_s=0.5, max_deviation_n=1.0)
     done = [collector.add(START + k * step_ns, WRENCH.tolist()) for k in range(waiting + 2)]
     assert done == [False] * waiting + [True] * 2
@@ -50,9 +48,7 @@ def test_the_stretch_is_complete_after_its_duration_with_ten_wrenches(
         (1.2, 0.09, 'force_x moved by 1.2 N while taring; at most 1 N'),
     ],
 )
-def test_the_axis_that_moved_most_for_its_limit_is_told(
-    force: float, torque: float, moved: str
-) -> None:
+def test_the_axis_that_moved_most_for_its_limit_is_told(force, torque, moved):
     """A fifth of the time each; by just its limit it may."""
     wrenches = np.zeros((50, 6))
     wrenches[:20, [0, 5]] = np.repeat([[force, torque], [-force, -torque]], 10, axis=0)
@@ -65,14 +61,14 @@ def test_the_axis_that_moved_most_for_its_limit_is_told(
     assert str(refusal.value) == f'{moved} are allowed (tare.max_deviation). {still}'
 
 
-def test_noise_alone_is_no_motion() -> None:
+def test_noise_alone_is_no_motion():
     noise = np.random.default_rng(1).normal(0, 0.5, (500, 6)) * np.repeat([1.0, 0.1], 3)
     mean, _ = collect(WRENCH + noise, rate_hz=500).result()
     np.testing.assert_allclose(mean, WRENCH, atol=0.15)
 
 
 @pytest.mark.parametrize('samples', [0, 1, 9, 10])
-def test_too_few_wrenches_are_refused(samples: int) -> None:
+def test_too_few_wrenches_are_refused(samples):
     if samples == 10:
         collect(noisy(samples)).result()
         return
@@ -85,7 +81,7 @@ def test_too_few_wrenches_are_refused(samples: int) -> None:
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf])
-def test_wrenches_that_are_not_finite_are_refused(value: float) -> None:
+def test_wrenches_that_are_not_finite_are_refused(value):
     wrenches = noisy()
     wrenches[50, 5] = value
     with pytest.raises(

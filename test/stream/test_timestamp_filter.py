@@ -10,13 +10,13 @@ SECOND = 1_000_000_000
 HOUR = 3600 * SECOND
 
 
-def feed(timestamps: TimestampFilter, stamps: list[int]) -> list[int]:
+def feed(timestamps, stamps):
     return [sample[1] for stamp in stamps for sample in timestamps.admit(0, stamp, 20.0)]
 
 
 @settings(deadline=None, max_examples=200, derandomize=True)
 @given(steps=st.lists(st.integers(-30 * SECOND, 60 * SECOND), min_size=1, max_size=50))
-def test_steps_that_are_no_leaps_pass_at_once(steps: list[int]) -> None:
+def test_steps_that_are_no_leaps_pass_at_once(steps):
     timestamps, stamp = TimestampFilter(1), 0
     for step in steps:
         stamp += step
@@ -42,8 +42,8 @@ GOES_ON = [k * SECOND for k in range(5, 10)]
     ],
 )
 def test_strays_are_dropped_and_time_that_goes_on_elsewhere_is_followed(
-    leap: int, strays: list[float], followed: list[float], leaps: int
-) -> None:
+    leap, strays, followed, leaps
+):
     """Times are shares of the leap; those that are followed go on for five samples."""
     timestamps, dropped = TimestampFilter(1), 0
     assert feed(timestamps, START) == START
@@ -57,7 +57,7 @@ def test_strays_are_dropped_and_time_that_goes_on_elsewhere_is_followed(
     assert timestamps.leaps == leaps
 
 
-def test_a_slow_thermometer_is_heard_sample_by_sample() -> None:
+def test_a_slow_thermometer_is_heard_sample_by_sample():
     """Samples 100 s apart, or a simulation that is hundreds of times as fast as the clock."""
     timestamps = TimestampFilter(1)
     heard = [len(timestamps.admit(0, k * 100 * SECOND, 20.0)) for k in range(10)]
@@ -66,7 +66,7 @@ def test_a_slow_thermometer_is_heard_sample_by_sample() -> None:
 
 
 @pytest.mark.parametrize('gap_s', [10, 100, 5000])
-def test_a_slow_thermometer_does_not_leap_after_a_restart(gap_s: int) -> None:
+def test_a_slow_thermometer_does_not_leap_after_a_restart(gap_s):
     timestamps = TimestampFilter(1)
     timestamps.expect(HOUR)
     stamps = [HOUR + (gap_s + 100 * k) * SECOND for k in range(10)]
@@ -75,7 +75,7 @@ def test_a_slow_thermometer_does_not_leap_after_a_restart(gap_s: int) -> None:
 
 
 @pytest.mark.parametrize('step_s', [100, 1000])
-def test_a_thermometer_that_becomes_slow_is_heard_with_all_its_samples(step_s: int) -> None:
+def test_a_thermometer_that_becomes_slow_is_heard_with_all_its_samples(step_s):
     timestamps = TimestampFilter(1)
     stamps = [k * SECOND for k in range(5)]
     stamps += [(4 + k * step_s) * SECOND for k in range(1, 10)]
@@ -85,7 +85,7 @@ def test_a_thermometer_that_becomes_slow_is_heard_with_all_its_samples(step_s: i
     assert (timestamps.strays, timestamps.leaps) == (0, 1)
 
 
-def test_thermometers_do_not_confirm_each_other() -> None:
+def test_thermometers_do_not_confirm_each_other():
     timestamps = TimestampFilter(2)
     for second in range(5):
         timestamps.admit(0, second * SECOND, 20.0)
@@ -96,7 +96,7 @@ def test_thermometers_do_not_confirm_each_other() -> None:
 
 
 @pytest.mark.parametrize('leap', [5 * HOUR, -5 * HOUR])
-def test_a_first_sample_far_from_where_stamps_ended_is_kept_back(leap: int) -> None:
+def test_a_first_sample_far_from_where_stamps_ended_is_kept_back(leap):
     timestamps = TimestampFilter(1)
     timestamps.expect(9 * HOUR)
     assert feed(timestamps, [9 * HOUR + leap, 9 * HOUR + SECOND]) == [9 * HOUR + SECOND]

@@ -1,6 +1,5 @@
 """Warm restarts: a stream that was killed and went on, against one that never stopped."""
 
-from collections.abc import Callable
 from dataclasses import replace
 import math
 
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.model import drift_model
-from wrist_ft_comp.model.drift_model import Drift, DriftModel
 from wrist_ft_comp.model.signals import AXES as AXES_ORDER
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.warm_restart import (
@@ -20,10 +18,8 @@ from wrist_ft_comp.stream.warm_restart import (
     longest_gap_s,
     MOST_GAP_S,
     slowest_time_constant_s,
-    ThermalMemory,
 )
 
-MakeModel = Callable[..., DriftModel]
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 AXES = {'force_z': (2.0, 1e-3, 600.0), 'force_x': (-0.5, 0.0, 0.0), 'torque_y': (0.1, 0.0, 300.0)}
@@ -31,18 +27,18 @@ SETTINGS = StreamSettings()
 
 
 @pytest.fixture(scope='module')
-def model(make_model: MakeModel) -> DriftModel:
+def model(make_model):
     axes = {axis: (zero, gain, tau or 1e-3) for axis, (zero, gain, tau) in AXES.items()}
     return make_model(axes)
 
 
-def warming(second: float) -> float:
+def warming(second):
     """20 K in an exponential with a time constant of five minutes, and motors that switch."""
     heat = 20.0 * (1 - math.exp(-second / 300)) if second > 0 else 0.0
     return 20.0 + heat + 0.5 * math.sin(second / 11.0)
 
 
-def feed(compensator: Compensator, first: float, end: float, rate_hz: float = 2.0) -> list[Drift]:
+def feed(compensator, first, end, rate_hz=2.0):
     """Send temperatures of the warm-up; the drift that is subtracted after each."""
     seen = []
     for k in range(round(first * rate_hz), round(end * rate_hz)):
@@ -52,19 +48,19 @@ def feed(compensator: Compensator, first: float, end: float, rate_hz: float = 2.
     return seen
 
 
-def ran(model: DriftModel, seconds: int) -> Compensator:
+def ran(model, seconds):
     compensator = Compensator(1, SETTINGS, model)
     feed(compensator, 0, seconds)
     return compensator
 
 
-def memory_of(compensator: Compensator) -> ThermalMemory:
+def memory_of(compensator):
     memory = compensator.memory()
     assert memory is not None
     return memory
 
 
-def restarted(model: DriftModel, before: Compensator, at_least_s: float = 0.0) -> Compensator:
+def restarted(model, before, at_least_s=0.0):
     after = Compensator(1, SETTINGS, model)
     after.resume(memory_of(before), at_least_s)
     return after
@@ -78,8 +74,8 @@ def restarted(model: DriftModel, before: Compensator, at_least_s: float = 0.0) -
     rate_hz=st.sampled_from([0.7, 2.0, 4.0]),
 )
 def test_a_restarted_stream_stays_within_2_percent_of_one_that_never_stopped(
-    model: DriftModel, killed_s: float, gap_s: float, offset: float, rate_hz: float
-) -> None:
+    model, killed_s, gap_s, offset, rate_hz
+):
     """15 s: a restart of 10 s, and a state that was saved up to 5 s before the kill."""
     never, killed = (Compensator(1, SETTINGS, model) for _ in range(2))
     feed(never, -60, killed_s + gap_s + offset, rate_hz)
@@ -98,7 +94,7 @@ def test_a_restarted_stream_stays_within_2_percent_of_one_that_never_stopped(
     assert (settled.max(axis=0) <= 0.02 * size + 1e-9).all()
 
 
-def test_the_drift_is_subtracted_before_the_first_temperature(model: DriftModel) -> None:
+def test_the_drift_is_subtracted_before_the_first_temperature(model):
     killed = ran(model, 400)
     again = restarted(model, killed)
     assert again.compensating
@@ -123,8 +119,8 @@ class TestGap:
         ],
     )
     def test_that_makes_no_sense_starts_at_the_steady_state_and_says_so(
-        self, model: DriftModel, gap_s: float, at_least_s: float, words: str
-    ) -> None:
+        self, model, gap_s, at_least_s, words
+    ):
         killed = Compensator(1, StreamSettings(max_drift_rate_n_s=1e3), model)
         feed(killed, 0, 400)
         memory = memory_of(killed)
@@ -140,9 +136,7 @@ class TestGap:
         assert again.compensation.zero[2] == pytest.approx(2.0 * 10.0)
         assert not again.tracker.awaiting_gap
 
-    def test_is_crossed_on_a_straight_line_up_to_what_is_told_as_its_end(
-        self, make_model: MakeModel
-    ) -> None:
+    def test_is_crossed_on_a_straight_line_up_to_what_is_told_as_its_end(self, make_model):
         """Stamps that are a minute behind, or behind another clock, and the longest gap."""
         hasty = make_model({'force_z': (1.0, 0.0, 1.0)})
         memory = memory_of(ran(hasty, 10))
@@ -156,9 +150,7 @@ class TestGap:
             assert sentence == f'the drift goes on from the thermal state saved {gap_s} s before'
 
     @pytest.mark.parametrize('at_least_s', [0.0, 0.4, 1.0, 10.0])
-    def test_of_another_clock_is_run_at_the_temperature_before(
-        self, model: DriftModel, at_least_s: float
-    ) -> None:
+    def test_of_another_clock_is_run_at_the_temperature_before(self, model, at_least_s):
         killed = ran(model, 100)
         memory = memory_of(killed)
         held = np.tile(memory.temperature_c, (round(at_least_s), 1))
@@ -169,9 +161,7 @@ class TestGap:
         assert again.compensation.zero[2] == pytest.approx(expected, rel=1e-12)
 
 
-def test_the_longest_gap_follows_the_slowest_time_constant_within_bounds(
-    model: DriftModel, make_model: MakeModel
-) -> None:
+def test_the_longest_gap_follows_the_slowest_time_constant_within_bounds(model, make_model):
     assert slowest_time_constant_s(model) == pytest.approx(600.0)
     assert longest_gap_s(model) == pytest.approx(1800.0)
     assert slowest_time_constant_s(make_model({})) == 0.0
@@ -180,9 +170,7 @@ def test_the_longest_gap_follows_the_slowest_time_constant_within_bounds(
     assert longest_gap_s(make_model({'force_z': (1.0, 0.0, 1e5)})) == MOST_GAP_S
 
 
-def test_a_memory_belongs_to_models_of_its_form_only(
-    model: DriftModel, make_model: MakeModel
-) -> None:
+def test_a_memory_belongs_to_models_of_its_form_only(model, make_model):
     killed = ran(model, 10)
     memory = memory_of(killed)
     assert belongs_to(model, memory)
@@ -199,9 +187,7 @@ def test_a_memory_belongs_to_models_of_its_form_only(
     assert not belongs_to(make_model({'force_z': (1.0, 0.0, 1.0)}), memory)
 
 
-def test_a_model_that_goes_live_before_the_first_temperature_is_remembered(
-    model: DriftModel, make_model: MakeModel
-) -> None:
+def test_a_model_that_goes_live_before_the_first_temperature_is_remembered(model, make_model):
     """A rollback, then a second kill: the tare belongs to a drift that must not be lost."""
     killed = ran(model, 700)
     again = restarted(model, killed)
@@ -217,9 +203,7 @@ def test_a_model_that_goes_live_before_the_first_temperature_is_remembered(
     assert len(after.history) == len(before.history)
 
 
-def test_a_model_that_goes_live_after_a_restart_knows_what_was_before_it(
-    model: DriftModel, make_model: MakeModel
-) -> None:
+def test_a_model_that_goes_live_after_a_restart_knows_what_was_before_it(model, make_model):
     """A calibration or a rollback behind a restart: the coarse history does as well."""
     other = make_model({'force_z': (-1.0, 0.0, 900.0)})
     never, killed = (Compensator(1, SETTINGS, model) for _ in range(2))
@@ -234,7 +218,7 @@ def test_a_model_that_goes_live_after_a_restart_knows_what_was_before_it(
     assert -1.0 * (warming(800) - 20.0) < 1.3 * expected, 'the steady state would be far off'
 
 
-def test_a_gap_that_was_crossed_is_a_part_of_the_history(model: DriftModel) -> None:
+def test_a_gap_that_was_crossed_is_a_part_of_the_history(model):
     """Or a second restart would leave it out, and what was before it would seem too recent."""
     killed = ran(model, 300)
     again = restarted(model, killed)
@@ -248,8 +232,8 @@ def test_a_gap_that_was_crossed_is_a_part_of_the_history(model: DriftModel) -> N
 
 
 def test_a_memory_that_was_refused_leaves_no_history_and_is_not_told_of_the_next_model(
-    make_model: MakeModel, model: DriftModel
-) -> None:
+    make_model, model
+):
     killed = ran(model, 700)
     for following in (None, make_model({'force_z': (1.0, 0.0, 60.0)})):
         again = restarted(model, killed)
@@ -261,7 +245,7 @@ def test_a_memory_that_was_refused_leaves_no_history_and_is_not_told_of_the_next
 
 
 @pytest.mark.parametrize('seconds', [1, 61, 121, 150])
-def test_what_is_remembered_are_means_of_cells(model: DriftModel, seconds: int) -> None:
+def test_what_is_remembered_are_means_of_cells(model, seconds):
     with_model, without = Compensator(1, SETTINGS, model), Compensator(1, SETTINGS)
     for compensator in (with_model, without):
         assert compensator.memory() is None
@@ -276,9 +260,7 @@ def test_what_is_remembered_are_means_of_cells(model: DriftModel, seconds: int) 
 
 
 @pytest.mark.parametrize('leap_s', [-18_000, 18_000])
-def test_a_stray_stamp_right_after_the_restart_does_not_cost_the_memory(
-    model: DriftModel, leap_s: int
-) -> None:
+def test_a_stray_stamp_right_after_the_restart_does_not_cost_the_memory(model, leap_s):
     killed = ran(model, 700)
     again = restarted(model, killed)
     again.add_temperature(0, START + (705 + leap_s) * SECOND, 25.0)

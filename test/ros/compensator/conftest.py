@@ -1,10 +1,8 @@
 """A compensator under test, what talks to it, and models with a known drift."""
 
-from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
 import itertools
-from pathlib import Path
 import queue
 import threading
 from typing import Any
@@ -22,7 +20,6 @@ from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.calibration.result import AxisFit, Calibration
 from wrist_ft_comp.files.model_file import save_model
-from wrist_ft_comp.model.drift_model import DriftModel, StoredModel
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
 from wrist_ft_comp.ros.diagnostics import Status
 from wrist_ft_comp.ros.messages import wrench_message
@@ -39,13 +36,13 @@ PAUSE_S = 0.002
 _NUMBERS = itertools.count()
 
 
-def six(message: Any) -> tuple[float, ...]:
+def six(message):
     """Six numbers of a message, N and N m."""
     force, torque = message.wrench.force, message.wrench.torque
     return (force.x, force.y, force.z, torque.x, torque.y, torque.z)
 
 
-def stamp_ns(message: Any) -> int:
+def stamp_ns(message):
     """Header stamp, ns."""
     return message.header.stamp.sec * SECOND + message.header.stamp.nanosec
 
@@ -53,7 +50,7 @@ def stamp_ns(message: Any) -> int:
 class Rig:
     """A compensator in a namespace of its own, whose callbacks are called as an executor would."""
 
-    def __init__(self, bench: Any, namespace: str, directory: Path, **options: Any) -> None:
+    def __init__(self, bench, namespace, directory, **options):
         self.bench = bench
         self.namespace = namespace
         self.directory = directory
@@ -69,7 +66,7 @@ class Rig:
         self.outputs: queue.Queue[Any] = queue.Queue()
         self._connect(options)
 
-    def _connect(self, options: dict[str, Any]) -> None:
+    def _connect(self, options):
         """Make the node, and catch what it sends."""
         self.node = self.bench.make(CompensatorNode, namespace=self.namespace, **options)
         self._statuses: list[Any] = []
@@ -78,34 +75,34 @@ class Rig:
         for service in self.node._offered:
             service._send = lambda response, answers: answers.put(response)
 
-    def topic(self, name: str) -> str:
+    def topic(self, name):
         """Topic of the node, by its relative name."""
         return f'{self.namespace}/{name}'
 
-    def send_reference(self, stamp: int, values: Iterable[float]) -> None:
+    def send_reference(self, stamp, values):
         """Send one reference wrench."""
         self.node._on_reference(serialize_message(wrench_message(stamp, 'world', values)))
 
-    def put(self, stamp: int, values: Iterable[float], frame: str = 'tool0') -> None:
+    def put(self, stamp, values, frame='tool0'):
         """Send one raw wrench."""
         self.put_bytes(serialize_message(wrench_message(stamp, frame, values)))
 
-    def put_bytes(self, data: bytes) -> None:
+    def put_bytes(self, data):
         """Send bytes where a raw wrench belongs."""
         self.node._on_wrench(data)
 
-    def put_temperature(self, stamp: int, *values: float) -> None:
+    def put_temperature(self, stamp, *values):
         """Send one reading per value."""
         for j, value in enumerate(values):
             message = Temperature(temperature=float(value))
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, SECOND)
             self.put_temperature_bytes(j, serialize_message(message))
 
-    def put_temperature_bytes(self, thermometer: int, data: bytes) -> None:
+    def put_temperature_bytes(self, thermometer, data):
         """Send bytes where a temperature belongs."""
         self.node._on_temperature(thermometer, data)
 
-    def warm(self, stamp: int, *values: float) -> None:
+    def warm(self, stamp, *values):
         """Send one reading per thermometer, and wait until the node has them."""
         counts = self.node.health.counts
         goal = counts.temperatures + counts.bad_temperatures + len(values)
@@ -114,12 +111,12 @@ class Rig:
             lambda: counts.temperatures + counts.bad_temperatures >= goal, 'the temperatures'
         )
 
-    def warm_up(self, celsius: float, seconds: int = 3, first: int = 0) -> None:
+    def warm_up(self, celsius, seconds=3, first=0):
         """Send a temperature every second, of every thermometer."""
         for second in range(first, first + seconds):
             self.warm(START + second * SECOND, *[celsius] * self.thermometers)
 
-    def take(self, count: int = 1) -> list[Any]:
+    def take(self, count=1):
         """Take outputs in their order."""
         taken = [self.outputs.get(timeout=TIMEOUT_S) for _ in range(count)]
         return [
@@ -127,14 +124,14 @@ class Rig:
             for each in taken
         ]
 
-    def ask_output(self, stamp: int, values: Iterable[float]) -> tuple[float, ...]:
+    def ask_output(self, stamp, values):
         """Send one raw wrench; return what it is corrected to."""
         self.put(stamp, values)
         (message,) = self.take()
         assert stamp_ns(message) == stamp
         return six(message)
 
-    def stream(self, stamps: Sequence[int], wrenches: Any) -> np.ndarray:
+    def stream(self, stamps, wrenches):
         """Send raw wrenches; return what they are corrected to, shape (n, 6)."""
         corrected = []
         for first in range(0, len(stamps), WINDOW):
@@ -146,7 +143,7 @@ class Rig:
             corrected += [six(each) for each in messages]
         return np.array(corrected)
 
-    def ask(self, service: str, data: bool | None = None) -> 'queue.Queue[Any]':
+    def ask(self, service, data=None):
         """Call a service of the node; its answer comes in the queue."""
         answers: queue.Queue[Any] = queue.Queue()
         name = f'{self.namespace}/wrist_ft_comp/{service}'
@@ -160,17 +157,17 @@ class Rig:
             answers.put(response)
         return answers
 
-    def call(self, service: str, data: bool | None = None) -> Any:
+    def call(self, service, data=None):
         """Call a service of the node and return its answer."""
         answers = self.ask(service, data)
         self.wait_until(lambda: not answers.empty(), f'the answer of {service}')
         return answers.get()
 
-    def set(self, name: str, value: Any) -> Any:
+    def set(self, name, value):
         """Set a parameter; return the verdict."""
         return self.node.set_parameters([Parameter(name, value=value)])[0]
 
-    def wait_until(self, condition: Callable[[], bool], what: str) -> None:
+    def wait_until(self, condition, what):
         """Wait, while the node looks after itself."""
         pause = threading.Event()
         for _ in range(int(TIMEOUT_S / PAUSE_S)):
@@ -180,12 +177,12 @@ class Rig:
             pause.wait(PAUSE_S)
         pytest.fail(f'waited {TIMEOUT_S} s for {what}')
 
-    def diagnosis(self, name: str, wanted: str | Callable[[Status], bool] = '') -> Status:
+    def diagnosis(self, name, wanted=''):
         """Return the next status of a name that says some words, or is as wanted."""
         full = f'{self.namespace.lstrip("/")}/wrist_ft_comp: {name}'
         statuses: list[Status] = []
 
-        def told() -> bool:
+        def told():
             statuses.extend(
                 Status(each.name, each.level, each.message, {v.key: v.value for v in each.values})
                 for each in self._report()
@@ -198,7 +195,7 @@ class Rig:
         self.wait_until(told, f'{full} to be as wanted')
         return statuses[-1]
 
-    def _report(self) -> list[Any]:
+    def _report(self):
         """Give the statuses of now."""
         self._statuses.clear()
         self.node._keep_house()
@@ -209,7 +206,7 @@ class Rig:
 class WiredRig(Rig):
     """A compensator in a thread of its own, and everything around it, over DDS."""
 
-    def _connect(self, options: dict[str, Any]) -> None:
+    def _connect(self, options):
         """Start the node, unless there is one, and what talks to it."""
         bench, namespace = self.bench, self.namespace
         self.node = options.pop('node', None) or bench.start(
@@ -222,22 +219,22 @@ class WiredRig(Rig):
         self._temperatures = [bench.publisher(Temperature, self.topic(t)) for t in self.topics]
         self._clients: dict[str, Any] = {}
 
-    def reference(self) -> Callable[[int, Sequence[float]], None]:
+    def reference(self):
         """Give what publishes reference wrenches; only while a recording runs."""
         publisher = self.bench.publisher(WrenchStamped, self.topic('wrench_reference'))
         return lambda stamp, values: publisher.publish(
             serialize_message(wrench_message(stamp, 'world', values))
         )
 
-    def put_bytes(self, data: bytes) -> None:
+    def put_bytes(self, data):
         """Publish bytes where a raw wrench belongs."""
         self._raw.publish(data)
 
-    def put_temperature_bytes(self, thermometer: int, data: bytes) -> None:
+    def put_temperature_bytes(self, thermometer, data):
         """Publish bytes where a temperature belongs."""
         self._temperatures[thermometer].publish(data)
 
-    def ask(self, service: str, data: bool | None = None) -> 'queue.Queue[Any]':
+    def ask(self, service, data=None):
         """Call a service of the node; its answer comes in the queue."""
         kind, request = _request(data)
         if service not in self._clients:
@@ -249,7 +246,7 @@ class WiredRig(Rig):
         client.call_async(request).add_done_callback(lambda done: answers.put(done.result()))
         return answers
 
-    def set(self, name: str, value: Any) -> Any:
+    def set(self, name, value):
         """Set a parameter over the graph; return the verdict."""
         request = SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()]
@@ -257,11 +254,11 @@ class WiredRig(Rig):
         service = f'{self.namespace}/wrist_ft_comp/set_parameters'
         return self.bench.call(SetParameters, service, request).results[0]
 
-    def wait_until(self, condition: Callable[[], bool], what: str) -> None:
+    def wait_until(self, condition, what):
         """Wait for what the node does by itself."""
         self.bench.wait_until(condition, what)
 
-    def _report(self) -> list[Any]:
+    def _report(self):
         """Wait for the next statuses."""
         return list(self._arrays.get(timeout=TIMEOUT_S).status)
 
@@ -269,7 +266,7 @@ class WiredRig(Rig):
 class Peer:
     """Talks to a process's node, over DDS that may lose messages: it sends until it is heard."""
 
-    def __init__(self, bench: Any, namespace: str, name: str) -> None:
+    def __init__(self, bench, namespace, name):
         self._bench, self._own = bench, f'{namespace}/{name}'
         self._outputs = bench.listen(WrenchStamped, f'{namespace}/wrench')
         self._drifts = bench.listen(WrenchStamped, f'{self._own}/drift', QoSProfile(depth=1000))
@@ -277,25 +274,25 @@ class Peer:
         self._heat = bench.publisher(Temperature, f'{namespace}/temperature')
         self._second = 0
 
-    def send(self, second: int, celsius: float) -> None:
+    def send(self, second, celsius):
         """Send a temperature, stamped so many seconds after the start."""
         message = Temperature(temperature=float(celsius))
         message.header.stamp.sec = START // SECOND + second
         self._heat.publish(message)
 
-    def force_z(self, second: float, newton: float) -> float:
+    def force_z(self, second, newton):
         """Send a raw wrench until its output comes."""
         sent = wrench_message(START + round(second * SECOND), 'tool0', [newton] * 6)
         return self._hear(self._outputs, sent.header.stamp, lambda: self._raw.publish(sent), 100)
 
-    def drift(self, second: int, celsius: float) -> float | None:
+    def drift(self, second, celsius):
         """Send a temperature until the drift of that second comes; None when it was lost."""
         stamp = wrench_message(START + second * SECOND, '', [0.0] * 6).header.stamp
         with suppress(queue.Empty):
             return self._hear(self._drifts, stamp, lambda: self.send(second, celsius), 10)
         return None
 
-    def _hear(self, messages: Any, stamp: Any, send: Callable[[], None], times: int) -> float:
+    def _hear(self, messages, stamp, send, times):
         """Send until a message of a stamp comes; its force z."""
         for _ in range(times):
             send()
@@ -305,21 +302,21 @@ class Peer:
                 return float(message.wrench.force.z)
         raise queue.Empty
 
-    def cells(self, count: int = 1) -> None:
+    def cells(self, count=1):
         """Send thermal cells, each with a wrench of one newton that passes."""
         for _ in range(count):
             self._second += 1
             self.send(self._second, 25.0)
             self.force_z(self._second, 1.0)
 
-    def ask(self, service: str, data: bool | None = None) -> Any:
+    def ask(self, service, data=None):
         """Call a service; its answer is the future's result."""
         kind, request = _request(data)
         client = self._bench.helper.create_client(kind, f'{self._own}/{service}')
         assert client.wait_for_service(timeout_sec=TIMEOUT_S)
         return client.call_async(request)
 
-    def call(self, service: str, data: bool | None = None) -> Any:
+    def call(self, service, data=None):
         """Call a service and return its answer."""
         future = self.ask(service, data)
         self._bench.wait_until(future.done, f'the answer of {service}')
@@ -327,12 +324,12 @@ class Peer:
 
 
 @pytest.fixture
-def peer(bench: Any) -> Callable[[str, str], Peer]:
+def peer(bench):
     """Talk to the node of a name in a namespace."""
     return partial(Peer, bench)
 
 
-def _request(data: bool | None) -> tuple[Any, Any]:
+def _request(data):
     """Make a request: Trigger's, or SetBool's with data."""
     if data is None:
         return Trigger, Trigger.Request()
@@ -340,13 +337,13 @@ def _request(data: bool | None) -> tuple[Any, Any]:
 
 
 @pytest.fixture
-def rig(bench: Any, tmp_path: Path) -> Callable[..., Rig]:
+def rig(bench, tmp_path):
     """Make compensators; each in its own namespace, all with the same data_directory."""
     return partial(_make_rig, Rig, bench, tmp_path)
 
 
 @pytest.fixture
-def wired(bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., WiredRig]:
+def wired(bench, tmp_path, monkeypatch):
     """Start compensators that talk over DDS, and often of their health."""
     period = 'wrist_ft_comp.ros.compensator_node._DIAGNOSTICS_PERIOD_S'
     monkeypatch.setattr(period, DIAGNOSTICS_PERIOD_S)
@@ -354,24 +351,22 @@ def wired(bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callab
 
 
 @pytest.fixture(autouse=True)
-def short_grace(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_grace(monkeypatch):
     """Wait less for the wrenches of a tare."""
     monkeypatch.setattr('wrist_ft_comp.ros.services.tare._GRACE_S', TARE_GRACE_S)
 
 
-def _make_rig(kind: Callable[..., Any], bench: Any, tmp_path: Path, **options: Any) -> Any:
+def _make_rig(kind, bench, tmp_path, **options):
     """Make a rig with a namespace of its own."""
     namespace = options.pop('namespace', None) or f'/t{next(_NUMBERS)}'
     return kind(bench, namespace, options.pop('directory', tmp_path / 'data'), **options)
 
 
 @pytest.fixture
-def make_model(
-    make_model: Callable[..., DriftModel], tmp_path: Path
-) -> Callable[..., StoredModel]:
+def make_model(make_model, tmp_path):
     """Write a model's file, below data/models when only a name is given; it may be without lag."""
 
-    def make(name: str | Path, axes: Any = None, **more: Any) -> StoredModel:
+    def make(name, axes=None, **more):
         range_c = more.setdefault('range_c', (-50.0, 150.0))
         gains = axes or {'force_z': (2.0, 0.0, 0.0)}
         model = make_model({a: (o, s, tau or 1e-9) for a, (o, s, tau) in gains.items()}, **more)

@@ -14,9 +14,6 @@ from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.files.state_file import load_state
 from wrist_ft_comp.model.signals import AXES
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
-TIMEOUT_S = 60.0
 #: No file may grow beyond this: a header and some rows of a recording fit, a state does not.
 LIMIT = 400
 #: Python ignores the signal that would end it, so that writing fails as on a full disk.

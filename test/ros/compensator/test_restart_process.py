@@ -12,7 +12,6 @@ from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 MODULE = 'wrist_ft_comp.ros.compensator_node'
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-TIMEOUT_S = 60.0
 
 
 def warming(second):

@@ -1,6 +1,5 @@
 """The commands of a document: every line of every ``sh`` block, run as it is written."""
 
-from collections.abc import Callable, Iterator
 import json
 import os
 from pathlib import Path
@@ -10,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from typing import Any
 
 import pytest
 from sensor_msgs.msg import Temperature
@@ -20,14 +18,14 @@ ROOT = Path(__file__).parents[3]
 TIMEOUT_S = 240.0
 
 
-def read_commands(document: str) -> list[list[str]]:
+def read_commands(document):
     """Read every command of a document, split as a shell splits it."""
     text = (ROOT / document).read_text('utf-8')
     blocks = re.findall(r'^```sh\n(.*?)^```', text, re.M | re.S)
     return [shlex.split(line) for block in blocks for line in block.splitlines() if line]
 
 
-def runnable(words: list[str]) -> list[str]:
+def runnable(words):
     """Put programs in the place of names that a user has on the PATH."""
     if words[0] == 'ros2' and shutil.which('ros2') is None:
         return [sys.executable, str(Path(__file__).with_name('ros2.py')), *words[1:]]
@@ -39,12 +37,12 @@ def runnable(words: list[str]) -> list[str]:
 class Terminal:
     """Runs commands as a reader does, who ends a program before starting it again."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         #: Working directory, and what all commands printed that ran to their end.
         self.folder, self.printed = folder, ''
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
-    def run(self, words: list[str]) -> str:
+    def run(self, words):
         """Run a command to its end; returns what it prints."""
         named = [each for word in words for each in self._expanded(word)]
         done = subprocess.run(
@@ -60,7 +58,7 @@ class Terminal:
         self.printed += done.stdout
         return done.stdout
 
-    def _expanded(self, word: str) -> list[str]:
+    def _expanded(self, word):
         """Expand a star as a shell does."""
         if '*' not in word:
             return [word]
@@ -68,7 +66,7 @@ class Terminal:
         assert paths, f'nothing is called {word}'
         return paths
 
-    def start(self, words: list[str]) -> None:
+    def start(self, words):
         """Start a program that goes on."""
         self.end(words[3])
         self._running[words[3]] = subprocess.Popen(
@@ -78,7 +76,7 @@ class Terminal:
             start_new_session=True,
         )
 
-    def end(self, name: str = '') -> None:
+    def end(self, name=''):
         """End a program and whatever it started, as Ctrl-C does; without a name, all of them."""
         for each in [name] if name else list(self._running):
             process = self._running.pop(each, None)
@@ -88,13 +86,13 @@ class Terminal:
 
 
 @pytest.fixture
-def commands() -> Callable[[str], list[list[str]]]:
+def commands():
     """Give what reads a document's commands."""
     return read_commands
 
 
 @pytest.fixture
-def terminal(tmp_path: Path) -> Iterator[Terminal]:
+def terminal(tmp_path):
     """Give a terminal in a folder that looks like the project's root to the commands."""
     for name in ('data', 'config'):
         (tmp_path / name).symlink_to(ROOT / name)
@@ -106,11 +104,11 @@ def terminal(tmp_path: Path) -> Iterator[Terminal]:
 class Player:
     """Runs a document from its beginning to its end, as a reader who waits where it says so."""
 
-    def __init__(self, bench: Any, terminal: Terminal) -> None:
+    def __init__(self, bench, terminal):
         self._bench = bench
         self._terminal = terminal
 
-    def play(self, document: str, enough: Callable[[Any], bool]) -> float:
+    def play(self, document, enough):
         """
         Run a document; a recording is ended when a temperature message is enough.
 
@@ -129,7 +127,7 @@ class Player:
         axis = json.loads(self._terminal.run([*first, '--json']))['axes']['force_z']
         return float(axis['rms_before'] / axis['rms_after'])
 
-    def _start(self, words: list[str]) -> None:
+    def _start(self, words):
         """Start a program; a compensator is started with nothing else running."""
         if words[3] == 'compensator':
             self._terminal.end()
@@ -138,10 +136,10 @@ class Player:
         if words[3] == 'compensator':
             self._bench.wait_until(self._node_is_there, 'the node')
 
-    def _node_is_there(self) -> bool:
+    def _node_is_there(self):
         return 'wrist_ft_comp' in self._bench.helper.get_node_names()
 
-    def _wait(self, enough: Callable[[Any], bool]) -> None:
+    def _wait(self, enough):
         """Wait for a temperature that is enough; the simulation begins without this listener."""
         temperatures = self._bench.listen(Temperature, 'temperature_2')
         while not enough(temperatures.get(timeout=TIMEOUT_S)):
@@ -149,9 +147,7 @@ class Player:
 
 
 @pytest.fixture
-def play(
-    bench: Any, terminal: Terminal, monkeypatch: pytest.MonkeyPatch
-) -> Callable[[str, Callable[[Any], bool]], float]:
+def play(bench, terminal, monkeypatch):
     """Give what runs a document; programs that go on end with the test."""
     monkeypatch.setenv('ROS_HOME', str(terminal.folder / 'ros_home'))
     return Player(bench, terminal).play

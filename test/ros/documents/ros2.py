@@ -5,7 +5,6 @@ A stand-in for the command ``ros2`` where only rclpy is installed: just what the
 talk over DDS.
 """
 
-from collections.abc import Iterator
 from contextlib import contextmanager
 import importlib
 import os
@@ -26,7 +25,7 @@ POLL_S = 0.1
 
 
 @contextmanager
-def own_node() -> Iterator[Any]:
+def own_node():
     """Make a node for one command."""
     rclpy.init(args=[])
     node = rclpy.create_node('ros2_stand_in')
@@ -37,7 +36,7 @@ def own_node() -> Iterator[Any]:
         rclpy.shutdown()
 
 
-def call(service_type: Any, name: str, request: Any) -> Any:
+def call(service_type, name, request):
     """Call a service."""
     with own_node() as node:
         client = node.create_client(service_type, name)
@@ -48,7 +47,7 @@ def call(service_type: Any, name: str, request: Any) -> Any:
         return future.result()
 
 
-def echo(topic: str) -> Any:
+def echo(topic):
     """Wait for one message of a topic."""
     received: list[Any] = []
     with own_node() as node:
@@ -64,7 +63,7 @@ def echo(topic: str) -> Any:
         sys.exit(f'no message on {topic}')
 
 
-def main(words: list[str]) -> int:
+def main(words):
     """Run one command."""
     if words[:2] == ['run', 'wrist_ft_comp']:
         program = [sys.executable, '-m', MODULES[words[2]], *words[3:]]

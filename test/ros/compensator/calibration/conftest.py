@@ -1,11 +1,8 @@
 """A sensor to calibrate, and a gate that holds calibrations back."""
 
-from collections.abc import Iterable, Iterator
 import csv
 import os
-from pathlib import Path
 import sys
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +22,7 @@ class Robot:
     GAINS = np.array([0.3, -0.5, 1.0, 0.02, 0.03, -0.05])
     WORK = (1.0, 0.2, 0.8, 0.0, 1.0, 0.5, 0.9, 0.1, 0.0, 0.6, 0.2, 0.9, 0.0)
 
-    def __init__(self, thermometers: int = 1) -> None:
+    def __init__(self, thermometers=1):
         work = np.repeat(self.WORK, 40)
         far, near = _lag(15.0 * work, 600.0), _lag(25.0 * work, 200.0)
         self.temperature_c = 20.0 + np.stack((far, near)[:thermometers], axis=1)
@@ -34,16 +31,16 @@ class Robot:
         self.sensitivity = 0.004 * _lag(far, 300.0)[:, np.newaxis]
         self._rng = np.random.default_rng(5)
 
-    def raw(self, cell: int, load: Any = 0.0) -> np.ndarray:
+    def raw(self, cell, load=0.0):
         """Reading under a load, N and N m."""
         noise = self._rng.normal(0, 0.01, 6) * [1, 1, 1, 0.1, 0.1, 0.1]
         return (1 + self.sensitivity[cell]) * load + self.zero[cell] + noise
 
-    def stamps(self, cell: int) -> list[int]:
+    def stamps(self, cell):
         """Times of two wrenches in a thermal cell of 10 s."""
         return [1_700_000_000 * SECOND + (10 * cell + part) * SECOND for part in (2, 7)]
 
-    def run(self, rig: Any, cells: Iterable[int], load: Any = None) -> np.ndarray:
+    def run(self, rig, cells, load=None):
         """Send cells one by one; return outputs, shape (2 N, 6). load(cell) is the true wrench."""
         outputs = []
         for cell in cells:
@@ -55,7 +52,7 @@ class Robot:
             outputs.append(rig.stream(stamps, [self.raw(cell, true) for _ in stamps]))
         return np.concatenate(outputs)
 
-    def write(self, path: Path, cells: int = 300) -> Path:
+    def write(self, path, cells=300):
         """Write what a recording of the first cells would hold."""
         path.parent.mkdir(parents=True, exist_ok=True)
         temperatures = [temperature_channel(j) for j in range(self.temperature_c.shape[1])]
@@ -68,7 +65,7 @@ class Robot:
         return path
 
 
-def _lag(x: np.ndarray, tau_s: float) -> np.ndarray:
+def _lag(x, tau_s):
     """Relax after an input, by the textbook loop."""
     state, lagged = 0.0, np.empty(len(x))
     for k, value in enumerate(x):
@@ -78,7 +75,7 @@ def _lag(x: np.ndarray, tau_s: float) -> np.ndarray:
 
 
 @pytest.fixture
-def make_robot() -> type[Robot]:
+def make_robot():
     """Give the class, which test modules cannot import."""
     return Robot
 
@@ -86,7 +83,7 @@ def make_robot() -> type[Robot]:
 class Gate:
     """Holds the next calibration process back until it is opened."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path):
         os.mkfifo(path)
         self._end = os.open(path, os.O_RDWR)
         source = (
@@ -95,17 +92,17 @@ class Gate:
         )
         self.command = (sys.executable, '-c', source, '--until-closed')
 
-    def open(self) -> None:
+    def open(self):
         """Let one process go on."""
         os.write(self._end, b'x')
 
-    def close(self) -> None:
+    def close(self):
         """Give the pipe back."""
         os.close(self._end)
 
 
 @pytest.fixture
-def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Gate]:
+def gate(tmp_path, monkeypatch):
     """Hold calibration processes back."""
     result = Gate(tmp_path / 'gate')
     monkeypatch.setattr('wrist_ft_comp.ros.services.calibrate.COMMAND', result.command)
