@@ -51,17 +51,19 @@ def endure(node: Any, hours: float, rate_hz: int) -> dict[str, Any]:
     seconds = round(hours * 3600)
     start = time.perf_counter()
     print('hours   resident, MiB   since the first minute, MiB')
-    first, found = 0.0, {}
+    first, samples = 0.0, {}
     for second in range(seconds + 1):
         if second == 60:
             first = resident_mib()
         if second >= 60 and (second % 7200 == 0 or second in {60, seconds}):
-            found[second] = resident_mib()
-            print(f'{second / 3600:5.2f}  {found[second]:14.1f}  {found[second] - first:+28.2f}')
+            samples[second] = resident_mib()
+            print(
+                f'{second / 3600:5.2f}  {samples[second]:14.1f}  {samples[second] - first:+28.2f}'
+            )
         live_a_second(node, second, rate_hz)
     speed = seconds / (time.perf_counter() - start)
     print(f'{speed:.0f} times as fast as time; {node.health.counts.published:,} wrenches')
-    return {'resident_mib': found, 'growth_mib': max(found.values()) - first, 'speed': speed}
+    return {'resident_mib': samples, 'growth_mib': max(samples.values()) - first, 'speed': speed}
 
 
 def main() -> None:

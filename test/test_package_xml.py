@@ -60,10 +60,10 @@ def test_what_the_tests_import_is_named_for_them():
 
 
 def test_the_version_is_written_the_same_everywhere():
-    found = re.search(r"version='(.*)'", SETUP)
-    assert found is not None
-    assert MANIFEST.findtext('version') == found[1] == wrist_ft_comp.__version__
-    assert f'\n{found[1]} (' in (ROOT / 'CHANGELOG.rst').read_text('utf-8')
+    match = re.search(r"version='(.*)'", SETUP)
+    assert match is not None
+    assert MANIFEST.findtext('version') == match[1] == wrist_ft_comp.__version__
+    assert f'\n{match[1]} (' in (ROOT / 'CHANGELOG.rst').read_text('utf-8')
 
 
 @pytest.mark.parametrize('tag', ['description', 'license', 'maintainer', 'name'])

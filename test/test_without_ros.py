@@ -23,9 +23,9 @@ def site(tmp_path_factory):
     """A folder of this Python's packages but those of ROS 2."""
     folder = tmp_path_factory.mktemp('site')
     for name in NEEDED:
-        found = find_spec(name)
-        assert found is not None
-        (place, *_) = found.submodule_search_locations or ['']
+        spec = find_spec(name)
+        assert spec is not None
+        (place, *_) = spec.submodule_search_locations or ['']
         for each in Path(place).parent.iterdir():
             link = folder / each.name
             if each.name not in ROS and each.suffix != '.pth' and not link.exists():

@@ -75,10 +75,10 @@ def test_recordings_with_different_offsets_and_gaps_are_fitted_together(order, i
         t = np.random.default_rng(seed).standard_normal(80 + 30 * seed)
         segments.append((t, textbook_output(true, t) + offset))
         segments[-1][1][[10, 11, 50, 79]] = np.nan
-    found = fit_one_step(segments, order, inputs, first_lag)
-    np.testing.assert_allclose(found.a, true.a, atol=1e-8)
-    np.testing.assert_allclose(found.b, true.b, atol=1e-8)
-    assert found.first_lag == first_lag
+    fitted = fit_one_step(segments, order, inputs, first_lag)
+    np.testing.assert_allclose(fitted.a, true.a, atol=1e-8)
+    np.testing.assert_allclose(fitted.b, true.b, atol=1e-8)
+    assert fitted.first_lag == first_lag
 
 
 def test_too_few_complete_rows_are_refused():

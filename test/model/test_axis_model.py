@@ -61,9 +61,9 @@ def make_axis():
 def temperature_c():
     """Wandering, and at first and for some time outside what was calibrated, on both sides."""
     steps = np.random.default_rng(0).standard_normal((120, 2))
-    found = 28 + np.cumsum(steps, axis=0)
-    found[0], found[30:35], found[80:85] = (500.0, -500.0), -60.0, 130.0
-    return found
+    track = 28 + np.cumsum(steps, axis=0)
+    track[0], track[30:35], track[80:85] = (500.0, -500.0), -60.0, 130.0
+    return track
 
 
 def textbook_run(axis, temperature_c):
@@ -113,10 +113,10 @@ def test_a_run_is_the_textbook_loop(
 ):
     axis = make_axis(filters, latents, outputs)
     assert (axis.thermometers, axis.outputs) == (2, outputs)
-    _, found = axis.run(axis.start(temperature_c[0]), temperature_c)
+    _, track = axis.run(axis.start(temperature_c[0]), temperature_c)
     expected = textbook_run(axis, temperature_c)
-    assert found.shape == (120, outputs)
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+    assert track.shape == (120, outputs)
+    np.testing.assert_allclose(track, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 
 
 @every_form

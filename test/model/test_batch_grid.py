@@ -76,8 +76,8 @@ def test_the_grid_is_the_textbook_loop_in_pieces_of_any_size(blocks, period_s, s
             assert recording.measured[row, j] == (cell in cells)
     for row, cell in enumerate(range(first, last + 1)):
         expected = torque.get(cell, math.nan)
-        found = recording.wrench[row, AXES.index('torque_y')]
-        assert found == pytest.approx(expected, abs=1e-10, nan_ok=True)
+        gridded = recording.wrench[row, AXES.index('torque_y')]
+        assert gridded == pytest.approx(expected, abs=1e-10, nan_ok=True)
     assert np.isnan(np.delete(recording.wrench, AXES.index('torque_y'), axis=1)).all()
     assert np.isnan(recording.reference).all()
     assert recording.warnings == ()
@@ -120,10 +120,10 @@ def test_unusable_samples_are_dropped_and_counted(fault):
     }[fault]
     with_fault = [*good[:100], bad, *good[100:]]
     clean = grid_samples([samples('temperature_c', *good), wrenches(0.5)], name='a.csv')
-    found = grid_samples([samples('temperature_c', *with_fault), wrenches(0.5)], name='a.csv')
-    np.testing.assert_array_equal(found.temperature_c, clean.temperature_c)
+    gridded = grid_samples([samples('temperature_c', *with_fault), wrenches(0.5)], name='a.csv')
+    np.testing.assert_array_equal(gridded.temperature_c, clean.temperature_c)
     counts = (1, 0) if fault in ('nan', 'infinite') else (0, 1)
-    (warning,) = found.warnings
+    (warning,) = gridded.warnings
     assert warning == (
         f'temperature_c of a.csv: {counts[0]} of 201 samples are not finite and {counts[1]} have '
         'a stamp that does not increase; they were dropped.'

@@ -33,13 +33,13 @@ def temperature_c():
 def test_the_drift_is_the_textbook_lag_on_its_axes_and_zero_on_the_others(
     model, temperature_c, lagged
 ):
-    _, found = drift_model.run(model, drift_model.start(model, temperature_c[0]), temperature_c)
+    _, track = drift_model.run(model, drift_model.start(model, temperature_c[0]), temperature_c)
     mean_theta = temperature_c.mean(axis=1) - 20
     for i, axis in enumerate(AXES):
         zero, sensitivity, tau = TRUTH.get(axis, (0.0, 0.0, 1.0))
         moved = lagged(mean_theta, tau, period_s=1.0)
-        np.testing.assert_allclose(found.zero[:, i], zero * moved, atol=1e-10)
-        np.testing.assert_allclose(found.sensitivity[:, i], sensitivity * moved, atol=1e-10)
+        np.testing.assert_allclose(track.zero[:, i], zero * moved, atol=1e-10)
+        np.testing.assert_allclose(track.sensitivity[:, i], sensitivity * moved, atol=1e-10)
 
 
 @pytest.mark.parametrize('cut', [1, 40, 79])

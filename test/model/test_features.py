@@ -46,8 +46,8 @@ def test_hats_interpolate_coefficients_and_are_exact_at_the_knots():
         right = next(i for i in range(1, 5) if temperature <= knots[i])
         share = (temperature - knots[right - 1]) / (knots[right] - knots[right - 1])
         expected = coefficients[right - 1] * (1 - share) + coefficients[right] * share
-        found = features.expand(np.array([temperature])) @ coefficients
-        assert found == pytest.approx(expected, abs=1e-12)
+        seen = features.expand(np.array([temperature])) @ coefficients
+        assert seen == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize('kind', ['powers', 'hats'])

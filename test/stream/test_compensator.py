@@ -242,8 +242,8 @@ class TestModelSwap:
         stream(late, (0, live_s))
         late.go_live(model, newest_before(live_s))
         assert late.compensating
-        for expected, found in zip(early.compensation, late.compensation, strict=True):
-            np.testing.assert_allclose(found, expected, atol=1e-9)
+        for expected, corrected in zip(early.compensation, late.compensation, strict=True):
+            np.testing.assert_allclose(corrected, expected, atol=1e-9)
         stamps, expected_outputs = stream(early, (live_s, live_s + 60))
         _, outputs = stream(late, (live_s, live_s + 60))
         settled = stamps > (live_s + 2) * SECOND
@@ -316,8 +316,8 @@ class TestTare:
                 tare = compensator.set_tare(LOAD + zero, stamp)
                 np.testing.assert_allclose(tare, LOAD, atol=1e-12)
             if k >= 50:
-                found = compensator.correct(stamp, (LOAD + zero).tolist())
-                np.testing.assert_allclose(found, 0, atol=1e-9)
+                corrected = compensator.correct(stamp, (LOAD + zero).tolist())
+                np.testing.assert_allclose(corrected, 0, atol=1e-9)
         assert abs(zero[2]) > 1
         compensator.reset_tare()
         np.testing.assert_allclose(compensator.correct(stamp, (LOAD + zero).tolist()), LOAD)

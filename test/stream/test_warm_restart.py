@@ -82,10 +82,10 @@ def test_a_restarted_stream_stays_within_2_percent_of_one_that_never_stopped(
     feed(killed, -60, killed_s, rate_hz)
     again = restarted(model, killed, gap_s)
     expected = feed(never, killed_s + gap_s + offset, killed_s + 120, rate_hz)
-    found = feed(again, killed_s + gap_s + offset, killed_s + 120, rate_hz)
+    resumed = feed(again, killed_s + gap_s + offset, killed_s + 120, rate_hz)
     assert not again.tracker.awaiting_gap
     size = np.abs([each.zero for each in expected]).max(axis=0)
-    apart = np.abs([a.zero - b.zero for a, b in zip(expected, found, strict=True)])
+    apart = np.abs([a.zero - b.zero for a, b in zip(expected, resumed, strict=True)])
     assert size[2] > 2.0
     # force_x follows its thermometer at once, so what is held while the first cell fills lags.
     slow = [AXES_ORDER.index(axis) for axis in ('force_z', 'torque_y')]

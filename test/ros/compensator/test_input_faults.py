@@ -230,8 +230,8 @@ class TestTemperature:
         zero = node.node.compensator.compensation.zero[2]
         # A fifth of 15 to 45 °C beyond the range, and no further.
         assert zero == pytest.approx(0.5 * (45.0 + 6.0 - 20.0), abs=0.01)
-        found = node.ask_output(START + 3000 * SECOND, RAW)
-        np.testing.assert_allclose(found, RAW - [0, 0, zero, 0, 0, 0], atol=0.1)
+        answer = node.ask_output(START + 3000 * SECOND, RAW)
+        np.testing.assert_allclose(answer, RAW - [0, 0, zero, 0, 0, 0], atol=0.1)
 
     @pytest.mark.parametrize('leap', [5 * HOUR, -5 * HOUR], ids=['ahead', 'back'])
     def test_with_one_stray_stamp_does_not_move_the_drift(self, warm, told, leap):

@@ -33,9 +33,9 @@ def topics(rig):
     """Topics of a node with two thermometers in the root namespace, and their types."""
     node = rig(thermometers=2)
     name, namespace = node.node.get_name(), node.node.get_namespace()
-    found = node.node.get_publisher_names_and_types_by_node(name, namespace)
-    found += node.node.get_subscriber_names_and_types_by_node(name, namespace)
-    return {topic.removeprefix(namespace): types[0] for topic, types in found}
+    published = node.node.get_publisher_names_and_types_by_node(name, namespace)
+    published += node.node.get_subscriber_names_and_types_by_node(name, namespace)
+    return {topic.removeprefix(namespace): types[0] for topic, types in published}
 
 
 @pytest.mark.parametrize('shown', [plotjuggler, foxglove])

@@ -25,8 +25,8 @@ def policy():
 
 
 def profile_of(policy, enclave):
-    (found,) = policy.findall(f"enclaves/enclave[@path='/{enclave}']/profiles/profile")
-    return found
+    (allowed,) = policy.findall(f"enclaves/enclave[@path='/{enclave}']/profiles/profile")
+    return allowed
 
 
 def granted(profile, kind, right):
@@ -71,12 +71,12 @@ def test_the_node_is_granted_what_it_has_and_nothing_more(bench, policy, tmp_pat
     def has(names_and_types):
         return {name for name, _ in names_and_types}
 
-    found = {
+    allowed = {
         ('topics', 'publish'): has(node.get_publisher_names_and_types_by_node(*me)),
         ('topics', 'subscribe'): has(node.get_subscriber_names_and_types_by_node(*me)),
         ('services', 'reply'): has(node.get_service_names_and_types_by_node(*me)),
     }
-    for (kind, right), names in found.items():
+    for (kind, right), names in allowed.items():
         assert names == granted(profile, kind, right), (kind, right)
     assert not granted(profile, 'services', 'request')
 

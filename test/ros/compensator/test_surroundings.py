@@ -41,9 +41,9 @@ def test_topics_and_the_node_can_be_remapped(bench, tmp_path):
 def test_without_a_directory_each_node_keeps_its_own_below_ros_home(bench, tmp_path, monkeypatch):
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
     nodes = [bench.start(CompensatorNode, namespace=name) for name in ('/left', '/right')]
-    found = [node.store.directory for node in nodes]
+    folders = [node.store.directory for node in nodes]
     folder = tmp_path / 'wrist_ft_comp'
-    assert found == [folder / 'left__wrist_ft_comp', folder / 'right__wrist_ft_comp']
+    assert folders == [folder / 'left__wrist_ft_comp', folder / 'right__wrist_ft_comp']
 
 
 @pytest.mark.parametrize('clock', ['published', 'absent'])
