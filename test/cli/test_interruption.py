@@ -12,6 +12,9 @@ HELD = """
 import pathlib, signal, sys
 from wrist_ft_comp.cli.main import main
 
+# What a shell starts in the background ignores it, and its children do.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 def hold(*_):
     print('written', flush=True)
     signal.pause()
