@@ -38,9 +38,8 @@ def auto_here(world: World) -> Answer:
         return Answer(drift, claim)
     zero, gain = simulate_drift(calibration.model, world.judge)
     drift = zero + np.where(gain == 0.0, 0.0, gain * world.judge.reference)
-    for axis, fit in calibration.fits.items():
-        claim[AXES.index(axis)] = fit.rms_after
-    return Answer(drift, claim)
+    deviation = calibration.model.uncertainty(world.judge.temperature_c)
+    return Answer(drift, np.sqrt(np.mean(deviation**2, axis=0)))
 
 
 def auto_before(world: World) -> Answer:

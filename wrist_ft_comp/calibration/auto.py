@@ -1,245 +1,425 @@
-"""Methods ``auto`` and ``arx_pls_oe``: relaxations in competition, the simplest good one runs."""
+"""
+Method ``auto``: an average of many fits, weighted by what they leave of recordings held out.
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+Picking the best of many candidates on few recordings is itself an overfit, so none is picked. All
+are vectors of gains on one pool of columns (``identification/pool.py``), and so is their average:
+one model with a bank of relaxations. docs/algorithm.md says why each piece is there.
+
+1. Candidates: polynomials, three banks in ridge of three strengths, one or two free time constants
+   that all axes share (one body); each with and without a start that was not soaked.
+2. All are fitted without each fold in turn and judged on it; errors are quadratic forms of gains.
+3. Weights fall with a power of the held-out error, half of it the axis' own, half the mean of all.
+4. What the average leaves held out decides how much of it is used: a gate.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.calibration.candidates import build_candidate_data, CandidateData, structures
-from wrist_ft_comp.calibration.cross_validation import (
-    cross_validate,
-    CvScore,
-    hold_out,
-    part_errors,
-    simplest_good,
-    uncompensated_bins,
-)
 from wrist_ft_comp.calibration.features import build_features
-from wrist_ft_comp.calibration.result import AxisFit, OUTPUTS, Term
-from wrist_ft_comp.calibration.selection import finish, Fitted
+from wrist_ft_comp.calibration.result import AxisFit, Candidate, HeldOut
 from wrist_ft_comp.calibration.settings import IdentificationSettings
 from wrist_ft_comp.identification.axis_data import AxisData
-from wrist_ft_comp.identification.bins import bin_axis_data
-from wrist_ft_comp.identification.output_error import fit_columns, Structure
-from wrist_ft_comp.identification.standard_errors import by_relaxation, fit_gains, GainFit
-from wrist_ft_comp.identification.time_constants import search_time_constants
-from wrist_ft_comp.model.arx import relaxation, static_gain
-from wrist_ft_comp.model.arx_pls import from_gains
+from wrist_ft_comp.identification.bins import (
+    bin_axis_data,
+    BinnedData,
+    start_transients,
+    TRANSIENT_VARIANCE,
+)
+from wrist_ft_comp.identification.gains import anchored, build_axis_model, by_relaxation
+from wrist_ft_comp.identification.moments import accumulate, Moments
+from wrist_ft_comp.identification.pool import FreeTimeConstants, GRID_S, near, RidgeBank
+from wrist_ft_comp.model.arx import free_run
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import FloatArray
+from wrist_ft_comp.model.signals import BoolArray, FloatArray
 
-#: Drift that ranges this many times wider where no wrench was recorded has run away.
-_RUNAWAY = 3.0
-#: A time constant within this share of its bound is not determined by the recordings.
-_AT_BOUND = 0.01
-#: A substitute for a candidate that is too slow may leave this many times its mean square error.
-_SUBSTITUTE = 2.0
-#: … or this share of what no compensation leaves: a tenth of the drift.
-_SMALL = 0.01
-#: A time constant whose standard error is this many times its value says nothing.
-_UNDETERMINED = 1.0
-_TREND_SET_ASIDE = 'a slow trend that temperature does not explain was set aside'
-
-
-def identify_relaxations(data: AxisData, settings: IdentificationSettings) -> AxisFit:
-    """
-    Let none, static, free and banked relaxations compete, fitted on the simulation error.
-
-    ``auto`` tries all of them, ``arx_pls_oe`` free time constants only. A drift slower than the
-    recordings are long is refused when nothing simpler explains it.
-    """
-    features = build_features(data.temperature_c, settings)
-    candidate_data = choose_trend(build_candidate_data(data, features))
-    grid = candidate_data.fitted_moments.time_constants_s
-    scores = {
-        structure.name: cross_validate(candidate_data, structure)
-        for structure in structures(settings, features, grid)
-    }
-    bins = {'none': uncompensated_bins(candidate_data)}
-    bins |= {name: score.bins for name, score in scores.items()}
-    errors = {name: part_errors(each) for name, each in bins.items()}
-    competing = list(errors) if settings.method == 'auto' else list(scores)
-    fit = _choose(candidate_data, scores, errors, competing)
-    detrended = any(sums.time.any() for sums in candidate_data.judged.sums)
-    held_out = hold_out(data, bins['none'], bins[fit.chosen], detrended=detrended)
-    return replace(fit, held_out=held_out)
+#: A held-out fold is tared in its first minute, as people do.
+_TARE_S = 60.0
+_STRENGTHS = (1e-2, 1e-4, 1e-6)
+_POOLED, _GATE = 0.5, 16.0
+#: Less than this share of a correction is not worth running.
+_WORTH_USING = 0.05
+_TINY = 1e-300
+_BANKS = {
+    'bank to 3000 s': near(0, 30, 100, 300, 1000, 3000),
+    'bank to 60 s': near(0, 20, 60),
+    'bank to 600 s': near(0, 100, 600),
+}
+COMBINATION = 'combination'
 
 
-def choose_trend(data: CandidateData) -> CandidateData:
-    """
-    Set a slow trend, such as creep under load, aside where that helps on held-out data.
+class _Kind(NamedTuple):
+    """What is combined: a name, whether every start was soaked, and how it is fitted."""
 
-    That is in a long recording whose temperatures go up and down. In others it is mistaken for
-    thermal drift as easily as the other way round.
-    """
-    plain = data.without_trend()
-    if not data.trend:
-        return plain
-    bank = Structure('any', 1, 0, tuple(data.fitted_moments.time_constants_s.tolist()), 'ridge')
-    errors = [part_errors(cross_validate(each, bank).bins) for each in (plain, data)]
-    return (plain, data)[simplest_good(errors)]
+    name: str
+    soaked: bool
+    fit: RidgeBank | FreeTimeConstants
+
+    @property
+    def fits(self) -> int:
+        """How many fits it gives."""
+        return len(self.fit.strengths) if isinstance(self.fit, RidgeBank) else 1
 
 
-def _choose(
-    data: CandidateData,
-    scores: Mapping[str, CvScore],
-    errors: Mapping[str, FloatArray],
-    competing: Sequence[str],
-) -> AxisFit:
-    """Find the simplest good candidate that may run, and fit it to everything."""
-    axis_data = data.axis_data
-    notes: tuple[str, ...] = (_TREND_SET_ASIDE,) if data.trend else ()
-    doubts: tuple[str, ...] = ()
-    while True:
-        chosen = competing[simplest_good([errors[name] for name in competing])]
-        if chosen == 'none':
-            nothing = Fitted(None, notes=notes, doubts=doubts)
-            return finish(axis_data, nothing, chosen, errors, competing)
-        fitted = replace(_fit(data, scores[chosen]), notes=notes, doubts=doubts)
-        slow = _why_too_slow(axis_data, fitted)
-        why_not = slow or _why_unsafe(axis_data, fitted)
-        if not why_not or (len(competing) == 1 and not slow):
-            return finish(axis_data, fitted, chosen, errors, competing)
-        left_out = f'{chosen} was left out: {why_not}'
-        if not slow:
-            competing = [name for name in competing if name != chosen]
-            notes = (*notes, left_out)
-            continue
-        # Richer candidates would only hide behind many gains that the drift goes on.
-        substitutes = _good_substitutes(competing, chosen, errors)
-        if not substitutes and simplest_good([errors['none'], errors[chosen]]) == 0:
-            # What a person named finds no drift, so there is none that could be too slow.
-            nothing = Fitted(None, notes=(*notes, left_out), doubts=doubts)
-            return finish(axis_data, nothing, 'none', errors, ['none', chosen])
-        if not substitutes:
-            return _refuse(axis_data, chosen, slow, errors)
-        competing = substitutes
-        doubts = (*doubts, left_out)
+def _kinds(highest: int, thermometers: int) -> list[_Kind]:
+    """List what is combined, with names for people."""
+    kinds = []
+    for degree in range(1, highest + 1):
+        shape = (degree, thermometers)
+        fits: dict[str, RidgeBank | FreeTimeConstants] = {
+            'static': RidgeBank(*shape, near(0), (1e-6,)),
+            '1 time constant': FreeTimeConstants(*shape, 1),
+            **{name: RidgeBank(*shape, bank, _STRENGTHS) for name, bank in _BANKS.items()},
+        }
+        both = [(name, soaked) for name in fits for soaked in (True, False)]
+        if degree < 3:
+            fits['2 time constants'] = FreeTimeConstants(*shape, 2)
+            both.append(('2 time constants', False))
+        kinds += [_Kind(f'{name}, degree {degree}', soaked, fits[name]) for name, soaked in both]
+    return kinds
 
 
-def _fit(data: CandidateData, score: CvScore) -> Fitted:
-    """Fit a candidate to all samples, its time constants refined on them."""
-    axis_data, moments, structure = data.axis_data, data.fitted_moments, score.structure
-    features, inputs = data.features_of(structure), data.inputs(structure)
-    if structure.bank_s:
-        _, coefficients = fit_columns(moments, structure, moments.everything, inputs)
-        bank: FloatArray = np.array(structure.bank_s)
-        gains = by_relaxation(
-            coefficients[score.strength], len(bank), inputs, loaded=moments.loaded
+class _HeldOutForms(NamedTuple):
+    """Mean square error in a fold as quadratic forms of gains: start set aside, and tared."""
+
+    cleaned: FloatArray
+    tared: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Axis:
+    """An axis of the body: its bins, its moments, and its errors fold by fold."""
+
+    data: AxisData
+    binned: BinnedData
+    moments: Moments
+    forms: dict[int, _HeldOutForms]
+
+
+class _Body:
+    """All axes of a sensor, which share temperatures and time constants, and their candidates."""
+
+    def __init__(self, axes: Sequence[AxisData], settings: IdentificationSettings) -> None:
+        binned = [bin_axis_data(data, data.bin_cells[0]) for data in axes]
+        self.bins = binned[0]
+        self.features = build_features(self.bins.temperature_c, settings, beyond='tangents')
+        self.kinds = _kinds(settings.highest_degree, self.features.thermometers)
+        relaxations = [self.bins.relaxation(float(tau)) for tau in GRID_S]
+        #: Temperatures of each recording behind every relaxation, (n_i, K, J).
+        self.relaxed_c = [
+            np.stack([free_run(each, temperature_c) for each in relaxations], axis=1)
+            for temperature_c in self.bins.temperature_c
+        ]
+        self.inputs = [self._expand(self.features, i) for i in range(len(self.relaxed_c))]
+        self.axes = [
+            _Axis(data, each, accumulate(each, self.inputs, GRID_S), {})
+            for data, each in zip(axes, binned, strict=True)
+        ]
+        self.folds = np.unique(np.concatenate(self.bins.folds)).tolist()
+        for fold in self.folds:
+            for design, axis in self.designs(fold):
+                if len(design):
+                    axis.forms[fold] = _HeldOutForms(
+                        _cleaned_form(design, self.bins.period_s),
+                        _form(_tared(design, self.bins.period_s)),
+                    )
+
+    def _expand(self, features: Features, recording: int) -> FloatArray:
+        """Compute the pool's columns, without load, of a recording, (n, K·F)."""
+        relaxed_c = self.relaxed_c[recording]
+        return features.expand(relaxed_c).reshape(len(relaxed_c), -1)
+
+    def recording_of(self, fold: int) -> int:
+        """Find the recording that a fold is of."""
+        return next(i for i, folds in enumerate(self.bins.folds) if (folds == fold).any())
+
+    def designs(self, fold: int) -> Iterator[tuple[FloatArray, '_Axis']]:
+        """
+        Draw columns and r - w of a fold, as a fit to the others knows their range, (n, P + 1).
+
+            [ x_f(H_τ T) … | w x_f(H_τ T) … | w | r - w ]     with load
+        """
+        i = self.recording_of(fold)
+        others = np.concatenate(
+            [
+                temperature_c[folds != fold]
+                for temperature_c, folds in zip(
+                    self.bins.temperature_c, self.bins.folds, strict=True
+                )
+            ]
         )
-        return Fitted(_to_model(axis_data, features, bank, gains))
-    cells = bin_axis_data(axis_data, 1)
-    if not data.trend:
-        cells = cells.without_trend()
-    tau_s: FloatArray = np.zeros(1)
-    if score.time_constants_s is not None:
-        tau_s = search_time_constants(cells, features, score.time_constants_s)
-    return _determined(axis_data, features, fit_gains(cells, features, tau_s))
+        known = replace(self.features, lower_c=others.min(axis=0), upper_c=others.max(axis=0))
+        x = self._expand(known, i)
+        for axis in self.axes:
+            sums = axis.binned.sums[i]
+            rows = (axis.binned.folds[i] == fold) & (sums.count > 0)
+            count = sums.count[rows, np.newaxis]
+            w, y = sums.load[rows, np.newaxis] / count, sums.residual[rows, np.newaxis] / count
+            load = (w * x[rows], w) if axis.binned.loaded else ()
+            yield np.concatenate((x[rows], *load, y), axis=1), axis
+
+    def fit(
+        self, skip: int | None, starts: Mapping[_Kind, FloatArray]
+    ) -> tuple[list[FloatArray], dict[_Kind, FloatArray]]:
+        """
+        Fit none and all candidates to all folds but one, time constants from a start if known.
+
+        Gains of the pool for every axis, (C, P + 1), -1 for r - w, and the ln τ that were found.
+        """
+        moments = [axis.moments for axis in self.axes]
+        normals = {}
+        for soaked in (True, False):
+            precision = self.bins.nuisance_precision(soaked=soaked)
+            normals[soaked] = [
+                replace(each, precision=precision).centred(each.fold != skip) for each in moments
+            ]
+        gains = [[np.append(np.zeros(len(n) - 1), -1.0)[np.newaxis]] for n in normals[True]]
+        logs = {}
+        for kind in self.kinds:
+            theirs = normals[kind.soaked]
+            pairs = list(zip(moments, theirs, strict=True))
+            if isinstance(kind.fit, RidgeBank):
+                fits = [kind.fit.fit(*pair) for pair in pairs]
+            else:
+                start = starts[kind] if kind in starts else kind.fit.first_guess(moments, theirs)
+                logs[kind] = kind.fit.search(moments, theirs, start)
+                fits = [kind.fit.fit(*pair, logs[kind]) for pair in pairs]
+            for own, fit in zip(gains, fits, strict=True):
+                own.append(fit)
+        return [np.concatenate(own) for own in gains], logs
 
 
-def _determined(data: AxisData, features: Features, fit: GainFit) -> Fitted:
-    """Turn a fit with standard errors into a candidate."""
-    free = fit.time_constants_s > 0
-    return Fitted(
-        model=_to_model(data, features, fit.time_constants_s, fit.gains),
-        time_constants_s=tuple(fit.time_constants_s[free].tolist()),
-        time_constant_errors_s=tuple(fit.time_constant_errors_s[free].tolist()),
-        terms=tuple(
-            Term(
-                output,
-                float(tau),
-                feature,
-                float(fit.gains[k, f, m]),
-                float(fit.gain_errors[k, f, m]),
+def identify_together(
+    axes: Sequence[AxisData],
+    settings: IdentificationSettings,
+    progress: Callable[[float], None] = lambda _: None,
+) -> list[AxisFit]:
+    """
+    Learn the drift of all axes of a sensor from many fits, each as far as it holds unseen.
+
+    What is stated to be left is the mean over held-out recordings, tared in their first minute.
+    """
+    body = _Body(axes, settings)
+    gains, logs = body.fit(None, {})
+    held_out: dict[int, list[FloatArray]] = {}
+    held_out_logs = []
+    for number, fold in enumerate(body.folds, 1):
+        progress(number / (len(body.folds) + 1))
+        held_out[fold], found = body.fit(fold, logs)
+        held_out_logs.append(found)
+    errors = [_candidate_errors(axis, n, held_out) for n, axis in enumerate(body.axes)]
+    days = len(body.relaxed_c)
+    weights = _weigh([each.cleaned for each in errors], days)
+    after = _held_out_errors(body, weights, held_out)
+    lags = _Lags(logs, held_out_logs)
+    return [
+        replace(
+            _axis_fit(body, axis, weights[n], errors[n].tared, lags),
+            model=_model(body, axis, weights[n] @ gains[n]) if weights[n][0] < 1 else None,
+            held_out=after[n],
+        )
+        for n, axis in enumerate(body.axes)
+    ]
+
+
+def _tared(design: FloatArray, period_s: float) -> FloatArray:
+    """Zero every column, (n, P + 1), on its first minute."""
+    first = design[: max(1, round(_TARE_S / period_s))]
+    return np.asarray(design - first.mean(axis=0))
+
+
+def _form(design: FloatArray) -> FloatArray:
+    """Mean square of a combination of columns, as a quadratic form of its gains."""
+    return np.asarray(design.T @ design / len(design))
+
+
+def _cleaned_form(design: FloatArray, period_s: float) -> FloatArray:
+    """Mean square around a constant and a start transient."""
+    time_s = np.arange(len(design)) * period_s
+    phi = np.concatenate((np.ones((len(design), 1)), start_transients(time_s)), axis=1)
+    precision = np.full(phi.shape[1], len(design) / TRANSIENT_VARIANCE)
+    precision[0] = 0.0
+    crossed = phi.T @ design
+    level = np.linalg.solve(phi.T @ phi + np.diag(precision), crossed)
+    return np.asarray(_form(design) - crossed.T @ level / len(design))
+
+
+def _candidate_errors(
+    axis: _Axis, number: int, held_out: Mapping[int, Sequence[FloatArray]]
+) -> _HeldOutForms:
+    """Turn the forms of an axis into those of weights of candidates, (folds, C, C)."""
+    parts = [
+        [held_out[fold][number] @ form @ held_out[fold][number].T for form in forms]
+        for fold, forms in axis.forms.items()
+    ]
+    return _HeldOutForms(*(np.stack(part) for part in zip(*parts, strict=True)))
+
+
+def _root_mean_squares(weights: FloatArray, forms: FloatArray) -> FloatArray:
+    """Sum up what a weighted average, (C,), leaves of every fold, (folds,)."""
+    squares = np.einsum('i,fij,j->f', weights, forms, weights)
+    return np.asarray(np.sqrt(np.maximum(squares, _TINY)))
+
+
+def _weigh(errors: Sequence[FloatArray], days: int) -> list[FloatArray]:
+    """
+    Weigh none and all candidates of every axis by their held-out forms, (folds, C, C).
+
+    A logarithm's mean over folds is a geometric mean of their errors: no day outvotes the others.
+    """
+    logs = np.array(
+        [np.log(np.einsum('fii->fi', each) + _TINY).mean(axis=0) / 2 for each in errors]
+    )
+    logs -= logs[:, :1]
+    logs = (1 - _POOLED) * logs + _POOLED * logs.mean(axis=0)
+    folds = np.array([[len(each)] for each in errors])
+    power = 2 * folds if days > 1 else folds
+    weights = np.exp(-power * (logs - logs[:, 1:].min(axis=1, keepdims=True)))
+    weights[:, 0] = 0.0
+    weights /= weights.sum(axis=1, keepdims=True)
+    gained = np.array(
+        [
+            np.mean(np.log(_root_mean_squares(own, each) / np.sqrt(each[:, 0, 0] + _TINY)))
+            for own, each in zip(weights, errors, strict=True)
+        ]
+    )
+    use = _gate(gained) * _gate(gained.mean())
+    use[use < _WORTH_USING] = 0.0
+    weights *= use[:, np.newaxis]
+    weights[:, 0] = 1 - use
+    return list(weights)
+
+
+def _gate(gained: FloatArray) -> FloatArray:
+    """Share of a correction that is used: half where it leaves what none leaves, all far below."""
+    return np.asarray(1 / (1 + np.exp(np.clip(_GATE * gained, -500, 500))))
+
+
+def _held_out_errors(
+    body: _Body, weights: Sequence[FloatArray], held_out: Mapping[int, Sequence[FloatArray]]
+) -> list[HeldOut]:
+    """Keep every axis' errors on every fold, without compensation and of the average."""
+    parts: list[list[tuple[FloatArray, ...]]] = [[] for _ in body.axes]
+    cells = body.bins.cells
+    for fold in body.folds:
+        i = body.recording_of(fold)
+        for n, (design, axis) in enumerate(body.designs(fold)):
+            if not len(design):
+                continue
+            bins = np.flatnonzero((axis.binned.folds[i] == fold) & (axis.binned.sums[i].count > 0))
+            middle = np.minimum((bins + 0.5) * cells - 0.5, len(axis.data.residual[i]) - 1)
+            tared = _tared(design, body.bins.period_s)
+            remaining = -tared @ (weights[n] @ held_out[fold][n])
+            same = np.ones(len(bins))
+            parts[n].append((i * same, fold * same, middle, tared[:, -1], remaining))
+    kept = []
+    for own in parts:
+        recording, fold_of, cell, before, after = (
+            np.concatenate(part) for part in zip(*own, strict=True)
+        )
+        kept.append(
+            HeldOut(
+                recording=recording.astype(np.int64),
+                fold=fold_of.astype(np.int64),
+                cell=cell,
+                before=before,
+                after=after,
+                bin_s=body.bins.period_s,
+                tared=True,
             )
-            for m, output in zip(range(fit.gains.shape[2]), OUTPUTS, strict=False)
-            for k, tau in enumerate(fit.time_constants_s)
-            for f, feature in enumerate(features.names)
-        ),
+        )
+    return kept
+
+
+class _Lags(NamedTuple):
+    """Free ln τ by kind, of the fit to everything and of those without each fold."""
+
+    everything: Mapping[_Kind, FloatArray]
+    held_out: Sequence[Mapping[_Kind, FloatArray]]
+
+    def stated(self, kind: _Kind) -> tuple[FloatArray, FloatArray]:
+        """Time constants, increasing, and their standard errors by the jackknife over folds, s."""
+        others = np.exp([np.sort(each[kind]) for each in self.held_out])
+        spread = np.sqrt((len(others) - 1) * np.var(others, axis=0))
+        return np.exp(np.sort(self.everything[kind])), spread
+
+
+def _axis_fit(
+    body: _Body, axis: _Axis, weights: FloatArray, tared: FloatArray, lags: _Lags
+) -> AxisFit:
+    """Turn the weights of an axis into its evidence."""
+    data = axis.data
+    owners = [kind for kind in body.kinds for _ in range(kind.fits)]
+
+    def state(name: str, members: BoolArray) -> Candidate:
+        """Tell what some candidates leave together, weighted as they run."""
+        total = float(weights[members].sum())
+        inside = np.where(members, weights if total > 0 else 1.0, 0.0)
+        rms = _root_mean_squares(inside / inside.sum(), tared).mean() * np.sqrt(longer)
+        return Candidate(name, float(rms), total)
+
+    longer = _whole_over_parts(axis, tared)
+    positions = np.arange(len(weights))
+    none, after = state('none', positions == 0), state(COMBINATION, positions >= 0)
+    # Over a whole recording drift goes all that way, what a model leaves of it wanders.
+    none = replace(none, rms=none.rms * float(np.sqrt(longer)))
+    names = np.array(['none', *(kind.name for kind in owners)])
+    candidates = [state(name, names == name) for name in dict.fromkeys(names[1:].tolist())]
+    used = 1 - float(weights[0])
+    free = list(lags.everything)
+    shares = {kind: float(weights[1:][[owner is kind for owner in owners]].sum()) for kind in free}
+    tau_s, tau_errors_s = np.zeros((2, 0))
+    if sum(shares.values()) > used / 2:
+        tau_s, tau_errors_s = lags.stated(max(free, key=lambda kind: shares[kind]))
+    heaviest = sorted(candidates, key=lambda each: -each.weight)[:2]
+    reason = (
+        f'An average of {len(owners)} fits leaves {after.rms:.3g} {data.unit} RMS on held-out '
+        f'data, no compensation {none.rms:.3g} {data.unit}; most weight have '
+        + ' and '.join(f'{each.name} ({100 * each.weight / used:.0f} %)' for each in heaviest)
+        + f', and {100 * used:.0f} % of the correction is used.'
+        if used
+        else f'Nothing that was tried holds on held-out data: no compensation leaves '
+        f'{none.rms:.3g} {data.unit} RMS.'
+    )
+    return AxisFit(
+        model=None,
+        chosen=COMBINATION if used else 'none',
+        candidates=(none, *candidates),
+        rms_before=none.rms,
+        rms_after=after.rms,
+        notes=(f'zero drift only: {data.no_sensitivity}',) if data.no_sensitivity else (),
+        reason=reason,
+        time_constants_s=tuple(tau_s.tolist()),
+        time_constant_errors_s=tuple(tau_errors_s.tolist()),
+        unit=data.unit,
     )
 
 
-def _why_too_slow(data: AxisData, fitted: Fitted) -> str:
-    """Say that the recordings are too short for a time constant, or nothing when they are not."""
-    if max(fitted.time_constants_s, default=0.0) < (1 - _AT_BOUND) * data.longest_s:
-        return ''
-    return (
-        f'its slowest time constant is at least {data.longest_s:.0f} s, as long as the longest '
-        'recording'
+def _whole_over_parts(axis: _Axis, tared: FloatArray) -> float:
+    """Tell how much further a whole recording moves than the parts of it that were held out."""
+    if len(axis.binned.sums) > 1:
+        return 1.0
+    sums = axis.binned.sums[0]
+    rows = sums.count > 0
+    y = _tared((sums.residual[rows] / sums.count[rows])[:, np.newaxis], axis.binned.period_s)
+    whole = np.sqrt(np.mean(y**2))
+    return max(1.0, float(whole / np.sqrt(tared[:, 0, 0] + _TINY).mean()))
+
+
+def _model(body: _Body, axis: _Axis, gains: FloatArray) -> AxisModel | None:
+    """Write gains of the pool, (P + 1,), as a model whose zero drift is none at rest at T_ref."""
+    shape = (len(GRID_S), axis.moments.inputs)
+    model = build_axis_model(
+        body.features,
+        GRID_S,
+        by_relaxation(gains[:-1], *shape, loaded=axis.binned.loaded),
+        body.inputs,
+        body.bins.period_s / body.bins.cells,
     )
-
-
-def _good_substitutes(
-    competing: Sequence[str], chosen: str, errors: Mapping[str, FloatArray]
-) -> list[str]:
-    """List the simpler candidates, when one of them does nearly as well."""
-    simpler = list(competing[: competing.index(chosen)])
-    enough = max(_SUBSTITUTE * float(errors[chosen].mean()), _SMALL * float(errors['none'].mean()))
-    return simpler if any(float(errors[name].mean()) <= enough for name in simpler) else []
-
-
-def _refuse(data: AxisData, chosen: str, why: str, errors: Mapping[str, FloatArray]) -> AxisFit:
-    """Leave an axis without model whose drift is slower than the recordings can show."""
-    refusal = (
-        f'{data.axis} drifts too slowly for these recordings: {chosen} explains it best, but '
-        f'{why}. Record at least {2 * data.longest_s / 3600:.1f} h from cold, or choose the '
-        'method pls'
-    )
-    fit = finish(data, Fitted(None), 'none', errors, ['none'])
-    return replace(fit, reason=f'{refusal}.', refusal=refusal)
-
-
-def _why_unsafe(data: AxisData, fitted: Fitted) -> str:
-    """Say why a fit must not run although it scored well, or nothing when it may."""
-    pairs = list(zip(fitted.time_constants_s, fitted.time_constant_errors_s, strict=True))
-    if any(error > _UNDETERMINED * tau for tau, error in pairs):
-        stated = ', '.join(f'{tau:.0f} ± {error:.0f} s' for tau, error in pairs)
-        return f'the recordings do not determine its time constants ({stated})'
-    model = fitted.model
     if model is None:
-        return ''
-    for temperature_c, residual in zip(data.temperature_c, data.residual, strict=True):
-        drift = model.run(model.start(temperature_c[0]), temperature_c)[1]
-        seen = np.isfinite(residual)
-        if seen.any() and (np.ptp(drift, axis=0) > _RUNAWAY * np.ptp(drift[seen], axis=0)).any():
-            return 'its drift runs away where no wrench was recorded'
-    return ''
-
-
-def _to_model(
-    data: AxisData, features: Features, time_constants_s: FloatArray, gains: FloatArray
-) -> AxisModel | None:
-    """
-    Write fitted gains, shape (K, F, M), in the form that runs.
-
-    Relaxations become filters, K·J filtered temperatures one set of features; None without gains.
-    """
-    count = len(time_constants_s)
-    joined = replace(
-        features,
-        reference_c=np.tile(features.reference_c, count),
-        lower_c=np.tile(features.lower_c, count),
-        upper_c=np.tile(features.upper_c, count),
-        knots_c=features.knots_c * count,
-    )
-    if features.kind == 'powers':
-        # by relaxation, power, thermometer -> by power, relaxation, thermometer
-        shape = (count, features.degree, features.thermometers, gains.shape[2])
-        gains = np.moveaxis(gains.reshape(shape), 1, 0)
-    flat = gains.reshape(-1, gains.shape[-1])
-    inputs = np.concatenate(
-        [joined.expand(np.tile(temperature_c, count)) for temperature_c in data.temperature_c]
-    )
-    deviation = inputs.std(axis=0)
-    dynamics = from_gains(
-        [static_gain()],
-        flat[np.newaxis],
-        inputs.mean(axis=0),
-        1.0 / np.where(deviation > 0, deviation, 1.0),
-        np.ones(flat.shape[1]),
-    )
-    if dynamics is None:
         return None
-    bank = tuple(relaxation(float(tau), data.period_s) for tau in time_constants_s)
-    return AxisModel(joined, dynamics, bank if time_constants_s.any() else ())
+    at_rest = [0.0, float(gains[-2])] if axis.binned.loaded else [0.0]
+    return anchored(model, at_rest)

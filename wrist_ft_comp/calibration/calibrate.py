@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from wrist_ft_comp.calibration.auto import identify_relaxations
+from wrist_ft_comp.calibration.auto import identify_together
 from wrist_ft_comp.calibration.data_checks import (
     check_alike,
     check_loads,
@@ -14,7 +14,8 @@ from wrist_ft_comp.calibration.data_checks import (
     MIN_SAMPLES,
     silent_stretches,
 )
-from wrist_ft_comp.calibration.paper_methods import identify_paper_method
+from wrist_ft_comp.calibration.free_relaxations import identify_free_relaxations
+from wrist_ft_comp.calibration.paper_methods import identify_hats, identify_paper_method
 from wrist_ft_comp.calibration.result import AxisFit, Calibration, SURE_SHARE
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError
@@ -23,6 +24,8 @@ from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.signals import AXES, Recording
 
 Progress = Callable[[float], None]
+#: What a start looks at: long enough for the noise of a thermometer, short for a thermal body, s.
+_START_S = 10.0
 #: A time constant below this many thermal cells is at its lower bound.
 _AT_BOUND = 1.01
 
@@ -71,17 +74,17 @@ def calibrate(
     check_loads(recordings, axes, settings.reference)
     recordings, dropped = drop_stuck_cells(recordings, axes)
     folds = assign_folds(recordings)
-    fits: dict[str, AxisFit] = {}
-    for number, axis in enumerate(axes):
+    problems = []
+    for axis in axes:
         data = build_axis_data(recordings, axis, settings.reference, folds)
         if data.samples < MIN_SAMPLES or len(data.fold_numbers) < 2:
             raise CalibrationRefusedError(
                 f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
                 f'least {MIN_SAMPLES} in 2 blocks are needed. Record longer.'
             )
-        fits[axis] = identify_axis(data, settings.identification)
-        if progress is not None:
-            progress((number + 1) / len(axes))
+        problems.append(data)
+    found = identify(problems, settings.identification, progress or (lambda _: None))
+    fits = dict(zip(axes, found, strict=True))
     refusals = [fit.refusal for fit in fits.values() if fit.refusal]
     if refusals and all(fit.model is None for fit in fits.values()):
         raise CalibrationRefusedError(f'{refusals[0]}.')
@@ -90,6 +93,7 @@ def calibrate(
         thermometers=recordings[0].thermometers,
         axes={axis: fit.model for axis, fit in fits.items() if fit.model is not None},
         deviation={axis: fit.rms_after for axis, fit in fits.items()},
+        start_s=_START_S,
     )
     duration_s = sum(recording.duration_s for recording in recordings)
     warnings = [
@@ -102,16 +106,26 @@ def calibrate(
     return Calibration(model, fits, ranges, duration_s, tuple(warnings))
 
 
+def identify(
+    axes: Sequence[AxisData], settings: IdentificationSettings, progress: Progress
+) -> list[AxisFit]:
+    """Identify all axes of a sensor by the method that was chosen."""
+    if settings.method == 'auto' and settings.features == 'powers' and axes[0].tared:
+        return identify_together(axes, settings, progress)
+    fits = []
+    for number, data in enumerate(axes, 1):
+        fits.append(identify_axis(data, settings))
+        progress(number / len(axes))
+    return fits
+
+
 def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     """Identify one axis by the method that was chosen."""
-    method = settings.method
-    if method != 'arx_pls_oe' and method != 'auto':  # noqa: PLR1714 -- mypy narrows only this
-        return identify_paper_method(data, settings, (method,))
-    if method == 'auto' and settings.features == 'hats':
-        # Knots follow the temperatures that are left when a fold is held out, so moments that
-        # were summed once cannot serve all candidates.
-        return identify_paper_method(data, settings, ('none', 'pls'))
-    return identify_relaxations(data, settings)
+    if settings.method == 'auto':
+        return identify_hats(data, settings)
+    if settings.method == 'arx_pls_oe':
+        return identify_free_relaxations(data, settings)
+    return identify_paper_method(data, settings, settings.method)
 
 
 def _doubts(recordings: Sequence[Recording], fits: dict[str, AxisFit]) -> list[str]:

@@ -1,9 +1,10 @@
 """
 Where a candidate is scored: on folds that it did not see, in free run, averaged over bins.
 
-Relaxations are fitted from sums (``cross_validate``), any other model by refitting and running it
-(``refit_bins``). ``part_errors`` sums their errors up, ``simplest_good`` compares the sums, and
-``hold_out`` keeps the winner's errors for pictures.
+Free relaxations are fitted from sums (``cross_validate``), the paper's methods by refitting and
+running (``refit_bins``); ``auto`` scores all pairs of candidates at once, on its own.
+``part_errors`` sums errors up, ``simplest_good`` compares the sums, and ``hold_out`` keeps the
+winner's errors for pictures.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,14 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.calibration.candidates import CandidateData
 from wrist_ft_comp.calibration.result import HeldOut
 from wrist_ft_comp.identification.axis_data import AxisData
-from wrist_ft_comp.identification.bins import Sums
-from wrist_ft_comp.identification.moments import accumulate, bank_inputs
-from wrist_ft_comp.identification.output_error import fit_columns, Structure
+from wrist_ft_comp.identification.bins import bin_axis_data, BinnedData, Sums
+from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
+from wrist_ft_comp.identification.output_error import best_on_grid, Structure
+from wrist_ft_comp.identification.regression import least_squares
 from wrist_ft_comp.identification.time_constants import search_time_constants
 from wrist_ft_comp.model.axis_model import AxisModel
+from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import FloatArray, IntArray
 
 #: Nearer to its optimum, a candidate's errors change by far less than they differ from others'.
@@ -28,14 +30,57 @@ _TOLERANCE = 1e-5
 JUDGED_PARTS = 4
 #: A candidate has to lower the mean square error by this share to be worth its complexity.
 WORTHWHILE = 0.15
+#: Time constants from which a search begins, s.
+_GRID_POINTS, _SHORTEST_TAU_S, _LONGEST_TAU_S = 13, 20.0, 7200.0
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateData:
+    """
+    What all candidates of an axis are fitted from and scored on.
+
+    Features are those of one relaxation's temperatures, of the highest degree; moments hold all
+    of them behind a grid of time constants.
+    """
+
+    axis_data: AxisData
+    features: Features
+    fitted: BinnedData
+    judged: BinnedData
+    fitted_moments: Moments
+
+    def inputs(self, structure: Structure) -> int:
+        """Count the features of a structure: powers up to its degree, or all hats."""
+        if self.features.kind == 'powers':
+            return structure.degree * self.features.thermometers
+        return sum(len(knots) for knots in self.features.knots_c)
+
+    def features_of(self, structure: Structure) -> Features:
+        """Features of one relaxation's temperatures."""
+        if self.features.kind == 'hats':
+            return self.features
+        return replace(self.features, degree=structure.degree)
+
+
+def build_candidate_data(data: AxisData, features: Features) -> CandidateData:
+    """Pass the temperatures through the grid of time constants, and sum."""
+    grid = time_constant_grid(data)
+    fitted_cells, judged_cells = data.bin_cells
+    fitted = bin_axis_data(data, fitted_cells)
+    judged = bin_axis_data(data, judged_cells, means=True)
+    moments = accumulate(fitted, bank_inputs(fitted, features, grid), grid)
+    return CandidateData(data, features, fitted, judged, moments)
+
+
+def time_constant_grid(data: AxisData) -> FloatArray:
+    """Lay out the time constants that are tried: 0 (static), then evenly in their logarithm, s."""
+    low = max(_SHORTEST_TAU_S, 2 * data.period_s)
+    high = max(min(_LONGEST_TAU_S, data.longest_s / 2), 2 * low)
+    return np.concatenate(([0.0], np.geomspace(low, high, _GRID_POINTS)))
 
 
 class FoldBins(NamedTuple):
-    """
-    Bins of a recording in a held-out fold: mean cell numbers, (n,), and errors.
-
-    Errors are counted from a constant, (n,), or for every strength of a regression, (n, S).
-    """
+    """Bins of a recording in a held-out fold: cell numbers and errors around a constant, (n,)."""
 
     recording: int
     fold: int
@@ -45,17 +90,11 @@ class FoldBins(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CvScore:
-    """
-    How a candidate did on held-out folds, at its best strength.
-
-    The strength is the position of the best one of a regularised regression; time constants are
-    those that were searched, (K,), s.
-    """
+    """How a candidate did on held-out folds; its time constants fitted to all, (K,), s."""
 
     structure: Structure
     bins: list[FoldBins]
-    strength: int = 0
-    time_constants_s: FloatArray | None = None
+    time_constants_s: FloatArray
 
 
 #: Fits an axis, of which a fold may be held out: a model or None, and what had to be mended.
@@ -63,45 +102,33 @@ Refit = Callable[[AxisData], tuple[AxisModel | None, tuple[str, ...]]]
 
 
 def cross_validate(data: CandidateData, structure: Structure) -> CvScore:
-    """Score a candidate, at its best strength, on folds that it did not see."""
-    moments = data.fitted_moments
-    tau_s = None
-    if structure.free_time_constants:
-        columns, _ = fit_columns(moments, structure, moments.everything, data.inputs(structure))
-        half = len(moments.time_constants_s) * moments.inputs
-        on_grid = moments.time_constants_s[np.unique(columns[columns < half] // moments.inputs)]
-        # All combinations on the grid were the starts; the best of them is followed.
-        features = data.features_of(structure)
-        tau_s = search_time_constants(data.fitted, features, on_grid, _TOLERANCE)
+    """Score a candidate on folds that it did not see."""
+    moments, features = data.fitted_moments, data.features_of(structure)
+    # All combinations on the grid were the starts; the best of them is followed.
+    start_s = best_on_grid(moments, structure, data.inputs(structure))
+    tau_s = search_time_constants(data.fitted, features, start_s, _TOLERANCE)
     bins = [
         each
         for fold in np.unique(moments.fold).tolist()
-        for each in _left_out_bins(data, structure, tau_s, fold)
+        for each in _left_out_bins(data, features, tau_s, fold)
     ]
-    best = int(np.argmin(part_errors(bins).mean(axis=0)))
-    at_best = [each._replace(errors=each.errors[:, best]) for each in bins]
-    return CvScore(structure, at_best, best, tau_s)
+    return CvScore(structure, bins, tau_s)
 
 
 def _left_out_bins(
-    data: CandidateData, structure: Structure, start_s: FloatArray | None, fold: int
+    data: CandidateData, features: Features, start_s: FloatArray, fold: int
 ) -> list[FoldBins]:
-    """Fit a candidate to all folds but one, from a start where it searches; its errors there."""
-    fitted, judged = data.fitted, data.judged
-    moments, banked = data.fitted_moments, data.judged_inputs
-    if start_s is not None:
-        features = data.features_of(structure)
-        tau_s = search_time_constants(fitted.without(fold), features, start_s, _TOLERANCE)
-        structure = replace(structure, free_time_constants=0, bank_s=tuple(tau_s))
-        moments = accumulate(fitted, bank_inputs(fitted, features, tau_s), tau_s)
-        banked = bank_inputs(judged, features, tau_s)
-    keep = moments.fold != fold
-    columns, coefficients = fit_columns(moments, structure, keep, data.inputs(structure))
+    """Fit time constants and gains to all folds but one, and keep their errors there."""
+    fitted, judged = data.fitted.without(fold), data.judged
+    tau_s = search_time_constants(fitted, features, start_s, _TOLERANCE)
+    moments = accumulate(fitted, bank_inputs(fitted, features, tau_s), tau_s)
+    columns = moments.columns(range(len(tau_s)), moments.inputs)
+    gains, _ = least_squares(moments.centred(moments.everything), columns)
+    banked = bank_inputs(judged, features, tau_s)
     bins = []
     for i in _recordings_with(data, fold):
         design = _design(banked[i], judged.sums[i], loaded=judged.loaded)[:, columns]
-        errors = judged.sums[i].residual[:, np.newaxis] - design @ coefficients.T
-        bins.append(_around_level(data, i, fold, errors))
+        bins.append(_around_level(data, i, fold, judged.sums[i].residual - design @ gains))
     return bins
 
 
@@ -112,14 +139,10 @@ def _recordings_with(data: CandidateData, fold: int) -> list[int]:
 
 
 def _around_level(data: CandidateData, i: int, fold: int, errors: FloatArray) -> FoldBins:
-    """Count a recording's errors, (n, S), in a fold from what no temperature has to explain."""
-    judged, sums = data.judged, data.judged.sums[i]
-    present = sums.count > 0
+    """Count a recording's errors, (n,), in a fold from a constant."""
+    judged, present = data.judged, data.judged.sums[i].count > 0
     held = (judged.folds[i] == fold) & present
-    basis = held if judged.tared else ~held & present
-    # A constant, and a trend where time is not 0.
-    one_and_time = np.stack((np.ones_like(sums.time), sums.time), axis=1)
-    level = one_and_time @ np.linalg.lstsq(one_and_time[basis], errors[basis], rcond=None)[0]
+    level = errors[held if judged.tared else ~held & present].mean()
     cells = judged.period_s / data.axis_data.period_s
     middles = (np.flatnonzero(held) + 0.5) * cells - 0.5
     last = len(data.axis_data.residual[i]) - 1
@@ -147,10 +170,10 @@ def uncompensated_bins(data: CandidateData) -> list[FoldBins]:
 
 
 def part_errors(bins: Sequence[FoldBins]) -> FloatArray:
-    """Score every fold in parts: mean squares, shape (parts,), by strength (parts, S)."""
+    """Score every fold in parts: mean squares, shape (parts,)."""
     return np.array(
         [
-            part.mean(axis=0)
+            part.mean()
             for each in bins
             for part in np.array_split(each.errors**2, min(JUDGED_PARTS, len(each.errors)))
         ]
@@ -231,13 +254,7 @@ def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray
     return np.asarray(sums / counts.reshape(-1, *[1] * (values.ndim - 1)))
 
 
-def hold_out(
-    data: AxisData,
-    before: Sequence[FoldBins],
-    after: Sequence[FoldBins],
-    *,
-    detrended: bool = False,
-) -> HeldOut:
+def hold_out(data: AxisData, before: Sequence[FoldBins], after: Sequence[FoldBins]) -> HeldOut:
     """Keep the errors on every held-out fold, without compensation and of the winner."""
     rows = [
         np.stack(np.broadcast_arrays(*raw, compensated.errors))
@@ -253,5 +270,4 @@ def hold_out(
         after=remaining,
         bin_s=data.bin_cells[1] * data.period_s,
         tared=data.tared,
-        detrended=detrended,
     )

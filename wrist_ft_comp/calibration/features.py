@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wrist_ft_comp.calibration.settings import IdentificationSettings
-from wrist_ft_comp.model.features import Features
+from wrist_ft_comp.model.features import Beyond, Features
 from wrist_ft_comp.model.signals import FloatArray
 
 #: More distinct temperatures than this are no plateaus; hats then get evenly spaced knots.
@@ -17,6 +17,7 @@ def build_features(
     temperature_c: Sequence[FloatArray],
     settings: IdentificationSettings,
     observed: Sequence[FloatArray] | None = None,
+    beyond: Beyond = 'clamped',
 ) -> Features:
     """
     Choose reference, range and knots of the features from the recorded temperatures, (N_i, J).
@@ -34,8 +35,9 @@ def build_features(
         reference_c=everything.mean(axis=0),
         lower_c=everything.min(axis=0),
         upper_c=everything.max(axis=0),
-        degree=settings.degree if settings.features == 'powers' else 1,
+        degree=settings.highest_degree if settings.features == 'powers' else 1,
         knots_c=knots,
+        beyond=beyond,
     )
 
 

@@ -1,9 +1,8 @@
 """The paper's methods by name; held-out folds choose their number of latents."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from wrist_ft_comp.calibration.cross_validation import (
     Refit,
     refit_bins,
     simplest_good,
+    unexplained,
 )
 from wrist_ft_comp.calibration.features import build_features
 from wrist_ft_comp.calibration.result import AxisFit
@@ -24,32 +24,72 @@ from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.features import Features
 
 _MAX_LATENTS = 8
+#: Gain drift is learnt in hats when it leaves at most this share of what leaving it alone does.
+_GAIN_WORTH = 0.5
 
 
 def identify_paper_method(
-    data: AxisData,
-    settings: IdentificationSettings,
-    methods: Sequence[PaperMethod | Literal['none']],
+    data: AxisData, settings: IdentificationSettings, method: PaperMethod
 ) -> AxisFit:
     """
-    Let held-out folds choose among the paper's methods and their numbers of latents.
+    Let held-out folds choose the number of latents of a method of the paper.
 
-    "none" among the methods stands for no compensation. An ARX without enough consecutive samples
-    is a TooShortError.
+    An ARX without enough consecutive samples is a TooShortError.
     """
-    refits: dict[str, Refit] = {'none': lambda _: (None, ())}
-    for method in methods:
-        if method != 'none':
-            for r in _latents_to_try(settings, _features(data, settings), method):
-                name = f'{method}, {r} latent{"s" * (r > 1)}'
-                refits[name] = partial(_fit, settings, method, r)
+    refits: dict[str, Refit] = {
+        f'{method}, {r} latent{"s" * (r > 1)}': partial(_fit, settings, method, r)
+        for r in _latents_to_try(settings, _features(data, settings), method)
+    }
+    return _compete(data, refits)
+
+
+def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
+    """
+    Let held-out folds choose between none and piecewise linear drift.
+
+    What ``auto`` does at the plateaus of a chamber test. Gain drift is left alone unless the gain
+    of a fold that was held out comes out better: between a few temperatures it is easily worse.
+    """
+    hats = replace(settings, features='hats')
+    every = settings.latents or len(_features(data, hats).names)
+    zero, both = partial(_fit_zero, hats, every), partial(_fit, hats, 'pls', every)
+    if data.load is not None and _gain_error(data, both) <= _GAIN_WORTH * _gain_error(data, zero):
+        return _compete(data, {'zero and gain drift in hats': both}, may_be_none=True)
+    return _compete(data, {'zero drift in hats': zero}, may_be_none=True)
+
+
+def _gain_error(data: AxisData, refit: Refit) -> float:
+    """Root mean square error of the gain in folds that were held out."""
+    assert data.load is not None  # noqa: S101 -- the caller looked
+    errors = []
+    for fold in data.fold_numbers:
+        remainders = unexplained(data, refit(data.without(fold))[0])
+        for left, load, folds in zip(remainders, data.load, data.folds, strict=True):
+            rows = (folds == fold) & np.isfinite(left) & np.isfinite(load)
+            w = load[rows] - load[rows].mean() if rows.any() else load[rows]
+            if w.any():
+                errors.append(float(w @ left[rows]) / float(w @ w))
+    return float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
+
+
+def _compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = False) -> AxisFit:
+    """Let the simplest good one run; no compensation is scored beside them."""
+    competing = ['none', *refits] if may_be_none else list(refits)
+    refits = {'none': lambda _: (None, ()), **refits}
     bins = {name: refit_bins(data, refit) for name, refit in refits.items()}
     errors = {name: part_errors(each) for name, each in bins.items()}
-    competing = [name for name in refits if name != 'none' or 'none' in methods]
     chosen = competing[simplest_good([errors[name] for name in competing])]
     model, notes = refits[chosen](data)
     result = finish(data, Fitted(model, notes=notes), chosen, errors, competing)
     return replace(result, held_out=hold_out(data, bins['none'], bins[chosen]))
+
+
+def _fit_zero(
+    settings: IdentificationSettings, latents: int, part: AxisData
+) -> tuple[AxisModel | None, tuple[str, ...]]:
+    """Fit zero drift beside gain drift, where there are loads, and leave the gain alone."""
+    model, notes = _fit(settings, 'pls', latents, part)
+    return None if model is None else model.without_gain_drift(), notes
 
 
 def _features(data: AxisData, settings: IdentificationSettings) -> Features:

@@ -19,10 +19,11 @@ SURE_SHARE = 0.5
 
 @dataclass(frozen=True)
 class Candidate:
-    """A name for people, and the root mean square error on held-out folds, N or N m."""
+    """A name, the root mean square error on held-out folds, N or N m, and the share that runs."""
 
     name: str
     rms: float
+    weight: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,8 @@ class HeldOut:
         Without compensation, and of the chosen candidate fitted to the other folds, N or N m.
     bin_s : float
         Length of a bin, s.
-    tared, detrended : bool
-        Whether the constant is the fold's own; whether errors are counted from a slow trend, too.
+    tared : bool
+        Whether the constant is the fold's own.
 
     """
 
@@ -78,7 +79,6 @@ class HeldOut:
     after: FloatArray
     bin_s: float
     tared: bool
-    detrended: bool
 
 
 def rms_by_fold(held_out: HeldOut) -> FoldErrors:

@@ -1,13 +1,14 @@
 """From the candidate that was chosen to the result of an axis: its constants, and the reason."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from wrist_ft_comp.calibration.cross_validation import standard_error, unexplained, WORTHWHILE
 from wrist_ft_comp.calibration.result import AxisFit, Candidate, Term
 from wrist_ft_comp.identification.axis_data import AxisData
+from wrist_ft_comp.identification.gains import anchored
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.signals import FloatArray
 
@@ -45,6 +46,8 @@ def finish(
     notes = winner.notes
     if data.no_sensitivity:
         notes = (*notes, f'zero drift only: {data.no_sensitivity}')
+    elif winner.model is not None and winner.model.outputs == 1:
+        notes = (*notes, 'zero drift only: gain drift held no better than none on held-out data')
     rms = {name: float(np.sqrt(error.mean())) for name, error in errors.items()}
     model = None if winner.model is None else anchor(data, winner.model)
     time_constants_s, stated_errors_s = winner.time_constants_s, winner.time_constant_errors_s
@@ -73,13 +76,12 @@ def anchor(data: AxisData, model: AxisModel) -> AxisModel:
 
     With load, the constant of the sensitivity drift is its least-squares value.
     """
-    resting = model.step(model.start(model.reference_c), model.reference_c)[1]
-    mean = model.dynamics.output_mean - resting
-    anchored = replace(model, dynamics=replace(model.dynamics, output_mean=mean))
-    if data.load is None:
-        return anchored
+    at_rest = [0.0] * model.outputs
+    without_gain_error = anchored(model, at_rest)
+    if data.load is None or model.outputs == 1:
+        return without_gain_error
     above, below, whole = 0.0, 0.0, 0.0
-    for values, load in zip(unexplained(data, anchored), data.load, strict=True):
+    for values, load in zip(unexplained(data, without_gain_error), data.load, strict=True):
         rows = np.isfinite(values) & np.isfinite(load)
         if rows.any():
             w = load[rows] - load[rows].mean()
@@ -88,8 +90,7 @@ def anchor(data: AxisData, model: AxisModel) -> AxisModel:
             whole += float(load[rows] @ load[rows])
     # A load that is constant within each recording leaves the gain error at T_ref open.
     gain_error = above / below if below > 1e-12 * whole else 0.0
-    mean = mean + np.array([0.0, gain_error])
-    return replace(anchored, dynamics=replace(anchored.dynamics, output_mean=mean))
+    return anchored(model, [0.0, gain_error])
 
 
 def _lasting_time_constants(model: AxisModel, period_s: float) -> tuple[float, ...]:

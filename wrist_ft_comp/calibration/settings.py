@@ -26,8 +26,9 @@ class IdentificationSettings:
         One of METHODS.
     features : {'powers', 'hats'}
         Kind of features.
-    degree : int
-        Highest power of temperature, 1 to 4; auto and arx_pls_oe also try the lower ones.
+    degree : int or None
+        Highest power of temperature, 1 to 4; auto and arx_pls_oe also try the lower ones. None is
+        3 for auto, which shrinks the higher ones, and 2 for the others.
     hat_temperatures_c : tuple of float
         Knots of the hats, °C, for every thermometer; empty takes the plateaus that were seen.
     latents : int or None
@@ -39,7 +40,7 @@ class IdentificationSettings:
 
     method: Method = 'auto'
     features: FeatureKind = 'powers'
-    degree: int = 2
+    degree: int | None = None
     hat_temperatures_c: tuple[float, ...] = ()
     latents: int | None = None
     orders: Orders = field(default_factory=Orders)
@@ -52,7 +53,7 @@ class IdentificationSettings:
             )
         if self.features not in get_args(FeatureKind):
             raise SettingsError(f'Unknown features {self.features!r}; expected powers or hats.')
-        if self.degree not in {1, 2, 3, 4}:
+        if self.degree not in {None, 1, 2, 3, 4}:
             raise SettingsError(f'The degree must be between 1 and 4; got {self.degree}.')
         if self.latents is not None and not 1 <= self.latents < np.inf:
             raise SettingsError(f'At least 1 latent is needed; got {self.latents}.')
@@ -62,6 +63,11 @@ class IdentificationSettings:
                 f'hat_temperatures_c needs at least 2 temperatures that ascend; got '
                 f'{knots.tolist()}.'
             )
+
+    @property
+    def highest_degree(self) -> int:
+        """The degree that was chosen, or the method's own."""
+        return self.degree or (3 if self.method == 'auto' else 2)
 
 
 @dataclass(frozen=True)

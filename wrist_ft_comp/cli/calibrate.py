@@ -50,7 +50,8 @@ def add_parser(commands: options.Commands) -> None:
         '--method',
         choices=METHODS,
         metavar='METHOD',
-        help=f'{", ".join(METHODS)} (default: pls for chamber tables, else auto)',
+        help=f'{", ".join(METHODS)} (default: %(default)s)',
+        default='auto',
     )
     _add_structure(parser)
     options.add_topics(parser)
@@ -69,8 +70,7 @@ def _add_structure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--degree',
         type=int,
-        default=defaults.identification.degree,
-        help='highest power of temperature, 1 to 4 (default: %(default)s)',
+        help='highest power of temperature, 1 to 4 (default: 3 for auto, else 2)',
     )
     parser.add_argument(
         '--hat-temperatures',
@@ -141,7 +141,7 @@ def _job(arguments: argparse.Namespace) -> CalibrationJob:
         reference=arguments.reference or ('recorded' if tables else 'unloaded'),
         min_temperature_span_k=arguments.min_temperature_span,
         identification=IdentificationSettings(
-            method=arguments.method or ('pls' if tables else 'auto'),
+            method=arguments.method,
             features=arguments.features or default,
             degree=arguments.degree,
             hat_temperatures_c=arguments.hat_temperatures,

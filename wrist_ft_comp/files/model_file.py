@@ -122,6 +122,7 @@ def _build_model(document: Document) -> DriftModel:
             if entry['model'] is not None
         },
         deviation={axis: entry['rms_after'] for axis, entry in document['axes'].items()},
+        start_s=document.get('start_s', 0.0),
     )
 
 
@@ -143,6 +144,7 @@ def _build_axis(entry: Document, thermometers: int) -> AxisModel:
         Features(
             kind=features['kind'],
             degree=features['degree'],
+            beyond=features.get('beyond', 'clamped'),
             knots_c=tuple(_array('knots_c', k, (len(k),)) for k in features['knots_c']),
             **{k: _array(k, features[k], filtered) for k in ('reference_c', 'lower_c', 'upper_c')},
         ),
@@ -210,6 +212,7 @@ def save_model(path: Path, calibration: Calibration, provenance: Mapping[str, An
         'period_ns': calibration.model.period_ns,
         'thermometers': [{'range_c': row.tolist()} for row in calibration.temperature_range_c],
         'duration_s': calibration.duration_s,
+        'start_s': calibration.model.start_s,
         'warnings': list(calibration.warnings),
         'provenance': {
             'created': datetime.now(timezone.utc).isoformat(timespec='seconds'),

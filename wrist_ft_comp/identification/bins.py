@@ -7,16 +7,19 @@ load is lost, and the work shrinks with the bin.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrist_ft_comp.identification.axis_data import AxisData
 from wrist_ft_comp.model.arx import Arx, mean_relaxation, relaxation
 from wrist_ft_comp.model.signals import FloatArray, IntArray
 
-#: A recording this long tells a slow trend, such as creep under load, from thermal drift: four
-#: times the slowest time constant that is searched, s.
-_LONG_S = 28800.0
+#: Cosines of a random walk, and what a body forgets that did not start at rest, s.
+_COSINES, _TRANSIENTS_S = 16, (300.0, 1000.0, 3000.0)
+#: Prior variance of a transient over that of the mean of all noise.
+TRANSIENT_VARIANCE = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,11 +27,9 @@ class Sums:
     """
     Sums of w, r - w and their products over the samples of a recording's bins, shapes (n,).
 
-    A bin whose count is 0 takes no part, whatever the other sums hold. Time runs from -1 to 1 over
-    a recording that is long enough to tell a trend from thermal drift, and is 0 in others.
+    A bin whose count is 0 takes no part, whatever the other sums hold.
     """
 
-    time: FloatArray
     count: FloatArray
     load: FloatArray
     load_square: FloatArray
@@ -67,10 +68,27 @@ class BinnedData:
         )
         return replace(self, sums=sums)
 
-    def without_trend(self) -> 'BinnedData':
-        """Have temperature explain everything but a constant, also in long recordings."""
-        sums = tuple(replace(each, time=np.zeros_like(each.time)) for each in self.sums)
-        return replace(self, sums=sums)
+    def nuisances(self, recording: int) -> FloatArray:
+        """
+        Draw what no temperature has to explain in a recording, shape (n, N).
+
+        A constant; where a fold has one of its own, also a random walk in cosines, so that slow
+        errors are not taken for many independent witnesses, and the transients of a start that
+        was not soaked.
+        """
+        bins = len(self.sums[recording].count)
+        middle = (np.arange(bins) + 0.5)[:, np.newaxis]
+        if not self.tared:
+            return np.ones((bins, 1))
+        walk = np.cos(np.pi * middle / bins * np.arange(_COSINES + 1))
+        return np.concatenate((walk, start_transients(middle[:, 0] * self.period_s)), axis=1)
+
+    def nuisance_precision(self, *, soaked: bool = False) -> FloatArray:
+        """Prior precision of each nuisance, over that of all cells of its recording, (N,)."""
+        if not self.tared:
+            return np.zeros(1)
+        start = 1e12 if soaked else 1.0 / TRANSIENT_VARIANCE
+        return np.append(np.arange(_COSINES + 1) ** 2.0, np.full(len(_TRANSIENTS_S), start))
 
     def relaxation(self, time_constant_s: float) -> Arx:
         """First-order lag of the bins' temperatures: what runs, averaged over each bin."""
@@ -98,9 +116,7 @@ def bin_axis_data(data: AxisData, cells: int, *, means: bool = False) -> BinnedD
             rows = [(count > 0).astype(float), w, w * w, y, y * y, w * y]
         else:
             rows = [_sum_bins(row, cells) for row in rows]
-        long = data.tared and len(residual) * data.period_s >= _LONG_S
-        time = np.linspace(-1.0, 1.0, len(rows[0]), dtype=float) if long else 0.0 * rows[0]
-        sums.append(Sums(time, *rows))
+        sums.append(Sums(*rows))
     return BinnedData(
         period_s=cells * data.period_s,
         cells=cells,
@@ -110,6 +126,11 @@ def bin_axis_data(data: AxisData, cells: int, *, means: bool = False) -> BinnedD
         loaded=data.load is not None,
         tared=data.tared,
     )
+
+
+def start_transients(time_s: NDArray[np.floating[Any]]) -> FloatArray:
+    """Draw what a body that did not start at rest forgets, (n, 3), from times since then, (n,)."""
+    return np.asarray(np.exp(-time_s[:, np.newaxis] / np.array(_TRANSIENTS_S)))
 
 
 def _sum_bins(values: FloatArray, cells: int) -> FloatArray:

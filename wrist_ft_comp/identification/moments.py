@@ -5,7 +5,7 @@ A candidate is a choice of columns, a held-out fold a difference of sums.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,8 +23,7 @@ class Moments:
     """
     Sums over the samples of every fold: B entries, of P columns and, last, r - w.
 
-    What no temperature has to explain, a constant and in long recordings a slow trend, is the
-    nuisance: a one and the time, which is zero in short recordings.
+    What no temperature has to explain are N nuisances with a prior, the first of them a one.
 
     Attributes
     ----------
@@ -32,12 +31,14 @@ class Moments:
         Grid of τ, s; the first is 0 (static).
     products : ndarray, shape (B, P + 1, P + 1)
         Sums of products of the columns.
-    nuisance_products : ndarray, shape (B, 2, P + 1)
-        Sums of products of one and time with the columns.
-    nuisance_gram : ndarray, shape (B, 2, 2)
-        Sums of products of one and time.
+    nuisance_products : ndarray, shape (B, N, P + 1)
+        Sums of products of the nuisances with the columns.
+    nuisance_gram : ndarray, shape (B, N, N)
+        Sums of products of the nuisances.
+    precision : ndarray, shape (N,)
+        Prior precision of the nuisances, over that of all cells of a recording.
     recording : ndarray of int, shape (B,)
-        Recording of each entry: entries of one share an unknown constant and trend.
+        Recording of each entry: entries of one share their nuisances.
     fold : ndarray of int, shape (B,)
         Cross-validation fold of each entry; a fold may have several entries.
     inputs : int
@@ -51,60 +52,56 @@ class Moments:
     products: FloatArray
     nuisance_products: FloatArray
     nuisance_gram: FloatArray
+    precision: FloatArray
     recording: IntArray
     fold: IntArray
     inputs: int
     loaded: bool
-
-    def without_trend(self) -> 'Moments':
-        """Have temperature explain everything but a constant, also in long recordings."""
-        products, gram = self.nuisance_products.copy(), self.nuisance_gram.copy()
-        products[:, 1] = 0.0
-        gram[:, 1] = gram[:, :, 1] = 0.0
-        return replace(self, nuisance_products=products, nuisance_gram=gram)
 
     @property
     def everything(self) -> BoolArray:
         """Mask that keeps all entries, shape (B,)."""
         return np.ones(len(self.fold), dtype=bool)
 
-    def columns(self, grid: Sequence[int], inputs: int) -> IntArray:
+    def columns(
+        self, grid: Sequence[int], inputs: int, gain_inputs: int | None = None
+    ) -> IntArray:
         """
         Find the columns of the first inputs through relaxations at some positions of the grid.
 
-        Zero drift first, then sensitivity drift, then the load.
+        Zero drift first, then sensitivity drift, of as many inputs unless told, then the load.
         """
         zero = [k * self.inputs + f for k in grid for f in range(inputs)]
         if not self.loaded:
             return np.array(zero)
         half = len(self.time_constants_s) * self.inputs
-        return np.array([*zero, *(half + column for column in zero), 2 * half])
+        gained = inputs if gain_inputs is None else gain_inputs
+        gain = [half + k * self.inputs + f for k in grid for f in range(gained)]
+        return np.array([*zero, *gain, 2 * half])
 
     def centred(self, keep: BoolArray) -> FloatArray:
-        """Sum the products of kept entries without each recording's nuisance, (P + 1, P + 1)."""
+        """Sum the products of kept entries without each recording's nuisances, (P + 1, P + 1)."""
         total: FloatArray = self.products[keep].sum(axis=0)
         for recording in np.unique(self.recording[keep]):
             inside = keep & (self.recording == recording)
             crossed = self.nuisance_products[inside].sum(axis=0)
-            total = total - crossed.T @ self._inverse_gram(inside) @ crossed
+            total = total - crossed.T @ np.linalg.solve(self._penalised(inside), crossed)
         # A column that is constant within each recording holds nothing; rounding must not pretend.
         silent = np.diagonal(total) <= _SILENT * np.diagonal(self.products[keep].sum(axis=0))
         total[silent] = 0.0
         total[:, silent] = 0.0
         return total
 
-    def _inverse_gram(self, inside: BoolArray) -> FloatArray:
-        """Invert the summed products of one and time, shape (2, 2); no time gives no trend."""
-        inverse: FloatArray = np.linalg.pinv(
-            self.nuisance_gram[inside].sum(axis=0), hermitian=True
-        )
-        return inverse
+    def _penalised(self, inside: BoolArray) -> FloatArray:
+        """Sum the products of a recording's nuisances, and add their prior, (N, N)."""
+        gram: FloatArray = self.nuisance_gram[inside].sum(axis=0)
+        return np.asarray(gram + np.diag(gram[0, 0] * self.precision))
 
-    def fit_nuisance(self, inside: BoolArray, thetas: FloatArray) -> FloatArray:
-        """Fit constant and slope over time, (2, S), to combinations of columns, (S, P + 1)."""
+    def fit_nuisances(self, inside: BoolArray, thetas: FloatArray) -> FloatArray:
+        """Fit a recording's nuisances, (N, S), to combinations of columns, (S, P + 1)."""
         crossed = self.nuisance_products[inside].sum(axis=0)
-        level: FloatArray = self._inverse_gram(inside) @ (crossed @ thetas.T)
-        return level
+        fitted: FloatArray = np.linalg.solve(self._penalised(inside), crossed @ thetas.T)
+        return fitted
 
 
 def bank_inputs(
@@ -129,10 +126,11 @@ def accumulate(
     """Sum products of all columns, from ``bank_inputs``, over every fold of every recording."""
     entries = []
     for i, (x, sums) in enumerate(zip(banked, data.sums, strict=True)):
+        nuisances = data.nuisances(i)
         for fold in np.unique(data.folds[i]):
             rows = np.flatnonzero((data.folds[i] == fold) & (sums.count > 0))
             if len(rows):
-                products = _sum_rows(x[rows], sums, rows, loaded=data.loaded)
+                products = _sum_rows(x[rows], sums, rows, nuisances[rows], loaded=data.loaded)
                 entries.append((*products, i, int(fold)))
     products, nuisance_products, nuisance_gram, recording, folds = zip(*entries, strict=True)
     return Moments(
@@ -140,6 +138,7 @@ def accumulate(
         products=np.stack(products),
         nuisance_products=np.stack(nuisance_products),
         nuisance_gram=np.stack(nuisance_gram),
+        precision=data.nuisance_precision(),
         recording=np.array(recording),
         fold=np.array(folds),
         inputs=banked[0].shape[1] // len(time_constants_s),
@@ -148,25 +147,24 @@ def accumulate(
 
 
 def _sum_rows(
-    x: FloatArray, sums: Sums, rows: IntArray, *, loaded: bool
+    x: FloatArray, sums: Sums, rows: IntArray, phi: FloatArray, *, loaded: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """
-    Sum products, nuisance products and nuisance gram of some bins, x of shape (n, C).
+    Sum products, nuisance products and nuisance gram of some bins, x (n, C) and phi (n, N).
 
         [ x_f(H_τ T) … | w x_f(H_τ T) … | w | y ]     with load, y = r - w
         [ x_f(H_τ T) … | y ]                          without
     """
-    time, count = sums.time[rows], sums.count[rows]
-    w, ww, y = sums.load[rows], sums.load_square[rows], sums.residual[rows]
-    yy, wy = sums.residual_square[rows], sums.product[rows]
-    t = np.stack((np.ones(len(rows)), time))
-    gram = np.array([[count.sum(), count @ time], [count @ time, count @ time**2]])
+    count, w, ww = sums.count[rows], sums.load[rows], sums.load_square[rows]
+    y, yy, wy = sums.residual[rows], sums.residual_square[rows], sums.product[rows]
+    counted = phi.T * count
+    gram = counted @ phi
     # Cells with one sample each need no weights, and a symmetric product is twice as quick.
     weighted = x if (count == 1).all() else x * count[:, np.newaxis]
     plain, crossed = weighted.T @ x, y @ x
     if not loaded:
         total = np.block([[plain, crossed[:, np.newaxis]], [crossed, yy.sum()]])
-        return total, np.column_stack(((t * count) @ x, t @ y)), gram
+        return total, np.column_stack((counted @ x, phi.T @ y)), gram
     mixed, doubled = (x * w[:, np.newaxis]).T @ x, (x * ww[:, np.newaxis]).T @ x
     with_w = np.concatenate((w @ x, ww @ x))[:, np.newaxis]
     with_y = np.concatenate((crossed, wy @ x))[:, np.newaxis]
@@ -177,4 +175,5 @@ def _sum_rows(
             [with_y.T, wy.sum(), yy.sum()],
         ]
     )
-    return total, np.column_stack(((t * count) @ x, (t * w) @ x, t @ w, t @ y)), gram
+    nuisance_products = (counted @ x, (phi.T * w) @ x, phi.T @ w, phi.T @ y)
+    return total, np.column_stack(nuisance_products), gram

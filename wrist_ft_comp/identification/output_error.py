@@ -12,55 +12,27 @@ behind every relaxation of a grid of time constants.
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
 
 from wrist_ft_comp.identification.moments import Moments
-from wrist_ft_comp.identification.regression import least_squares, Path, pls_path, ridge_path
-from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
-
-_REGRESSIONS: dict[str, Path] = {
-    'least squares': lambda products, columns: least_squares(products, columns)[0][np.newaxis],
-    'ridge': ridge_path,
-    'PLS': pls_path,
-}
+from wrist_ft_comp.identification.regression import least_squares
+from wrist_ft_comp.model.signals import FloatArray
 
 
 @dataclass(frozen=True)
 class Structure:
-    """
-    A candidate: which columns may explain the drift, with a name for people.
-
-    Powers of temperature take part up to the degree (hats count as 1), behind time constants that
-    are searched or those of a fixed bank, s; without either it is static. Held-out folds choose
-    the strength of ridge and PLS.
-    """
+    """Powers of temperature up to the degree (hats count as 1) behind free time constants."""
 
     name: str
     degree: int
-    free_time_constants: int = 0
-    bank_s: tuple[float, ...] = ()
-    regression: Literal['least squares', 'ridge', 'PLS'] = 'least squares'
+    free_time_constants: int
 
 
-def fit_columns(
-    moments: Moments, structure: Structure, keep: BoolArray, inputs: int
-) -> tuple[IntArray, FloatArray]:
-    """
-    Fit a candidate with its first inputs to the entries that are kept.
-
-    Return its columns, (p,), and their coefficients, (S, p), for every strength of the regression,
-    the most regularised first; S is 1 for least squares.
-    """
-    products = moments.centred(keep)
+def best_on_grid(moments: Moments, structure: Structure, inputs: int) -> FloatArray:
+    """Find the time constants on the grid, s, behind which the first inputs explain most."""
     grid = moments.time_constants_s
-    if not structure.free_time_constants:
-        fixed = structure.bank_s or (0.0,)
-        columns = moments.columns([int(np.argmin(np.abs(grid - t))) for t in fixed], inputs)
-        return columns, _REGRESSIONS[structure.regression](products, columns)
     choices = list(combinations(range(1, len(grid)), structure.free_time_constants))
     candidates = np.stack([moments.columns(choice, inputs) for choice in choices])
-    coefficients, rss = least_squares(products, candidates)
-    best = int(np.argmin(rss))
-    return candidates[best], coefficients[best][np.newaxis]
+    _, rss = least_squares(moments.centred(moments.everything), candidates)
+    return grid[list(choices[int(np.argmin(rss))])]

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrist_ft_comp.identification.bins import BinnedData
+from wrist_ft_comp.identification.gains import by_relaxation
 from wrist_ft_comp.identification.time_constants import residual_and_gradient, VarPro
 from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
@@ -52,13 +53,6 @@ def fit_gains(data: BinnedData, features: Features, time_constants_s: FloatArray
     )
 
 
-def by_relaxation(values: FloatArray, count: int, inputs: int, *, loaded: bool) -> FloatArray:
-    """Sort values of Moments.columns, (p,), by relaxation, (K, F, M), without the load's."""
-    outputs = 2 if loaded else 1
-    per_output = values[: outputs * count * inputs].reshape(outputs, count, inputs)
-    return np.moveaxis(per_output, 0, 2)
-
-
 def _clusters(data: BinnedData) -> tuple[IntArray, ...]:
     """Divide into stretches that count as one independent sample each, shapes (N_i,)."""
     whole_s = sum(len(temperature_c) for temperature_c in data.temperature_c) * data.period_s
@@ -83,9 +77,9 @@ def _standard_errors(projection: VarPro, free: BoolArray) -> FloatArray:
     scores = np.empty((len(moments.fold), jacobian.shape[1]))
     for recording in np.unique(moments.recording):
         own = moments.recording == recording
-        crossed = moments.nuisance_products[own]  # (C, 2, P + 1)
-        level = moments.fit_nuisance(own, residual[np.newaxis])[:, 0]  # of e, (2,)
-        levels = moments.fit_nuisance(own, jacobian.T)  # of J, (2, p + K')
+        crossed = moments.nuisance_products[own]  # (C, N, P + 1)
+        level = moments.fit_nuisances(own, residual[np.newaxis])[:, 0]  # of e, (N,)
+        levels = moments.fit_nuisances(own, jacobian.T)  # of J, (N, p + K')
         # Σ (J - its level)ᵀ (e - its level) of every cluster, from its sums of products
         scores[own] = (
             moments.products[own] @ residual @ jacobian

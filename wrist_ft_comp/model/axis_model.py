@@ -22,8 +22,6 @@ from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import FloatArray
 
 _UNIT_GAIN_TOLERANCE = 1e-6
-#: The slope at the edge of the calibrated range is taken over this share of the range.
-_SLOPE_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +85,16 @@ class AxisModel:
     def outputs(self) -> int:
         """M: 1 is zero drift only, 2 is sensitivity drift, too."""
         return len(self.dynamics.output_mean)
+
+    def without_gain_drift(self) -> 'AxisModel':
+        """Keep the zero drift only."""
+        dynamics = replace(
+            self.dynamics,
+            output_loadings=self.dynamics.output_loadings[:1],
+            output_weight=self.dynamics.output_weight[:1],
+            output_mean=self.dynamics.output_mean[:1],
+        )
+        return replace(self, dynamics=dynamics)
 
     @property
     def poles(self) -> FloatArray:
@@ -153,22 +161,11 @@ class AxisModel:
         after = np.concatenate((before.ravel(), behind.ravel()))
         return after, outputs[-1:] if last_only else outputs
 
-    def drift_beyond_range(self, temperature_c: FloatArray) -> float:
-        """Sum up the zero drift, N or N m, that each thermometer's excess over its range gives."""
-        inside = np.clip(temperature_c, self.lower_c, self.upper_c)
-        excess = temperature_c - inside
-        steps = _SLOPE_SHARE * (self.upper_c - self.lower_c) * np.sign(excess)
-        total = 0.0
-        for j in np.flatnonzero(steps):
-            back = inside.copy()
-            back[j] -= steps[j]
-            slope = (self._soaked(inside) - self._soaked(back)) / steps[j]
-            total += abs(slope * float(excess[j]))
-        return total
-
-    def _soaked(self, temperature_c: FloatArray) -> float:
-        """Zero drift of a sensor that has soaked at these temperatures, N or N m."""
-        return float(self.step(self.start(temperature_c), temperature_c)[1][0])
+    def beyond_range(self, temperature_c: FloatArray) -> FloatArray:
+        """Tell how far outside its range, in ranges, the farthest thermometer is, (...)."""
+        below, above = self.lower_c - temperature_c, temperature_c - self.upper_c
+        excess = np.maximum(np.maximum(below, above), 0.0)
+        return np.asarray((excess / np.maximum(self.upper_c - self.lower_c, 1e-9)).max(axis=-1))
 
     def _split(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Divide the state into that of the filters and that of the latents, shapes (R, L)."""

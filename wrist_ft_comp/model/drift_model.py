@@ -14,7 +14,7 @@ import numpy as np
 
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.model.axis_model import AxisModel
-from wrist_ft_comp.model.signals import AXES, FloatArray
+from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
 
 Document = dict[str, Any]
 #: Filter state of each modelled axis, by name: what the last cell left.
@@ -34,6 +34,8 @@ class DriftModel:
     #: By axis name, also of axes without drift: standard deviation of what the model leaves of the
     #: drift, from held-out data, N or N m.
     deviation: Mapping[str, float] = field(default_factory=dict)
+    #: A sensor has soaked at the mean temperatures of so long, s; of the first cell, when it is 0.
+    start_s: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the names and the numbers of thermometers."""
@@ -51,6 +53,11 @@ class DriftModel:
                     f'{self.thermometers}.'
                 )
 
+    @property
+    def start_cells(self) -> int:
+        """How many cells a start looks at."""
+        return max(round(self.start_s / self.period_ns * NANOSECONDS), 1)
+
     def outside(self, temperature_c: FloatArray) -> list[int]:
         """List the thermometers, counted from 0, that read outside an axis's calibrated range."""
         beyond = [
@@ -63,15 +70,15 @@ class DriftModel:
         """
         Estimate how far the zero drift that is subtracted may be from the true one.
 
-        Beyond the calibrated temperatures it grows by what the model itself says of a further
-        kelvin: nobody saw whether the drift goes on like that. A standard deviation, N and N m,
-        shape (6,), from temperatures, °C, shape (J,); NaN for axes that were not calibrated.
+        It grows by √(1 + d²) at d calibrated ranges beyond the calibrated temperatures: nobody saw
+        how the drift goes on. A standard deviation, N and N m, shape (..., 6), from temperatures,
+        °C, shape (..., J); NaN for axes that were not calibrated.
         """
-        deviations = np.full(len(AXES), np.nan)
+        deviations = np.full((*temperature_c.shape[:-1], len(AXES)), np.nan)
         for name, deviation in self.deviation.items():
             axis = self.axes.get(name)
-            beyond = 0.0 if axis is None else axis.drift_beyond_range(temperature_c)
-            deviations[AXES.index(name)] = np.hypot(deviation, beyond)
+            beyond = 0.0 if axis is None else axis.beyond_range(temperature_c)
+            deviations[..., AXES.index(name)] = deviation * np.hypot(1.0, beyond)
         return deviations
 
 
@@ -106,6 +113,22 @@ def no_drift(cells: int | None = None) -> Drift:
 def start(model: DriftModel, temperature_c: FloatArray) -> DriftState:
     """State of a sensor that has soaked at temperatures, °C, shape (J,)."""
     return {name: axis.start(temperature_c) for name, axis in model.axes.items()}
+
+
+def run_from_rest(model: DriftModel, temperature_c: FloatArray) -> tuple[DriftState, Drift]:
+    """
+    Run a sensor that has soaked through its first N cells, temperatures (N, J), drift (N, 6).
+
+    A start looks at the mean of ``start_cells``, and in each of these at those that have come: one
+    noisy temperature must not be remembered for an hour.
+    """
+    cells = min(model.start_cells, len(temperature_c))
+    parts = []
+    for end in [*range(1, cells), len(temperature_c)]:
+        soaked = temperature_c[: min(end, cells)].mean(axis=0)
+        state, drift = run(model, start(model, soaked), temperature_c[:end])
+        parts.append(Drift(*(part[end - 1 if end < cells else cells - 1 :] for part in drift)))
+    return state, Drift(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def step(

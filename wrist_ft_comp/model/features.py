@@ -13,11 +13,15 @@ import numpy as np
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.signals import FloatArray
 
-#: Powers continue this share of the calibrated span beyond it: drift does not stop at the coldest
-#: morning that was recorded, but how it goes on is a guess that must stay small.
+#: What is clamped continues this share of the calibrated span beyond it: drift does not stop at
+#: the coldest morning that was recorded, but how it goes on is a guess that must stay small.
 MARGIN = 0.2
+#: Where tangents go on, squares keep their curvature for this share of the calibrated span.
+_CURVED_SHARE = 0.33
 
 FeatureKind = Literal['powers', 'hats']
+#: How features go on outside the calibrated range.
+Beyond = Literal['clamped', 'tangents']
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +29,9 @@ class Features:
     """
     How J temperatures become F features.
 
-    Temperatures further than MARGIN outside [lower_c, upper_c], the range that was calibrated, are
-    clamped. Hats, which have no slope beyond their last knot, stay constant from there.
+    Outside [lower_c, upper_c], the range that was calibrated, temperatures are clamped from MARGIN
+    on, or powers go on as tangents at its edge, squares curved for another third of the range.
+    Hats, which have no slope beyond their last knot, stay constant from there.
 
     """
 
@@ -41,6 +46,7 @@ class Features:
     degree: int = 1
     #: Increasing knot temperatures of each thermometer, °C; empty for powers.
     knots_c: tuple[FloatArray, ...] = field(default=())
+    beyond: Beyond = 'clamped'
 
     def __post_init__(self) -> None:
         """Check the ranges once, where the record is built."""
@@ -87,7 +93,9 @@ class Features:
         )
 
     def clamp(self, temperature_c: FloatArray) -> FloatArray:
-        """Hold temperatures, °C, shape (..., J), within MARGIN of the calibrated range."""
+        """Hold temperatures, °C, shape (..., J), within MARGIN of the range, unless they go on."""
+        if self.beyond == 'tangents':
+            return temperature_c
         margin = MARGIN * (self.upper_c - self.lower_c)
         clamped: FloatArray = np.clip(temperature_c, self.lower_c - margin, self.upper_c + margin)
         return clamped
@@ -105,7 +113,19 @@ class Features:
         """Compute the features of temperatures that need no clamping, as ``expand``."""
         if self.kind == 'powers':
             theta = temperature_c - self.reference_c
-            return np.concatenate([theta**p for p in range(1, self.degree + 1)], axis=-1)
+            if self.beyond == 'clamped':
+                return np.concatenate([theta**p for p in range(1, self.degree + 1)], axis=-1)
+            low, high = self.lower_c - self.reference_c, self.upper_c - self.reference_c
+            inside = np.minimum(np.maximum(theta, low), high)
+            excess = theta - inside
+            powers = [
+                inside**p + p * inside ** (p - 1) * excess for p in range(1, self.degree + 1)
+            ]
+            if self.degree > 1:
+                curved = _CURVED_SHARE * (high - low)
+                near = np.minimum(np.maximum(excess, -curved), curved)
+                powers[1] = powers[1] + near * (2 * excess - near)
+            return np.concatenate(powers, axis=-1)
         hats = [
             np.interp(temperature_c[..., j, np.newaxis], knots, unit)[..., 0]
             for j, knots in enumerate(self.knots_c)

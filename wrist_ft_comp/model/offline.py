@@ -21,7 +21,7 @@ class DriftTrack(NamedTuple):
 
 def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
     """
-    Run the model freely over a recording, from the steady state of its first cell.
+    Run the model freely over a recording, from the steady state of its first cells.
 
     Parameters
     ----------
@@ -52,8 +52,7 @@ def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
             f'{recording.name} is on thermal cells of {recording.period_s} s, the model runs on '
             f'{model.period_ns / 1e9} s. Read it with the period of the model.'
         )
-    temperature_c = recording.temperature_c
-    return drift_model.run(model, drift_model.start(model, temperature_c[0]), temperature_c)[1]
+    return drift_model.run_from_rest(model, recording.temperature_c)[1]
 
 
 def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:

@@ -186,8 +186,6 @@ def _explanation(
     else:
         blocks = f'Each of the {count} plateaus was held out in turn'
         zero = 'the mean of the other plateaus'
-    if any(each.detrended for each in held_out):
-        zero += ', and from a straight line over recordings that last a third of a day'
     tared = ': what is compared is drift after a tare' if first.tared else ''
     return (
         f'{blocks}: a model that was fitted to the others ran on its temperatures alone. Errors '

@@ -92,6 +92,8 @@ class DriftTracker:
         self._thermometers, self._patience_s = thermometers, patience_s
         self._history_s = history_s
         self._state: DriftState | None = None
+        #: The first cells of a start that still looks at them.
+        self._starting: list[FloatArray] | None = None
         #: What to go on from when the first cell is complete, and its age by another clock, s.
         self._awaited: tuple[ThermalMemory, float] | None = None
 
@@ -122,14 +124,23 @@ class DriftTracker:
                 # Nothing known before, or a gap longer than any memory: the robot has soaked.
                 if resting:
                     self.origin = 'the drift started at the steady state of the first temperatures'
-                self._state, count = drift_model.start(self.model, cells.temperature_c), 1
-            if count == 1:
+                self._starting, count = [], 1
+            if self._state is None or self._starting is not None:
+                self._start(self.model, [*(self._starting or []), *[cells.temperature_c] * count])
+            elif count == 1:
                 self._state, self.drift = drift_model.step(
                     self.model, self._state, cells.temperature_c
                 )
             else:
                 self._run(self.model, self._state, np.tile(cells.temperature_c, (count, 1)))
         return completed
+
+    def _start(self, model: DriftModel, cells: list[FloatArray]) -> None:
+        """Start at rest with the cells that have come, each (J,), as ``run_from_rest``."""
+        temperature_c = np.array(cells)
+        soaked = temperature_c[: model.start_cells].mean(axis=0)
+        self._run(model, drift_model.start(model, soaked), temperature_c)
+        self._starting = cells if len(cells) < model.start_cells else None
 
     def _run(self, model: DriftModel, state: DriftState, temperature_c: FloatArray) -> None:
         """Go on from a state through cells, shape (N, J)."""
@@ -145,6 +156,7 @@ class DriftTracker:
             model, memory, cells.first_cell, cells.temperature_c, at_least_s
         )
         self.forgot = temperature_c is None
+        self._starting = None
         if temperature_c is None:
             self._state = None
             self.history = History(self.grid.period_ns, self._history_s)
@@ -162,14 +174,15 @@ class DriftTracker:
             self.grid = ThermalGrid(model.period_ns, self._thermometers, self._patience_s)
             self.grid.rejected, self.grid.restarts = counted
             self.history = History(model.period_ns, self._history_s)
-        self.model, self._state, self._awaited = model, None, None
+        self.model, self._state, self._starting, self._awaited = model, None, None, None
         self.origin = 'no model is live' if model is None else _NOT_YET
         self.forgot = False
         self.drift = no_drift()
         if model is not None and self.history.cells:
-            temperature_c = np.array(self.history.cells)
-            self._run(model, drift_model.start(model, temperature_c[0]), temperature_c)
-            self.origin = f'the drift was found from {len(temperature_c)} thermal cells before'
+            self._start(model, list(self.history.cells))
+            self.origin = (
+                f'the drift was found from {len(self.history.cells)} thermal cells before'
+            )
 
     def memory(self, compensation: drift_model.Drift) -> ThermalMemory | None:
         """Tell, once there is a state, what a restarted stream needs to go on and subtract."""
@@ -208,7 +221,7 @@ class DriftTracker:
         for temperature_c, count in memory.history:
             self.history.add(temperature_c, count)
         self.temperature_c, self.end_ns = memory.temperature_c, memory.end_ns
-        self._state, self.drift = memory.filters, memory.compensation
+        self._state, self.drift, self._starting = memory.filters, memory.compensation, None
         cells = round(at_least_s * NANOSECONDS / memory.period_ns)
         if cells > 0:
             self._run(self.model, memory.filters, np.tile(memory.temperature_c, (cells, 1)))

@@ -1,0 +1,130 @@
+"""Method ``arx_pls_oe``: relaxations with free time constants; the simplest good one runs."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from wrist_ft_comp.calibration.cross_validation import (
+    build_candidate_data,
+    CandidateData,
+    cross_validate,
+    CvScore,
+    hold_out,
+    part_errors,
+    simplest_good,
+    uncompensated_bins,
+)
+from wrist_ft_comp.calibration.features import build_features
+from wrist_ft_comp.calibration.result import AxisFit, OUTPUTS, Term
+from wrist_ft_comp.calibration.selection import finish, Fitted
+from wrist_ft_comp.calibration.settings import IdentificationSettings
+from wrist_ft_comp.identification.axis_data import AxisData
+from wrist_ft_comp.identification.bins import bin_axis_data
+from wrist_ft_comp.identification.gains import build_axis_model
+from wrist_ft_comp.identification.moments import bank_inputs
+from wrist_ft_comp.identification.output_error import Structure
+from wrist_ft_comp.identification.standard_errors import fit_gains
+from wrist_ft_comp.identification.time_constants import search_time_constants
+from wrist_ft_comp.model.features import Features
+from wrist_ft_comp.model.signals import FloatArray
+
+#: A time constant within this share of its bound is not determined by the recordings.
+_AT_BOUND = 0.01
+
+
+def identify_free_relaxations(data: AxisData, settings: IdentificationSettings) -> AxisFit:
+    """
+    Let free time constants compete, fitted on the simulation error (eq. 16).
+
+    A drift slower than the recordings are long is refused.
+    """
+    features = build_features(data.temperature_c, settings)
+    candidate_data = build_candidate_data(data, features)
+    scores = {
+        structure.name: cross_validate(candidate_data, structure)
+        for structure in _structures(settings, features)
+    }
+    bins = {'none': uncompensated_bins(candidate_data)}
+    bins |= {name: score.bins for name, score in scores.items()}
+    errors = {name: part_errors(each) for name, each in bins.items()}
+    fit = _choose(candidate_data, scores, errors)
+    return replace(fit, held_out=hold_out(data, bins['none'], bins[fit.chosen]))
+
+
+def _structures(settings: IdentificationSettings, features: Features) -> list[Structure]:
+    """List the candidates, simplest first."""
+    hats = features.kind == 'hats'
+    degrees = [1] if hats else list(range(1, settings.highest_degree + 1))
+    return [
+        Structure(
+            f'{count} time constant{"s" * (count > 1)}, {"hats" if hats else f"degree {degree}"}',
+            degree,
+            count,
+        )
+        for count in (1, 2, 3)
+        for degree in degrees
+        if count < 3 or degree == 1
+    ]
+
+
+def _choose(
+    data: CandidateData, scores: Mapping[str, CvScore], errors: Mapping[str, FloatArray]
+) -> AxisFit:
+    """Fit the simplest good candidate to everything."""
+    competing = list(scores)
+    chosen = competing[simplest_good([errors[name] for name in competing])]
+    fitted = _fit(data, scores[chosen])
+    slow = _why_too_slow(data.axis_data, fitted)
+    if not slow:
+        return finish(data.axis_data, fitted, chosen, errors, competing)
+    if simplest_good([errors['none'], errors[chosen]]) == 0:
+        # What a person named finds no drift, so there is none that could be too slow.
+        nothing = Fitted(None, notes=(f'{chosen} was left out: {slow}',))
+        return finish(data.axis_data, nothing, 'none', errors, ['none', chosen])
+    return _refuse(data.axis_data, chosen, slow, errors)
+
+
+def _fit(data: CandidateData, score: CvScore) -> Fitted:
+    """Fit a candidate to all samples, its time constants refined on them, with standard errors."""
+    axis_data, features = data.axis_data, data.features_of(score.structure)
+    cells = bin_axis_data(axis_data, 1)
+    tau_s = search_time_constants(cells, features, score.time_constants_s)
+    fit = fit_gains(cells, features, tau_s)
+    inputs = bank_inputs(cells, features, tau_s)
+    return Fitted(
+        model=build_axis_model(features, tau_s, fit.gains, inputs, axis_data.period_s),
+        time_constants_s=tuple(fit.time_constants_s.tolist()),
+        time_constant_errors_s=tuple(fit.time_constant_errors_s.tolist()),
+        terms=tuple(
+            Term(
+                output,
+                float(tau),
+                feature,
+                float(fit.gains[k, f, m]),
+                float(fit.gain_errors[k, f, m]),
+            )
+            for m, output in zip(range(fit.gains.shape[2]), OUTPUTS, strict=False)
+            for k, tau in enumerate(fit.time_constants_s)
+            for f, feature in enumerate(features.names)
+        ),
+    )
+
+
+def _why_too_slow(data: AxisData, fitted: Fitted) -> str:
+    """Say that the recordings are too short for a time constant, or nothing when they are not."""
+    if max(fitted.time_constants_s, default=0.0) < (1 - _AT_BOUND) * data.longest_s:
+        return ''
+    return (
+        f'its slowest time constant is at least {data.longest_s:.0f} s, as long as the longest '
+        'recording'
+    )
+
+
+def _refuse(data: AxisData, chosen: str, why: str, errors: Mapping[str, FloatArray]) -> AxisFit:
+    """Leave an axis without model whose drift is slower than the recordings can show."""
+    refusal = (
+        f'{data.axis} drifts too slowly for these recordings: {chosen} explains it best, but '
+        f'{why}. Record at least {2 * data.longest_s / 3600:.1f} h from cold, or choose the '
+        'method pls'
+    )
+    fit = finish(data, Fitted(None), 'none', errors, ['none'])
+    return replace(fit, reason=f'{refusal}.', refusal=refusal)
