@@ -363,12 +363,13 @@ def _axis_fit(
 
     longer = _whole_over_parts(axis, tared)
     positions = np.arange(len(weights))
-    none, after = state('none', positions == 0), state(COMBINATION, positions >= 0)
+    none = state('none', positions == 0)
     # Over a whole recording drift goes all that way, what a model leaves of it wanders.
     none = replace(none, rms=none.rms * float(np.sqrt(longer)))
+    used = 1 - float(weights[0])
+    after = state(COMBINATION, positions >= 0) if used else none
     names = np.array(['none', *(kind.name for kind in owners)])
     candidates = [state(name, names == name) for name in dict.fromkeys(names[1:].tolist())]
-    used = 1 - float(weights[0])
     free = list(lags.everything)
     shares = {kind: float(weights[1:][[owner is kind for owner in owners]].sum()) for kind in free}
     tau_s, tau_errors_s = np.zeros((2, 0))

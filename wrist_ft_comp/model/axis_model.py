@@ -22,6 +22,8 @@ from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import FloatArray
 
 _UNIT_GAIN_TOLERANCE = 1e-6
+#: A thermometer that hardly moved while it was learnt from counts as if it had by so much.
+_LEAST_RANGE_K = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +167,9 @@ class AxisModel:
         """Tell how far outside its range, in ranges, the farthest thermometer is, (...)."""
         below, above = self.lower_c - temperature_c, temperature_c - self.upper_c
         excess = np.maximum(np.maximum(below, above), 0.0)
-        return np.asarray((excess / np.maximum(self.upper_c - self.lower_c, 1e-9)).max(axis=-1))
+        return np.asarray(
+            (excess / np.maximum(self.upper_c - self.lower_c, _LEAST_RANGE_K)).max(axis=-1)
+        )
 
     def _split(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Divide the state into that of the filters and that of the latents, shapes (R, L)."""
