@@ -20,7 +20,7 @@ import numpy as np
 
 from wrist_ft_comp.model.signals import FloatArray, IntArray
 from wrist_ft_comp.report.coverage import Coverage, WORKING_RANGE_C
-from wrist_ft_comp.report.view import ErrorSeries, ThermometerSeries
+from wrist_ft_comp.report.view import ErrorSeries, StepResponses, ThermometerSeries
 
 # Placeholders for the page's colours; the style sheet defines what they stand for.
 _INK, _GRID, _WITHOUT, _WITH = '#0a0b01', '#0a0b02', '#0a0b03', '#0a0b04'
@@ -69,6 +69,19 @@ def errors_over_temperature(series: ErrorSeries, unit: str) -> Figure:
         at, series.after[every], ls='', marker='o', ms=2.2, mew=0, color=_WITH, label='with'
     )
     _legend(panel)
+    return figure
+
+
+def drift_after_a_step(responses: StepResponses, unit: str) -> Figure:
+    """Draw how the drift follows each thermometer that warms by 1 K: what it adds, and when."""
+    figure, panel = _panel('minutes after the thermometer warmed', f'drift, {unit} per K')
+    for j, values in enumerate(responses.drift):
+        colour, style = _THERMOMETERS[j % len(_THERMOMETERS)]
+        every = np.zeros(len(values), dtype=np.int64)
+        _line(panel, responses.minutes, values, every, color=colour, ls=style, lw=1.4,
+              label=f'thermometer {j + 1}')  # fmt: skip
+    panel.axhline(0.0, color=_INK, lw=0.6)
+    _legend(panel, columns=min(len(responses.drift), 3))
     return figure
 
 

@@ -16,6 +16,9 @@ from wrist_ft_comp.report.coverage import Coverage
 from wrist_ft_comp.report.evaluation import AxisEvaluation
 from wrist_ft_comp.report.verdict import Evidence, judge, Verdict
 
+#: What a body does later is hardly seen in a warm-up, s.
+_RESPONSE_S = 7200.0
+
 
 @dataclass(frozen=True, eq=False)
 class ErrorSeries:
@@ -30,6 +33,16 @@ class ErrorSeries:
     after: FloatArray
     #: Lines are not drawn from one part to the next.
     part: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class StepResponses:
+    """How zero drift follows each thermometer that warms by 1 K, at T_ref, and stays there."""
+
+    #: Since it warmed, min, shape (n,).
+    minutes: FloatArray
+    #: By thermometer, in the axis' unit, shape (J, n).
+    drift: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +70,8 @@ class AxisView:
     candidates: tuple[Candidate, ...]
     #: What could not be learnt, and the like.
     notes: tuple[str, ...]
+    #: Without a model, none.
+    responses: StepResponses | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +170,7 @@ def axis_view(  # noqa: PLR0913 -- what is known of one axis, each a plain value
 ) -> AxisView:
     """Judge an axis, and say of it what the model's file does; a model need not know it."""
     entry = stored.document['axes'].get(axis, {})
+    model = stored.model.axes.get(axis)
     spreads = entry.get('time_constant_errors_s', ())
     return AxisView(
         axis=axis,
@@ -163,14 +179,31 @@ def axis_view(  # noqa: PLR0913 -- what is known of one axis, each a plain value
         errors=errors,
         series=series,
         parts=parts,
-        drifts=drifts_removed(stored.model.axes.get(axis)),
+        drifts=drifts_removed(model),
         chosen=entry.get('chosen', 'none'),
         reason='' if evidence.refusal else entry.get('reason', ''),
         time_constants_s=tuple(entry.get('time_constants_s', ())),
         time_constant_errors_s=tuple(math.nan if each is None else each for each in spreads),
-        candidates=tuple(Candidate(c['name'], c['rms']) for c in entry.get('candidates', ())),
+        candidates=tuple(
+            Candidate(c['name'], c['rms'], c.get('weight', 0.0))
+            for c in entry.get('candidates', ())
+        ),
         notes=tuple(entry.get('notes', ())),
+        responses=None if model is None else _step_responses(model, stored.model.period_ns),
     )
+
+
+def _step_responses(model: AxisModel, period_ns: int) -> StepResponses:
+    """Warm one thermometer after the other."""
+    period_s = period_ns / NANOSECONDS
+    cells = max(round(_RESPONSE_S / period_s), 2)
+    rest = model.start(model.reference_c)
+    drift = [
+        model.run(rest, np.tile(model.reference_c + kelvin, (cells, 1)))[1][:, 0]
+        for kelvin in np.eye(model.thermometers)
+    ]
+    settled = model.step(rest, model.reference_c)[1][0]
+    return StepResponses((np.arange(cells) + 1) * period_s / 60, np.array(drift) - settled)
 
 
 def drifts_removed(model: AxisModel | None) -> str:
