@@ -20,7 +20,6 @@ os.environ.setdefault('OMP_NUM_THREADS', '1')
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 from baseline import baseline, ROOT
-from combination import combine
 import numpy as np
 from real_worlds import chamber_rows, CREDITS, load_cell_world, six_axes, SPLITS
 from scenarios import SCENARIOS
@@ -37,8 +36,7 @@ __all__ = ['FAMILIES', 'World', 'family']
 LEARNING = ('identification', 'calibration')
 DEVELOPMENT_SEED = 1000
 AUTO, BEFORE_AUTO, TRUTH = 'auto', 'auto of 0.1.0', 'the truth'
-COMBINATION = 'combination'
-METHODS = (*PEERS, COMBINATION, BEFORE_AUTO, AUTO, TRUTH)
+METHODS = (*PEERS, BEFORE_AUTO, AUTO, TRUTH)
 OVERALL_PEER = 'mean of 30'
 #: The best peer of each family on the development seeds (least median times mean), fixed before
 #: anything was judged; of the others it is the best of all families together.
@@ -59,11 +57,6 @@ def by_peer(peer: Peer, world: World) -> Answer:
     return Answer(predicted, np.full(6, np.nan))
 
 
-def by_combination(world: World) -> Answer:
-    """Predict with the combination of many fits, which `auto` is to become."""
-    return Answer(*combine([day_of(each) for each in world.learn], day_of(world.judge)))
-
-
 def by_truth(world: World) -> Answer:
     """Predict with a model that knows the sensor."""
     return Answer(world.truth, np.full(6, np.nan))
@@ -72,7 +65,6 @@ def by_truth(world: World) -> Answer:
 def answerer(method: str) -> Callable[[World], Answer]:
     """Find a method by its name."""
     ours = {
-        COMBINATION: by_combination,
         AUTO: auto_here,
         BEFORE_AUTO: auto_before,
         TRUTH: by_truth,
