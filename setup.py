@@ -14,6 +14,7 @@ setup(
     version='0.2.0',
     packages=find_packages(include=[package_name, f'{package_name}.*']),
     package_data={
+        package_name: ['py.typed'],
         f'{package_name}.files': ['*.schema.json'],
         f'{package_name}.report': ['templates/*'],
     },

@@ -2,11 +2,15 @@
 
 import ast
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 import re
+import shlex
 
 import pytest
 import yaml
+
+from wrist_ft_comp.model.temperature_source import parse_source
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ('.', 'docs', 'data/keller_pa10', '.github/ISSUE_TEMPLATE')
@@ -54,6 +58,33 @@ def test_targets_of_make_that_are_named_exist(document):
     makefile = (ROOT / 'Makefile').read_text('utf-8')
     for target in re.findall(r'`make ([\w-]+)', document.read_text('utf-8')):
         assert re.search(rf'^{target}:', makefile, re.M), target
+
+
+def commands(document):
+    """Commands in the blocks of a document, split as a shell splits them."""
+    blocks = re.findall(r'^```sh\n(.*?)^```', document.read_text('utf-8'), re.M | re.S)
+    return [shlex.split(line) for block in blocks for line in block.splitlines() if line]
+
+
+@every_document
+def test_thermometers_that_are_named_can_be(document):
+    for words in commands(document):
+        after = dict(pairwise(words))
+        values = [word.partition(':=')[2] for word in words if word[:19] == 'temperature_topics:']
+        entries = [entry for value in values for entry in yaml.safe_load(value)]
+        for entry in [*entries, *filter(None, [after.get('--temperature-topic')])]:
+            assert parse_source(entry).topic == entry.partition(':')[0]
+
+
+def test_drivers_are_named_with_their_topics_and_thermometers():
+    """The commands that users copy, with what the node takes."""
+    mine = [words for words in commands(ROOT / 'docs/drivers.md') if 'compensator' in words]
+    assert len(mine) == 5
+    for words in mine:
+        assert words[:5] == ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args']
+        assert [words[5], words[7]] == ['-r', '-p']
+        assert words[6].startswith('wrench_raw:=/')
+        assert words[8].startswith('temperature_topics:=[')
 
 
 def holes(node):

@@ -1,6 +1,8 @@
 """
 Temperature-drift compensation for a robot's wrist force/torque sensor.
 
+``__all__`` is for others' programs (docs/python.md); each name is loaded when it is asked for.
+
 The rooms, and what each looks into besides ``errors``; no arrow points back:
 
 - ``model``: what a recording is and what runs on it. Nothing.
@@ -14,8 +16,75 @@ The rooms, and what each looks into besides ``errors``; no arrow points back:
 - ``cli``: the only prints. All; it may start what ``ros`` offers.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from wrist_ft_comp.calibration.calibrate import calibrate, summarise
+    from wrist_ft_comp.calibration.result import Calibration
+    from wrist_ft_comp.calibration.settings import CalibrationSettings
+    from wrist_ft_comp.errors import WristFtCompError
+    from wrist_ft_comp.files.model_file import load_model, save_model
+    from wrist_ft_comp.files.recordings import read_recording
+    from wrist_ft_comp.model.columns import compensate, recording_from_columns
+    from wrist_ft_comp.model.signals import Recording, Topics
+    from wrist_ft_comp.report.evaluation import evaluate
+    from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+    from wrist_ft_comp.stream.tare import TareCollector
+
 __version__ = '0.2.0'
 
 #: Environment in which numpy computes in one thread. The sums of a fit are too small for more:
 #: on a busy computer threads that wait for one another cost it four times the processor time.
 ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1', 'OMP_NUM_THREADS': '1'}
+
+#: Where the names live that are for others: as above, where type checkers read it.
+_HOMES = {
+    'calibrate': 'calibration.calibrate',
+    'Calibration': 'calibration.result',
+    'CalibrationSettings': 'calibration.settings',
+    'compensate': 'model.columns',
+    'Compensator': 'stream.compensator',
+    'evaluate': 'report.evaluation',
+    'load_model': 'files.model_file',
+    'read_recording': 'files.recordings',
+    'Recording': 'model.signals',
+    'recording_from_columns': 'model.columns',
+    'save_model': 'files.model_file',
+    'StreamSettings': 'stream.compensator',
+    'summarise': 'calibration.calibrate',
+    'TareCollector': 'stream.tare',
+    'Topics': 'model.signals',
+    'WristFtCompError': 'errors',
+}
+__all__ = [
+    'Calibration',
+    'CalibrationSettings',
+    'Compensator',
+    'Recording',
+    'StreamSettings',
+    'TareCollector',
+    'Topics',
+    'WristFtCompError',
+    'calibrate',
+    'compensate',
+    'evaluate',
+    'load_model',
+    'read_recording',
+    'recording_from_columns',
+    'save_model',
+    'summarise',
+]
+
+if not TYPE_CHECKING:  # or every mistyped name would pass
+
+    def __getattr__(name: str) -> object:
+        """Load a name of ``__all__`` from its room."""
+        if name not in _HOMES:
+            raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+        return getattr(import_module(f'{__name__}.{_HOMES[name]}'), name)
+
+
+def __dir__() -> list[str]:
+    """List what is there, loaded or not."""
+    return sorted({*globals(), *__all__})

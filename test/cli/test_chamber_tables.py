@@ -76,7 +76,17 @@ def test_a_table_and_a_recording_are_not_mixed(run, make, drift_csv, model, tmp_
     options = ('--reference', 'recorded')
     refused = run('calibrate', table, recording, '-o', tmp_path / 'm.yaml', *options)
     assert 'different units' in refused.sentence
-    assert 'different units' in run('evaluate', model, table, drift_csv).sentence
+    said = run('evaluate', model, drift_csv, table).sentence
+    assert 'corrects force_z in N, but the wrenches are in output units.' in said
+
+
+def test_a_tables_model_corrects_no_newtons(fitted, run, drift_csv, tmp_path):
+    of_table = fitted[1]
+    for words in (('evaluate', of_table, drift_csv), ('compensate', of_table, drift_csv)):
+        output = ('-o', tmp_path / 'out.csv') if words[0] == 'compensate' else ()
+        said = run(*words, *output).sentence
+        assert 'corrects force_z in output units, but the wrenches are in N. Calibrate' in said
+    assert not (tmp_path / 'out.csv').exists()
 
 
 def test_evaluate_gives_the_figures_and_warnings_of_the_calibration(fitted, run):

@@ -6,9 +6,8 @@ import pytest
 
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.model.offline import correct_many, track_drift
+from wrist_ft_comp.model.offline import correct_many, initial_tare, track_drift
 from wrist_ft_comp.model.signals import AXES
-from wrist_ft_comp.report.evaluation import initial_tare
 
 
 def table(path):

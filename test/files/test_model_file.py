@@ -1,6 +1,7 @@
 """Model files: what is saved is what runs, and what is refused is named."""
 
 import copy
+from dataclasses import replace
 import hashlib
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import yaml
 
 from wrist_ft_comp.calibration.result import AxisFit, Calibration, Candidate, Term
+from wrist_ft_comp.calibration.settings import CalibrationSettings
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.files.model_file import KIND, load_model, save_model
 from wrist_ft_comp.model import drift_model
@@ -356,8 +358,24 @@ def test_a_folder_is_no_file(tmp_path):
 
 
 def test_a_target_that_is_a_folder_is_refused(calibration, tmp_path):
-    with pytest.raises(ModelFileError, match='cannot be written'):
+    with pytest.raises(ModelFileError, match='is a folder; name a file in it'):
         save_model(tmp_path, calibration, {})
     (tmp_path / 'file').write_text('', encoding='utf-8')
-    with pytest.raises(ModelFileError, match='cannot be written'):
+    with pytest.raises(ModelFileError, match=r'cannot be made: .*file is no folder'):
         save_model(tmp_path / 'file' / 'model.yaml', calibration, {})
+
+
+def test_another_file_than_a_model_is_not_overwritten(calibration, tmp_path):
+    path = tmp_path / 'notes.yaml'
+    path.write_text('mine: true\n', encoding='utf-8')
+    with pytest.raises(ModelFileError, match='exists and is no model file'):
+        save_model(str(path), calibration)
+    assert path.read_text('utf-8') == 'mine: true\n'
+
+
+def test_a_model_tells_what_it_was_learnt_from_and_how(calibration, tmp_path):
+    learnt = replace(calibration, sources=('a.csv', 'b'), settings=CalibrationSettings('constant'))
+    document = save_model(str(tmp_path / 'm.yaml'), learnt).document
+    assert document['provenance']['recordings'] == [{'path': 'a.csv'}, {'path': 'b'}]
+    assert document['provenance']['settings']['reference'] == 'constant'
+    assert load_model(str(tmp_path / 'm.yaml')).document == document

@@ -6,9 +6,9 @@ import sys
 
 import pytest
 
-from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.files import model_store
-from wrist_ft_comp.files.model_store import MAX_HISTORY, MAX_RECORDINGS, ModelStore
+from wrist_ft_comp.files.model_store import MAX_HISTORY, MAX_RECORDINGS, ModelStore, own_directory
 
 
 @pytest.fixture
@@ -162,3 +162,29 @@ def test_leftovers_of_killed_processes_are_swept(store):
     (store.directory / '.kept.tmp').write_text('not ours')
     assert store.sweep() == 1
     assert sorted(each.name for each in store.directory.iterdir()) == ['.kept.tmp', 'active.json']
+
+
+def test_whether_a_folder_takes_something_is_found_out_without_a_trace(store, tmp_path):
+    assert store.check_writable() == ''
+    assert list(tmp_path.iterdir()) == []
+    store.directory.mkdir()
+    assert store.check_writable() == ''
+    assert list(store.directory.iterdir()) == []
+    nowhere = ModelStore(Path('/proc/nowhere/deep'))
+    assert nowhere.check_writable().startswith('/proc/nowhere/deep cannot be written: No such')
+    (tmp_path / 'file').touch()
+    for given in ('file', 'file/inside'):
+        problem = ModelStore(tmp_path / given).check_writable()
+        assert problem.startswith(f'{tmp_path}/{given} cannot be written: Not a directory. Mend')
+    long = ModelStore(tmp_path / ('x' * 300))
+    assert 'cannot be written: File name too long. Mend' in long.check_writable()
+
+
+def test_a_nodes_folder_is_absolute(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('HOME', str(tmp_path))
+    assert own_directory('data', 'left') == tmp_path / 'data/left'
+    assert own_directory('~/data') == tmp_path / 'data'
+    with pytest.raises(SettingsError, match='nobody here has a home of that name'):
+        own_directory('~nobody_here/data')
+    assert own_directory('x' * 300).name == 'x' * 300

@@ -9,7 +9,7 @@ import pytest
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.model.arx import Orders
 from wrist_ft_comp.model.ranges import check_range
-from wrist_ft_comp.model.signals import noise_level, Recording, Samples, stretches
+from wrist_ft_comp.model.signals import noise_level, Recording, Samples, stretches, Topics
 
 
 def test_samples_refuse_values_that_do_not_fit_their_channels():
@@ -90,3 +90,8 @@ def test_orders_below_the_least_are_refused(name, least):
     with pytest.raises(SettingsError, match=r'^Each of time_constants_s must'):
         Orders(time_constants_s=(-1.0,))
     Orders(time_constants_s=(0.0,))
+
+
+def test_one_name_in_the_place_of_several_topics_is_refused():
+    with pytest.raises(SettingsError, match=r"Write \('/temperature',\)\.$"):
+        Topics(temperatures='/temperature')

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model.offline import initial_tare
 from wrist_ft_comp.model.signals import AXES
 from wrist_ft_comp.report.evaluation import (
     AxisEvaluation,
-    initial_tare,
     judge_errors,
     tared_errors,
     TaredErrors,

@@ -67,3 +67,13 @@ def test_what_is_not_calibrated_says_why():
     assert refused == 'It drifts too slowly. It is passed through, with a drift of 10 N RMS.'
     quiet = judge(replace(bare, noise=10.0, best_candidate=9.5)).sentence
     assert quiet.startswith('There is nothing to remove')
+
+
+def test_a_harmful_axis_says_of_how_many_recordings():
+    def said(count):
+        blocks = FoldErrors(np.ones(count), np.ones(count))
+        return judge(replace(FINE, after=20.0, blocks=blocks, block_name='recording')).sentence
+
+    assert said(1).endswith('would: 10 → 20 N RMS, in 1 recording.')
+    assert said(3).endswith('would: 10 → 20 N RMS, in 3 recordings.')
+    assert judge(replace(FINE, after=20.0)).sentence.endswith('10 → 20 N RMS.')

@@ -388,3 +388,10 @@ class TestTrouble:
         assert compensator.tracker.grid.restarts == 1
         np.testing.assert_allclose(compensator.compensation.zero, held.zero, atol=2.0)
         assert np.abs(after[-1] - before[-1])[2] < 2.0
+
+
+@pytest.mark.parametrize('thermometer', [-1, 1])
+def test_a_thermometer_that_is_not_there_is_named(make_model, thermometer):
+    compensator = Compensator(1, model=make_model({'force_z': (1.0, 0.0, 10.0)}))
+    with pytest.raises(SettingsError, match=f'from 0 to 0; got {thermometer}'):
+        compensator.add_temperature(thermometer, 10**9, 20.0)

@@ -32,7 +32,7 @@ _AT_BOUND = 1.01
 
 def calibrate(
     recordings: Sequence[Recording],
-    settings: CalibrationSettings,
+    settings: CalibrationSettings | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """
@@ -42,7 +42,7 @@ def calibrate(
     ----------
     recordings : sequence of Recording
         On the same thermal grid, with the same thermometers, each with its own unknown offset.
-    settings : CalibrationSettings
+    settings : CalibrationSettings, optional
         What a person chose.
     progress : callable, optional
         Told the share that is done, 0 to 1.
@@ -60,6 +60,7 @@ def calibrate(
         When an ARX does not find enough consecutive samples.
 
     """
+    settings = settings or CalibrationSettings()
     check_alike(recordings)
     ranges = check_temperatures(recordings, settings.min_temperature_span_k)
     axes = [
@@ -103,7 +104,8 @@ def calibrate(
         *idle_thermometers(recordings),
         *_doubts(recordings, fits),
     ]
-    return Calibration(model, fits, ranges, duration_s, tuple(warnings))
+    sources = tuple(recording.name for recording in recordings)
+    return Calibration(model, fits, ranges, duration_s, tuple(warnings), sources, settings)
 
 
 def identify(

@@ -5,6 +5,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from wrist_ft_comp.calibration.settings import CalibrationSettings
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.signals import FloatArray, IntArray
@@ -154,7 +155,7 @@ class Calibration:
     A model that is ready to run, and its evidence: by axis what was chosen and why.
 
     The range holds lowest and highest temperature of each thermometer, °C, shape (J, 2); warnings
-    are what a person should know, in sentences.
+    are what a person should know, in sentences; sources are the names of the recordings.
     """
 
     model: DriftModel
@@ -162,3 +163,5 @@ class Calibration:
     temperature_range_c: FloatArray
     duration_s: float
     warnings: tuple[str, ...]
+    sources: tuple[str, ...] = ()
+    settings: CalibrationSettings | None = None

@@ -19,6 +19,7 @@ from wrist_ft_comp.cli.tables import chamber_table_text, figures_json, verdict_t
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.files.chamber_table import is_chamber_table
 from wrist_ft_comp.files.job_request import CalibrationJob
+from wrist_ft_comp.files.model_file import check_model_target
 from wrist_ft_comp.model.features import FeatureKind
 from wrist_ft_comp.model.ranges import PERIODS_S
 from wrist_ft_comp.report.of_calibration import calibration_verdicts
@@ -111,7 +112,7 @@ def _temperatures(text: str) -> tuple[float, ...]:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     paths.check_recordings(arguments.recordings)
-    paths.check_model_target(arguments.output)
+    check_model_target(arguments.output)
     paths.check_report_target(arguments.report, [arguments.output, *arguments.recordings])
     job = _job(arguments)
     with options.progress_bar('calibrating') as progress:

@@ -10,7 +10,7 @@ the node is killed, the process ends.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 import json
 import os
 from pathlib import Path
@@ -65,11 +65,8 @@ def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome
     report = progress or (lambda _: None)
     recordings, used, left_out = _read(job, report)
     calibration = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
-    provenance = {
-        'recordings': [{'path': str(path), 'sha256': hash_recording(path)} for path in used],
-        'settings': json.loads(json.dumps(asdict(job.settings))),
-    }
-    stored = save_model(job.output, calibration, provenance)
+    sources = [{'path': str(path), 'sha256': hash_recording(path)} for path in used]
+    stored = save_model(job.output, calibration, {'recordings': sources})
     return JobOutcome(calibration, stored, tuple(recordings), left_out)
 
 

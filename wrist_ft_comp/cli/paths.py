@@ -4,16 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from wrist_ft_comp.errors import ModelFileError, RecordingError
-from wrist_ft_comp.files import model_file
 from wrist_ft_comp.files.bag import SUFFIXES
 from wrist_ft_comp.files.chamber_table import is_chamber_table
 from wrist_ft_comp.files.documents import beginning
+from wrist_ft_comp.files.model_file import is_model
 from wrist_ft_comp.report import GENERATOR
-
-
-def is_model(path: Path) -> bool:
-    """Tell whether a file says that it is a model, of whatever version."""
-    return model_file.KIND.says in beginning(path)
 
 
 def is_report(path: Path) -> bool:
@@ -48,22 +43,6 @@ def check_recordings(paths: Sequence[Path]) -> None:
     for path in paths:
         if resolved.count(path.resolve()) > 1:
             raise RecordingError(f'{path} is named twice; name each recording once.')
-
-
-def check_model_target(path: Path) -> None:
-    """Refuse to put a model in the place of something else; its folder is made later."""
-    if path.is_dir():
-        raise ModelFileError(
-            f'{path} is a folder; name a file in it, such as {path / "model.yaml"}.'
-        )
-    if path.is_file() and path.stat().st_size and not is_model(path):
-        raise ModelFileError(
-            f'{path} exists and is no model file, so it is not overwritten. Name another file for '
-            'the model, or remove this one first.'
-        )
-    above = next((folder for folder in path.absolute().parents if folder.exists()), path.parent)
-    if not above.is_dir():
-        raise ModelFileError(f'{path} cannot be made: {above} is no folder. Name another file.')
 
 
 def check_report_target(path: Path | None, others: Sequence[Path]) -> None:

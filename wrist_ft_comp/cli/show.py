@@ -7,7 +7,7 @@ from pathlib import Path
 
 from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.tables import table_text
-from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.files.model_file import is_model, load_model
 from wrist_ft_comp.files.recordings import (
     ChannelSummary,
     describe_recording,
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     if paths.is_report(arguments.file):
         return _show_report(arguments)
-    if arguments.file.suffix in {'.yaml', '.yml'} or paths.is_model(arguments.file):
+    if arguments.file.suffix in {'.yaml', '.yml'} or is_model(arguments.file):
         stored = load_model(arguments.file)
         if arguments.json:
             options.print_json({'sha256': stored.sha256, **stored.document})

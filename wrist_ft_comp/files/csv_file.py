@@ -10,7 +10,6 @@ from contextlib import contextmanager, suppress
 import csv
 from dataclasses import dataclass
 from decimal import Decimal
-import difflib
 import io
 from math import isnan, nan
 import os
@@ -20,6 +19,12 @@ import re
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model.columns import (
+    channel_groups,
+    mistyped_columns,
+    require_column,
+    samples_of,
+)
 from wrist_ft_comp.model.signals import (
     AXES,
     BoolArray,
@@ -28,13 +33,11 @@ from wrist_ft_comp.model.signals import (
     IntArray,
     NANOSECONDS,
     Progress,
-    REFERENCE_CHANNELS,
     Samples,
 )
 
 #: Characters per piece, the bound of what is in memory: some 10 000 rows.
 CHUNK = 1_000_000
-_THERMOMETER = re.compile(r'temperature(_([2-9]|[1-9]\d+))?_c')
 
 
 def _nanoseconds(text: str) -> int:
@@ -85,15 +88,7 @@ class CsvRecording:
                 f'stamp_s,force_z,temperature_c; got {self.header.strip()[:60]!r}.'
             )
         #: Channels that share their samples: raw wrench, each thermometer, reference.
-        self.groups = [
-            group
-            for group in (
-                tuple(axis for axis in AXES if axis in self.columns),
-                *((c,) for c in self.columns if _THERMOMETER.fullmatch(c)),
-                tuple(c for c in REFERENCE_CHANNELS if c in self.columns),
-            )
-            if group
-        ]
+        self.groups = channel_groups(self.columns)
         channels = [channel for group in self.groups for channel in group]
         for column in (*_STAMPS, *channels):
             if self.columns.count(column) > 1:
@@ -107,29 +102,11 @@ class CsvRecording:
             self._stamp: _STAMPS[self._stamp],
             **dict.fromkeys(channels, (_number, 'a number with a decimal point')),
         }
-        self._warn_of_mistyped()
+        self.warnings += mistyped_columns(path.name, self.columns, self._expected)
 
     def require(self, kind: str, names: Sequence[str]) -> None:
         """Refuse when none of the named columns is there, suggesting one that looks like it."""
-        if set(names) & set(self.columns):
-            return
-        near = [(c, difflib.get_close_matches(c.lower(), names, 1)) for c in self.columns]
-        remedy = next((f'Is {c!r} meant to be {m[0]!r}? Rename it.' for c, m in near if m), '')
-        raise RecordingError(
-            f'{self.path.name} has no {kind} column; expected {" or ".join(names)}, got '
-            f'{", ".join(self.columns)}. {remedy or "Rename or add the column."}'
-        )
-
-    def _warn_of_mistyped(self) -> None:
-        """Warn of columns that are not used but named almost like ones that would be."""
-        known = {*AXES, *REFERENCE_CHANNELS, 'temperature_c', 'temperature_2_c'}
-        known -= self._expected.keys()
-        for column in (column for column in self.columns if column not in self._expected):
-            for near in difflib.get_close_matches(column.lower(), known, 1, 0.85):
-                self.warnings.append(
-                    f'The column {column} of {self.path.name} is not used; if it is {near}, '
-                    'rename it.'
-                )
+        require_column(self.path.name, self.columns, kind, names)
 
     def pieces(self, progress: Progress | None = None) -> Iterator[CsvPiece]:
         """
@@ -161,13 +138,7 @@ class CsvRecording:
     def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
         """Read as pieces do; a group that some rows fill in part comes channel by channel."""
         for piece in self.pieces(progress):
-            for group in self.groups:
-                filled = np.stack([piece.filled[channel] for channel in group])
-                together = (filled == filled[0]).all()
-                for channels in [group] if together else [(channel,) for channel in group]:
-                    rows = piece.filled[channels[0]]
-                    values = np.stack([piece.values[channel][rows] for channel in channels], 1)
-                    yield Samples(channels, piece.stamps_ns[rows], values)
+            yield from samples_of(self.groups, piece.stamps_ns, piece.values, piece.filled)
 
     def _open(self) -> io.TextIOWrapper:
         """Open the file as text; a byte order mark at its start is skipped."""

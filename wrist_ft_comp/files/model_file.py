@@ -19,7 +19,7 @@ import yaml
 import wrist_ft_comp
 from wrist_ft_comp.calibration.result import AxisFit, Calibration
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.files.documents import Kind
+from wrist_ft_comp.files.documents import beginning, Kind
 from wrist_ft_comp.model.arx import Arx
 from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
@@ -48,13 +48,34 @@ KIND = Kind(
 )
 
 
-def load_model(path: Path) -> StoredModel:
+def is_model(path: Path) -> bool:
+    """Tell whether a file says that it is a model, of whatever version."""
+    return KIND.says in beginning(path)
+
+
+def check_model_target(path: Path) -> None:
+    """Refuse to put a model in the place of something else; its folder is made later."""
+    if path.is_dir():
+        raise ModelFileError(
+            f'{path} is a folder; name a file in it, such as {path / "model.yaml"}.'
+        )
+    if path.is_file() and path.stat().st_size and not is_model(path):
+        raise ModelFileError(
+            f'{path} exists and is no model file, so it is not overwritten. Name another file for '
+            'the model, or remove this one first.'
+        )
+    above = next((folder for folder in path.absolute().parents if folder.exists()), path.parent)
+    if not above.is_dir():
+        raise ModelFileError(f'{path} cannot be made: {above} is no folder. Name another file.')
+
+
+def load_model(path: Path | str) -> StoredModel:
     """
     Read a model file.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         The file.
 
     Returns
@@ -68,6 +89,7 @@ def load_model(path: Path) -> StoredModel:
         When it is missing, not YAML, of another version, or breaks the schema.
 
     """
+    path = Path(path)
     content = KIND.read(path)
     try:
         document = _parse(content)
@@ -180,18 +202,20 @@ def _array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
     return array
 
 
-def save_model(path: Path, calibration: Calibration, provenance: Mapping[str, Any]) -> StoredModel:
+def save_model(
+    path: Path | str, calibration: Calibration, provenance: Mapping[str, Any] | None = None
+) -> StoredModel:
     """
     Write a model file; an existing one is replaced in one step.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         Target; its folder is made when missing.
     calibration : Calibration
         Model and evidence.
-    provenance : mapping
-        Plain values: recordings with hashes, settings.
+    provenance : mapping, optional
+        Plain values beside or instead of what the calibration tells of its origin.
 
     Returns
     -------
@@ -201,11 +225,13 @@ def save_model(path: Path, calibration: Calibration, provenance: Mapping[str, An
     Raises
     ------
     ModelFileError
-        When the file cannot be written.
+        When the file cannot be written, or is another one than a model.
 
     """
     from importlib.metadata import version  # noqa: PLC0415 -- a node that only loads starts faster
 
+    path = Path(path)
+    check_model_target(path)
     document = {
         'format': KIND.says,
         'version': KIND.version,
@@ -222,7 +248,9 @@ def save_model(path: Path, calibration: Calibration, provenance: Mapping[str, An
                 'numpy': np.__version__,
                 'scipy': version('scipy'),
             },
-            **provenance,
+            'recordings': [{'path': source} for source in calibration.sources],
+            'settings': _plain(calibration.settings),
+            **(provenance or {}),
         },
         'axes': {axis: _axis_document(fit) for axis, fit in calibration.fits.items()},
     }

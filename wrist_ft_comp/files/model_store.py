@@ -12,9 +12,10 @@ from datetime import datetime, timezone
 import json
 import os
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
-from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.files.documents import remove_leftovers, replace_file
 
 #: How many steps back ``previous`` can go.
@@ -126,6 +127,19 @@ class ModelStore:
                 'data_directory; the model is active until the node ends.'
             ) from error
 
+    def check_writable(self) -> str:
+        """Say why nothing can be kept here, without leaving a trace; empty when something can."""
+        try:
+            above = (self.directory, *self.directory.absolute().parents)
+            with TemporaryFile(dir=next(each for each in above if each.exists())):
+                return ''
+        except OSError as error:
+            return (
+                f'{self.directory} cannot be written: {error.strerror}. Mend its rights, or '
+                'choose another data_directory; until then no recording, calibration or thermal '
+                'state is kept.'
+            )
+
     def sweep(self) -> int:
         """Remove what killed processes left half-written; says how many files."""
         folders = (self.directory, self.directory / 'models')
@@ -141,6 +155,17 @@ def default_directory(node_name: str) -> Path:
     """Choose the folder of a node, by its full name: below ROS_HOME, or else below ``~/.ros``."""
     home = _expanded(os.environ.get('ROS_HOME') or '~/.ros')
     return home / 'wrist_ft_comp' / node_name.strip('/').replace('/', '__')
+
+
+def own_directory(shared: str, sensor: str = '') -> Path:
+    """Find a node's folder in one that a person named; SettingsError without a home for ``~``."""
+    try:
+        return Path(shared, sensor).expanduser().absolute()
+    except RuntimeError as error:
+        raise SettingsError(
+            f'data_directory is {shared}, but nobody here has a home of that name. Give an '
+            'absolute path.'
+        ) from error
 
 
 def _expanded(given: str) -> Path:

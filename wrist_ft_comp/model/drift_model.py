@@ -14,7 +14,7 @@ import numpy as np
 
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.model.axis_model import AxisModel
-from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
+from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray, NANOSECONDS
 
 Document = dict[str, Any]
 #: Filter state of each modelled axis, by name: what the last cell left.
@@ -93,6 +93,18 @@ class StoredModel:
     model: DriftModel
     #: Everything in the file, as plain values.
     document: Document
+
+
+def check_units(stored: StoredModel, unit: str = '') -> None:
+    """Refuse a model, by ModelFileError, of another unit than wrenches; '' is N and N m."""
+    for axis in stored.model.axes:
+        theirs, ours = stored.document['axes'][axis]['unit'], unit or axis_unit(axis)
+        if theirs and theirs != ours:
+            raise ModelFileError(
+                f'{stored.path} corrects {axis} in {theirs}, but the wrenches are in {ours}. '
+                f'Calibrate from recordings in {ours}; or, if it is the same, write "unit: '
+                f'{ours}" into the file.'
+            )
 
 
 class Drift(NamedTuple):

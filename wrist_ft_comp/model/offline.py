@@ -7,7 +7,7 @@ import numpy as np
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.drift_model import Drift, DriftModel
-from wrist_ft_comp.model.signals import FloatArray, IntArray, Recording
+from wrist_ft_comp.model.signals import AXES, FloatArray, IntArray, Recording
 
 
 class DriftTrack(NamedTuple):
@@ -101,3 +101,42 @@ def correct_many(
         for part in track.drift
     )
     return drift_model.correct(raw, Drift(zero, sensitivity), tare)
+
+
+def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> FloatArray:
+    """
+    Tare on the first, unloaded seconds of a recording.
+
+    Parameters
+    ----------
+    model : DriftModel
+        The model.
+    recording : Recording
+        On the model's thermal grid.
+    tare_s : float
+        How long, s, from each axis' first wrench; 0 gives no tare.
+
+    Returns
+    -------
+    ndarray, shape (6,)
+        Raw offset, N and N m.
+
+    """
+    if tare_s == 0:
+        return np.zeros(len(AXES))
+    unloaded = np.zeros_like(recording.wrench)
+    return tare_at_start(recording, unloaded, simulate_drift(model, recording), tare_s)
+
+
+def tare_at_start(
+    recording: Recording, true: FloatArray, drift: Drift, tare_s: float
+) -> FloatArray:
+    """Tare as a robot does under the load w: r - o - (1 + s) w, shape (6,)."""
+    offset = recording.wrench - drift.zero - (1.0 + drift.sensitivity) * true
+    tare = np.zeros(len(AXES))
+    for column, values in enumerate(offset.T):
+        cells = np.flatnonzero(np.isfinite(values))
+        if len(cells):
+            tared = (cells - cells[0]) * recording.period_s < max(tare_s, recording.period_s)
+            tare[column] = values[cells[tared]].mean()
+    return tare

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.errors import RecordingError, SettingsError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -42,6 +42,14 @@ class Topics:
     temperatures: tuple[str, ...] = ('/temperature',)
     #: The default one may be absent.
     reference: str = '/wrench_reference'
+
+    def __post_init__(self) -> None:
+        """Refuse one name in the place of several: its letters would be topics."""
+        names: object = self.temperatures
+        if isinstance(names, str):
+            raise SettingsError(
+                f'temperatures are names of topics; got the text {names!r}. Write ({names!r},).'
+            )
 
 
 def axis_unit(axis: str) -> str:

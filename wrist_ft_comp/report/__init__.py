@@ -6,7 +6,7 @@ Read ``evaluation`` (what a model leaves of the drift) and ``verdict`` (is that 
 records of ``view``, which ``page`` turns into HTML by ``templates``, with ``pictures``. Nothing
 here opens a file: pages are text.
 
-From outside: ``tared_errors``, ``judge_errors``, ``initial_tare``, ``calibration_verdicts``,
+From outside: ``evaluate``, ``tared_errors``, ``judge_errors``, ``calibration_verdicts``,
 ``calibration_view``, ``evaluation_view``, ``page``, and the demo's ``draw_drift``.
 """
 

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.model import drift_model
-from wrist_ft_comp.model.drift_model import Drift, DriftModel, no_drift
-from wrist_ft_comp.model.offline import simulate_drift
+from wrist_ft_comp.model.drift_model import correct, DriftModel, no_drift
+from wrist_ft_comp.model.offline import simulate_drift, tare_at_start
 from wrist_ft_comp.model.signals import AXES, FloatArray, Recording, Reference
 
 
@@ -36,6 +35,19 @@ class AxisEvaluation:
     rms_after: float
     max_before: float
     max_after: float
+
+
+def evaluate(
+    model: DriftModel,
+    recordings: Sequence[Recording],
+    *,
+    reference: Reference = 'unloaded',
+    tare_s: float = 60.0,
+) -> dict[str, AxisEvaluation]:
+    """Judge a model on recordings: ``tared_errors`` of each, put into figures by axis."""
+    return judge_errors(
+        [tared_errors(model, recording, reference, tare_s) for recording in recordings]
+    )
 
 
 def tared_errors(
@@ -69,7 +81,7 @@ def tared_errors(
     simulated = simulate_drift(model, recording)
     true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
     before, after = (
-        drift_model.correct(recording.wrench, drift, _tare(recording, true, drift, tare_s)) - true
+        correct(recording.wrench, drift, tare_at_start(recording, true, drift, tare_s)) - true
         for drift in (no_drift(len(recording)), simulated)
     )
     if not (np.isfinite(before) & np.isfinite(after)).any():
@@ -105,38 +117,3 @@ def judge_errors(recordings: Sequence[TaredErrors]) -> dict[str, AxisEvaluation]
             peak = np.max(np.abs(both), axis=1)
             judged[axis] = AxisEvaluation(*rms.tolist(), *peak.tolist())
     return judged
-
-
-def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> FloatArray:
-    """
-    Tare on the first, unloaded seconds of a recording.
-
-    Parameters
-    ----------
-    model, recording
-        As for tared_errors.
-    tare_s : float
-        How long, s, from each axis' first wrench; 0 gives no tare.
-
-    Returns
-    -------
-    ndarray, shape (6,)
-        Raw offset, N and N m.
-
-    """
-    if tare_s == 0:
-        return np.zeros(len(AXES))
-    unloaded = np.zeros_like(recording.wrench)
-    return _tare(recording, unloaded, simulate_drift(model, recording), tare_s)
-
-
-def _tare(recording: Recording, true: FloatArray, drift: Drift, tare_s: float) -> FloatArray:
-    """Tare as a robot does under the load w: r - o - (1 + s) w, shape (6,)."""
-    offset = recording.wrench - drift.zero - (1.0 + drift.sensitivity) * true
-    tare = np.zeros(len(AXES))
-    for column, values in enumerate(offset.T):
-        cells = np.flatnonzero(np.isfinite(values))
-        if len(cells):
-            tared = (cells - cells[0]) * recording.period_s < max(tare_s, recording.period_s)
-            tare[column] = values[cells[tared]].mean()
-    return tare

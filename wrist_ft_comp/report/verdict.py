@@ -72,7 +72,9 @@ def judge(evidence: Evidence) -> Verdict:
     figures = f'{before:.3g} → {after:.3g} {evidence.unit} RMS'
     if after > HARMFUL_RATIO * before:
         return Verdict(
-            'harmful', f'The model leaves more drift than no compensation would: {figures}.'
+            'harmful',
+            f'The model leaves more drift than no compensation would: {figures}'
+            f'{_judged_on(evidence)}.',
         )
     share = f'{100 * after / before:.2g}' if before > 0 else '0'
     remainder = f'{share} % of the drift is left ({figures})'
@@ -84,6 +86,13 @@ def judge(evidence: Evidence) -> Verdict:
         return Verdict('weak', f'{remainder}; {"; ".join(doubts)}.')
     noise = ', no more than the noise of the sensor' if is_noise else ''
     return Verdict('good', f'{remainder}{noise}.')
+
+
+def _judged_on(evidence: Evidence) -> str:
+    """Say of how much a judgement is; one recording is little to condemn a model on."""
+    count = 0 if evidence.blocks is None else len(evidence.blocks[0])
+    plural = 's' if count > 1 else ''
+    return f', in {count} {evidence.block_name}{plural}' if count else ''
 
 
 def _why_uncalibrated(evidence: Evidence) -> str:

@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from copy import copy, deepcopy
 from functools import partial
 import math
-from pathlib import Path
 import sys
 import time
 from typing import Any, cast
@@ -19,7 +18,6 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
@@ -27,10 +25,12 @@ from wrist_ft_comp.calibration.settings import CalibrationSettings, Identificati
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.files.cdr import locate, TEMPERATURE_DOUBLES, WRENCH_DOUBLES
 from wrist_ft_comp.files.job_request import CalibrationJob
-from wrist_ft_comp.files.model_store import default_directory, ModelStore
+from wrist_ft_comp.files.model_store import default_directory, ModelStore, own_directory
 from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics
 from wrist_ft_comp.ros import messages
+from wrist_ft_comp.ros.arguments.unknown import tell_unknown
+from wrist_ft_comp.ros.arguments.usage import usage
 from wrist_ft_comp.ros.diagnostics import diagnostic_array, diagnostics, Snapshot, stream_state
 from wrist_ft_comp.ros.input_health import InputHealth
 from wrist_ft_comp.ros.live_model import choose_first_model, LiveModel
@@ -71,8 +71,8 @@ class CompensatorNode(Node):
                 'thermometer inside the sensor.'
             )
         shared = chosen['data_directory']
-        own = default_directory(self.get_fully_qualified_name())
-        store = ModelStore(Path(shared, sensor).expanduser() if shared else own)
+        name = self.get_fully_qualified_name()
+        store = ModelStore(own_directory(shared, sensor) if shared else default_directory(name))
         first = choose_first_model(store, chosen['model_file'], len(topics), log)
         model = None if first.stored is None else first.stored.model
         compensator = Compensator(len(topics), _stream_settings(chosen), model)
@@ -85,6 +85,7 @@ class CompensatorNode(Node):
         self.state_keeper = StateKeeper(
             compensator, lambda: self.live.sha256, store.directory / 'state.json', chosen, log
         )
+        self.state_keeper.writer.problem = store.check_writable()
         self.recording = RecordService(compensator, store, self._subscribe_reference, log)
         self.tare = TareService(compensator, self._settings, self.state_keeper.save, log)
         self.calibration = CalibrateService(self.make_request, self.live.take, log)
@@ -104,46 +105,68 @@ class CompensatorNode(Node):
         self._offered = [
             DeferredService(self, Trigger, '~/calibrate', self.calibration.on_request),
             DeferredService(self, Trigger, '~/tare', self.tare.on_request),
-            self.create_service(Trigger, '~/reset_tare', self.tare.on_reset),
-            self.create_service(SetBool, '~/record', self.recording.on_request),
-            self.create_service(Trigger, '~/rollback', self.live.on_rollback),
+            self._serve(Trigger, '~/reset_tare', self.tare.on_reset),
+            self._serve(SetBool, '~/record', self.recording.on_request),
+            self._serve(Trigger, '~/rollback', self.live.on_rollback),
         ]
         self.add_on_set_parameters_callback(self.live.validate_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
+        self._check_topics()
+        reference = self.resolve_topic_name('wrench_reference')
+        tell_unknown(self, [reference], log)
         # A steady clock: the node looks after itself where simulated time stands still, too.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_HOUSEKEEPING_PERIOD_S, self._keep_house, clock=steady)
         self.create_timer(_DIAGNOSTICS_PERIOD_S, self._diagnose, clock=steady)
 
+    def _check_topics(self) -> None:
+        """Refuse remaps that make the node hear itself."""
+        raw, output = self.own_topics
+        if raw == output:
+            raise SettingsError(
+                f'wrench_raw and wrench are both {raw}: the node would hear itself. Remap '
+                "wrench_raw to the driver's topic, and wrench to another."
+            )
+
     def _create_publishers(self) -> None:
         """Create publishers; QoS of the output may be overridden by parameters."""
-        self._output = self.create_publisher(
-            WrenchStamped,
-            'wrench',
-            messages.own(messages.OUTPUT),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-            event_callbacks=messages.subscribers_deaf(
-                'wrench', self.health.incompatible, self._log
-            ),
-        )
-        self._drift = self.create_publisher(WrenchStamped, '~/drift', messages.OUTPUT)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', messages.OUTPUT)
+        with messages.opening('wrench'):
+            self._output = self.create_publisher(
+                WrenchStamped,
+                'wrench',
+                messages.own(messages.OUTPUT),
+                qos_overriding_options=messages.overridable(),
+                event_callbacks=messages.subscribers_deaf(
+                    'wrench', self.health.incompatible, self._log
+                ),
+            )
+        with messages.opening('~/drift'):
+            self._drift = self.create_publisher(WrenchStamped, '~/drift', messages.OUTPUT)
+        with messages.opening('/diagnostics'):
+            self._diagnostics = self.create_publisher(
+                DiagnosticArray, '/diagnostics', messages.OUTPUT
+            )
+
+    def _serve(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> Any:
+        """Offer a service that answers at once."""
+        return self.create_service(kind, name, callback, qos_profile=messages.SERVICE)
 
     def _subscribe(
         self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any
     ) -> Any:
         """Subscribe to serialized messages; QoS may be overridden by parameters."""
-        return self.create_subscription(
-            kind,
-            topic,
-            callback,
-            messages.own(qos),
-            raw=True,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-            event_callbacks=messages.publishers_unheard(
-                topic, self.health.incompatible, self._log
-            ),
-        )
+        with messages.opening(topic):
+            return self.create_subscription(
+                kind,
+                topic,
+                callback,
+                messages.own(qos),
+                raw=True,
+                qos_overriding_options=messages.overridable(),
+                event_callbacks=messages.publishers_unheard(
+                    topic, self.health.incompatible, self._log
+                ),
+            )
 
     def _subscribe_reference(self) -> Callable[[], object]:
         """Subscribe to the reference wrench; what is returned ends that again."""
@@ -344,9 +367,28 @@ def _stream_settings(chosen: dict[str, Any]) -> StreamSettings:
     )
 
 
+#: What --help says, between the first line and the parameters.
+_USAGE = """\
+Removes the temperature drift of a wrist force/torque sensor beside any driver:
+
+  compensator --ros-args -r wrench_raw:=/driver/wrench \\
+    -p temperature_topics:=[/driver/temperature]
+
+hears      wrench_raw (WrenchStamped), the topics in temperature_topics, and,
+           while recording, wrench_reference; -r maps them to the driver's own
+publishes  wrench (compensated), ~/drift, /diagnostics
+serves     ~/record, ~/calibrate, ~/tare, ~/reset_tare, ~/rollback
+
+Without a model wrenches pass as they are: record a warm-up with ~/record, then
+call ~/calibrate. docs/tutorial.md of the package goes through it, and
+wrist_ft_comp --help shows what works on files.
+"""
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a node per sensor until a signal ends them; returns the exit code."""
-    return run_nodes(partial(node_per_sensor, CompensatorNode), argv)
+    explained = usage('compensator', _USAGE, PARAMETERS)
+    return run_nodes(partial(node_per_sensor, CompensatorNode), argv, explained)
 
 
 if __name__ == '__main__':

@@ -311,6 +311,7 @@ def _model(now: Snapshot) -> Status:
     }
     if stored is None:
         why = now.model_problem or 'no model; record a warm-up and call ~/calibrate'
+        why = f'{why}; {now.save_problem}' if now.save_problem else why
         return Status('model', ERROR if now.model_problem else WARN, why, numbers)
     numbers |= {
         'file': str(stored.path),

@@ -4,14 +4,25 @@ What is ROS about messages: quality of service, and typed messages where speed d
 Raw wrenches and temperatures are read as bytes (files/cdr.py).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from copy import copy
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.qos import qos_policy_name_from_kind, QoSProfile, ReliabilityPolicy
+from rclpy.exceptions import NameValidationException
+from rclpy.qos import (
+    HistoryPolicy,
+    qos_policy_name_from_kind,
+    qos_profile_services_default,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 
+from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.signals import AXES, NANOSECONDS
 
 _profile: Any = QoSProfile  # its constructor carries no types
@@ -22,11 +33,44 @@ FAST_SENSOR: QoSProfile = _profile(depth=1000, reliability=ReliabilityPolicy.BES
 SLOW_SENSOR: QoSProfile = _profile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: Reliable, so that every tool receives it; a controller wants the newest values, not old ones.
 OUTPUT: QoSProfile = _profile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+#: As any service's, but twenty askers at once overrun the usual queue of 10, and are never told.
+SERVICE: QoSProfile = copy(qos_profile_services_default)
+SERVICE.depth = 1000
 
 
 def own(profile: QoSProfile) -> QoSProfile:
     """Copy a profile for one topic: rclpy writes what parameters override into the one given."""
     return copy(profile)
+
+
+def overridable() -> QoSOverridingOptions:
+    """Let parameters override history, depth and reliability; a depth that holds nothing can't."""
+
+    def check(profile: QoSProfile) -> SetParametersResult:
+        holds = profile.depth > 0 or profile.history == HistoryPolicy.KEEP_ALL
+        reason = f'depth must be an integer of at least 1; got {profile.depth}'
+        return SetParametersResult(successful=holds, reason='' if holds else reason)
+
+    return QoSOverridingOptions.with_default_policies(callback=check)
+
+
+@contextmanager
+def opening(topic: str) -> Iterator[None]:
+    """Turn what rclpy says of a topic that it can't subscribe to or publish on into a sentence."""
+    try:
+        yield
+    except (
+        RuntimeError,
+        ValueError,
+        NameValidationException,
+        InvalidQosOverridesError,
+    ) as error:
+        # rcl ends its message with ", at FILE:LINE" of its sources; rclpy draws below its own.
+        reason = str(error).split(', at /')[0].split('\n')[0].rstrip(':')
+        raise SettingsError(
+            f'The topic {topic} cannot be used: {reason}. Check its name, its qos_overrides, and '
+            'that no other topic of this node, which is of another type, has the same name.'
+        ) from error
 
 
 def publishers_unheard(

@@ -25,6 +25,7 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.task import Future
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
+from wrist_ft_comp.ros.arguments.usage import HELP, refuse_strays
 from wrist_ft_comp.ros.parameters import (
     declare,
     NODE_NAME,
@@ -38,7 +39,7 @@ SensorNode = TypeVar('SensorNode', bound=Any)
 #: Longest time between a signal and the look at its flag, seconds.
 POLL_PERIOD_S = 0.1
 #: A sensor's name becomes a namespace.
-_NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
+_NAME = re.compile(r'(?!.*__)[A-Za-z][A-Za-z0-9_]*')
 #: What a user can cause and mend; anything else is a fault of ours and keeps its traceback.
 USER_ERRORS = (
     WristFtCompError,
@@ -48,17 +49,23 @@ USER_ERRORS = (
 )
 
 
-def run_nodes(factory: NodesFactory, argv: Sequence[str] | None = None) -> int:
+def run_nodes(factory: NodesFactory, argv: Sequence[str] | None = None, usage: str = '') -> int:
     """
     Run the nodes of ``factory(context=…)`` on one executor until SIGINT, SIGTERM, or an error.
 
     The first node's parameter ``executor`` chooses it, where it is declared. Returned is the exit
-    code: 0 after a signal, 1 after an error of this package, which was logged as one sentence.
+    code: 0 after a signal, or when ``--help`` showed the usage; 1 after an error of this package,
+    which was logged as one sentence.
     """
+    words = list(sys.argv if argv is None else argv)
+    if usage and not set(HELP).isdisjoint(words[1:]):
+        sys.stdout.write(usage)
+        return 0
     context = Context()
     try:
         with _stop_flag() as stop:
-            _initialise(context, argv)
+            refuse_strays(words)
+            _initialise(context, words)
             _create_and_spin(factory, context, stop)
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
@@ -97,10 +104,10 @@ def spin(executor: Executor, context: Context, stop: threading.Event) -> None:
         executor.spin_until_future_complete(never, timeout_sec=POLL_PERIOD_S)
 
 
-def _initialise(context: Context, argv: Sequence[str] | None) -> None:
+def _initialise(context: Context, words: list[str]) -> None:
     """Initialise a context; bad ROS arguments become a sentence."""
     try:
-        context.init(list(sys.argv if argv is None else argv))
+        context.init(words)
     except RuntimeError as error:
         # rcl ends its message with ", at FILE:LINE" of its own sources, once per call level.
         reason = str(error).split(', at /')[0].rstrip('.')
@@ -200,8 +207,8 @@ def _check_names(names: Sequence[str]) -> None:
             )
         if not _NAME.fullmatch(name):
             raise SettingsError(
-                'sensors must be names of letters, digits and underscores that begin with a '
-                f'letter, because they become namespaces; got {name!r}. Rename it.'
+                'sensors must be names of letters, digits and single underscores that begin with '
+                f'a letter, because they become namespaces; got {name!r}. Rename it.'
             )
 
 

@@ -18,11 +18,12 @@ import numpy as np
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS
-from wrist_ft_comp.ros.messages import own, SLOW_SENSOR
+from wrist_ft_comp.ros.arguments.unknown import tell_unknown
+from wrist_ft_comp.ros.arguments.usage import usage
+from wrist_ft_comp.ros.messages import opening, overridable, own, SLOW_SENSOR
 from wrist_ft_comp.ros.parameters import declare, EXECUTOR_PARAMETER, Parameter, values
 from wrist_ft_comp.ros.running import run_nodes
 from wrist_ft_comp.simulation.ft_sensor import (
@@ -128,8 +129,9 @@ class SimulatedSensor(Node):
         self._to_temperatures = [
             self._advertise(Temperature, topic) for topic in ('temperature', 'temperature_2')
         ]
+        logger = cast('Any', self).get_logger()
+        tell_unknown(self, (), logger)
         if self._waits:
-            logger = cast('Any', self).get_logger()
             logger.info('Waiting for subscribers; the run begins when the last of them has come.')
         wake_s = max(SHORTEST_WAKE_S, 1.0 / max(self._wrenches.rate, self._temperatures.rate))
         # A steady clock: neither a simulated nor a stepped clock changes the rate.
@@ -146,12 +148,10 @@ class SimulatedSensor(Node):
 
     def _advertise(self, message_type: Any, topic: str) -> Any:
         """Make a publisher, best effort as real drivers' and deep enough for one wake-up."""
-        return self.create_publisher(
-            message_type,
-            topic,
-            own(SLOW_SENSOR),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        with opening(topic):
+            return self.create_publisher(
+                message_type, topic, own(SLOW_SENSOR), qos_overriding_options=overridable()
+            )
 
     def _wake(self) -> None:
         """Publish what has become due since the last wake-up, in the order of the stamps."""
@@ -246,9 +246,23 @@ class _Ticks:
         return elapsed_ns
 
 
+#: What --help says, between the first line and the parameters.
+_USAGE = """\
+Simulates a wrist force/torque sensor that warms up, as a driver's node, to try
+the compensator on:
+
+  simulated_sensor --ros-args -p speed:=100.0 -p temperature_rate:=100.0 \\
+    -p load.force_n:=0.0 -p load.torque_nm:=0.0
+
+publishes  wrench_raw, wrench_reference (the true wrench), temperature, and
+           temperature_2
+"""
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node until a signal ends it; returns the exit code."""
-    return run_nodes(lambda **options: [SimulatedSensor(**options)], argv)
+    explained = usage('simulated_sensor', _USAGE, PARAMETERS)
+    return run_nodes(lambda **options: [SimulatedSensor(**options)], argv, explained)
 
 
 if __name__ == '__main__':

@@ -145,5 +145,5 @@ class StateKeeper:
             self.save()
         if not self.writer.end(_END_TIMEOUT_S):
             self._log.error(f'{self._path} was not saved: the disk does not answer.')
-        elif self.writer.problem:
+        elif self.writer.problem not in {'', self._complained}:
             self._log.error(self.writer.problem)

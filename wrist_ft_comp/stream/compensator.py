@@ -69,7 +69,7 @@ class Compensator:
     ----------
     thermometers : int
         Number of thermometers J that will report.
-    settings : StreamSettings
+    settings : StreamSettings, optional
         Limits and periods.
     model : DriftModel, optional
         None passes wrenches through, tared, until ``go_live``.
@@ -77,8 +77,12 @@ class Compensator:
     """
 
     def __init__(
-        self, thermometers: int, settings: StreamSettings, model: DriftModel | None = None
+        self,
+        thermometers: int,
+        settings: StreamSettings | None = None,
+        model: DriftModel | None = None,
     ) -> None:
+        settings = settings or StreamSettings()
         self.settings = settings
         self.thermometers = thermometers
         self.tracker = DriftTracker(
@@ -131,7 +135,16 @@ class Compensator:
         list of CompletedCells
             What it completed; the compensation has moved when there are any.
 
+        Raises
+        ------
+        SettingsError
+            When there is no such thermometer.
+
         """
+        if not 0 <= thermometer < self.thermometers:
+            raise SettingsError(
+                f'Thermometers are counted from 0 to {self.thermometers - 1}; got {thermometer}.'
+            )
         resting = not self.compensating
         cells = self.tracker.add(thermometer, stamp_ns, temperature_c)
         if cells and self.compensating:

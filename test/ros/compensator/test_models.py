@@ -4,6 +4,7 @@ import os
 import pytest
 
 from wrist_ft_comp.errors import ModelFileError, SettingsError
+from wrist_ft_comp.files.model_file import load_model
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -214,3 +215,37 @@ class TestModelFile:
             assert not node.set('model_file', name).successful
         assert node.set('model_file', '').successful
         assert live(node) is None
+
+
+class TestUnit:
+    """A chamber table's model is in what the table is in, which newtons need not be."""
+
+    SAID = 'corrects force_z in output units, but the wrenches are in N. Calibrate from recordings'
+
+    @pytest.fixture
+    def foreign(self, make_model):
+        path = make_model('foreign.yaml').path
+        path.write_text(path.read_text().replace("unit: ''", 'unit: output units'))
+        return path
+
+    def test_another_one_is_refused_at_start(self, rig, foreign):
+        with pytest.raises(ModelFileError, match=f'foreign.yaml {self.SAID}'):
+            rig(parameters={'model_file': str(foreign)})
+
+    @pytest.mark.usefixtures('foreign')
+    def test_another_one_is_refused_while_running(self, rig, make_model):
+        node = rig(parameters={'model_file': str(make_model('a.yaml').path)})
+        verdict = node.set('model_file', 'models/foreign.yaml')
+        assert not verdict.successful
+        assert self.SAID in verdict.reason
+        assert live(node) == 'a.yaml'
+
+    def test_another_one_is_no_outcome_of_a_calibration(self, rig, foreign):
+        node = rig()
+        with pytest.raises(ModelFileError, match=self.SAID):
+            node.node.live.take(load_model(foreign))
+        assert live(node) is None
+
+    def test_who_knows_better_may_write_so_into_the_file(self, rig, foreign):
+        foreign.write_text(foreign.read_text().replace('unit: output units', 'unit: N'))
+        assert live(rig(parameters={'model_file': str(foreign)})) == 'foreign.yaml'

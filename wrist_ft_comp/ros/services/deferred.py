@@ -11,6 +11,8 @@ from typing import Any
 
 from rclpy.node import Node
 
+from wrist_ft_comp.ros.messages import SERVICE
+
 
 class Reply:
     """The answer to one request: call it once, now or later; further calls do nothing."""
@@ -45,7 +47,9 @@ class DeferredService:
     ) -> None:
         self._handler = handler
         self._replies: dict[int, Reply] = {}
-        self.service: Any = node.create_service(service_type, name, self._on_request)
+        self.service: Any = node.create_service(
+            service_type, name, self._on_request, qos_profile=SERVICE
+        )
         self._send = self.service.send_response
         self.service.send_response = self._on_header  # type: ignore[method-assign] # see above
 

@@ -1,0 +1,258 @@
+"""The names for others' programs: which they are, what they take, that they load little."""
+
+import ast
+from dataclasses import fields
+from importlib import import_module
+import inspect
+from pathlib import Path
+import re
+import subprocess
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import wrist_ft_comp
+from wrist_ft_comp import Calibration, Compensator, Recording, TareCollector
+from wrist_ft_comp.model.drift_model import Drift
+from wrist_ft_comp.report.evaluation import AxisEvaluation
+
+#: What others' programs are written against: a change of these breaks them.
+SIGNATURES = {
+    'calibrate': '(recordings, settings=None, progress=None)',
+    'compensate': '(model, table, *others, tare_s=0.0)',
+    'evaluate': "(model, recordings, *, reference='unloaded', tare_s=60.0)",
+    'load_model': '(path)',
+    'read_recording': '(path, *, period_s=1.0, topics=None, max_bad_share=0.01, '
+    'keep_copied_columns=False, progress=None)',
+    'recording_from_columns': "(*tables, name='table', period_s=1.0, max_bad_share=0.01)",
+    'save_model': '(path, calibration, provenance=None)',
+    'summarise': '(calibration)',
+    'Compensator': '(thermometers, settings=None, model=None)',
+    'TareCollector': '(duration_s, max_deviation_n)',
+    'StreamSettings': '(thermal_period_s=1.0, temperature_timeout_s=5.0, max_drift_n=200.0, '
+    'max_drift_rate_n_s=1.0, history_s=21600.0)',
+}
+METHODS = {
+    Compensator.add_temperature: '(self, thermometer, stamp_ns, temperature_c, '
+    'keep_output_of=None)',
+    Compensator.compensation_at: '(self, stamp_ns)',
+    Compensator.correct: '(self, stamp_ns, raw)',
+    Compensator.go_live: '(self, model, keep_output_of=None)',
+    Compensator.reset_tare: '(self)',
+    Compensator.set_tare: '(self, raw, stamp_ns)',
+    TareCollector.add: '(self, stamp_ns, raw)',
+    TareCollector.result: '(self)',
+}
+#: What these have at least; settings with their defaults.
+ATTRIBUTES: dict[Any, set[str]] = {
+    AxisEvaluation: {'rms_before', 'rms_after', 'max_before', 'max_after'},
+    Calibration: {'model', 'fits', 'temperature_range_c', 'duration_s', 'warnings'},
+    Recording: {'name', 'period_ns', 'first_cell', 'temperature_c', 'wrench', 'warnings'},
+    Drift: {'zero', 'sensitivity'},
+}
+SETTINGS = {
+    'CalibrationSettings': {'reference': 'unloaded', 'min_temperature_span_k': 3.0},
+    'Topics': {
+        'wrench': '/wrench_raw',
+        'temperatures': ('/temperature',),
+        'reference': '/wrench_reference',
+    },
+}
+#: Neither of these is for a loop on a robot.
+HEAVY = r'scipy|matplotlib|rosbags|jinja2|tqdm|wrist_ft_comp[.](cli|identification|report|ros)'
+
+
+def bare(function):
+    """The signature without annotations, which Python versions write differently."""
+    signature = inspect.signature(function)
+    parameters = [each.replace(annotation=each.empty) for each in signature.parameters.values()]
+    return str(inspect.Signature(parameters))
+
+
+def test_the_names_are_these():
+    others = {*SETTINGS, 'Calibration', 'Recording', 'WristFtCompError'}
+    assert set(wrist_ft_comp.__all__) == {*SIGNATURES, *others}
+    assert set(wrist_ft_comp.__all__) <= set(dir(wrist_ft_comp))
+
+
+@pytest.mark.parametrize('name', SIGNATURES)
+def test_what_a_name_takes_stays(name):
+    assert bare(getattr(wrist_ft_comp, name)) == SIGNATURES[name]
+
+
+@pytest.mark.parametrize('method', METHODS, ids=lambda method: method.__qualname__)
+def test_what_a_method_takes_stays(method):
+    assert bare(method) == METHODS[method]
+
+
+@pytest.mark.parametrize('record', ATTRIBUTES, ids=lambda record: record.__name__)
+def test_what_a_result_holds_stays(record):
+    held = record._fields if hasattr(record, '_fields') else [f.name for f in fields(record)]
+    assert ATTRIBUTES[record] <= set(held)
+
+
+@pytest.mark.parametrize('name', SETTINGS)
+def test_settings_and_their_defaults_stay(name):
+    made = getattr(wrist_ft_comp, name)()
+    assert {each: getattr(made, each) for each in SETTINGS[name]} == SETTINGS[name]
+
+
+def test_type_checkers_see_what_is_loaded():
+    """Every name is imported for them from where it is loaded from."""
+    source = Path(wrist_ft_comp.__file__).read_text('utf-8')
+    seen = {
+        alias.name: getattr(import_module(str(node.module)), alias.name)
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith('wrist_ft_comp.')
+        for alias in node.names
+    }
+    assert seen == {name: getattr(wrist_ft_comp, name) for name in wrist_ft_comp.__all__}
+    assert Path(wrist_ft_comp.__file__).with_name('py.typed').exists()
+
+
+def test_a_name_that_is_not_there_is_named():
+    with pytest.raises(AttributeError, match="has no attribute 'calibrat'"):
+        _ = getattr(wrist_ft_comp, 'calibrat')  # noqa: B009 -- a type checker sees it, too
+
+
+def loaded_by(statement):
+    """Modules that a statement loads in a fresh process, beside those of numpy."""
+    program = f'import sys\nbefore = set(sys.modules)\n{statement}\n'
+    program += 'print(*(set(sys.modules) - before))'
+    done = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+def test_the_import_alone_loads_no_numpy_and_no_room():
+    loaded = loaded_by('import wrist_ft_comp')
+    assert [name for name in loaded if name.startswith('wrist_ft_comp')] == ['wrist_ft_comp']
+    assert 'numpy' not in loaded
+
+
+def test_what_runs_in_a_loop_loads_nothing_heavy():
+    loaded = loaded_by(
+        'import numpy\nbefore = set(sys.modules)\n'
+        'from wrist_ft_comp import Compensator, load_model, StreamSettings, TareCollector'
+    )
+    assert 'wrist_ft_comp.stream.compensator' in loaded
+    assert not [name for name in loaded if re.match(HEAVY, name)]
+
+
+class Sensor:
+    """A sensor at 200 Hz for so many seconds, with its drift, which is warm from the start."""
+
+    def __init__(self, seconds, force_z):
+        self._left, self._stamp_ns, self._force_z = seconds * 200, 10**18, force_z
+
+    def is_running(self):
+        return self._left > 0
+
+    def read(self):
+        self._left -= 1
+        self._stamp_ns += 5_000_000
+        return self._stamp_ns, [0.0, 0.0, self._force_z, 0.0, 0.0, 0.0], 30.0
+
+
+class Series:
+    """A column as pandas has it: what numpy makes an array of, with an index that nobody asks."""
+
+    def __init__(self, values):
+        self._values = np.asarray(values)
+
+    def __array__(self, dtype=None, copy=None):
+        return np.array(self._values, dtype=dtype)
+
+
+class Frame:
+    """A table as pandas has it: it is as long as a column, and iterates over its names."""
+
+    def __init__(self, columns):
+        self.columns = {name: Series(values) for name, values in columns.items()}
+
+    def keys(self):
+        return iter(self.columns)
+
+    def __getitem__(self, name):
+        return self.columns[name]
+
+    def __len__(self):
+        return len(np.asarray(next(iter(self.columns.values()))))
+
+    def assign(self, **columns):
+        assert {len(values) for values in columns.values()} == {len(self)}
+        return Frame({**self.columns, **columns})
+
+
+@pytest.fixture
+def day(warm_up, lagged):
+    """Columns of a warm-up at one row in ten seconds: force z drifts by a lag, torque x not."""
+
+    def make(seed):
+        rng = np.random.default_rng(seed)
+        celsius = warm_up(720, seed)
+        drift = 0.8 * (lagged(celsius, 300.0) - 20.0)
+        return {
+            'stamp_s': 1e9 + 1e5 * seed + 10.0 * np.arange(720),
+            'force_z': drift + 0.02 * rng.standard_normal(720),
+            'torque_x': 0.01 * rng.standard_normal(720),
+            'temperature_c': celsius,
+        }
+
+    return make
+
+
+def test_the_documented_examples_run(day, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for seed, name in enumerate(('monday', 'tuesday', 'wednesday')):
+        columns = day(seed)
+        rows = np.stack(list(columns.values()), axis=1)
+        np.savetxt(f'{name}.csv', rows, '%.9f', ',', header=','.join(columns), comments='')
+
+    def read_csv(path):
+        table = np.genfromtxt(path, names=True, delimiter=',')
+        return Frame({name: table[name] for name in table.dtype.names})
+
+    monkeypatch.setitem(sys.modules, 'pandas', SimpleNamespace(read_csv=read_csv))
+    thursday, used = day(3), []
+    names: dict[str, Any] = {
+        'wrench_stamps_ns': (thursday['stamp_s'] * 1e9).astype(int),
+        'force_z': thursday['force_z'],
+        'temperature_stamps_ns': (thursday['stamp_s'][::3] * 1e9).astype('datetime64[ns]'),
+        'celsius': thursday['temperature_c'][::3],
+        'sensor': Sensor(5, force_z=7.0),
+        'controller': SimpleNamespace(use=used.append),
+    }
+    for block in examples('docs/python.md'):
+        if 'rclpy' not in block:
+            exec(block, names)  # noqa: S102 -- the document's own words
+    printed = capsys.readouterr().out
+    before, after = map(float, re.findall(r'force_z: (\S+) -> (\S+) RMS\n', printed)[0])
+    assert after < 0.1 * before
+    compensated = np.asarray(names['frame']['force_z'])
+    assert np.std(compensated) < 0.1 * np.std(day(2)['force_z'])
+    assert len(used) == 1000
+    stamps_ns = 10**18 + 5_000_000 * np.arange(1, 1001)
+    batch = {
+        'stamp_ns': stamps_ns,
+        'force_z': np.full(1000, 7.0),
+        'temperature_c': 30.0 + 0 * stamps_ns,
+    }
+    (expected,) = set(wrist_ft_comp.compensate(names['model'], batch)['force_z'])
+    assert expected != 7.0
+    assert used[-1] == pytest.approx([0.0, 0.0, expected, 0.0, 0.0, 0.0])
+    pressed = names['compensator'].correct(stamps_ns[-1], [1.0, 0.0, 7.0 + 5.0, 0.0, 0.0, 0.0])
+    assert pressed == pytest.approx([1.0, 0.0, 5.0, 0.0, 0.0, 0.0])
+    assert names['thursday'].name == 'thursday'
+    assert f'{names["thursday"].duration_s} ()' in printed
+
+
+def examples(document):
+    """Python blocks of a document, in their order."""
+    text = (Path(__file__).parents[1] / document).read_text('utf-8')
+    return re.findall(r'^```python\n(.*?)^```', text, re.M | re.S)
