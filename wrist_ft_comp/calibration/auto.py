@@ -26,6 +26,7 @@ from wrist_ft_comp.identification.bins import (
     bin_axis_data,
     BinnedData,
     start_transients,
+    tare,
     TRANSIENT_VARIANCE,
 )
 from wrist_ft_comp.identification.gains import anchored, build_axis_model, by_relaxation
@@ -36,8 +37,6 @@ from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import BoolArray, FloatArray
 
-#: A held-out fold is tared in its first minute, as people do.
-_TARE_S = 60.0
 _STRENGTHS = (1e-2, 1e-4, 1e-6)
 _POOLED, _GATE = 0.5, 16.0
 #: Less than this share of a correction is not worth running.
@@ -124,7 +123,7 @@ class _Body:
                 if len(design):
                     axis.forms[fold] = _HeldOutForms(
                         _cleaned_form(design, self.bins.period_s),
-                        _form(_tared(design, self.bins.period_s)),
+                        _form(tare(design, self.bins.period_s)),
                     )
 
     def _expand(self, features: Features, recording: int) -> FloatArray:
@@ -225,12 +224,6 @@ def identify_together(
     ]
 
 
-def _tared(design: FloatArray, period_s: float) -> FloatArray:
-    """Zero every column, (n, P + 1), on its first minute."""
-    first = design[: max(1, round(_TARE_S / period_s))]
-    return np.asarray(design - first.mean(axis=0))
-
-
 def _form(design: FloatArray) -> FloatArray:
     """Mean square of a combination of columns, as a quadratic form of its gains."""
     return np.asarray(design.T @ design / len(design))
@@ -311,7 +304,7 @@ def _held_out_errors(
                 continue
             bins = np.flatnonzero((axis.binned.folds[i] == fold) & (axis.binned.sums[i].count > 0))
             middle = np.minimum((bins + 0.5) * cells - 0.5, len(axis.data.residual[i]) - 1)
-            tared = _tared(design, body.bins.period_s)
+            tared = tare(design, body.bins.period_s)
             remaining = -tared @ (weights[n] @ held_out[fold][n])
             same = np.ones(len(bins))
             parts[n].append((i * same, fold * same, middle, tared[:, -1], remaining))
@@ -405,7 +398,7 @@ def _whole_over_parts(axis: _Axis, tared: FloatArray) -> float:
         return 1.0
     sums = axis.binned.sums[0]
     rows = sums.count > 0
-    y = _tared((sums.residual[rows] / sums.count[rows])[:, np.newaxis], axis.binned.period_s)
+    y = tare((sums.residual[rows] / sums.count[rows])[:, np.newaxis], axis.binned.period_s)
     whole = np.sqrt(np.mean(y**2))
     return max(1.0, float(whole / np.sqrt(tared[:, 0, 0] + _TINY).mean()))
 

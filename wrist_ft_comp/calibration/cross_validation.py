@@ -15,7 +15,7 @@ import numpy as np
 
 from wrist_ft_comp.calibration.result import HeldOut
 from wrist_ft_comp.identification.axis_data import AxisData
-from wrist_ft_comp.identification.bins import bin_axis_data, BinnedData, Sums
+from wrist_ft_comp.identification.bins import bin_axis_data, BinnedData, Sums, tare
 from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
 from wrist_ft_comp.identification.output_error import best_on_grid, Structure
 from wrist_ft_comp.identification.regression import least_squares
@@ -80,7 +80,7 @@ def time_constant_grid(data: AxisData) -> FloatArray:
 
 
 class FoldBins(NamedTuple):
-    """Bins of a recording in a held-out fold: cell numbers and errors around a constant, (n,)."""
+    """Bins of a recording in a held-out fold: cell numbers and tared errors, (n,)."""
 
     recording: int
     fold: int
@@ -139,14 +139,17 @@ def _recordings_with(data: CandidateData, fold: int) -> list[int]:
 
 
 def _around_level(data: CandidateData, i: int, fold: int, errors: FloatArray) -> FoldBins:
-    """Count a recording's errors, (n,), in a fold from a constant."""
+    """Count a recording's errors, (n,), in a fold from its first minute, or from the others."""
     judged, present = data.judged, data.judged.sums[i].count > 0
     held = (judged.folds[i] == fold) & present
-    level = errors[held if judged.tared else ~held & present].mean()
+    if judged.tared:
+        remaining = tare(errors[held], judged.period_s)
+    else:
+        remaining = errors[held] - errors[~held & present].mean()
     cells = judged.period_s / data.axis_data.period_s
     middles = (np.flatnonzero(held) + 0.5) * cells - 0.5
     last = len(data.axis_data.residual[i]) - 1
-    return FoldBins(i, fold, np.minimum(middles, last), (errors - level)[held])
+    return FoldBins(i, fold, np.minimum(middles, last), remaining)
 
 
 def _design(x: FloatArray, sums: Sums, *, loaded: bool) -> FloatArray:
@@ -230,16 +233,19 @@ def unexplained(data: AxisData, model: AxisModel | None) -> list[FloatArray]:
 
 
 def fold_bins(data: AxisData, remainders: Sequence[FloatArray], fold: int) -> list[FoldBins]:
-    """Average what is left in a fold over bins, around each recording's constant."""
+    """Average what is left in a fold over bins, tared, or counted from the other plateaus."""
     bins = []
     for i, (folds, values) in enumerate(zip(data.folds, remainders, strict=True)):
         finite = np.isfinite(values)
         rows = np.flatnonzero((folds == fold) & finite)
         if len(rows):
             inside = bin_means(values[rows], rows, data.bin_cells[1])
-            constant = (inside if data.tared else values[(folds != fold) & finite]).mean()
             cells = bin_means(rows.astype(float), rows, data.bin_cells[1])
-            bins.append(FoldBins(i, fold, cells, inside - constant))
+            if data.tared:
+                errors = tare(inside, data.bin_cells[1] * data.period_s)
+            else:
+                errors = inside - values[(folds != fold) & finite].mean()
+            bins.append(FoldBins(i, fold, cells, errors))
     return bins
 
 

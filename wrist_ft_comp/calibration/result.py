@@ -55,8 +55,8 @@ class HeldOut:
     """
     Errors of one axis on held-out folds, averaged over bins, by recording and time, arrays (n,).
 
-    Both errors are counted from the same constant: that of the fold, as if the sensor had been
-    tared in it, or, for plateaus of a chamber test, that of the other plateaus.
+    Both errors are counted from the first minute of the fold, as if the sensor had been tared in
+    it, or, for plateaus of a chamber test, from the mean of the other plateaus.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class HeldOut:
     bin_s : float
         Length of a bin, s.
     tared : bool
-        Whether the constant is the fold's own.
+        Whether they are counted from the fold's first minute.
 
     """
 

@@ -16,6 +16,7 @@ from wrist_ft_comp.identification.axis_data import AxisData
 from wrist_ft_comp.model.arx import Arx, mean_relaxation, relaxation
 from wrist_ft_comp.model.signals import FloatArray, IntArray
 
+_TARE_S = 60.0
 #: Cosines of a random walk, and what a body forgets that did not start at rest, s.
 _COSINES, _TRANSIENTS_S = 16, (300.0, 1000.0, 3000.0)
 #: Prior variance of a transient over that of the mean of all noise.
@@ -131,6 +132,11 @@ def bin_axis_data(data: AxisData, cells: int, *, means: bool = False) -> BinnedD
 def start_transients(time_s: NDArray[np.floating[Any]]) -> FloatArray:
     """Draw what a body that did not start at rest forgets, (n, 3), from times since then, (n,)."""
     return np.asarray(np.exp(-time_s[:, np.newaxis] / np.array(_TRANSIENTS_S)))
+
+
+def tare(values: FloatArray, period_s: float) -> FloatArray:
+    """Zero what is left of a held-out fold, (n, …), on its first minute, as people do."""
+    return np.asarray(values - values[: max(1, round(_TARE_S / period_s))].mean(axis=0))
 
 
 def _sum_bins(values: FloatArray, cells: int) -> FloatArray:

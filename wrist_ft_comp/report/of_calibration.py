@@ -14,6 +14,9 @@ from wrist_ft_comp.report.evaluation import AxisEvaluation
 from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
 from wrist_ft_comp.report.view import axis_view, ErrorSeries, recording_starts_h, ReportView
 
+#: A recording is hard when the others leave this many times as much of it as usual.
+_HARD = 1.5
+
 
 def calibration_verdicts(
     calibration: Calibration, recordings: Sequence[Recording]
@@ -106,7 +109,7 @@ def calibration_view(
         coverage=coverage,
         explanation=_explanation(calibration, recordings, reference),
         axes=axes,
-        advice=tuple(advice),
+        advice=(*_hardest_day(fits, recordings), *advice),
         warnings=tuple(each for each in calibration.warnings if not each.startswith(refusals)),
         tables=tables or {},
     )
@@ -116,6 +119,26 @@ def _held_out(fit: AxisFit) -> HeldOut:
     """Return the errors that every identified axis carries."""
     assert fit.held_out is not None  # noqa: S101 -- identify_axis always keeps them
     return fit.held_out
+
+
+def _hardest_day(fits: Mapping[str, AxisFit], recordings: Sequence[Recording]) -> list[str]:
+    """Name the recording that the others predict worst: what is like it was seen too little."""
+    if len(recordings) < 3:
+        return []
+    after = {axis: rms_by_fold(_held_out(fit)).after for axis, fit in fits.items() if fit.model}
+    whole = [each / max(each.mean(), 1e-300) for each in after.values() if len(each) > 2]
+    share = np.mean([each for each in whole if len(each) == len(recordings)] or [[0.0]], axis=0)
+    if share.max() < _HARD * np.median(share):
+        return []
+    hardest = int(np.argmax(share))
+    axis = max(after, key=lambda each: after[each][hardest] / max(fits[each].rms_before, 1e-300))
+    return [
+        (
+            f'{recordings[hardest].name} is predicted worst by the others: {after[axis][hardest]:.3g} '
+            f'{fits[axis].unit} of {axis} are left, in the mean of all {after[axis].mean():.3g} '
+            f'{fits[axis].unit}. Another day like it would help most.'
+        )
+    ]
 
 
 def _parts(held_out: HeldOut) -> IntArray:
@@ -143,6 +166,7 @@ def _evidence(fit: AxisFit, longest_s: float) -> Evidence:
         compensated=fit.model is not None,
         best_candidate=min(tried, default=None),
         blocks=rms_by_fold(held_out),
+        recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
         slowest_s=_slowest_s(fit),
         longest_s=longest_s,
         refusal=fit.refusal,
@@ -175,18 +199,18 @@ def _explanation(
     count = len(np.unique(first.fold))
     if len(recordings) > 1:
         blocks = f'Each of the {count} recordings was held out in turn'
-        zero = 'the mean of the recording'
+        zero = 'its first minute'
     elif first.tared:
         minutes = recordings[0].duration_s / count / 60
         blocks = (
             f'The recording was cut into {count} blocks of {minutes:.0f} min, and each was held '
             'out in turn'
         )
-        zero = 'the mean of the block'
+        zero = 'its first minute'
     else:
         blocks = f'Each of the {count} plateaus was held out in turn'
         zero = 'the mean of the other plateaus'
-    tared = ': what is compared is drift after a tare' if first.tared else ''
+    tared = ': as after a tare' if first.tared else ''
     return (
         f'{blocks}: a model that was fitted to the others ran on its temperatures alone. Errors '
         f'are means over {first.bin_s:g} s, counted from {zero}, with compensation and '

@@ -49,6 +49,8 @@ class Evidence:
     #: The errors block by block, and what a block is.
     blocks: FoldErrors | None = None
     block_name: str = 'held-out block'
+    #: How many recordings a calibration rests on; 0 if it is not one.
+    recordings: int = 0
     #: Slowest time constant, and longest recording; 0 if unknown.
     slowest_s: float = 0.0
     longest_s: float = 0.0
@@ -77,7 +79,7 @@ def judge(evidence: Evidence) -> Verdict:
             f'{_judged_on(evidence)}.',
         )
     share = f'{100 * after / before:.2g}' if before > 0 else '0'
-    remainder = f'{share} % of the drift is left ({figures})'
+    remainder = f'{share} % of the drift is left ({figures}){_rests_on(evidence)}'
     is_noise = after <= NOISE_MARGIN * evidence.noise
     doubts = _doubts(evidence)
     if not is_noise and after > GOOD_REMAINDER * before:
@@ -93,6 +95,13 @@ def _judged_on(evidence: Evidence) -> str:
     count = 0 if evidence.blocks is None else len(evidence.blocks[0])
     plural = 's' if count > 1 else ''
     return f', in {count} {evidence.block_name}{plural}' if count else ''
+
+
+def _rests_on(evidence: Evidence) -> str:
+    """Say when it was too few recordings to know how much they differ."""
+    if evidence.recordings == 1:
+        return ', judged on parts of a single recording'
+    return ', which rests on two recordings' if evidence.recordings == 2 else ''
 
 
 def _why_uncalibrated(evidence: Evidence) -> str:
