@@ -132,13 +132,13 @@ def _hardest_day(fits: Mapping[str, AxisFit], recordings: Sequence[Recording]) -
         return []
     hardest = int(np.argmax(share))
     axis = max(after, key=lambda each: after[each][hardest] / max(fits[each].rms_before, 1e-300))
-    return [
-        (
-            f'{recordings[hardest].name} is predicted worst by the others: {after[axis][hardest]:.3g} '
-            f'{fits[axis].unit} of {axis} are left, in the mean of all {after[axis].mean():.3g} '
-            f'{fits[axis].unit}. Another day like it would help most.'
-        )
-    ]
+    unit = fits[axis].unit
+    sentence = (
+        f'{recordings[hardest].name} is predicted worst by the others: {after[axis][hardest]:.3g} '
+        f'{unit} of {axis} are left, in the mean of all {after[axis].mean():.3g} {unit}. Another '
+        'day like it would help most.'
+    )
+    return [sentence]
 
 
 def _parts(held_out: HeldOut) -> IntArray:
