@@ -211,7 +211,10 @@ def identify_together(
         held_out_logs.append(found)
     errors = [_candidate_errors(axis, n, held_out) for n, axis in enumerate(body.axes)]
     days = len(body.relaxed_c)
-    weights = _weigh([each.cleaned for each in errors], days)
+    weights = [
+        _unless_worse(own, each.tared)
+        for own, each in zip(_weigh([each.cleaned for each in errors], days), errors, strict=True)
+    ]
     after = _held_out_errors(body, weights, held_out)
     lags = _Lags(logs, held_out_logs)
     return [
@@ -284,6 +287,13 @@ def _weigh(errors: Sequence[FloatArray], days: int) -> list[FloatArray]:
     weights *= use[:, np.newaxis]
     weights[:, 0] = 1 - use
     return list(weights)
+
+
+def _unless_worse(weights: FloatArray, tared: FloatArray) -> FloatArray:
+    """Use nothing of what leaves no less than no compensation in the mean over folds."""
+    none: FloatArray = np.eye(len(weights))[0]
+    after, before = (_root_mean_squares(each, tared).mean() for each in (weights, none))
+    return weights if after < before else none
 
 
 def _gate(gained: FloatArray) -> FloatArray:

@@ -16,6 +16,9 @@ from wrist_ft_comp.model.signals import FloatArray
 #: What is clamped continues this share of the calibrated span beyond it: drift does not stop at
 #: the coldest morning that was recorded, but how it goes on is a guess that must stay small.
 MARGIN = 0.2
+#: Where tangents go on, they do so for this share: farther out is a faulty thermometer, or another
+#: robot.
+_FAR_MARGIN = 1.0
 #: Where tangents go on, squares keep their curvature for this share of the calibrated span.
 _CURVED_SHARE = 0.33
 
@@ -30,7 +33,7 @@ class Features:
     How J temperatures become F features.
 
     Outside [lower_c, upper_c], the range that was calibrated, temperatures are clamped from MARGIN
-    on, or powers go on as tangents at its edge, squares curved for another third of the range.
+    on; or powers go on for another range, as tangents at its edge, squares curved for a third.
     Hats, which have no slope beyond their last knot, stay constant from there.
 
     """
@@ -93,10 +96,9 @@ class Features:
         )
 
     def clamp(self, temperature_c: FloatArray) -> FloatArray:
-        """Hold temperatures, °C, shape (..., J), within MARGIN of the range, unless they go on."""
-        if self.beyond == 'tangents':
-            return temperature_c
-        margin = MARGIN * (self.upper_c - self.lower_c)
+        """Hold temperatures, °C, shape (..., J), within a margin of the calibrated range."""
+        share = MARGIN if self.beyond == 'clamped' else _FAR_MARGIN
+        margin = share * (self.upper_c - self.lower_c)
         clamped: FloatArray = np.clip(temperature_c, self.lower_c - margin, self.upper_c + margin)
         return clamped
 
