@@ -36,15 +36,16 @@ setup(
         'matplotlib>=3.6,<4',
         'jinja2>=3.1,<4',
         'tqdm>=4.66,<5',
-        'rosbags>=0.11,<0.12',
     ],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]>=7.1,<8', 'ros-jazzy-common-interfaces>=5.3,<6'],
+        'bags': ['rosbags>=0.11,<0.12'],  # a system ROS reads them by rosbag2_py
         'completion': ['shtab>=1.5,<2'],
         'test': [
             'pytest>=7.4,<10',
             'pytest-xdist>=3.8,<4',  # newer than Ubuntu's: knows --no-loadscope-reorder
             'hypothesis>=6,<7',
+            'rosbags>=0.11,<0.12',
             'scikit-learn>=1.4,<2',
             'shtab>=1.5,<2',
         ],

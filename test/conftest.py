@@ -237,9 +237,8 @@ class Messages:
     text_type = 'std_msgs/msg/String'
 
     def __init__(self):
-        from rosbags.typesys import get_typestore, Stores  # noqa: PLC0415 -- only who needs it
-
-        self.store = get_typestore(Stores.ROS2_JAZZY)
+        typesys = pytest.importorskip('rosbags.typesys')
+        self.store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
     def _make(self, kind, *fields):
         return self.store.types[kind](*fields)
@@ -258,6 +257,25 @@ class Messages:
     def temperature(self, stamp_ns, value, frame='ft_sensor', little=True):
         kind = self.temperature_type
         message = self._make(kind, self._header(stamp_ns, frame), float(value), 0.25)
+        return bytes(self.store.serialize_cdr(message, kind, little_endian=little))
+
+    def learn(self, kind, text):
+        """Know a type by its definition."""
+        from rosbags.typesys import get_types_from_msg  # noqa: PLC0415 -- only who needs it
+
+        self.store.register(get_types_from_msg(text, kind))
+        return kind
+
+    def make(self, kind, *fields):
+        """Make a message of any known type; a time in ns becomes a header."""
+        names = [field for field, _ in self.store.fielddefs[kind][1]]
+        if names[0] == 'header':
+            fields = self._header(fields[0], 'here'), *fields[1:]
+        return self._make(kind, *fields)
+
+    def pack(self, kind, *fields, little=True):
+        """Serialize a message of any known type."""
+        message = self.make(kind, *fields)
         return bytes(self.store.serialize_cdr(message, kind, little_endian=little))
 
     def run(self, stamps_ns, wrenches, temperature_c, topic='/wrench_raw'):

@@ -21,7 +21,6 @@ KEYS = {
     'matplotlib': 'python3-matplotlib',
     'numpy': 'python3-numpy',
     'pytest': 'python3-pytest',
-    'rosbags': 'python3-rosbags-pip',
     'scipy': 'python3-scipy',
     'sklearn': 'python3-sklearn',
     'tqdm': 'python3-tqdm',
@@ -29,8 +28,22 @@ KEYS = {
 }
 #: Comes with rclpy's message packages; only named to quieten a warning of its own.
 NOT_IMPORTED_BY_US = {'rosidl_generator_py'}
-#: Asked for by one command only, which says how to get it; there is no rosdep key.
-OPTIONAL = {'shtab'}
+#: Used where they are there; from pip only, and so no dependency of a released package.
+OPTIONAL = {'rosbags', 'shtab'}
+#: Loaded by rosbag2_py, by name.
+PLUGINS = {'rosbag2_compression_zstd', 'rosbag2_storage_mcap', 'rosbag2_storage_sqlite3'}
+#: Keys that rosdep finds in apt of Ubuntu 24.04: by its base.yaml and python.yaml, and packages
+#: that are released into ROS 2 Jazzy.
+APT = {
+    'python3-hypothesis', 'python3-jinja2', 'python3-jsonschema', 'python3-matplotlib',
+    'python3-numpy', 'python3-pytest', 'python3-scipy', 'python3-sklearn', 'python3-tqdm',
+    'python3-yaml',
+}  # fmt: skip
+RELEASED = {
+    'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs',
+    'rcl_interfaces', 'rclpy', 'rosbag2_compression_zstd', 'rosbag2_py', 'rosbag2_storage_mcap',
+    'rosbag2_storage_sqlite3', 'rosgraph_msgs', 'sensor_msgs', 'std_srvs',
+}  # fmt: skip
 
 
 def imported(folder):
@@ -52,7 +65,17 @@ def declared(*tags):
 
 
 def test_what_the_package_imports_is_what_it_depends_on():
-    assert imported('wrist_ft_comp') - OPTIONAL == declared('exec_depend')
+    assert imported('wrist_ft_comp') - OPTIONAL == declared('exec_depend') - PLUGINS
+    assert declared('exec_depend') >= PLUGINS
+
+
+def test_every_dependency_comes_by_apt():
+    """A package with a key that needs pip cannot be released into the ROS distribution."""
+    tags = {each.tag for each in MANIFEST} & {
+        'depend', 'exec_depend', 'test_depend', 'build_depend', 'buildtool_depend',
+    }  # fmt: skip
+    assert declared(*tags) <= APT | RELEASED
+    assert not {key for key in declared(*tags) if 'pip' in key}
 
 
 def test_what_the_tests_import_is_named_for_them():

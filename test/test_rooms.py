@@ -173,7 +173,9 @@ def test_pictures_are_drawn_into_memory(module):
 
 @every_module_but('ros')
 def test_only_ros_knows_ros(module):
-    assert not roots(module) & ROS_PACKAGES
+    """But for one module, which reads bags by what a system ROS has for that."""
+    allowed = {'rosbag2_py'} if module == 'files.bags.rosbag2_backend' else set[str]()
+    assert roots(module) & ROS_PACKAGES == allowed
 
 
 @every_module_but('cli')

@@ -139,3 +139,18 @@ def test_settings_that_cannot_be_are_refused(options, expected, run, drift_csv, 
     outcome = run('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', *options)
     assert expected in outcome.sentence
     assert not (tmp_path / 'm.yaml').exists()
+
+
+@pytest.mark.parametrize(
+    ('entries', 'sentence'),
+    [
+        (['/a:b:Kelvin'], "'/a:b:Kelvin' is in the unit 'Kelvin'; expected C, K or F"),
+        (['/a:b', 'a:b:K'], "'/a:b' and 'a:b:K' are one and the same"),
+    ],
+)
+def test_a_wrong_temperature_is_refused_before_anything_is_read(
+    run, bags, tmp_path, entries, sentence
+):
+    words = [word for entry in entries for word in ('--temperature-topic', entry)]
+    outcome = run('calibrate', bags['mcap'], '-o', tmp_path / 'model.yaml', *words)
+    assert sentence in outcome.sentence

@@ -6,15 +6,16 @@ import struct
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import Reader
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files import bag as bag_file
 from wrist_ft_comp.files import cdr
 from wrist_ft_comp.files import csv_file as csv_text
+from wrist_ft_comp.files.bags import bag as bag_file
 from wrist_ft_comp.files.recordings import describe_recording, read_recording, rewrite_recording
 from wrist_ft_comp.model.signals import AXES, NANOSECONDS, Topics
 
+Reader = pytest.importorskip('rosbags.rosbag2').Reader
+pytestmark = pytest.mark.usefixtures('backend')
 TABLE = Path(__file__).parents[2] / 'data' / 'keller_pa10' / 'table1_sensor_a_raw.csv'
 CSV = (
     'stamp_s;note;force_z;temperature_c;torque_x\n0.0;"a;b";1.50;20.0;\n0.5;;2.50;;7\n1.0;c;;21;\n'

@@ -35,9 +35,9 @@ from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_tab
 from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.job_request import CalibrationJob, decode_job, UNTIL_CLOSED
 from wrist_ft_comp.files.model_file import save_model
-from wrist_ft_comp.files.recordings import hash_recording, read_recording
+from wrist_ft_comp.files.recordings import BAG, hash_recording, kind_of, read_recording
 from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.signals import Progress, Recording
+from wrist_ft_comp.model.signals import Progress, Recording, Topics
 from wrist_ft_comp.report.of_calibration import calibration_view
 from wrist_ft_comp.report.page import page
 
@@ -66,7 +66,10 @@ def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome
     recordings, used, left_out = _read(job, report)
     calibration = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
     sources = [{'path': str(path), 'sha256': hash_recording(path)} for path in used]
-    stored = save_model(job.output, calibration, {'recordings': sources})
+    provenance: dict[str, object] = {'recordings': sources}
+    if job.topics != Topics() or any(kind_of(path) == BAG for path in used):
+        provenance['temperature_topics'] = list(job.topics.temperatures)
+    stored = save_model(job.output, calibration, provenance)
     return JobOutcome(calibration, stored, tuple(recordings), left_out)
 
 

@@ -14,6 +14,7 @@ from typing import Any, get_args, TypeAlias
 from tqdm import tqdm
 
 from wrist_ft_comp.model.signals import Progress, Reference, Topics
+from wrist_ft_comp.model.temperature_source import parse_sources
 
 #: What a command adds its parser to.
 Commands: TypeAlias = 'argparse._SubParsersAction[Parser]'  # noqa: SLF001 -- it has no public name
@@ -89,9 +90,10 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     group.add_argument(
         '--temperature-topic',
         action='append',
-        metavar='TOPIC',
-        help='once per thermometer, the one inside the sensor first '
-        f'(default: {", ".join(defaults.temperatures)})',
+        metavar='TOPIC[:FIELD[:UNIT]]',
+        help='once per thermometer, the one inside the sensor first: a topic of '
+        'sensor_msgs/Temperature, or a number in other messages and its unit, C (default), K or '
+        f"F: '/driver/state:joints[2].temp:K' (default: {', '.join(defaults.temperatures)})",
     )
     group.add_argument(
         '--reference-topic',
@@ -103,10 +105,12 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
 
 
 def topics_from(arguments: argparse.Namespace) -> Topics:
-    """Build the topics that were given."""
+    """Build the topics that were given; SettingsError for a temperature that is no entry."""
+    temperatures = tuple(arguments.temperature_topic or Topics().temperatures)
+    parse_sources(temperatures, lambda topic: topic.strip('/'))
     return Topics(
         wrench=arguments.wrench_topic,
-        temperatures=tuple(arguments.temperature_topic or Topics().temperatures),
+        temperatures=temperatures,
         reference=arguments.reference_topic,
     )
 

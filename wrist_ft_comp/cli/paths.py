@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from wrist_ft_comp.errors import ModelFileError, RecordingError
-from wrist_ft_comp.files.bag import SUFFIXES
+from wrist_ft_comp.files.bags.bag import SUFFIXES
 from wrist_ft_comp.files.chamber_table import is_chamber_table
 from wrist_ft_comp.files.documents import beginning
 from wrist_ft_comp.files.model_file import is_model

@@ -10,8 +10,9 @@ from tempfile import TemporaryDirectory
 
 from wrist_ft_comp.calibration.chamber import OUTPUT_UNIT
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files.bag import open_bag, SUFFIXES
-from wrist_ft_comp.files.bag_recording import read_bag, rewrite_bag
+from wrist_ft_comp.files.bags.adapter import open_bag
+from wrist_ft_comp.files.bags.bag import SUFFIXES
+from wrist_ft_comp.files.bags.bag_recording import read_bag, rewrite_bag
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
 from wrist_ft_comp.files.csv_file import CsvRecording, rewrite_csv
 from wrist_ft_comp.model.batch_grid import GridBuilder

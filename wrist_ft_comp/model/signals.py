@@ -38,7 +38,7 @@ class Topics:
     """Where a bag holds what; names match with or without the leading slash."""
 
     wrench: str = '/wrench_raw'
-    #: One per thermometer; the first is the one inside the sensor.
+    #: One per thermometer, as ``temperature_source`` reads it; the first is inside the sensor.
     temperatures: tuple[str, ...] = ('/temperature',)
     #: The default one may be absent.
     reference: str = '/wrench_reference'

@@ -1,0 +1,160 @@
+"""What a bag is to those who use it, whichever backend opened it; it hands over bytes."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+import difflib
+from itertools import islice
+from typing import Any, Protocol, TypeVar
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.files.cdr_fields import Definitions
+
+#: Storage plugin by suffix.
+SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
+#: Messages in memory at once.
+BATCH = 20_000
+_Key = TypeVar('_Key')
+
+
+class Connection(Protocol):
+    """A topic of a bag; where several publishers were told apart, one of its connections."""
+
+    @property
+    def id(self) -> int:  # noqa: A003 -- as rosbags names it
+        """Its number, which no other has."""
+
+    @property
+    def topic(self) -> str:
+        """The topic's name."""
+
+    @property
+    def msgtype(self) -> str:
+        """The type, such as ``std_msgs/msg/String``."""
+
+    @property
+    def msgcount(self) -> int:
+        """How many messages came."""
+
+
+#: Connection, time of arrival at the recorder in ns, bytes.
+Message = tuple[Connection, int, bytes]
+
+
+@dataclass(frozen=True, eq=False)
+class Bag:
+    """An open bag."""
+
+    name: str
+    #: ``sqlite3`` or ``mcap``.
+    storage: str
+    #: ``file``, ``message`` or ''.
+    compression: str
+    connections: tuple[Connection, ...]
+    #: When the first and the last message arrived, ns; meaningless without messages.
+    span_ns: tuple[int, int]
+    #: Gives the messages of given connections, from the beginning.
+    read: Callable[[Sequence[Any]], Iterator[Message]]
+    #: Gives the definition of a connection's type and of all it is made of.
+    define: Callable[[Any], Definitions]
+    #: What was lost.
+    warnings: tuple[str, ...] = ()
+
+    def batches(self, connections: Sequence[Connection]) -> Iterator[list[Message]]:
+        """Read messages of the given connections, BATCH at a time, in order of recording."""
+        messages = self.read(connections)
+        while True:
+            with translated(self.name):
+                batch = list(islice(messages, BATCH))
+            if not batch:
+                return
+            yield batch
+
+    def grouped(
+        self, streams: Mapping[int, _Key]
+    ) -> Iterator[dict[_Key, tuple[list[int], list[bytes]]]]:
+        """
+        Read messages, BATCH at a time, by what each connection's number stands for.
+
+        Gives times of arrival, ns, and bytes.
+        """
+        messages = self.read([c for c in self.connections if c.id in streams])
+        while True:
+            groups: dict[_Key, tuple[list[int], list[bytes]]] = {
+                key: ([], []) for key in streams.values()
+            }
+            add = {
+                number: (groups[key][0].append, groups[key][1].append)
+                for number, key in streams.items()
+            }
+            with translated(self.name):
+                for connection, time_ns, data in islice(messages, BATCH):
+                    add_time, add_data = add[connection.id]
+                    add_time(time_ns)
+                    add_data(data)
+            groups = {key: group for key, group in groups.items() if group[0]}
+            if not groups:
+                return
+            yield groups
+
+    def first(self, connection: Connection) -> bytes | None:
+        """Read the first message of a connection; None when there is none."""
+        with translated(self.name):
+            return next((data for _, _, data in self.read([connection])), None)
+
+    def find(self, topic: str, message_type: str | None, role: str) -> list[Connection]:
+        """
+        Find the connections of a topic that has messages of some type, or of any (None).
+
+        The role it is needed for is told, with what is there, when there is no such topic.
+        """
+        wanted = topic.strip('/')
+        named_so = [c for c in self.connections if c.topic.strip('/') == wanted]
+        if not named_so:
+            there = {c.topic: c.msgtype for c in self.connections}
+            listed = ', '.join(f'{name} ({kind})' for name, kind in there.items())
+            fitting = [name for name, kind in there.items() if message_type in {kind, None}]
+            near = difflib.get_close_matches(f'/{wanted}', fitting, 1, 0.3) or fitting
+            raise RecordingError(
+                f'{self.name} holds no topic /{wanted} for the {role}; it holds '
+                f'{listed or "no topic at all"}.'
+                + (f' Did you mean {near[0]}? Then name that topic.' if near else '')
+            )
+        for connection in named_so:
+            if message_type not in {connection.msgtype, None}:
+                raise RecordingError(
+                    f'{connection.topic} of {self.name} is {connection.msgtype}; the {role} must '
+                    f'be {message_type}. Name another topic.'
+                )
+        if not sum(connection.msgcount for connection in named_so):
+            raise RecordingError(
+                f'{named_so[0].topic} of {self.name} holds no messages; was the {role} published '
+                'while recording?'
+            )
+        return named_so
+
+
+@dataclass(frozen=True, eq=False)
+class BagWriter:
+    """A bag being written."""
+
+    #: Given a connection of the bag that is copied, and a name, makes a topic of its type.
+    add: Callable[[Any, str], Any]
+    #: Given what ``add`` returned, the time of arrival in ns, and bytes, writes a message.
+    write: Callable[[Any, int, bytes], None]
+
+
+@contextmanager
+def translated(name: str) -> Iterator[None]:
+    """Turn whatever a broken file makes a backend raise into a RecordingError."""
+    try:
+        yield
+    except RecordingError:
+        raise
+    except Exception as error:
+        what = ' '.join(str(error).split()) or 'its structure is broken'
+        raise RecordingError(
+            f'{name} cannot be read as a bag ({type(error).__name__}: {what[:200].rstrip(".")}). '
+            "Try 'ros2 bag reindex' on the folder, 'mcap recover' on an .mcap file, or "
+            "'sqlite3 FILE .recover' on a .db3 file."
+        ) from error

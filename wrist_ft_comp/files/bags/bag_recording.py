@@ -1,0 +1,243 @@
+"""
+Recordings as rosbag2: their topics as samples, and copies with the corrected wrench added.
+
+Times are the messages' header stamps; the time at which the recorder got a message counts only
+where a temperature is a field of messages without a stamp.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+import pathlib
+
+import numpy as np
+
+from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.files import cdr
+from wrist_ft_comp.files.bags.adapter import write_bag
+from wrist_ft_comp.files.bags.bag import Bag, Connection, SUFFIXES
+from wrist_ft_comp.files.cdr_fields import decode, Definitions, read_numbers
+from wrist_ft_comp.model.signals import (
+    AXES,
+    Correction,
+    FloatArray,
+    IntArray,
+    NANOSECONDS,
+    Progress,
+    REFERENCE_CHANNELS,
+    Samples,
+    temperature_channel,
+    Topics,
+)
+from wrist_ft_comp.model.temperature_source import (
+    may_be_temperature,
+    numbers_in,
+    parse_sources,
+    Path,
+    path_text,
+    TemperatureSource,
+)
+
+_WRENCH = 'geometry_msgs/msg/WrenchStamped', cdr.WRENCH_DOUBLES
+_TEMPERATURE = 'sensor_msgs/msg/Temperature', cdr.TEMPERATURE_DOUBLES
+#: Wrenches that arrive later than this after their stamp are stamped by another clock.
+_APART_NS = 10 * NANOSECONDS
+_ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
+
+
+@dataclass(frozen=True, eq=False)
+class _Stream:
+    """What a topic's messages are: a header and doubles, or anything with numbers in it."""
+
+    connection: Connection
+    #: Of the first doubles, or of each source.
+    channels: tuple[str, ...]
+    doubles: int = 0
+    sources: tuple[TemperatureSource, ...] = ()
+    definitions: Definitions = field(default_factory=dict)
+
+
+def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
+    """Read wrench, temperatures and, where it is there, the reference; by topic and batch."""
+    streams = {stream.connection.id: stream for stream in _streams(bag, topics)}
+    total, seen = sum(c.msgcount for c in bag.connections if c.id in streams), 0
+    unstamped = {stream for stream in streams.values() if stream.doubles}
+    unread = {stream for stream in streams.values() if stream.sources}
+    ahead_ns = 0
+    for groups in bag.grouped(streams):
+        for stream, (times_ns, messages) in groups.items():
+            stamps_ns, values = _decode(bag, stream, messages)
+            if stream.doubles:
+                if stamps_ns.any():
+                    unstamped.discard(stream)
+                    ahead_ns = int(stamps_ns[-1]) - times_ns[-1]
+                yield Samples(stream.channels, stamps_ns, values[:, : len(stream.channels)])
+            else:
+                if stream in unread:
+                    _check_first(bag, stream, messages, values)
+                    unread.discard(stream)
+                if abs(ahead_ns) > _APART_NS and not stamps_ns.all():
+                    raise RecordingError(_two_clocks(bag, stream, ahead_ns))
+                stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
+                for column, (channel, source) in enumerate(
+                    zip(stream.channels, stream.sources, strict=True)
+                ):
+                    yield Samples((channel,), stamps_ns, source.celsius(values[:, [column]]))
+            seen += len(messages)
+        if progress:
+            progress(min(seen / max(total, 1), 1.0))
+    for stream in unstamped:
+        raise RecordingError(
+            f'Every message on {stream.connection.topic} of {bag.name} has the header stamp 0; '
+            'expected the time of measurement. Let the driver fill header.stamp, and record again.'
+        )
+
+
+def _two_clocks(bag: Bag, stream: _Stream, ahead_ns: int) -> str:
+    """Say that times of arrival can't be compared with stamps."""
+    return (
+        f'Messages on {stream.connection.topic} of {bag.name} have no stamp, and their time of '
+        f'arrival says nothing: wrenches are stamped {abs(ahead_ns) / NANOSECONDS:.0f} s '
+        f'{"after" if ahead_ns > 0 else "before"} they arrived, by another clock than the '
+        "recorder's. Let the wrench's driver stamp by the clock of ROS, and record again."
+    )
+
+
+def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
+    """Find the topics; one stream for each connection."""
+    (wrench, six), (temperature, two) = _WRENCH, _TEMPERATURE
+    streams = [
+        _Stream(connection, AXES, six)
+        for connection in bag.find(topics.wrench, wrench, 'raw wrench')
+    ]
+    inside: defaultdict[str, list[tuple[str, TemperatureSource]]] = defaultdict(list)
+    sources = parse_sources(topics.temperatures, lambda topic: topic.strip('/'))
+    for number, source in enumerate(sources):
+        channel = temperature_channel(number)
+        if source.path:
+            inside[source.topic.strip('/')].append((channel, source))
+            continue
+        _check_plain(bag, source)
+        found = bag.find(source.topic, temperature, 'temperature')
+        streams += [_Stream(connection, (channel,), two) for connection in found]
+    for topic, parts in inside.items():
+        channels, named = zip(*parts, strict=True)
+        found = bag.find(topic, None, 'temperature')
+        streams += [_Stream(each, channels, 0, named, bag.define(each)) for each in found]
+    reference = topics.reference.strip('/')
+    holds_reference = any(c.topic.strip('/') == reference and c.msgcount for c in bag.connections)
+    if holds_reference or topics.reference != Topics().reference:
+        found = bag.find(topics.reference, wrench, 'reference')
+        streams += [_Stream(connection, REFERENCE_CHANNELS, six) for connection in found]
+    numbers = Counter(stream.connection.id for stream in streams)
+    for stream in streams:
+        if numbers[stream.connection.id] > 1:
+            raise RecordingError(
+                f'Topic {stream.connection.topic} is named twice; each must be another one.'
+            )
+    return streams
+
+
+def _check_plain(bag: Bag, source: TemperatureSource) -> None:
+    """Refuse a topic of another type than sensor_msgs/Temperature that has temperatures inside."""
+    for connection in bag.connections:
+        same = connection.topic.strip('/') == source.topic.strip('/')
+        if same and connection.msgtype != _TEMPERATURE[0]:
+            for path in temperatures_inside(bag, connection)[:1]:
+                raise RecordingError(
+                    f'{connection.topic} of {bag.name} is {connection.msgtype}; the temperature '
+                    f'must be {_TEMPERATURE[0]}, or a number inside. Did you mean '
+                    f'{source.topic}:{path_text(path)}?'
+                )
+
+
+def temperatures_inside(bag: Bag, connection: Connection) -> list[Path]:
+    """Find the numbers of a topic's first message that are named like temperatures."""
+    content = bag.first(connection)
+    if content is None:
+        return []
+    try:
+        message = decode(bag.define(connection), connection.msgtype, content)
+    except RecordingError:
+        return []
+    return [path for path, _ in numbers_in(message) if may_be_temperature(path)]
+
+
+def _check_first(bag: Bag, stream: _Stream, messages: list[bytes], values: FloatArray) -> None:
+    """Refuse a source of which the first messages have no number, saying what they have."""
+    for column, source in enumerate(stream.sources):
+        if np.isfinite(values[:, column]).any():
+            continue
+        try:
+            source.read(decode(stream.definitions, stream.connection.msgtype, messages[0]))
+        except SettingsError as error:
+            raise RecordingError(f'{bag.name}: {error}') from error
+
+
+def _decode(bag: Bag, stream: _Stream, messages: list[bytes]) -> tuple[IntArray, FloatArray]:
+    """Read stamps and numbers, naming bag and topic where a message is none of this form."""
+    topic, kind = stream.connection.topic, stream.connection.msgtype
+    try:
+        if stream.doubles:
+            return cdr.decode_many(messages, stream.doubles)
+        paths = [source.path for source in stream.sources]
+        return read_numbers(stream.definitions, kind, messages, paths)
+    except RecordingError as error:
+        if messages[0].startswith(_ZSTD_MAGIC):
+            raise RecordingError(
+                f'Messages on {topic} of {bag.name} are compressed one by one, which only '
+                "metadata.yaml tells. Name the bag's folder, after 'ros2 bag reindex' if need be."
+            ) from error
+        raise RecordingError(f'A message on {topic} of {bag.name} is damaged. {error}') from error
+
+
+def rewrite_bag(  # noqa: PLR0913, PLR0917 - the front door's settings, passed through
+    bag: Bag,
+    target: pathlib.Path,
+    correct: Correction,
+    topics: Topics,
+    output_topic: str,
+    progress: Progress | None = None,
+) -> tuple[str, ...]:
+    """
+    Copy a bag with every message, and add the corrected wrench at the raw one's times.
+
+    Storage and compression are those of the source. The target is a folder or, where it is named
+    like one, the bare storage file. Says what was lost.
+    """
+    bare = target.suffix in SUFFIXES
+    if bare and SUFFIXES[target.suffix] != bag.storage:
+        raise RecordingError(
+            f'{target.name} names another storage than that of {bag.name}, {bag.storage}; name a '
+            'folder, or a file with the suffix of that storage.'
+        )
+    folder = target.with_name(f'{target.stem}_bag') if bare else target
+    compression = '' if bare else bag.compression
+    wrench, doubles = _WRENCH
+    raw = {connection.id for connection in bag.find(topics.wrench, wrench, 'raw wrench')}
+    if any(c.topic.strip('/') == output_topic.strip('/') for c in bag.connections):
+        raise RecordingError(
+            f'{bag.name} holds {output_topic} already; name another topic for the output.'
+        )
+    total, seen = sum(connection.msgcount for connection in bag.connections), 0
+    first = next(c for c in bag.connections if c.id in raw)
+    with write_bag(folder, bag, compression) as writer:
+        copies = {c.id: writer.add(c, c.topic) for c in bag.connections}
+        output = writer.add(first, f'/{output_topic.strip("/")}')
+        for batch in bag.batches(bag.connections):
+            messages = [data for connection, _, data in batch if connection.id in raw]
+            if messages:
+                stamps_ns, values = _decode(bag, _Stream(first, AXES, doubles), messages)
+                messages = cdr.encode_many(messages, correct(stamps_ns, values))
+            corrected = iter(messages)
+            for connection, stamp, data in batch:
+                writer.write(copies[connection.id], stamp, data)
+                if connection.id in raw:
+                    writer.write(output, stamp, next(corrected))
+            seen += len(batch)
+            if progress:
+                progress(min(seen / total, 1.0))
+    if bare:
+        (made,) = folder.glob(f'*{target.suffix}')
+        made.rename(target)
+    return bag.warnings
