@@ -1,11 +1,12 @@
 """
 How long ``auto`` takes: six axes of the simulated wrist, unloaded and loaded.
 
-``python bench/identification.py``. 24 h, half and a quarter of it for the growth, and five times
-2.5 h.
+``python bench/identification.py``. 24 h, half and a quarter of it for the growth, five times 2.5 h,
+and a fortnight of 8 h a day, with the largest memory of the process.
 """
 
 import os
+import resource
 import time
 
 from wrist_ft_comp import ONE_THREAD
@@ -46,7 +47,7 @@ def wrist(run: int, hours: float, *, loaded: bool) -> Recording:
 
 def print_times() -> None:
     """Print how long a calibration of six axes takes."""
-    for hours, recordings in ((6.0, 1), (12.0, 1), (24.0, 1), (2.5, 5)):
+    for hours, recordings in ((6.0, 1), (12.0, 1), (24.0, 1), (2.5, 5), (8.0, 14)):
         for loaded in (False, True):
             runs = [wrist(run, hours, loaded=loaded) for run in range(recordings)]
             reference: Reference = 'recorded' if loaded else 'unloaded'
@@ -55,6 +56,7 @@ def print_times() -> None:
             took = time.perf_counter() - start
             what = 'loaded' if loaded else 'unloaded'
             print(f'auto, six axes, {recordings} x {hours:g} h at 1 s, {what}: {took:.1f} s')
+    print(f'memory at most {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB')
 
 
 if __name__ == '__main__':
