@@ -41,6 +41,10 @@ _STRENGTHS = (1e-2, 1e-4, 1e-6)
 _POOLED, _GATE = 0.5, 16.0
 #: Less than this share of a correction is not worth running.
 _WORTH_USING = 0.05
+#: Nor is one that lowers what is left of held-out recordings by less than this share.
+_WORTH_RUNNING = 0.02
+#: A relaxation that is a mixture of the pool's has its time constant up to this share.
+_MIXED = 0.005
 _TINY = 1e-300
 _BANKS = {
     'bank to 3000 s': near(0, 30, 100, 300, 1000, 3000),
@@ -206,13 +210,13 @@ def identify_together(
     held_out: dict[int, list[FloatArray]] = {}
     held_out_logs = []
     for number, fold in enumerate(body.folds, 1):
-        progress(number / (len(body.folds) + 1))
         held_out[fold], found = body.fit(fold, logs)
         held_out_logs.append(found)
+        progress(number / len(body.folds))
     errors = [_candidate_errors(axis, n, held_out) for n, axis in enumerate(body.axes)]
     days = len(body.relaxed_c)
     weights = [
-        _unless_worse(own, each.tared)
+        _if_worthwhile(own, each.tared)
         for own, each in zip(_weigh([each.cleaned for each in errors], days), errors, strict=True)
     ]
     after = _held_out_errors(body, weights, held_out)
@@ -267,7 +271,7 @@ def _weigh(errors: Sequence[FloatArray], days: int) -> list[FloatArray]:
     A logarithm's mean over folds is a geometric mean of their errors: no day outvotes the others.
     """
     logs = np.array(
-        [np.log(np.einsum('fii->fi', each) + _TINY).mean(axis=0) / 2 for each in errors]
+        [np.log(np.maximum(np.einsum('fii->fi', each), _TINY)).mean(axis=0) / 2 for each in errors]
     )
     logs -= logs[:, :1]
     logs = (1 - _POOLED) * logs + _POOLED * logs.mean(axis=0)
@@ -276,9 +280,10 @@ def _weigh(errors: Sequence[FloatArray], days: int) -> list[FloatArray]:
     weights = np.exp(-power * (logs - logs[:, 1:].min(axis=1, keepdims=True)))
     weights[:, 0] = 0.0
     weights /= weights.sum(axis=1, keepdims=True)
+    none = np.eye(weights.shape[1])[0]
     gained = np.array(
         [
-            np.mean(np.log(_root_mean_squares(own, each) / np.sqrt(each[:, 0, 0] + _TINY)))
+            np.mean(np.log(_root_mean_squares(own, each) / _root_mean_squares(none, each)))
             for own, each in zip(weights, errors, strict=True)
         ]
     )
@@ -289,11 +294,11 @@ def _weigh(errors: Sequence[FloatArray], days: int) -> list[FloatArray]:
     return list(weights)
 
 
-def _unless_worse(weights: FloatArray, tared: FloatArray) -> FloatArray:
-    """Use nothing of what leaves no less than no compensation in the mean over folds."""
+def _if_worthwhile(weights: FloatArray, tared: FloatArray) -> FloatArray:
+    """Use nothing of what leaves hardly less than no compensation in the mean over folds."""
     none: FloatArray = np.eye(len(weights))[0]
     after, before = (_root_mean_squares(each, tared).mean() for each in (weights, none))
-    return weights if after < before else none
+    return weights if after < (1 - _WORTH_RUNNING) * before else none
 
 
 def _gate(gained: FloatArray) -> FloatArray:
@@ -347,7 +352,8 @@ class _Lags(NamedTuple):
         """Time constants, increasing, and their standard errors by the jackknife over folds, s."""
         others = np.exp([np.sort(each[kind]) for each in self.held_out])
         spread = np.sqrt((len(others) - 1) * np.var(others, axis=0))
-        return np.exp(np.sort(self.everything[kind])), spread
+        tau_s = np.exp(np.sort(self.everything[kind]))
+        return tau_s, np.hypot(spread, _MIXED * tau_s)
 
 
 def _axis_fit(
@@ -373,11 +379,11 @@ def _axis_fit(
     after = state(COMBINATION, positions >= 0) if used else none
     names = np.array(['none', *(kind.name for kind in owners)])
     candidates = [state(name, names == name) for name in dict.fromkeys(names[1:].tolist())]
+    shares = {each.name: each.weight for each in candidates}
     free = list(lags.everything)
-    shares = {kind: float(weights[1:][[owner is kind for owner in owners]].sum()) for kind in free}
     tau_s, tau_errors_s = np.zeros((2, 0))
-    if sum(shares.values()) > used / 2:
-        tau_s, tau_errors_s = lags.stated(max(free, key=lambda kind: shares[kind]))
+    if sum(shares[name] for name in {kind.name for kind in free}) > used / 2:
+        tau_s, tau_errors_s = lags.stated(max(free, key=lambda kind: shares[kind.name]))
     heaviest = sorted(candidates, key=lambda each: -each.weight)[:2]
     reason = (
         f'An average of {len(owners)} fits leaves {after.rms:.3g} {data.unit} RMS on held-out '

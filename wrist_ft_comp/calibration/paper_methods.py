@@ -22,6 +22,7 @@ from wrist_ft_comp.identification.axis_data import AxisData
 from wrist_ft_comp.identification.pls_arx import identify, PaperMethod
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.features import Features
+from wrist_ft_comp.model.signals import FloatArray
 
 _MAX_LATENTS = 8
 #: Gain drift is learnt in hats when it leaves at most this share of what leaving it alone does.
@@ -53,23 +54,32 @@ def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     hats = replace(settings, features='hats')
     every = settings.latents or len(_features(data, hats).names)
     zero, both = partial(_fit_zero, hats, every), partial(_fit, hats, 'pls', every)
-    if data.load is not None and _gain_error(data, both) <= _GAIN_WORTH * _gain_error(data, zero):
+    if data.load is not None and _gain_error(data, both) < _GAIN_WORTH * _gain_error(data, zero):
         return _compete(data, {'zero and gain drift in hats': both}, may_be_none=True)
     return _compete(data, {'zero drift in hats': zero}, may_be_none=True)
 
 
 def _gain_error(data: AxisData, refit: Refit) -> float:
-    """Root mean square error of the gain in folds that were held out."""
-    assert data.load is not None  # noqa: S101 -- the caller looked
+    """Root mean square difference of the gain of folds that were held out from the others'."""
     errors = []
     for fold in data.fold_numbers:
         remainders = unexplained(data, refit(data.without(fold))[0])
-        for left, load, folds in zip(remainders, data.load, data.folds, strict=True):
-            rows = (folds == fold) & np.isfinite(left) & np.isfinite(load)
-            w = load[rows] - load[rows].mean() if rows.any() else load[rows]
-            if w.any():
-                errors.append(float(w @ left[rows]) / float(w @ w))
+        gains = {each: _gains(data, remainders, each) for each in data.fold_numbers}
+        others = [gain for each, own in gains.items() if each != fold for gain in own]
+        if others:  # the gain at T_ref is open as yet
+            errors += [gain - np.mean(others) for gain in gains[fold]]
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
+
+
+def _gains(data: AxisData, remainders: Sequence[FloatArray], fold: int) -> list[float]:
+    """Regress what is left in a fold on the load, in each recording where that varies."""
+    gains = []
+    for left, load, folds in zip(remainders, data.load or (), data.folds, strict=True):
+        rows = (folds == fold) & np.isfinite(left) & np.isfinite(load)
+        w = load[rows] - load[rows].mean() if rows.any() else load[rows]
+        if w.any():
+            gains.append(float(w @ left[rows]) / float(w @ w))
+    return gains
 
 
 def _compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = False) -> AxisFit:
