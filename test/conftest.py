@@ -183,10 +183,10 @@ def textbook_bank(lagged):
 
 @pytest.fixture(scope='session')
 def stack_samples():
-    """Stack the samples of some blocks: columns beside the load, r - w, and recordings."""
+    """Stack the samples of some blocks: columns beside the load, r - w, recordings and cells."""
 
     def make(problem, banked, blocks):
-        rows, targets, recordings = [], [], []
+        rows, targets, places = [], [], []
         for i, columns in enumerate(banked):
             for k, value in enumerate(problem.residual[i]):
                 if np.isnan(value) or problem.folds[i][k] not in blocks:
@@ -197,21 +197,39 @@ def stack_samples():
                     row += [w * c for c in columns[k]] + [w]
                 rows.append(row)
                 targets.append(value)
-                recordings.append(i)
-        return np.array(rows), np.array(targets), np.array(recordings)
+                places.append((i, k))
+        return np.array(rows), np.array(targets), np.array(places)
 
     return make
 
 
 @pytest.fixture(scope='session')
-def centre():
-    """Take every recording's mean out of columns or values."""
+def whiten():
+    """
+    Make every recording's errors independent, as generalised least squares does.
 
-    def make(values, recordings):
-        centred = np.array(values, dtype=float)
-        for i in np.unique(recordings):
-            centred[recordings == i] -= centred[recordings == i].mean(axis=0)
-        return centred
+    Beside noise of variance 1 there are a constant, a random walk in cosines and the transients of
+    a start; relative to the variance of the mean of all noise theirs are infinite, 1 / m² and 30.
+    """
+
+    def make(values, places, problem, *, soaked=False):
+        white = np.array(values, dtype=float)
+        for i, residual in enumerate(problem.residual):
+            rows, cells = places[:, 0] == i, places[places[:, 0] == i, 1] + 0.5
+            if not rows.any():
+                continue
+            variance = np.eye(len(cells))
+            for m in range(1, 17):
+                cosine = np.cos(np.pi * m * cells / len(residual))
+                variance += np.outer(cosine, cosine) / m**2 / len(cells)
+            for tau in () if soaked else (300.0, 1000.0, 3000.0):
+                transient = np.exp(-cells * problem.period_s / tau)
+                variance += 30 * np.outer(transient, transient) / len(cells)
+            root = np.linalg.cholesky(variance if problem.tared else np.eye(len(cells)))
+            one = np.linalg.solve(root, np.ones(len(cells)))
+            solved = np.linalg.solve(root, white[rows])
+            white[rows] = solved - np.multiply.outer(one, one @ solved) / (one @ one)
+        return white
 
     return make
 

@@ -1,15 +1,14 @@
 """How candidates are scored, against refitting by hand, and that what is drawn is what is said."""
 
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import pytest
 
 from wrist_ft_comp.calibration.calibrate import calibrate
-from wrist_ft_comp.calibration.candidates import CandidateData
 from wrist_ft_comp.calibration.cross_validation import (
     _left_out_bins,
+    CandidateData,
     fold_bins,
     JUDGED_PARTS,
     part_errors,
@@ -25,8 +24,7 @@ from wrist_ft_comp.calibration.settings import (
 from wrist_ft_comp.identification.bins import bin_axis_data
 from wrist_ft_comp.identification.moments import accumulate, bank_inputs
 from wrist_ft_comp.identification.output_error import Structure
-from wrist_ft_comp.identification.pls import fit_pls
-from wrist_ft_comp.identification.regression import MAX_LATENTS, RIDGE_STRENGTHS, TINY_RIDGE
+from wrist_ft_comp.identification.time_constants import search_time_constants
 from wrist_ft_comp.model.arx import relaxation
 from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
@@ -37,68 +35,32 @@ FEATURES = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), d
 GRID = np.array([0.0, 50.0, 150.0, 400.0, 1200.0])
 LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
 TEMPERATURE_C = np.linspace(20, 40, CELLS)
-STRUCTURES = [
-    Structure('static', 2),
-    Structure('static, degree 1', 1),
-    Structure('ridge', 2, bank_s=(50.0, 400.0), regression='ridge'),
-    Structure('PLS', 1, bank_s=(0.0, 50.0, 400.0), regression='PLS'),
-    Structure('one', 1, free_time_constants=1),
-    Structure('one, degree 2', 2, free_time_constants=1),
-    Structure('two', 1, free_time_constants=2),
-]
 
 
 def in_cells(problem):
     """Fit and judge candidates in single cells, on a grid of few time constants."""
     cells, judged = bin_axis_data(problem, 1), bin_axis_data(problem, 1, means=True)
-    inputs = bank_inputs(cells, FEATURES, GRID)
-    moments = accumulate(cells, inputs, GRID)
-    return CandidateData(problem, FEATURES, cells, judged, moments, inputs, trend=False)
+    moments = accumulate(cells, bank_inputs(cells, FEATURES, GRID), GRID)
+    return CandidateData(problem, FEATURES, cells, judged, moments)
 
 
-def choices(structure):
-    """List the time constants that are tried."""
-    if structure.free_time_constants:
-        return list(combinations(GRID[1:], structure.free_time_constants))
-    return [structure.bank_s or (0.0,)]
-
-
-def regress(structure, x, y, solve):
-    """Regress by hand, with every strength."""
-    if structure.regression == 'ridge':
-        return [solve(x, y, strength) for strength in RIDGE_STRENGTHS]
-    if structure.regression == 'PLS':
-        scale = np.linalg.norm(x, axis=0)
-        fits = [
-            fit_pls(x / scale, y[:, np.newaxis], latents)
-            for latents in range(1, min(MAX_LATENTS, x.shape[1]) + 1)
-        ]
-        thetas = [fit.coefficients[:, 0] / scale for fit in fits]
-        return thetas + [thetas[-1]] * (MAX_LATENTS - len(thetas))
-    return [solve(x, y, TINY_RIDGE)]
-
-
-@pytest.mark.parametrize('structure', STRUCTURES, ids=lambda structure: structure.name)
+@pytest.mark.parametrize('structure', [Structure('one', 2, 1), Structure('two', 1, 2)], ids=str)
 def test_held_out_errors_are_those_of_refitting_without_each_block(  # noqa: PLR0913, PLR0917
-    noisy_problem, textbook_bank, stack_samples, centre, augmented_ridge, structure
+    noisy_problem, textbook_bank, stack_samples, whiten, structure
 ):
-    data = in_cells(noisy_problem)
-    bins = [each for fold in range(3) for each in _left_out_bins(data, structure, None, fold)]
-    expected = []
+    """At the time constants of the search, which its own tests prove."""
+    data, degree = in_cells(noisy_problem), structure.degree
+    features, start_s = data.features_of(structure), GRID[[2, 4]][: structure.free_time_constants]
     for block in range(3):
-        fits = []
-        for taus in choices(structure):
-            banked = textbook_bank(noisy_problem, np.array(taus), structure.degree)
-            x, y, recordings = stack_samples(noisy_problem, banked, {0, 1, 2} - {block})
-            x, y = centre(x, recordings), centre(y, recordings)
-            thetas = regress(structure, x, y, augmented_ridge)
-            fits.append((np.sum((y - x @ thetas[0]) ** 2), banked, thetas))
-        _, banked, thetas = min(fits, key=lambda fit: fit[0])
+        taus = search_time_constants(data.fitted.without(block), features, start_s, 1e-5)
+        banked = textbook_bank(noisy_problem, taus, degree)
+        x, y, places = stack_samples(noisy_problem, banked, {0, 1, 2} - {block})
+        x, y = (whiten(values, places, noisy_problem) for values in (x, y))
+        theta = np.linalg.lstsq(x, y, rcond=None)[0]
         x, y, _ = stack_samples(noisy_problem, banked, {block})
-        errors = y[:, np.newaxis] - x @ np.stack(thetas, axis=1)
-        parts = np.array_split((errors - errors.mean(axis=0)) ** 2, 4)
-        expected += [part.mean(axis=0) for part in parts]
-    np.testing.assert_allclose(part_errors(bins), expected, rtol=1e-5)
+        left = y - x @ theta
+        (bins,) = _left_out_bins(data, features, start_s, block)
+        np.testing.assert_allclose(bins.errors, left - left.mean(), atol=1e-4 * np.ptp(left))
 
 
 def test_without_compensation_a_recording_is_left_around_its_mean(noisy_problem):
@@ -186,7 +148,7 @@ def run(make_recording, warm_up, lagged):
     return make
 
 
-def learn(recordings, method='auto'):
+def learn(recordings, method):
     settings = CalibrationSettings(identification=IdentificationSettings(method))
     return calibrate(recordings, settings).fits['force_z']
 
@@ -200,7 +162,7 @@ def total(held_out, errors):
     return np.sqrt(np.mean(squares))
 
 
-@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('method', [method for method in METHODS if method != 'auto'])
 @pytest.mark.parametrize('count', [1, 2])
 def test_errors_stand_in_time_order_and_add_up_to_the_figures(method, count, run):
     fit = learn([run(seed) for seed in range(count)], method)
@@ -212,18 +174,6 @@ def test_errors_stand_in_time_order_and_add_up_to_the_figures(method, count, run
     assert (np.diff(held_out.recording * CELLS + held_out.cell) > 0).all()
     assert held_out.cell.min() >= 0
     assert held_out.cell.max() < CELLS
-
-
-def test_a_long_recording_is_judged_beside_its_trend(make_recording):
-    """Nine hours: creep is not counted against a candidate."""
-    hours = np.arange(540) / 60
-    temperature_c = 30 + 8 * np.sin(hours * 2)
-    noise = np.random.default_rng(2).normal(0, 0.01, 540)
-    drift = 0.3 * (temperature_c - 30) + 0.2 * hours + noise
-    fit = learn([make_recording(temperature_c, {'force_z': drift}, period_s=60.0)])
-    assert fit.held_out.detrended
-    assert fit.rms_after < 0.015
-    assert fit.rms_before > 0.5
 
 
 def test_a_fold_is_judged_by_a_model_that_never_saw_it(run):

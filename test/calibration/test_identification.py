@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.calibration.calibrate import calibrate
-from wrist_ft_comp.calibration.candidates import time_constant_grid
+from wrist_ft_comp.calibration.cross_validation import time_constant_grid
 from wrist_ft_comp.calibration.features import build_features
 from wrist_ft_comp.calibration.settings import (
     CalibrationSettings,
@@ -121,15 +121,12 @@ class TestKnownTruth:
         assert two.rms_after < 0.2 * one.rms_after
 
 
-def test_pure_noise_is_left_alone(simulate):
-    none = 0
-    for seed in range(0, 200, 20):
+def test_what_is_learnt_of_noise_does_no_harm_elsewhere(simulate):
+    for seed in (0, 20, 40):
         runs = [simulate(seed + i, {}, noise=1.0) for i in range(3)]
         calibration = calibrate(runs, settings('auto'))
-        none += calibration.fits['force_z'].model is None
         judged = evaluate(calibration, simulate(seed + 9, {}, noise=1.0))
-        assert judged.rms_after < 1.1 * judged.rms_before
-    assert none >= 8
+        assert judged.rms_after < 1.03 * judged.rms_before
 
 
 @pytest.mark.parametrize('method', METHODS)
@@ -148,9 +145,12 @@ class TestEveryMethod:
         calibration = calibrate([record(i) for i in range(3)], chosen)
         fit = calibration.fits['force_z']
         assert fit.model.features.kind == features
-        assert len(fit.model.dynamics.output_mean) == 1 + loaded
+        # auto leaves the gain alone in hats unless that halves what held-out folds show.
+        gains = loaded and (method, features) != ('auto', 'hats')
+        assert fit.model.outputs == 1 + gains
         assert fit.candidates[0].name == 'none'
-        assert fit.chosen in [candidate.name for candidate in fit.candidates]
+        names = [candidate.name for candidate in fit.candidates]
+        assert fit.chosen in (names if method != 'auto' or features == 'hats' else ['combination'])
         assert fit.rms_after < fit.rms_before
         assert list(fit.time_constants_s) == sorted(fit.time_constants_s)
         judged = evaluate(calibration, record(9, 0.8), chosen.reference)

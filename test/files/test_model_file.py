@@ -39,6 +39,7 @@ def make_axis(kind, outputs, seed, filters=()):
         upper_c=rng.uniform(40, 60, 2 * count),
         degree=2 if kind == 'powers' else 1,
         knots_c=() if kind == 'powers' else knots * count,
+        beyond='tangents' if kind == 'powers' else 'clamped',
     )
     inputs = (4 if kind == 'powers' else 5) * count
     return AxisModel(
@@ -72,7 +73,7 @@ def calibration():
         axis: AxisFit(
             model=axes.get(axis),
             chosen='2 time constants, degree 2' if axis in axes else 'none',
-            candidates=(Candidate('none', 1 / 3), Candidate('static, degree 1', 1e-17)),
+            candidates=(Candidate('none', 1 / 3), Candidate('static, degree 1', 1e-17, 0.9)),
             rms_before=1 / 3,
             rms_after=1e-17,
             time_constants_s=(0.1, 777.0) if axis in axes else (),
@@ -85,7 +86,7 @@ def calibration():
     }
     deviation = {axis: fit.rms_after for axis, fit in fits.items()}
     return Calibration(
-        model=DriftModel(1_000_000_000, thermometers=2, axes=axes, deviation=deviation),
+        model=DriftModel(10**9, 2, axes, deviation, start_s=10.0),
         fits=fits,
         temperature_range_c=np.array([[20.1, 40.2], [19.0, 23.3]]),
         duration_s=7200.5,
@@ -120,10 +121,9 @@ def load(tmp_path):
 
 
 def run(model):
-    temperature_c = 25 + np.cumsum(np.random.default_rng(0).standard_normal((300, 2)), axis=0)
-    return tuple(
-        drift_model.run(model, drift_model.start(model, temperature_c[0]), temperature_c)[1]
-    )
+    """Also far outside the calibrated range."""
+    temperature_c = 25 + 5 * np.cumsum(np.random.default_rng(0).standard_normal((300, 2)), axis=0)
+    return tuple(drift_model.run_from_rest(model, temperature_c)[1])
 
 
 def places(node, path=()):
@@ -227,13 +227,31 @@ def test_every_key_of_it_is_needed(document, load):
     load(document)
     removed = 0
     for path, _ in one_of_each_kind(document):
-        if isinstance(path[-1], str) and path[:-1] != ('axes',):  # an axis may be absent
+        optional = path[:-1] == ('axes',) or path[-1] in {'start_s', 'beyond', 'weight'}
+        if isinstance(path[-1], str) and not optional:
             changed = copy.deepcopy(document)
             del parent_of(changed, path)[path[-1]]
             with pytest.raises(ModelFileError, match=path[-1]):
                 load(changed)
             removed += 1
     assert removed > 40
+
+
+def test_a_file_of_before_keeps_the_rules_that_it_was_made_with(calibration, document, load):
+    """It starts at its first cell, and beyond the range it is held."""
+    del document['start_s']
+    for entry in document['axes'].values():
+        for candidate in entry['candidates']:
+            del candidate['weight']
+        if entry['model']:
+            del entry['model']['features']['beyond']
+    axes = {
+        axis: replace(each, features=replace(each.features, beyond='clamped'))
+        for axis, each in calibration.model.axes.items()
+    }
+    before = replace(calibration.model, axes=axes, start_s=0.0)
+    np.testing.assert_array_equal(run(load(document)), run(before))
+    assert (run(before)[0] != run(calibration.model)[0])[:, :3:2].any(axis=0).all()
 
 
 def test_every_value_has_its_type(document, load):

@@ -1,4 +1,4 @@
-"""Sums over samples: the columns they are of, and their centring."""
+"""Sums over samples: the columns they are of, and what no temperature has to explain."""
 
 from dataclasses import replace
 
@@ -40,12 +40,17 @@ def test_entries_are_sums_over_the_samples_of_each_fold(
 
 
 @pytest.mark.parametrize('kept', [{0, 1, 2}, {0, 2}, {1}])
-def test_centring_takes_a_constant_out_of_every_recording(
-    noisy_problem, textbook_bank, stack_samples, centre, kept
+@pytest.mark.parametrize('kind', ['tared', 'soaked', 'plateaus'])
+def test_products_are_those_of_generalised_least_squares(  # noqa: PLR0913, PLR0917
+    noisy_problem, textbook_bank, stack_samples, whiten, kept, kind
 ):
-    products = moments_of(noisy_problem).centred(np.isin(range(3), [*kept]))
-    x, y, recordings = stack_samples(noisy_problem, textbook_bank(noisy_problem, GRID), kept)
-    both = centre(np.column_stack((x, y)), recordings)
+    """Plateaus of a chamber test share one constant, and nothing else is a nuisance."""
+    problem = replace(noisy_problem, tared=kind != 'plateaus')
+    precision = bin_axis_data(problem, 1).nuisance_precision(soaked=kind == 'soaked')
+    moments = replace(moments_of(problem), precision=precision)
+    x, y, places = stack_samples(problem, textbook_bank(problem, GRID), kept)
+    both = whiten(np.column_stack((x, y)), places, problem, soaked=kind == 'soaked')
+    products = moments.centred(np.isin(range(3), [*kept]))
     np.testing.assert_allclose(products, both.T @ both, rtol=1e-8, atol=1e-6)
 
 
@@ -56,35 +61,42 @@ def test_columns_are_numbered_by_relaxation_then_feature(noisy_problem):
     np.testing.assert_array_equal(moments.columns([1, 3], 1), expected)
 
 
-class TestSlowTrend:
-    """Cells of 200 s make these recordings longer than 8 h."""
-
+class TestNuisances:
     @pytest.fixture
-    def long(self, noisy_problem):
-        return replace(noisy_problem, period_s=200.0)
+    def still(self, make_axis_data):
+        """Pose what is left of values when nothing but nuisances explains them."""
 
-    def remainders(self, long, stack_samples, *, trend):
-        """Columns and r - w of recording 1 without a constant, and a trend where asked."""
-        powers = [np.column_stack((t - 30, (t - 30) ** 2)) for t in long.temperature_c]
-        x, y, _ = stack_samples(long, powers, {1})
-        both = np.column_stack((x, y))
-        time = np.linspace(-1, 1, len(long.residual[1]))[np.isfinite(long.residual[1])]
-        nuisance = np.column_stack((np.ones(len(time)), trend * time))
-        return both - nuisance @ np.linalg.lstsq(nuisance, both, rcond=None)[0]
+        def left(values, **more):
+            cells = bin_axis_data(make_axis_data([np.full(400, 30.0)], [values]), 1)
+            moments = accumulate(cells, bank_inputs(cells, FEATURES, STATIC), STATIC)
+            moments = replace(moments, precision=cells.nuisance_precision(**more))
+            return moments.centred(moments.everything)[-1, -1] / np.sum(
+                (values - values.mean()) ** 2
+            )
 
-    def test_it_is_taken_out_of_long_recordings_unless_it_is_to_be_kept(self, long, stack_samples):
-        kept = bin_axis_data(long, 1).without_trend()
-        summed = accumulate(kept, bank_inputs(kept, FEATURES, STATIC), STATIC)
-        moments = moments_of(long, STATIC)
-        for each, trend in ((moments, True), (summed, False), (moments.without_trend(), False)):
-            expected = self.remainders(long, stack_samples, trend=trend)
-            products = each.centred(each.fold == 1)
-            np.testing.assert_allclose(products, expected.T @ expected, rtol=1e-8, atol=1e-6)
+        return left
 
-    def test_short_recordings_and_plateaus_have_none(self, noisy_problem, long):
-        for problem in (noisy_problem, replace(long, tared=False)):
-            assert not moments_of(problem, STATIC).nuisance_gram[:, 1].any()
-        assert moments_of(long, STATIC).nuisance_gram[:, 1, 1].all()
+    def test_cosines_are_a_random_walk(self, make_axis_data):
+        """Its steps have a variance that grows as the time between them."""
+        cells = bin_axis_data(make_axis_data([np.zeros(400)], [np.zeros(400)]), 1)
+        cosines = cells.nuisances(0)[:, 1:17] / np.sqrt(cells.nuisance_precision()[1:17])
+        for lag in (60, 100, 200, 300):
+            steps = cosines[lag:] - cosines[:-lag]
+            variance = (steps**2).sum(axis=1).mean()
+            assert variance / (lag / 400) == pytest.approx(np.pi**2 / 2, rel=0.1)
+
+    @pytest.mark.parametrize('tau', [300.0, 700.0, 2500.0])
+    def test_a_start_that_was_not_soaked_is_no_drift_unless_it_was(self, still, tau):
+        transient = np.exp(-10.0 * np.arange(400) / tau)
+        assert still(transient) < 0.1
+        assert still(transient) < 0.4 * still(transient, soaked=True)
+
+    def test_a_walk_explains_what_is_slow_and_nothing_quick(self, still):
+        """The faster a wave is, the more of it is left."""
+        waves = [np.cos(np.pi * m * (np.arange(400) + 0.5) / 400) for m in (1, 4, 12, 40)]
+        left = [still(wave, soaked=True) for wave in waves]
+        expected = [m**2 / (m**2 + 0.5) for m in (1, 4, 12)]
+        np.testing.assert_allclose(left, [*expected, 1.0], rtol=1e-6)
 
 
 def test_a_column_that_only_differs_between_recordings_holds_nothing(make_recording, warm_up):

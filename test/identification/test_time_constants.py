@@ -36,12 +36,13 @@ def pose(make_axis_data, temperatures):
 
 @pytest.mark.parametrize('taus', [(0.0,), (250.0,), (90.0, 700.0)], ids=str)
 def test_gains_and_remainder_are_those_of_least_squares_on_the_samples(
-    noisy_problem, textbook_bank, stack_samples, centre, taus
+    noisy_problem, textbook_bank, stack_samples, whiten, taus
 ):
     projection = residual_and_gradient(bin_axis_data(noisy_problem, 1), SQUARE, np.array(taus))
     banked = textbook_bank(noisy_problem, np.array(taus))
-    x, y, recordings = stack_samples(noisy_problem, banked, {0, 1, 2})
-    theta, (rss,), _, _ = np.linalg.lstsq(centre(x, recordings), centre(y, recordings), rcond=None)
+    x, y, places = stack_samples(noisy_problem, banked, {0, 1, 2})
+    x, y = (whiten(values, places, noisy_problem) for values in (x, y))
+    theta, (rss,), _, _ = np.linalg.lstsq(x, y, rcond=None)
     assert projection.rss == pytest.approx(rss, rel=1e-8)
     np.testing.assert_allclose(projection.gains, theta, rtol=1e-3, atol=1e-6)
     assert projection.residual[-1] == 1.0
@@ -91,7 +92,7 @@ def test_noise_free_ones_are_found_with_their_gains(  # noqa: PLR0913, PLR0917
 @pytest.mark.parametrize('start', [(1500.0,), (100.0, 1500.0)])
 def test_one_beyond_the_recording_ends_at_its_length(pose, lagged, temperatures, true, start):
     """All that is seen is an integral; a time constant of years would fit it and explode."""
-    problem = pose([true / 1000 * lagged(t - 30, true) for t in temperatures])
+    problem = pose([true / 1000 * lagged(t - t[0], true) for t in temperatures])
     taus = search_time_constants(problem, LINE, np.array(start))
     assert taus[-1] == pytest.approx(LONGEST_S, rel=1e-9)
 

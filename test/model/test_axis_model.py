@@ -159,44 +159,28 @@ def test_its_poles_are_those_of_its_parts_and_its_range_that_of_the_thermometers
 
 
 class TestBeyondTheRange:
-    @pytest.fixture
-    def line(self):
-        """0.5 N/K and -2 N/K, each behind its own lags, some of it later."""
-        features = Features(
-            'powers', np.tile([30.0, 25.0], 2), np.tile(LOWER_C, 2), np.tile(UPPER_C, 2)
-        )
-        dynamics = ArxPls(
-            np.zeros(4), np.ones(4), np.array([[0.2], [-1.5], [0.3], [-0.5]]),
-            (relaxation(90.0, 10.0),), np.ones((1, 1)), np.ones(1), np.array([7.0]),
-        )  # fmt: skip
-        return AxisModel(features, dynamics, FILTERS[:2])
+    def test_it_is_counted_in_ranges_of_the_farthest_thermometer(self, make_axis):
+        span, beyond_range = UPPER_C - LOWER_C, make_axis().beyond_range
+        both = np.array([UPPER_C[0] + 0.2 * span[0], LOWER_C[1] - 0.5 * span[1]])
+        at = np.array([LOWER_C, UPPER_C, LOWER_C - [0.1 * span[0], 0.0], both, UPPER_C + 2 * span])
+        np.testing.assert_allclose(beyond_range(at), [0.0, 0.0, 0.1, 0.5, 2.0], atol=1e-12)
+        assert float(beyond_range(both)) == pytest.approx(0.5)
 
-    @pytest.mark.parametrize('excess', [0.0, 0.01, 1.0, 5.9, 6.1, 100.0])
-    def test_of_a_line_it_is_slope_times_excess(self, line, excess):
-        hot, cold = UPPER_C + np.array([excess, 0.0]), LOWER_C - np.array([0.0, excess])
-        assert line.drift_beyond_range(hot) == pytest.approx(0.5 * excess)
-        assert line.drift_beyond_range(cold) == pytest.approx(2.0 * excess)
-        both = np.array([UPPER_C[0] + excess, LOWER_C[1] - excess])
-        assert line.drift_beyond_range(both) == pytest.approx(2.5 * excess)
-
-    def test_of_a_parabola_it_follows_the_slope_at_the_edge(self):
-        features = Features('powers', *np.array([[8.0], [10.0], [20.0]]), degree=2)
-        dynamics = ArxPls(
-            np.zeros(2), np.ones(2), np.array([[0.0], [1.0]]), (static_gain(),),
-            np.ones((1, 1)), np.ones(1), np.zeros(1),
-        )  # fmt: skip
-        axis = AxisModel(features, dynamics)
-        # The secants of (T - 8 °C)² over the outer tenths, 10 to 11 and 19 to 20 °C.
-        assert axis.drift_beyond_range(np.array([22.0])) == pytest.approx(2 * (144.0 - 121.0))
-        assert axis.drift_beyond_range(np.array([7.0])) == pytest.approx(3 * (9.0 - 4.0))
-
-    def test_a_thermometer_that_never_moved_says_nothing_of_its_slope(self):
+    def test_a_thermometer_that_never_moved_counts_as_if_it_had_by_a_kelvin(self):
         features = Features('powers', np.full(1, 20.0), np.full(1, 20.0), np.full(1, 20.0))
         dynamics = ArxPls(
             np.zeros(1), np.ones(1), np.ones((1, 1)), (static_gain(),),
             np.ones((1, 1)), np.ones(1), np.zeros(1),
         )  # fmt: skip
-        assert AxisModel(features, dynamics).drift_beyond_range(np.array([25.0])) == 0.0
+        assert AxisModel(features, dynamics).beyond_range(np.array([25.0])) == 5.0
+
+
+def test_without_gain_drift_the_zero_drift_stays_as_it_was(make_axis):
+    axis = make_axis()
+    temperature_c = np.random.default_rng(0).uniform(15, 45, (50, 2))
+    _, drift = axis.without_gain_drift().run(axis.start(temperature_c[0]), temperature_c)
+    _, whole = axis.run(axis.start(temperature_c[0]), temperature_c)
+    np.testing.assert_allclose(drift, whole[:, :1], rtol=1e-12)
 
 
 class TestRefusals:

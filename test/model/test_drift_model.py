@@ -63,6 +63,24 @@ def test_run_is_the_fold_of_step_wherever_it_is_split(model, temperature_c, cut)
         np.testing.assert_allclose(part, whole_part[-1:], atol=1e-12)
 
 
+@pytest.mark.parametrize('cells', [1, 3, 9, 10, 11, 40])
+def test_a_start_looks_at_the_mean_of_the_cells_that_have_come(model, cells):
+    """One by one, from a start that is made again as long as it looks."""
+    model = replace(model, start_s=10 * model.period_ns / 1e9)
+    temperature_c = np.random.default_rng(1).uniform(15, 45, (cells, model.thermometers))
+    expected = []
+    for count in range(1, cells + 1):
+        soaked = temperature_c[: min(count, 10)].mean(axis=0)
+        state, drift = drift_model.run(
+            model, drift_model.start(model, soaked), temperature_c[:count]
+        )
+        expected.append([part[-1] for part in drift])
+    end, parts = drift_model.run_from_rest(model, temperature_c)
+    np.testing.assert_allclose(np.stack(parts, axis=1), expected, atol=1e-12)
+    for axis, value in state.items():
+        np.testing.assert_array_equal(end[axis], value)
+
+
 def test_correct_inverts_the_measurement():
     rng = np.random.default_rng(0)
     wrench, zero, tare = rng.normal(0, 100, (4, 6)), rng.normal(0, 100, 6), rng.normal(0, 100, 6)
@@ -90,19 +108,14 @@ class TestUncertainty:
         model = make_model(axes, range_c=(10.0, 40.0))
         return replace(model, deviation={'force_x': 0.3, 'force_y': 0.2})
 
-    def test_it_is_what_the_model_leaves_and_the_drift_of_every_kelvin_beyond(self, calibrated):
-        for celsius, excess in (
-            (10, 0),
-            (33.3, 0),
-            (40, 0),
-            (9, 1),
-            (-10, 20),
-            (40.1, 0.1),
-            (47, 7),
-        ):
-            zero, *others = calibrated.uncertainty(np.array([celsius]))
-            assert zero == pytest.approx(np.hypot(0.3, 0.5 * excess))
-            np.testing.assert_array_equal(others, [0.2] + [np.nan] * 4)
+    def test_it_is_what_the_model_leaves_and_more_with_every_range_beyond(self, calibrated):
+        """A range is 30 K here."""
+        celsius = np.array([10, 33.3, 40, 9, -20, 40.3, 100])
+        ranges = np.array([0, 0, 0, 1 / 30, 1, 0.01, 2])
+        deviations = calibrated.uncertainty(celsius[:, np.newaxis])
+        np.testing.assert_allclose(deviations[:, 0], 0.3 * np.sqrt(1 + ranges**2))
+        np.testing.assert_array_equal(deviations[:, 1:], [[0.2] + [np.nan] * 4] * 7)
+        np.testing.assert_array_equal(calibrated.uncertainty(celsius[4:5]), deviations[4])
 
     def test_without_any_calibration_nothing_is_known(self, make_model):
         assert np.isnan(make_model(TRUTH).uncertainty(np.array([25.0]))).all()

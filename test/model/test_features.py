@@ -66,6 +66,38 @@ def test_a_fifth_of_the_calibrated_span_beyond_it_the_limit_holds(kind):
         assert (features.expand(np.array([inside])) != features.expand(np.array([edge]))).any()
 
 
+class TestTangents:
+    """10 to 40 °C were calibrated, T_ref is 20 °C: θ from -10 to 20 K, curved for 9.9 K more."""
+
+    FEATURES = Features(
+        'powers', np.array([20.0]), np.array([10.0]), np.array([40.0]), 4, beyond='tangents'
+    )
+
+    def powers(self, theta):
+        return self.FEATURES.expand(20.0 + np.reshape(theta, (-1, 1)))
+
+    def test_inside_they_are_powers(self):
+        theta = np.linspace(-10, 20, 61)
+        np.testing.assert_allclose(self.powers(theta), theta[:, np.newaxis] ** np.arange(1, 5))
+
+    @pytest.mark.parametrize(('edge', 'sign'), [(20.0, 1), (-10.0, -1)])
+    def test_outside_all_but_squares_go_on_straight(self, edge, sign):
+        """Squares keep their curvature for a third of the range, and their slope from there."""
+        excess = sign * np.array([0.0, 3.0, 9.9, 12.0, 50.0])
+        outside, power = self.powers(edge + excess), np.arange(1, 5)
+        tangents = edge**power + excess[:, np.newaxis] * power * edge ** (power - 1)
+        np.testing.assert_allclose(outside[:, [0, 2, 3]], tangents[:, [0, 2, 3]])
+        curved = edge + sign * np.minimum(np.abs(excess), 9.9)
+        squares = curved**2 + 2 * curved * (edge + excess - curved)
+        np.testing.assert_allclose(outside[:, 1], squares)
+
+    @pytest.mark.parametrize('theta', [-19.9, -10.0, 20.0, 29.9])
+    def test_values_and_slopes_go_on_without_a_step(self, theta):
+        step = 1e-6
+        below, at, above = self.powers([theta - step, theta, theta + step])
+        np.testing.assert_allclose((above - at) / step, (at - below) / step, rtol=1e-5)
+
+
 def test_hats_stay_constant_beyond_their_last_knots():
     features = hats([10.0, 25.0, 40.0], lower=10.0, upper=40.0)
     for outside, knot in ((5.0, 0), (45.0, 2)):

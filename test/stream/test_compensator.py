@@ -1,5 +1,6 @@
 """The stream: what comes out for a wrench, when models change and when things go wrong."""
 
+from dataclasses import replace
 import pickle
 
 import numpy as np
@@ -8,9 +9,10 @@ import pytest
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.drift_model import Drift
-from wrist_ft_comp.model.offline import correct_many, track_drift
+from wrist_ft_comp.model.offline import correct_many, simulate_drift, track_drift
 from wrist_ft_comp.model.signals import AXES, Samples
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.limits import (
     axis_limits,
     Limits,
@@ -116,6 +118,40 @@ def test_the_output_is_the_equation_with_the_drift_of_its_time(model):
     settled = stamps >= 2 * SECOND
     np.testing.assert_allclose(outputs[settled], expected[settled], atol=1e-6)
     assert np.ptp(outputs[settled, 2]) > 2.0
+
+
+def fed_cell_by_cell(model, temperature_c):
+    """The drift that a stream has after every cell of a second."""
+    tracker, drifts = DriftTracker(1, SECOND, 10.0, 3600.0), []
+    tracker.use(model)
+    for second, celsius in enumerate([*temperature_c.tolist(), 20.0]):
+        if tracker.add(0, second * SECOND + SECOND // 2, celsius):
+            drifts.append(tracker.drift.zero[2])
+    return np.array(drifts)
+
+
+@pytest.mark.parametrize('start_s', [0.0, 10.0])
+@pytest.mark.parametrize('cells', [1, 4, 9, 10, 11, 60])
+def test_a_start_is_that_of_offline_whatever_has_come(model, make_recording, cells, start_s):
+    """Below, at and above the ten cells that it looks at."""
+    model = replace(model, start_s=start_s)
+    temperature_c = 20 + np.random.default_rng(0).normal(0, 2, cells) + np.arange(cells) / 5
+    recording = make_recording(temperature_c, {'force_z': 0.0}, period_s=1.0)
+    expected = simulate_drift(model, recording).zero[:, 2]
+    np.testing.assert_allclose(fed_cell_by_cell(model, temperature_c), expected, atol=1e-12)
+
+
+def test_one_noisy_temperature_at_the_start_is_forgotten(make_model):
+    """A first cell 5 K off would be remembered for ten minutes."""
+    temperature_c = np.full(60, 20.0)
+    temperature_c[0] = 25.0
+    slow = make_model({'force_z': (1.0, 0.0, 600.0)})
+    careless, careful = (
+        fed_cell_by_cell(replace(slow, start_s=start_s), temperature_c)[-1]
+        for start_s in (0.0, 10.0)
+    )
+    assert careless > 4.5
+    assert abs(careful) < 0.5
 
 
 def test_irregular_temperatures_make_no_step(model):
