@@ -8,7 +8,7 @@ one model with a bank of relaxations. docs/algorithm.md says why each piece is t
 1. Candidates: polynomials, three banks in ridge of three strengths, one or two free time constants
    that all axes share (one body); each with and without a start that was not soaked.
 2. All are fitted without each fold in turn and judged on it; errors are quadratic forms of gains.
-3. Weights fall with a power of the held-out error, half of it the axis' own, half the mean of all.
+3. Weights fall with a power of the held-out error, in the geometric mean of all axes.
 4. What the average leaves held out decides how much of it is used: a gate.
 """
 
@@ -38,10 +38,8 @@ from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import BoolArray, FloatArray
 
 _STRENGTHS = (1e-2, 1e-4, 1e-6)
-_POOLED, _GATE = 0.5, 16.0
-#: Less than this share of a correction is not worth running.
-_WORTH_USING = 0.05
-#: Nor is one that lowers what is left of held-out recordings by less than this share.
+_GATE = 16.0
+#: An average that lowers what is left of held-out recordings by less than this share is not run.
 _WORTH_RUNNING = 0.02
 #: A relaxation that is a mixture of the pool's has its time constant up to this share.
 _MIXED = 0.005
@@ -266,32 +264,28 @@ def _root_mean_squares(weights: FloatArray, forms: FloatArray) -> FloatArray:
 
 def _weigh(errors: Sequence[FloatArray], days: int) -> list[FloatArray]:
     """
-    Weigh none and all candidates of every axis by their held-out forms, (folds, C, C).
+    Weigh none and all candidates by their held-out forms of every axis, (folds, C, C).
 
-    A logarithm's mean over folds is a geometric mean of their errors: no day outvotes the others.
+    Weights are common to all axes, as their body is; how much is used is not. A logarithm's mean
+    over folds and axes is a geometric mean of errors: no day and no axis outvotes the others.
     """
     logs = np.array(
         [np.log(np.maximum(np.einsum('fii->fi', each), _TINY)).mean(axis=0) / 2 for each in errors]
     )
-    logs -= logs[:, :1]
-    logs = (1 - _POOLED) * logs + _POOLED * logs.mean(axis=0)
-    folds = np.array([[len(each)] for each in errors])
-    power = 2 * folds if days > 1 else folds
-    weights = np.exp(-power * (logs - logs[:, 1:].min(axis=1, keepdims=True)))
-    weights[:, 0] = 0.0
-    weights /= weights.sum(axis=1, keepdims=True)
-    none = np.eye(weights.shape[1])[0]
+    left = (logs - logs[:, :1]).mean(axis=0)
+    folds = max(len(each) for each in errors)
+    common = np.exp(-(2 * folds if days > 1 else folds) * (left - left[1:].min()))
+    common[0] = 0.0
+    common /= common.sum()
+    none: FloatArray = np.eye(len(common))[0]
     gained = np.array(
         [
-            np.mean(np.log(_root_mean_squares(own, each) / _root_mean_squares(none, each)))
-            for own, each in zip(weights, errors, strict=True)
+            np.mean(np.log(_root_mean_squares(common, each) / _root_mean_squares(none, each)))
+            for each in errors
         ]
     )
     use = _gate(gained) * _gate(gained.mean())
-    use[use < _WORTH_USING] = 0.0
-    weights *= use[:, np.newaxis]
-    weights[:, 0] = 1 - use
-    return list(weights)
+    return [share * common + (1 - share) * none for share in use]
 
 
 def _if_worthwhile(weights: FloatArray, tared: FloatArray) -> FloatArray:

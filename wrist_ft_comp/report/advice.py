@@ -107,7 +107,7 @@ def _temperatures(coverage: Coverage) -> Iterator[str]:
         if end <= low or start >= high:
             yield (
                 f'You have not seen {start:.0f} to {end:.0f} °C{where}: there the correction is a '
-                'guess that goes on like a straight line. If the robot gets there, record it there.'
+                'guess, a straight line. If the robot gets there, record it there.'
             )
     holes = [f'{start:.0f} to {end:.0f}' for start, end in unseen if low < end <= high > start]
     if holes:
