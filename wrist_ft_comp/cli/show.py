@@ -1,23 +1,31 @@
 """wrist_ft_comp show: what a file is."""
 
 import argparse
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+import json
 from pathlib import Path
+import shlex
 
 from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.tables import table_text
+from wrist_ft_comp.files.bags.survey import (
+    Candidate,
+    choose_temperatures,
+    choose_wrench,
+    RAW_WRENCH,
+    TEMPERATURE,
+)
 from wrist_ft_comp.files.model_file import is_model, load_model
 from wrist_ft_comp.files.recordings import (
     ChannelSummary,
     describe_recording,
-    RAW_WRENCH,
     RecordingSummary,
     REFERENCE,
-    TEMPERATURE,
 )
 from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.model.signals import NANOSECONDS, Topics
+from wrist_ft_comp.model.temperature_source import parse_source
 from wrist_ft_comp.report.view import drifts_removed
 
 #: What a model is for, to whoever finds one.
@@ -37,7 +45,9 @@ def add_parser(commands: options.Commands) -> None:
     parser = commands.add_parser(
         'show',
         help='say what a model or a recording holds',
-        description='Say what a model file or a recording holds.',
+        description='Say what a model file or a recording holds. Of a bag, which topics could be\n'
+        'wrench, temperature (also inside other messages), IMU and TF, how good they\n'
+        'are, and the commands that learn from them, judge the model and run it.',
         epilog=EXAMPLES,
     )
     parser.set_defaults(run=run)
@@ -57,12 +67,16 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             print(_model_text(stored))
         return 0
+    topics = options.topics_from(arguments)
     with options.progress_bar('reading') as progress:
-        summary = describe_recording(arguments.file, options.topics_from(arguments), progress)
+        summary = describe_recording(arguments.file, topics, progress)
+    if summary.candidates:
+        topics = _used_topics(arguments, summary)
+        summary = _with_roles(summary, topics)
     if arguments.json:
-        options.print_json(asdict(summary))
+        options.print_json(_as_json(summary, arguments.file, topics))
     else:
-        print(_text(summary, arguments.file))
+        print(_text(summary, arguments.file, topics))
     return 0
 
 
@@ -140,7 +154,7 @@ def _duration_s(summary: RecordingSummary) -> float | None:
     return (summary.last_ns - summary.first_ns) / NANOSECONDS
 
 
-def _text(summary: RecordingSummary, path: Path) -> str:
+def _text(summary: RecordingSummary, path: Path, topics: Topics) -> str:
     """Describe a recording for people."""
     duration_s = _duration_s(summary)
     span = 'no samples' if duration_s is None else f'{duration_s:.1f} s'
@@ -152,7 +166,8 @@ def _text(summary: RecordingSummary, path: Path) -> str:
         [
             f'{summary.name}: {summary.kind}, {span}',
             table_text(['channel', 'type or unit', 'samples', 'per second', 'used as'], rows),
-            *_use(summary, path),
+            *_quality(summary.candidates),
+            *_use(summary, path, topics),
             *(f'warning: {warning}' for warning in summary.warnings),
         ]
     )
@@ -163,24 +178,109 @@ def _rate(channel: ChannelSummary, duration_s: float | None) -> str:
     return f'{(channel.samples - 1) / duration_s:.4g}' if duration_s else '-'
 
 
-def _use(summary: RecordingSummary, path: Path) -> Iterator[str]:
+def _quality(candidates: Sequence[Candidate]) -> Iterator[str]:
+    """Say of all that may be used how good it is; names come last, whole, to be copied."""
+    if not candidates:
+        return
+    yield '\nWhat could be used, with the values of temperatures as they are read:'
+    yield 'as           per second  span, s  longest gap, s          values  topic'
+    for each in candidates:
+        values = '{:.1f} to {:.1f}'.format(*each.reads) if each.reads else ''
+        rate = f'{each.rate_hz:.4g}' if each.rate_hz else '-'
+        yield (
+            f'{each.role:11}  {rate:>10}  {each.span_s:7.1f}  {each.longest_gap_s:14.3g}  '
+            f'{values:>14}  {each.entry}'
+        )
+    yield ''
+    for each in candidates:
+        if each.role == RAW_WRENCH and not each.stamped:
+            yield f'{each.entry} has no stamps and cannot be used: let the driver fill them.'
+        if each.reads and 200 < each.reads[0] <= each.reads[1] < 450:
+            field = '' if ':' in each.entry else ':temperature'
+            yield f'If {each.entry} is in kelvin, write {each.entry}{field}:K.'
+
+
+def _used_topics(arguments: argparse.Namespace, summary: RecordingSummary) -> Topics:
+    """Decide what to use of a bag: what was named, if it is there, else what looks right."""
+    topics = options.topics_from(arguments)
+    wrenches = [each for each in summary.candidates if each.role == RAW_WRENCH]
+    named = [each for each in wrenches if each.entry.strip('/') == topics.wrench.strip('/')]
+    wrench = named[0] if named else choose_wrench(wrenches)
+    there = {channel.name.strip('/') for channel in summary.channels if channel.samples}
+    given = arguments.temperature_topic or ()
+    if not given or any(parse_source(entry).topic.strip('/') not in there for entry in given):
+        given = [each.entry for each in choose_temperatures(summary.candidates, wrench)]
+    return replace(topics, wrench=wrench.entry if wrench else '', temperatures=tuple(given))
+
+
+def _use(summary: RecordingSummary, path: Path, topics: Topics) -> Iterator[str]:
     """Say what a recording is good for, or what it lacks."""
     held = {channel.role for channel in summary.channels if channel.samples}
     lacks = [role for role in (RAW_WRENCH, TEMPERATURE) if role not in held]
-    if not lacks:
-        reference = ' --reference recorded' if REFERENCE in held else ''
-        yield f'Learn from it: wrist_ft_comp calibrate {path} -o model.yaml{reference}'
+    if lacks:
+        yield f'It holds no {" and no ".join(lacks)}, so nothing can be learnt from it.'
         return
-    kinds = {RAW_WRENCH: '/WrenchStamped', TEMPERATURE: '/Temperature'}
-    options_of = {RAW_WRENCH: '--wrench-topic', TEMPERATURE: '--temperature-topic'}
-    fitting = {
-        role: [c.name for c in summary.channels if c.kind.endswith(kinds[role]) and not c.role]
-        for role in lacks
+    if summary.candidates:
+        yield "Learn from it, judge on another day, and run; the sensor's own thermometer first:"
+    else:
+        yield 'Learn from it:'
+    yield from _commands(summary, path, topics)
+
+
+def _commands(summary: RecordingSummary, path: Path, topics: Topics) -> list[str]:
+    """Write the commands that learn from a recording; of a bag, those that judge and run, too."""
+    reference = any(each.role == REFERENCE and each.samples for each in summary.channels)
+    words = ['--reference', 'recorded'] if reference else []
+    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
+    if not summary.candidates:
+        return [shlex.join([*calibrate, *words])]
+    evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', 'another_day']
+    run = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args']
+    run += ['-p', 'model_file:=model.yaml']
+    if topics.wrench.strip('/') != Topics().wrench.strip('/'):
+        words += ['--wrench-topic', topics.wrench]
+        run += ['-r', f'wrench_raw:={topics.wrench}']
+    if topics.temperatures != Topics().temperatures:
+        for entry in topics.temperatures:
+            words += ['--temperature-topic', entry]
+        run += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
+    return [
+        shlex.join([*calibrate, '--report', 'model.html', *words]),
+        shlex.join([*evaluate, '--report', 'evaluation.html', *words]),
+        shlex.join(run),
+    ]
+
+
+def _as_json(summary: RecordingSummary, path: Path, topics: Topics) -> dict[str, object]:
+    """Everything a script may want."""
+    document = asdict(summary)
+    if not summary.candidates:
+        del document['candidates']
+        return document
+    document['candidates'] = [
+        {**asdict(each), 'rate_hz': each.rate_hz} for each in summary.candidates
+    ]
+    usable = topics.wrench and topics.temperatures
+    document['suggested'] = {
+        'wrench_topic': topics.wrench or None,
+        'temperature_topics': topics.temperatures,
+        'commands': _commands(summary, path, topics) if usable else [],
     }
-    missing = [role for role in lacks if not fitting[role]]
-    if missing:
-        yield f'It holds no {" and no ".join(missing)}, so nothing can be learnt from it.'
-        return
-    names = [f'{options_of[role]} {name}' for role in lacks for name in fitting[role]]
-    yield "If these are the sensor's topics, learn from them (its own thermometer first):"
-    yield f'wrist_ft_comp calibrate {path} -o model.yaml {" ".join(names)}'
+    return document
+
+
+def _with_roles(summary: RecordingSummary, topics: Topics) -> RecordingSummary:
+    """Say of a bag's topics what they would be used as."""
+    roles = {parse_source(entry).topic: TEMPERATURE for entry in topics.temperatures}
+    roles[topics.wrench] = RAW_WRENCH
+    chosen = {topic.strip('/'): role for topic, role in roles.items()}
+    return replace(
+        summary,
+        channels=tuple(
+            replace(
+                each,
+                role=chosen.get(each.name.strip('/'), REFERENCE if each.role == REFERENCE else ''),
+            )
+            for each in summary.channels
+        ),
+    )

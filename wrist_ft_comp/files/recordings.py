@@ -13,6 +13,7 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.bags.adapter import open_bag
 from wrist_ft_comp.files.bags.bag import SUFFIXES
 from wrist_ft_comp.files.bags.bag_recording import read_bag, rewrite_bag
+from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, survey_bag, TEMPERATURE
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
 from wrist_ft_comp.files.csv_file import CsvRecording, rewrite_csv
 from wrist_ft_comp.model.batch_grid import GridBuilder
@@ -25,9 +26,10 @@ from wrist_ft_comp.model.signals import (
     Samples,
     Topics,
 )
+from wrist_ft_comp.model.temperature_source import parse_source
 
 BAG, CSV, TABLE = 'rosbag2', 'CSV recording', 'chamber table'
-RAW_WRENCH, TEMPERATURE, REFERENCE = 'raw wrench', 'temperature', 'reference'
+REFERENCE = 'reference'
 _HASHED_AT_ONCE = 1 << 20
 
 
@@ -219,6 +221,8 @@ class RecordingSummary:
     last_ns: int | None
     #: What could not be read, in sentences.
     warnings: tuple[str, ...] = ()
+    #: What may be used, of a bag only.
+    candidates: tuple[Candidate, ...] = ()
 
 
 def describe_recording(
@@ -234,7 +238,7 @@ def describe_recording(
     topics : Topics, optional
         Which role a bag's topics have.
     progress : callable, optional
-        Given the fraction done, 0 to 1; a bag knows its counts and is not read through.
+        Given the fraction done, 0 to 1.
 
     Returns
     -------
@@ -250,7 +254,7 @@ def describe_recording(
     path = Path(path)
     kind = kind_of(path)
     if kind == BAG:
-        return _describe_bag(path, topics or Topics())
+        return _describe_bag(path, topics or Topics(), progress)
     if kind == CSV:
         text = CsvRecording(path)
         return _describe_samples(path.name, CSV, text.samples(progress), text.warnings)
@@ -259,11 +263,11 @@ def describe_recording(
     return _describe_samples(path.name, TABLE, table.samples(), left_out)
 
 
-def _describe_bag(path: Path, topics: Topics) -> RecordingSummary:
-    """Take topics, counts and times from the bag's own index."""
+def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> RecordingSummary:
+    """Take topics, counts and times from the bag's own index, and survey what may be used."""
     roles = {
         topics.reference.strip('/'): REFERENCE,
-        **{topic.strip('/'): TEMPERATURE for topic in topics.temperatures},
+        **{parse_source(entry).topic.strip('/'): TEMPERATURE for entry in topics.temperatures},
         topics.wrench.strip('/'): RAW_WRENCH,
     }
     with open_bag(path) as bag:
@@ -277,7 +281,9 @@ def _describe_bag(path: Path, topics: Topics) -> RecordingSummary:
             for (topic, kind), count in sorted(counts.items())
         )
         kind = f'{BAG}, {bag.storage}{compressed}'
-        return RecordingSummary(path.name, kind, channels, first, last, bag.warnings)
+        candidates, warnings = survey_bag(bag, progress)
+        warnings = *bag.warnings, *warnings
+        return RecordingSummary(path.name, kind, channels, first, last, warnings, candidates)
 
 
 def _describe_samples(
