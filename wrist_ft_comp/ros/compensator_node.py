@@ -187,17 +187,7 @@ class CompensatorNode(Node):
 
     def _subscribe_unserved(self, kind: Any, topic: str) -> Any:
         """Subscribe to messages that no executor takes."""
-        with messages.opening(topic):
-            result = self.create_subscription(
-                kind,
-                topic,
-                _take_nothing,
-                messages.own(messages.NEWEST),
-                qos_overriding_options=messages.overridable(),
-                event_callbacks=messages.publishers_unheard(
-                    topic, self.health.incompatible, self._log
-                ),
-            )
+        result = self._subscribe(kind, topic, lambda _: None, messages.NEWEST)
         # Executors serve what stands in this list, at once or at their next wake-up.
         self._subscriptions.remove(result)
         return result
@@ -418,10 +408,6 @@ class CompensatorNode(Node):
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
 
 
-def _take_nothing(_message: Any) -> None:
-    """Stand in for the callback of a subscription that no executor takes."""
-
-
 def _stream_settings(chosen: dict[str, Any]) -> StreamSettings:
     """Translate the stream's parameters."""
     return StreamSettings(
@@ -437,7 +423,7 @@ _USAGE = """\
 Removes the temperature drift of a wrist force/torque sensor beside any driver:
 
   compensator --ros-args -r wrench_raw:=/driver/wrench \\
-    -p temperature_topics:=[/driver/temperature]
+    -p 'temperature_topics:=["/driver/temperature", "/driver/state:data[3]:K"]'
 
 hears      wrench_raw (WrenchStamped), the topics in temperature_topics, and,
            while recording, wrench_reference; -r maps them to the driver's own

@@ -1,6 +1,7 @@
 """What a topic carries: asked of the graph, which knows it once there is a publisher."""
 
 from importlib import import_module
+import re
 from typing import Any
 
 from rclpy.node import Node
@@ -10,6 +11,7 @@ from wrist_ft_comp.model.temperature_source import may_be_temperature, numbers_i
 
 TEMPERATURE = 'sensor_msgs/msg/Temperature'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
+_NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
 #: So many numbers of a message are proposed.
 _PROPOSED = 3
 
@@ -26,7 +28,10 @@ def short(name: str) -> str:
 
 def load_type(topic: str, name: str) -> Any:
     """Import the class of a type that a topic carries; SettingsError when it is not here."""
-    package, _, kind = name.partition('/msg/')
+    parts = _NAME.fullmatch(name)  # it comes from the network, and names what is imported
+    if parts is None:
+        raise SettingsError(f'{topic} carries {name}, which is no message of ROS')
+    package, kind = parts.groups()
     try:
         found = getattr(import_module(f'{package}.msg'), kind)
         found()
