@@ -178,10 +178,9 @@ def test_show_as_json_has_it_all(done, drivers, messages, tmp_path):
     frame = next(each for each in shown['candidates'] if 'frame' in each['entry'])
     assert not frame['stamped']
     assert (frame['samples'], frame['rate_hz']) == (12_000, pytest.approx(10))
-    suggested = shown['suggested']
-    assert suggested['wrench_topic'] == '/bota/wrench'
-    assert suggested['temperature_topics'][0] == '/bota/bota_frame:temperature'
-    assert [shlex.split(line)[:2] for line in suggested['commands']] == [
+    assert shown['topics']['wrench'] == '/bota/wrench'
+    assert shown['topics']['temperatures'][0] == '/bota/bota_frame:temperature'
+    assert [shlex.split(line)[:2] for line in shown['commands']] == [
         ['wrist_ft_comp', 'calibrate'], ['wrist_ft_comp', 'evaluate'], ['ros2', 'run'],
     ]  # fmt: skip
     used = {each['name']: each['role'] for each in shown['channels']}
@@ -194,6 +193,10 @@ def test_what_was_named_is_taken_before_what_looks_right(done, drivers, messages
     calibrate, _, _ = commands(done('show', bag, *given))
     assert calibrate[-2:] == given
     assert '/tool_data:tool_temperature' not in calibrate
+    out = done('show', bag, '--temperature-topic', '/typo:heat')
+    assert out.endswith(
+        'It holds no temperature of that name, so nothing can be learnt from it.\n'
+    )
 
 
 def test_kelvins_and_missing_stamps_are_told(done, messages, tmp_path):
@@ -203,6 +206,9 @@ def test_kelvins_and_missing_stamps_are_told(done, messages, tmp_path):
     out = done('show', messages.write(tmp_path / 'bag', [wrench, *warm]))
     assert 'If /motor/heat is in kelvin, write /motor/heat:temperature:K.' in out
     assert '/ft has no stamps and cannot be used' in out
+    assert 'No temperature moves' not in out
+    cold = '/heat', messages.temperature_type, T0, messages.temperature(1, 20.0)
+    assert 'No temperature moves' in done('show', messages.write(tmp_path / 'b', [wrench, cold]))
 
 
 def test_a_damaged_topic_does_not_hide_the_others(done, drivers, messages, tmp_path):

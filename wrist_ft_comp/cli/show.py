@@ -2,20 +2,14 @@
 
 import argparse
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 import json
 from pathlib import Path
 import shlex
 
 from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.tables import table_text
-from wrist_ft_comp.files.bags.survey import (
-    Candidate,
-    choose_temperatures,
-    choose_wrench,
-    RAW_WRENCH,
-    TEMPERATURE,
-)
+from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.files.model_file import is_model, load_model
 from wrist_ft_comp.files.recordings import (
     ChannelSummary,
@@ -25,7 +19,6 @@ from wrist_ft_comp.files.recordings import (
 )
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics
-from wrist_ft_comp.model.temperature_source import parse_source
 from wrist_ft_comp.report.view import drifts_removed
 
 #: What a model is for, to whoever finds one.
@@ -67,16 +60,12 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             print(_model_text(stored))
         return 0
-    topics = options.topics_from(arguments)
     with options.progress_bar('reading') as progress:
-        summary = describe_recording(arguments.file, topics, progress)
-    if summary.candidates:
-        topics = _used_topics(arguments, summary)
-        summary = _with_roles(summary, topics)
+        summary = describe_recording(arguments.file, options.topics_from(arguments), progress)
     if arguments.json:
-        options.print_json(_as_json(summary, arguments.file, topics))
+        options.print_json(_as_json(summary, arguments.file))
     else:
-        print(_text(summary, arguments.file, topics))
+        print(_text(summary, arguments.file))
     return 0
 
 
@@ -154,7 +143,7 @@ def _duration_s(summary: RecordingSummary) -> float | None:
     return (summary.last_ns - summary.first_ns) / NANOSECONDS
 
 
-def _text(summary: RecordingSummary, path: Path, topics: Topics) -> str:
+def _text(summary: RecordingSummary, path: Path) -> str:
     """Describe a recording for people."""
     duration_s = _duration_s(summary)
     span = 'no samples' if duration_s is None else f'{duration_s:.1f} s'
@@ -167,7 +156,7 @@ def _text(summary: RecordingSummary, path: Path, topics: Topics) -> str:
             f'{summary.name}: {summary.kind}, {span}',
             table_text(['channel', 'type or unit', 'samples', 'per second', 'used as'], rows),
             *_quality(summary.candidates),
-            *_use(summary, path, topics),
+            *_use(summary, path),
             *(f'warning: {warning}' for warning in summary.warnings),
         ]
     )
@@ -200,35 +189,30 @@ def _quality(candidates: Sequence[Candidate]) -> Iterator[str]:
             yield f'If {each.entry} is in kelvin, write {each.entry}{field}:K.'
 
 
-def _used_topics(arguments: argparse.Namespace, summary: RecordingSummary) -> Topics:
-    """Decide what to use of a bag: what was named, if it is there, else what looks right."""
-    topics = options.topics_from(arguments)
-    wrenches = [each for each in summary.candidates if each.role == RAW_WRENCH]
-    named = [each for each in wrenches if each.entry.strip('/') == topics.wrench.strip('/')]
-    wrench = named[0] if named else choose_wrench(wrenches)
-    there = {channel.name.strip('/') for channel in summary.channels if channel.samples}
-    given = arguments.temperature_topic or ()
-    if not given or any(parse_source(entry).topic.strip('/') not in there for entry in given):
-        given = [each.entry for each in choose_temperatures(summary.candidates, wrench)]
-    return replace(topics, wrench=wrench.entry if wrench else '', temperatures=tuple(given))
-
-
-def _use(summary: RecordingSummary, path: Path, topics: Topics) -> Iterator[str]:
-    """Say what a recording is good for, or what it lacks."""
+def _lacks(summary: RecordingSummary) -> list[str]:
+    """Name what a recording would need to be learnt from."""
     held = {channel.role for channel in summary.channels if channel.samples}
-    lacks = [role for role in (RAW_WRENCH, TEMPERATURE) if role not in held]
-    if lacks:
-        yield f'It holds no {" and no ".join(lacks)}, so nothing can be learnt from it.'
+    return [role for role in (RAW_WRENCH, TEMPERATURE) if role not in held]
+
+
+def _use(summary: RecordingSummary, path: Path) -> Iterator[str]:
+    """Say what a recording is good for, or what it lacks."""
+    if lacks := _lacks(summary):
+        named = ' of that name' if any(each.role in lacks for each in summary.candidates) else ''
+        yield f'It holds no {" and no ".join(lacks)}{named}, so nothing can be learnt from it.'
         return
-    if summary.candidates:
-        yield "Learn from it, judge on another day, and run; the sensor's own thermometer first:"
-    else:
-        yield 'Learn from it:'
-    yield from _commands(summary, path, topics)
+    if not summary.candidates:
+        yield f'Learn from it: {_commands(summary, path)[0]}'
+        return
+    if not any(each.moves for each in summary.candidates):
+        yield 'No temperature moves by half a degree, and a calibration needs a warm-up.'
+    yield "Learn from it, judge on another day, and run; the sensor's own thermometer first:"
+    yield from _commands(summary, path)
 
 
-def _commands(summary: RecordingSummary, path: Path, topics: Topics) -> list[str]:
+def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     """Write the commands that learn from a recording; of a bag, those that judge and run, too."""
+    topics = summary.topics or Topics()
     reference = any(each.role == REFERENCE and each.samples for each in summary.channels)
     words = ['--reference', 'recorded'] if reference else []
     calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
@@ -244,43 +228,15 @@ def _commands(summary: RecordingSummary, path: Path, topics: Topics) -> list[str
         for entry in topics.temperatures:
             words += ['--temperature-topic', entry]
         run += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
-    return [
-        shlex.join([*calibrate, '--report', 'model.html', *words]),
-        shlex.join([*evaluate, '--report', 'evaluation.html', *words]),
-        shlex.join(run),
-    ]
+    calibrate += ['--report', 'model.html']
+    evaluate += ['--report', 'evaluation.html']
+    return [shlex.join([*calibrate, *words]), shlex.join([*evaluate, *words]), shlex.join(run)]
 
 
-def _as_json(summary: RecordingSummary, path: Path, topics: Topics) -> dict[str, object]:
-    """Everything a script may want."""
+def _as_json(summary: RecordingSummary, path: Path) -> dict[str, object]:
+    """Everything a script may want; of a bag, rates and commands, too."""
     document = asdict(summary)
-    if not summary.candidates:
-        del document['candidates']
-        return document
-    document['candidates'] = [
-        {**asdict(each), 'rate_hz': each.rate_hz} for each in summary.candidates
-    ]
-    usable = topics.wrench and topics.temperatures
-    document['suggested'] = {
-        'wrench_topic': topics.wrench or None,
-        'temperature_topics': topics.temperatures,
-        'commands': _commands(summary, path, topics) if usable else [],
-    }
-    return document
-
-
-def _with_roles(summary: RecordingSummary, topics: Topics) -> RecordingSummary:
-    """Say of a bag's topics what they would be used as."""
-    roles = {parse_source(entry).topic: TEMPERATURE for entry in topics.temperatures}
-    roles[topics.wrench] = RAW_WRENCH
-    chosen = {topic.strip('/'): role for topic, role in roles.items()}
-    return replace(
-        summary,
-        channels=tuple(
-            replace(
-                each,
-                role=chosen.get(each.name.strip('/'), REFERENCE if each.role == REFERENCE else ''),
-            )
-            for each in summary.channels
-        ),
-    )
+    for each, candidate in zip(document['candidates'], summary.candidates, strict=True):
+        each['rate_hz'] = candidate.rate_hz
+    usable = summary.candidates and not _lacks(summary)
+    return {**document, 'commands': _commands(summary, path) if usable else []}

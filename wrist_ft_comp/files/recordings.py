@@ -13,7 +13,13 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.bags.adapter import open_bag
 from wrist_ft_comp.files.bags.bag import SUFFIXES
 from wrist_ft_comp.files.bags.bag_recording import read_bag, rewrite_bag
-from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, survey_bag, TEMPERATURE
+from wrist_ft_comp.files.bags.survey import (
+    Candidate,
+    RAW_WRENCH,
+    suggested_topics,
+    survey_bag,
+    TEMPERATURE,
+)
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
 from wrist_ft_comp.files.csv_file import CsvRecording, rewrite_csv
 from wrist_ft_comp.model.batch_grid import GridBuilder
@@ -221,8 +227,9 @@ class RecordingSummary:
     last_ns: int | None
     #: What could not be read, in sentences.
     warnings: tuple[str, ...] = ()
-    #: What may be used, of a bag only.
+    #: What may be used, of a bag only, and what is used.
     candidates: tuple[Candidate, ...] = ()
+    topics: Topics | None = None
 
 
 def describe_recording(
@@ -236,7 +243,7 @@ def describe_recording(
     path : Path or str
         File or folder.
     topics : Topics, optional
-        Which role a bag's topics have.
+        Which role a bag's topics have; what they don't name is chosen.
     progress : callable, optional
         Given the fraction done, 0 to 1.
 
@@ -265,12 +272,14 @@ def describe_recording(
 
 def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> RecordingSummary:
     """Take topics, counts and times from the bag's own index, and survey what may be used."""
-    roles = {
-        topics.reference.strip('/'): REFERENCE,
-        **{parse_source(entry).topic.strip('/'): TEMPERATURE for entry in topics.temperatures},
-        topics.wrench.strip('/'): RAW_WRENCH,
-    }
     with open_bag(path) as bag:
+        candidates, warnings = survey_bag(bag, progress)
+        topics = suggested_topics(candidates, topics)
+        roles = {
+            topics.reference.strip('/'): REFERENCE,
+            **{parse_source(entry).topic.strip('/'): TEMPERATURE for entry in topics.temperatures},
+            topics.wrench.strip('/'): RAW_WRENCH,
+        }
         counts: Counter[tuple[str, str]] = Counter()
         for connection in bag.connections:
             counts[connection.topic, connection.msgtype] += connection.msgcount
@@ -281,9 +290,9 @@ def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> Reco
             for (topic, kind), count in sorted(counts.items())
         )
         kind = f'{BAG}, {bag.storage}{compressed}'
-        candidates, warnings = survey_bag(bag, progress)
         warnings = *bag.warnings, *warnings
-        return RecordingSummary(path.name, kind, channels, first, last, warnings, candidates)
+        ends = first, last
+        return RecordingSummary(path.name, kind, channels, *ends, warnings, candidates, topics)
 
 
 def _describe_samples(

@@ -1,7 +1,7 @@
 """What a bag's topics may be good for (wrench, temperature, IMU, TF), and which to name."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import takewhile
 import re
 
@@ -12,7 +12,7 @@ from wrist_ft_comp.files import cdr
 from wrist_ft_comp.files.bags.bag import Bag, Connection
 from wrist_ft_comp.files.bags.bag_recording import temperatures_inside
 from wrist_ft_comp.files.cdr_fields import Definitions, read_numbers
-from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS, Progress
+from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS, Progress, Topics
 from wrist_ft_comp.model.temperature_source import Path, path_text
 
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
@@ -27,7 +27,7 @@ _DOUBLES = {RAW_WRENCH: cdr.WRENCH_DOUBLES, TEMPERATURE: cdr.TEMPERATURE_DOUBLES
 _TREATED = re.compile(r'compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE)
 #: Temperatures of the sensor, or beside it, are named like this.
 _NEAR = re.compile(r'sensor|force|wrench|torque|tool|flange|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
-#: A thermometer that moves by less sees no warm-up, K.
+#: A thermometer that moves by less sees no warm-up.
 _MOVES_K = 0.5
 #: What a thermometer at a wrist reads, °C; as in the node, kelvins are outside.
 _PLAUSIBLE_C = (-100.0, 200.0)
@@ -58,12 +58,16 @@ class Candidate:
         return (self.samples - 1) / self.span_s if self.span_s > 0 else None
 
     @property
+    def moves(self) -> bool:
+        """Whether it is a temperature that moved."""
+        return self.reads is not None and self.reads[1] - self.reads[0] >= _MOVES_K
+
+    @property
     def usable(self) -> bool:
-        """Whether it is a temperature that moved, in °C."""
-        if self.reads is None:
-            return False
-        low, high = self.reads
-        return high - low >= _MOVES_K and _PLAUSIBLE_C[0] <= low and high <= _PLAUSIBLE_C[1]
+        """Whether it is a temperature that moved, in °C as far as one can tell."""
+        return self.moves and all(
+            _PLAUSIBLE_C[0] <= value <= _PLAUSIBLE_C[1] for value in self.reads or ()
+        )
 
 
 @dataclass(eq=False)
@@ -184,32 +188,42 @@ def _tally(bag: Bag, connection: Connection, warnings: list[str]) -> _Tally | No
     return _Tally(connection, TEMPERATURE, paths, definitions) if paths else None
 
 
-def choose_wrench(candidates: Sequence[Candidate]) -> Candidate | None:
-    """Choose the topic that is most probably the raw wrench."""
+def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
+    """
+    Decide what to use of a bag: what was named and is there, else what looks right.
+
+    The raw wrench is one that nothing was done to. The thermometer that has most of its name in
+    common with it, or is named like something at the tool, is most probably inside the sensor and
+    comes first; of an array, the last element counts as nearest to the tool.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        What there is.
+    topics : Topics
+        As they were named; the default temperatures stand for none.
+
+    Returns
+    -------
+    Topics
+        With an empty wrench, or without temperatures, where there is no candidate.
+
+    """
     wrenches = [each for each in candidates if each.role == RAW_WRENCH]
-    return min(
-        wrenches, key=lambda each: (bool(_TREATED.search(each.entry)), -each.samples), default=None
-    )
-
-
-def choose_temperatures(
-    candidates: Sequence[Candidate], wrench: Candidate | None
-) -> tuple[Candidate, ...]:
-    """
-    Choose the thermometers, the one that is most probably inside the sensor first.
-
-    It has most of its name in common with the wrench, or is named like something at the tool. Of
-    an array the last element counts as nearest to the tool.
-    """
-    temperatures = [each for each in candidates if each.role == TEMPERATURE]
-    usable = [each for each in temperatures if each.usable]
-
-    beside = wrench.entry.split('/') if wrench else []
+    wrenches.sort(key=lambda each: (bool(_TREATED.search(each.entry)), -each.samples))
+    wrenches.sort(key=lambda each: each.entry.strip('/') != topics.wrench.strip('/'))
+    wrench = wrenches[0].entry if wrenches else ''
+    if topics.temperatures != Topics().temperatures:
+        return replace(topics, wrench=wrench)
 
     def distance(each: Candidate) -> tuple[int, bool, int]:
-        pairs = zip(each.entry.split('/'), beside, strict=False)
+        pairs = zip(each.entry.split('/'), wrench.split('/'), strict=False)
         common = list(takewhile(lambda pair: pair[0] == pair[1], pairs))
         indices = re.findall(r'\[(\d+)\]', each.entry)
         return -len(common), not _NEAR.search(each.entry), -int(indices[-1] if indices else -1)
 
-    return tuple(sorted(usable or temperatures[:1], key=distance)[:_SUGGESTED])
+    found = [each for each in candidates if each.role == TEMPERATURE]
+    found = sorted([each for each in found if each.usable] or found[:1], key=distance)
+    return replace(
+        topics, wrench=wrench, temperatures=tuple(each.entry for each in found[:_SUGGESTED])
+    )
