@@ -6,7 +6,8 @@ loopback: a sensor, a receiver, and between them by turns a plain typed relay on
 executor, a relay of bytes on the events executor, and the compensator with a model. All are up all
 the time and are used one after the other in short runs, so that a noisy machine is as noisy to
 each; figures are medians of the runs, losses are sums. Then: the compensator during a calibration,
-and 1, 2 and 5 sensors in one process; last, the computation alone.
+with a thermometer that is a field of another kilohertz message, and with 1, 2 and 5 sensors in one
+process; last, the computation alone.
 
 Where a wrench was lost is known by counting: the sensor counts what it sends, the compensator's
 diagnostics tell what it received and published, and the receiver counts the different stamps that
@@ -27,7 +28,7 @@ import tempfile
 import time
 from typing import Any
 
-from stream_roles import wrench_bytes
+from stream_roles import STATE_ENTRY, wrench_bytes
 from stream_table import draw, print_header, print_row, Run, summary
 from warm_up import make_model, write_warm_up
 
@@ -121,15 +122,18 @@ class Line:
         time.sleep(SETTLE_S)
         self._take(nodes)
 
-    def _send(self, group: str, rate_hz: float, seconds: float) -> dict[str, float]:
+    def _send(
+        self, group: str, rate_hz: float, seconds: float, *, states: bool = False
+    ) -> dict[str, float]:
         """Let the sensor send."""
-        job = {'to': group.split(), 'rate_hz': rate_hz, 'seconds': seconds}
+        job = {'to': group.split(), 'rate_hz': rate_hz, 'seconds': seconds, 'states': states}
         result: dict[str, float] = ask(self._sensor, json.dumps(job))
         return result
 
     def _take(self, groups: Any) -> dict[str, Any]:
         """Take what the receiver has; remember the compensators' counts."""
         result: dict[str, Any] = ask(self.receiver, 'take')
+        self.topics: dict[str, Any] = result['topics']
         for name in (n for group in groups for n in group.split()):
             measured = result['topics'][name]
             counts = (measured.get('received', 0), measured.get('published', 0))
@@ -138,11 +142,11 @@ class Line:
             self._counted[name] = counts
         return result
 
-    def measure(self, group: str, rate_hz: float, seconds: float) -> Run:
-        """Send through one of the nodes, at a rate per sensor."""
+    def measure(self, group: str, rate_hz: float, seconds: float, *, states: bool = False) -> Run:
+        """Send through one of the nodes, at a rate per sensor; states as stream_roles says."""
         pid = self.nodes[group].pid
         before = processor_us(pid)
-        sent = self._send(group, rate_hz, seconds)
+        sent = self._send(group, rate_hz, seconds, states=states)
         time.sleep(0.2)
         used = processor_us(pid) - before
         counts = group not in RELAYS
@@ -207,6 +211,34 @@ def during_calibration(line: Line, folder: Path, seconds: float) -> list[Any]:
     return rows
 
 
+def with_a_field(folder: Path, seconds: float, repeats: int) -> list[Any]:
+    """Compare, at 1 kHz, a thermometer with one that is a field of a message at the same rate."""
+    entries = {'topic': 'temperature', 'field': STATE_ENTRY}
+    nodes: dict[str, Sequence[str]] = {
+        name: compensator(folder, name, f'temperature_topics:=["{entry}"]')
+        for name, entry in entries.items()
+    }
+    runs: dict[str, list[Run]] = {name: [] for name in nodes}
+    with ExitStack() as stack:
+        line = Line(stack, nodes)
+        line.measure('field', 1000, 3.0, states=True)  # until it has found out what there is
+        for _ in range(repeats):
+            for name, measured in runs.items():
+                measured.append(line.measure(name, 1000, seconds, states=True))
+    for name in nodes:
+        print(f'{name:>19}: {line.topics[name]["temperatures_hz"]:.1f} temperatures a second')
+    rows = [summary(name, 1000, measured) for name, measured in runs.items()]
+    for row in rows:
+        print_row(row)
+    pairs = zip(runs['field'], runs['topic'], strict=True)
+    rows[1]['cpu_to_topic'] = median(field.cpu_us / topic.cpu_us for field, topic in pairs)
+    print(
+        f'          a field of 1 kHz: {rows[1]["cpu_to_topic"]:.2f} of the CPU, '
+        f'{rows[1]["p99_us"] / rows[0]["p99_us"]:.2f} of the p99'
+    )
+    return rows
+
+
 def several_sensors(folder: Path, seconds: float, repeats: int) -> list[Any]:
     """Measure 1, 2 and 5 sensors in one process, each at 1 kHz."""
     rows = []
@@ -263,6 +295,7 @@ def main() -> None:
             print_row(long)
             figures['long'] = long
             figures['calibration'] = during_calibration(line, folder, seconds)
+        figures['field'] = with_a_field(folder, seconds, 2 * repeats)
         figures['sensors'] = several_sensors(folder, seconds, repeats)
     out = Path('out')
     out.mkdir(exist_ok=True)

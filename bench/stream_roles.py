@@ -21,7 +21,8 @@ import numpy as np
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import Temperature
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState, Temperature
 from std_srvs.srv import Trigger
 
 from wrist_ft_comp.model.signals import NANOSECONDS
@@ -32,6 +33,17 @@ TEMPERATURE_HZ = 10
 _FRAME = b'wrist_ft\0'
 _HEAD = struct.Struct('<4siII12s')
 _DOUBLES = struct.pack('<6d', 1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
+#: Of six joints; the third one's effort is taken for a temperature.
+_STATE = serialize_message(
+    JointState(
+        name=[f'joint_{k}' for k in range(1, 7)],
+        position=[0.5] * 6,
+        velocity=[0.1] * 6,
+        effort=[20.0, 21.0, 25.0, 23.0, 24.0, 22.0],
+    )
+)
+#: Where it is.
+STATE_ENTRY = 'state:effort[2]'
 
 
 def wrench_bytes(stamp_ns: int, doubles: bytes = _DOUBLES) -> bytes:
@@ -41,7 +53,11 @@ def wrench_bytes(stamp_ns: int, doubles: bytes = _DOUBLES) -> bytes:
 
 
 def sense(context: Any, namespaces: Sequence[str]) -> None:
-    """Publish as told, ``{"to": […], "rate_hz": …, "seconds": …}``, with stamps of now."""
+    """
+    Publish as told, ``{"to": […], "rate_hz": …, "seconds": …}``, with stamps of now.
+
+    ``"states": true`` sends the driver's whole state beside every wrench, temperature included.
+    """
     node: Any = Node('bench_sensor', context=context)
     wrenches = {
         name: node.create_publisher(WrenchStamped, f'/{name}/wrench_raw', qos.FAST_SENSOR)
@@ -51,16 +67,25 @@ def sense(context: Any, namespaces: Sequence[str]) -> None:
         name: node.create_publisher(Temperature, f'/{name}/temperature', qos.SLOW_SENSOR)
         for name in namespaces
     }
+    states = {
+        name: node.create_publisher(JointState, f'/{name}/state', qos.FAST_SENSOR)
+        for name in namespaces
+    }
     for line in sys.stdin:
         order = json.loads(line)
         to = order.pop('to')
-        result = _publish([wrenches[n] for n in to], [thermometers[n] for n in to], **order)
+        told = [states[n] for n in to] if order.pop('states', False) else []
+        result = _publish([wrenches[n] for n in to], [thermometers[n] for n in to], told, **order)
         print(json.dumps(result), flush=True)
     node.destroy_node()
 
 
 def _publish(
-    wrenches: list[Any], thermometers: list[Any], rate_hz: float, seconds: float
+    wrenches: list[Any],
+    thermometers: list[Any],
+    states: list[Any],
+    rate_hz: float,
+    seconds: float,
 ) -> dict[str, float]:
     """Keep to a rate: what a pause delayed is sent at once, so that nothing is left out."""
     due, late_s = round(rate_hz * seconds), 0.0
@@ -78,6 +103,9 @@ def _publish(
             next_temperature += 1 / TEMPERATURE_HZ
         for publisher in wrenches:
             publisher.publish(wrench_bytes(time.monotonic_ns()))
+        for publisher in states:
+            stamp = struct.pack('<iI', *divmod(time.monotonic_ns(), NANOSECONDS))
+            publisher.publish(_STATE[:4] + stamp + _STATE[12:])
     return {'sent': due, 'publisher_late_ms': 1e3 * late_s}
 
 
@@ -97,7 +125,7 @@ class Receiver:
     def __init__(self, context: Any, namespaces: Sequence[str]) -> None:
         self._node: Any = Node('bench_receiver', context=context)
         self._came: dict[str, list[tuple[bytes, int]]] = {name: [] for name in namespaces}
-        self._counted: dict[str, dict[str, int]] = {name: {} for name in namespaces}
+        self._counted: dict[str, dict[str, float]] = {name: {} for name in namespaces}
         self._calibrated: list[str] = []
         profile: Any = QoSProfile
         for name, came in self._came.items():
@@ -143,10 +171,13 @@ class Receiver:
         """Keep the compensators' own counts of wrenches in and out."""
         for status in array.status:
             name, _, concern = status.name.partition('/wrist_ft_comp: ')
-            if name in self._counted and concern in {'input', 'output'}:
-                for item in status.values:
-                    if item.key in {'received', 'published'}:
-                        self._counted[name][item.key] = int(item.value)
+            counted = self._counted.get(name, {})
+            for item in status.values if concern in {'input', 'output', 'temperature'} else ():
+                if item.key in {'received', 'published'}:
+                    counted[item.key] = int(item.value)
+                elif concern == 'temperature' and item.key == 'rate_hz':
+                    most = max(float(item.value), counted.get('temperatures_hz', 0.0))
+                    counted['temperatures_hz'] = most
 
 
 def _hear(keep: Callable[[tuple[bytes, int]], None], data: bytes) -> None:

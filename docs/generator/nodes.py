@@ -30,7 +30,8 @@ COMMON = {'/rosout', '/parameter_events', '/clock'}
 COMMON_SERVICES = ('parameter', 'type_description')
 PURPOSE = {
     'wrench_raw': 'raw wrench of the driver',
-    'temperature': 'one per name in `temperature_topics`',
+    'temperature': 'one per entry of `temperature_topics`; `topic:field` hears messages of any '
+    'type, best effort, the newest ten times a second',
     'wrench_reference': 'true wrench; subscribed to while recording only',
     'wrench': "compensated and tared wrench, with the input's header",
     '~/drift': 'zero drift being subtracted, once per thermal cell',

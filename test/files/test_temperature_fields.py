@@ -14,7 +14,7 @@ from wrist_ft_comp.files.bags.bag_recording import read_bag
 from wrist_ft_comp.files.bags.installed import define_installed
 from wrist_ft_comp.files.cdr_fields import _CODES as CODES
 from wrist_ft_comp.files.cdr_fields import decode, read_numbers
-from wrist_ft_comp.files.recordings import read_recording
+from wrist_ft_comp.files.recordings import describe_recording, read_recording
 from wrist_ft_comp.model.signals import temperature_channel, Topics
 
 BAGS = 'wrist_ft_comp.files.bags'
@@ -189,6 +189,23 @@ def test_times_of_arrival_are_not_compared_with_the_stamps_of_another_clock(
     sentence = r'/driver/state of bag have no stamp.* 17232\d{5} s before they arrived'
     with pytest.raises(RecordingError, match=sentence):
         read(path, '/driver/state:temperatures[0]')
+
+
+@pytest.mark.usefixtures('ready')
+def test_what_could_be_used_is_found_and_judged(driver, messages, tmp_path):
+    path = messages.write(tmp_path / 'bag', driver.parts(1001), 'mcap', 'file')
+    found = {each.entry: each for each in describe_recording(path).candidates}
+    assert list(found) == [
+        '/wrench_raw', '/driver/frame:temperature',
+        *(f'/driver/state:temperatures[{k}]' for k in range(6)),
+        '/driver/state:motors[0].temperature', '/driver/state:motors[1].temperature',
+        '/driver/state:raw_temperature[0]', '/driver/state:raw_temperature[1]',
+    ]  # fmt: skip
+    frame, state = found['/driver/frame:temperature'], found['/driver/state:temperatures[5]']
+    assert (frame.role, frame.samples, frame.stamped) == ('temperature', 1001, True)
+    assert (frame.rate_hz, frame.longest_gap_s) == (pytest.approx(1000), pytest.approx(1e-3))
+    assert frame.reads == pytest.approx((293.15, 294.15), abs=1e-4)
+    assert (state.samples, state.stamped, state.longest_gap_s) == (11, False, pytest.approx(0.1))
 
 
 @pytest.mark.usefixtures('driver')

@@ -1,23 +1,24 @@
 """wrist_ft_comp show: what a file is."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+import json
 from pathlib import Path
+import shlex
 
 from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.tables import table_text
+from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.files.model_file import is_model, load_model
 from wrist_ft_comp.files.recordings import (
     ChannelSummary,
     describe_recording,
-    RAW_WRENCH,
     RecordingSummary,
     REFERENCE,
-    TEMPERATURE,
 )
 from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.model.signals import NANOSECONDS, Topics
 from wrist_ft_comp.report.view import drifts_removed
 
 #: What a model is for, to whoever finds one.
@@ -37,7 +38,9 @@ def add_parser(commands: options.Commands) -> None:
     parser = commands.add_parser(
         'show',
         help='say what a model or a recording holds',
-        description='Say what a model file or a recording holds.',
+        description='Say what a model file or a recording holds. Of a bag, which topics could be\n'
+        'wrench, temperature (also inside other messages), IMU and TF, how good they\n'
+        'are, and the commands that learn from them, judge the model and run it.',
         epilog=EXAMPLES,
     )
     parser.set_defaults(run=run)
@@ -60,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     with options.progress_bar('reading') as progress:
         summary = describe_recording(arguments.file, options.topics_from(arguments), progress)
     if arguments.json:
-        options.print_json(asdict(summary))
+        options.print_json(_as_json(summary, arguments.file))
     else:
         print(_text(summary, arguments.file))
     return 0
@@ -152,6 +155,7 @@ def _text(summary: RecordingSummary, path: Path) -> str:
         [
             f'{summary.name}: {summary.kind}, {span}',
             table_text(['channel', 'type or unit', 'samples', 'per second', 'used as'], rows),
+            *_quality(summary.candidates),
             *_use(summary, path),
             *(f'warning: {warning}' for warning in summary.warnings),
         ]
@@ -163,24 +167,76 @@ def _rate(channel: ChannelSummary, duration_s: float | None) -> str:
     return f'{(channel.samples - 1) / duration_s:.4g}' if duration_s else '-'
 
 
+def _quality(candidates: Sequence[Candidate]) -> Iterator[str]:
+    """Say of all that may be used how good it is; names come last, whole, to be copied."""
+    if not candidates:
+        return
+    yield '\nWhat could be used, with the values of temperatures as they are read:'
+    yield 'as           per second  span, s  longest gap, s          values  topic'
+    for each in candidates:
+        values = '{:.1f} to {:.1f}'.format(*each.reads) if each.reads else ''
+        rate = f'{each.rate_hz:.4g}' if each.rate_hz else '-'
+        yield (
+            f'{each.role:11}  {rate:>10}  {each.span_s:7.1f}  {each.longest_gap_s:14.3g}  '
+            f'{values:>14}  {each.entry}'
+        )
+    yield ''
+    for each in candidates:
+        if each.role == RAW_WRENCH and not each.stamped:
+            yield f'{each.entry} has no stamps and cannot be used: let the driver fill them.'
+        if each.reads and 200 < each.reads[0] <= each.reads[1] < 450:
+            field = '' if ':' in each.entry else ':temperature'
+            yield f'If {each.entry} is in kelvin, write {each.entry}{field}:K.'
+
+
+def _lacks(summary: RecordingSummary) -> list[str]:
+    """Name what a recording would need to be learnt from."""
+    held = {channel.role for channel in summary.channels if channel.samples}
+    return [role for role in (RAW_WRENCH, TEMPERATURE) if role not in held]
+
+
 def _use(summary: RecordingSummary, path: Path) -> Iterator[str]:
     """Say what a recording is good for, or what it lacks."""
-    held = {channel.role for channel in summary.channels if channel.samples}
-    lacks = [role for role in (RAW_WRENCH, TEMPERATURE) if role not in held]
-    if not lacks:
-        reference = ' --reference recorded' if REFERENCE in held else ''
-        yield f'Learn from it: wrist_ft_comp calibrate {path} -o model.yaml{reference}'
+    if lacks := _lacks(summary):
+        named = ' of that name' if any(each.role in lacks for each in summary.candidates) else ''
+        yield f'It holds no {" and no ".join(lacks)}{named}, so nothing can be learnt from it.'
         return
-    kinds = {RAW_WRENCH: '/WrenchStamped', TEMPERATURE: '/Temperature'}
-    options_of = {RAW_WRENCH: '--wrench-topic', TEMPERATURE: '--temperature-topic'}
-    fitting = {
-        role: [c.name for c in summary.channels if c.kind.endswith(kinds[role]) and not c.role]
-        for role in lacks
-    }
-    missing = [role for role in lacks if not fitting[role]]
-    if missing:
-        yield f'It holds no {" and no ".join(missing)}, so nothing can be learnt from it.'
+    if not summary.candidates:
+        yield f'Learn from it: {_commands(summary, path)[0]}'
         return
-    names = [f'{options_of[role]} {name}' for role in lacks for name in fitting[role]]
-    yield "If these are the sensor's topics, learn from them (its own thermometer first):"
-    yield f'wrist_ft_comp calibrate {path} -o model.yaml {" ".join(names)}'
+    if not any(each.moves for each in summary.candidates):
+        yield 'No temperature moves by half a degree, and a calibration needs a warm-up.'
+    yield "Learn from it, judge on another day, and run; the sensor's own thermometer first:"
+    yield from _commands(summary, path)
+
+
+def _commands(summary: RecordingSummary, path: Path) -> list[str]:
+    """Write the commands that learn from a recording; of a bag, those that judge and run, too."""
+    topics = summary.topics or Topics()
+    reference = any(each.role == REFERENCE and each.samples for each in summary.channels)
+    words = ['--reference', 'recorded'] if reference else []
+    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
+    if not summary.candidates:
+        return [shlex.join([*calibrate, *words])]
+    evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', 'another_day']
+    run = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args']
+    run += ['-p', 'model_file:=model.yaml']
+    if topics.wrench.strip('/') != Topics().wrench.strip('/'):
+        words += ['--wrench-topic', topics.wrench]
+        run += ['-r', f'wrench_raw:={topics.wrench}']
+    if topics.temperatures != Topics().temperatures:
+        for entry in topics.temperatures:
+            words += ['--temperature-topic', entry]
+        run += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
+    calibrate += ['--report', 'model.html']
+    evaluate += ['--report', 'evaluation.html']
+    return [shlex.join([*calibrate, *words]), shlex.join([*evaluate, *words]), shlex.join(run)]
+
+
+def _as_json(summary: RecordingSummary, path: Path) -> dict[str, object]:
+    """Everything a script may want; of a bag, rates and commands, too."""
+    document = asdict(summary)
+    for each, candidate in zip(document['candidates'], summary.candidates, strict=True):
+        each['rate_hz'] = candidate.rate_hz
+    usable = summary.candidates and not _lacks(summary)
+    return {**document, 'commands': _commands(summary, path) if usable else []}

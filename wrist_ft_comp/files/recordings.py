@@ -13,6 +13,13 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.bags.adapter import open_bag
 from wrist_ft_comp.files.bags.bag import SUFFIXES
 from wrist_ft_comp.files.bags.bag_recording import read_bag, rewrite_bag
+from wrist_ft_comp.files.bags.survey import (
+    Candidate,
+    RAW_WRENCH,
+    suggested_topics,
+    survey_bag,
+    TEMPERATURE,
+)
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
 from wrist_ft_comp.files.csv_file import CsvRecording, rewrite_csv
 from wrist_ft_comp.model.batch_grid import GridBuilder
@@ -25,9 +32,10 @@ from wrist_ft_comp.model.signals import (
     Samples,
     Topics,
 )
+from wrist_ft_comp.model.temperature_source import parse_source
 
 BAG, CSV, TABLE = 'rosbag2', 'CSV recording', 'chamber table'
-RAW_WRENCH, TEMPERATURE, REFERENCE = 'raw wrench', 'temperature', 'reference'
+REFERENCE = 'reference'
 _HASHED_AT_ONCE = 1 << 20
 
 
@@ -219,6 +227,9 @@ class RecordingSummary:
     last_ns: int | None
     #: What could not be read, in sentences.
     warnings: tuple[str, ...] = ()
+    #: What may be used, of a bag only, and what is used.
+    candidates: tuple[Candidate, ...] = ()
+    topics: Topics | None = None
 
 
 def describe_recording(
@@ -232,9 +243,9 @@ def describe_recording(
     path : Path or str
         File or folder.
     topics : Topics, optional
-        Which role a bag's topics have.
+        Which role a bag's topics have; what they don't name is chosen.
     progress : callable, optional
-        Given the fraction done, 0 to 1; a bag knows its counts and is not read through.
+        Given the fraction done, 0 to 1.
 
     Returns
     -------
@@ -250,7 +261,7 @@ def describe_recording(
     path = Path(path)
     kind = kind_of(path)
     if kind == BAG:
-        return _describe_bag(path, topics or Topics())
+        return _describe_bag(path, topics or Topics(), progress)
     if kind == CSV:
         text = CsvRecording(path)
         return _describe_samples(path.name, CSV, text.samples(progress), text.warnings)
@@ -259,14 +270,16 @@ def describe_recording(
     return _describe_samples(path.name, TABLE, table.samples(), left_out)
 
 
-def _describe_bag(path: Path, topics: Topics) -> RecordingSummary:
-    """Take topics, counts and times from the bag's own index."""
-    roles = {
-        topics.reference.strip('/'): REFERENCE,
-        **{topic.strip('/'): TEMPERATURE for topic in topics.temperatures},
-        topics.wrench.strip('/'): RAW_WRENCH,
-    }
+def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> RecordingSummary:
+    """Take topics, counts and times from the bag's own index, and survey what may be used."""
     with open_bag(path) as bag:
+        candidates, warnings = survey_bag(bag, progress)
+        topics = suggested_topics(candidates, topics)
+        roles = {
+            topics.reference.strip('/'): REFERENCE,
+            **{parse_source(entry).topic.strip('/'): TEMPERATURE for entry in topics.temperatures},
+            topics.wrench.strip('/'): RAW_WRENCH,
+        }
         counts: Counter[tuple[str, str]] = Counter()
         for connection in bag.connections:
             counts[connection.topic, connection.msgtype] += connection.msgcount
@@ -277,7 +290,9 @@ def _describe_bag(path: Path, topics: Topics) -> RecordingSummary:
             for (topic, kind), count in sorted(counts.items())
         )
         kind = f'{BAG}, {bag.storage}{compressed}'
-        return RecordingSummary(path.name, kind, channels, first, last, bag.warnings)
+        warnings = *bag.warnings, *warnings
+        ends = first, last
+        return RecordingSummary(path.name, kind, channels, *ends, warnings, candidates, topics)
 
 
 def _describe_samples(

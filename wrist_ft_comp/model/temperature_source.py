@@ -197,6 +197,37 @@ def numbers_in(message: Any, path: Path = ()) -> Iterator[tuple[Path, float]]:
                 yield from numbers_in(getattr(message, name), (*path, name))
 
 
+def temperatures_in(message: Any, topic: str = '') -> list[Path]:
+    """
+    Find the numbers of a message that are probably temperatures, in its order.
+
+    By their fields' names; in an array, by a text at the same place of an array beside it, as in
+    control_msgs/DynamicJointState; else, where the topic is named like a temperature, all numbers.
+    """
+    paths = [path for path, _ in numbers_in(message) if path[:1] != ('layout',)]
+    named = [path for path in paths if may_be_temperature(path) or _named_beside(message, path)]
+    return named or (paths if _TELLING.search(topic) else [])
+
+
+def _named_beside(message: Any, path: Path) -> bool:
+    """Tell whether an array of texts beside the one that a path ends in names a temperature."""
+    index = path[-1]
+    if isinstance(index, str):
+        return False
+    part = message
+    for step in path[:-2]:
+        part = part[step] if isinstance(step, int) else getattr(part, step)
+    size = len(getattr(part, str(path[-2])))
+    beside = (getattr(part, name) for name in _fields_of(part))
+    return any(
+        isinstance(texts, (list, tuple))
+        and len(texts) == size
+        and isinstance(texts[index], str)
+        and _TELLING.search(texts[index]) is not None
+        for texts in beside
+    )
+
+
 def _number_at(message: Any, path: Path, entry: str) -> float:
     """Follow a path to a finite number."""
     value = message

@@ -28,11 +28,14 @@ from wrist_ft_comp.files.job_request import CalibrationJob
 from wrist_ft_comp.files.model_store import default_directory, ModelStore, own_directory
 from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics
+from wrist_ft_comp.model.temperature_source import parse_sources, TemperatureSource
 from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.arguments.unknown import tell_unknown
 from wrist_ft_comp.ros.arguments.usage import usage
 from wrist_ft_comp.ros.diagnostics import diagnostic_array, diagnostics, Snapshot, stream_state
 from wrist_ft_comp.ros.input_health import InputHealth
+from wrist_ft_comp.ros.inputs.field_inputs import FieldInputs
+from wrist_ft_comp.ros.inputs.topic_types import no_temperature, WRENCH, wrong_type
 from wrist_ft_comp.ros.live_model import choose_first_model, LiveModel
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.parameters import declare, NODE_NAME, PARAMETERS, values
@@ -64,24 +67,19 @@ class CompensatorNode(Node):
         log = NodeLog(cast('Any', self).get_logger())
         declare(self, PARAMETERS)
         chosen = self._settings()
-        topics = chosen['temperature_topics']
-        if not topics:
-            raise SettingsError(
-                'temperature_topics must name at least one topic; got none. The first is the '
-                'thermometer inside the sensor.'
-            )
+        sources = self._thermometers(chosen['temperature_topics'])
         shared = chosen['data_directory']
         name = self.get_fully_qualified_name()
         store = ModelStore(own_directory(shared, sensor) if shared else default_directory(name))
-        first = choose_first_model(store, chosen['model_file'], len(topics), log)
+        first = choose_first_model(store, chosen['model_file'], len(sources), log)
         model = None if first.stored is None else first.stored.model
-        compensator = Compensator(len(topics), _stream_settings(chosen), model)
+        compensator = Compensator(len(sources), _stream_settings(chosen), model)
         self._log = log
-        self._topics: tuple[str, ...] = topics
+        self._sources = sources
         self.store = store
         self.compensator = compensator
-        self.health = InputHealth(len(topics))
-        self.live = LiveModel(store, len(topics), first, self._swap, log)
+        self.health = InputHealth(len(sources))
+        self.live = LiveModel(store, len(sources), first, self._swap, log)
         self.state_keeper = StateKeeper(
             compensator, lambda: self.live.sha256, store.directory / 'state.json', chosen, log
         )
@@ -96,12 +94,17 @@ class CompensatorNode(Node):
         self._raw = self._subscribe(
             WrenchStamped, 'wrench_raw', self._on_wrench, messages.FAST_SENSOR
         )
-        self._temperatures = [
-            self._subscribe(
-                Temperature, topic, partial(self._on_temperature, j), messages.SLOW_SENSOR
-            )
-            for j, topic in enumerate(topics)
-        ]
+        self._topics = tuple(self.resolve_topic_name(each.topic) for each in sources)
+        for j, source in enumerate(sources):
+            if not source.path:
+                callback = partial(self._on_temperature, j)
+                self._subscribe(Temperature, source.topic, callback, messages.SLOW_SENSOR)
+        fields = (
+            (j, topic, source)
+            for j, (topic, source) in enumerate(zip(self._topics, sources, strict=True))
+            if source.path
+        )
+        self._fields = FieldInputs(self, fields, self._subscribe_unserved, self._take_temperature)
         self._offered = [
             DeferredService(self, Trigger, '~/calibrate', self.calibration.on_request),
             DeferredService(self, Trigger, '~/tare', self.tare.on_request),
@@ -112,12 +115,26 @@ class CompensatorNode(Node):
         self.add_on_set_parameters_callback(self.live.validate_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self._check_topics()
-        reference = self.resolve_topic_name('wrench_reference')
-        tell_unknown(self, [reference], log)
+        later = [self.resolve_topic_name('wrench_reference'), *self._topics]
+        tell_unknown(self, later, log)
         # A steady clock: the node looks after itself where simulated time stands still, too.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_HOUSEKEEPING_PERIOD_S, self._keep_house, clock=steady)
         self.create_timer(_DIAGNOSTICS_PERIOD_S, self._diagnose, clock=steady)
+
+    def _thermometers(self, entries: Sequence[str]) -> tuple[TemperatureSource, ...]:
+        """Understand temperature_topics."""
+        if not entries:
+            raise SettingsError(
+                'temperature_topics must name at least one topic; got none. The first is the '
+                'thermometer inside the sensor.'
+            )
+
+        def resolve(topic: str) -> str:
+            with messages.opening(topic):
+                return self.resolve_topic_name(topic)
+
+        return parse_sources(entries, resolve)
 
     def _check_topics(self) -> None:
         """Refuse remaps that make the node hear itself."""
@@ -168,6 +185,19 @@ class CompensatorNode(Node):
                 ),
             )
 
+    def _subscribe_unserved(self, kind: Any, topic: str) -> Any:
+        """Subscribe to messages that no executor takes."""
+        result = self._subscribe(kind, topic, lambda _: None, messages.NEWEST)
+        # Executors serve what stands in this list, at once or at their next wake-up.
+        self._subscriptions.remove(result)
+        return result
+
+    def destroy_subscription(self, subscription: Any) -> bool:
+        """Destroy a subscription, also one that no executor takes."""
+        if subscription not in self._subscriptions:
+            self._subscriptions.append(subscription)
+        return bool(super().destroy_subscription(subscription))
+
     def _subscribe_reference(self) -> Callable[[], object]:
         """Subscribe to the reference wrench; what is returned ends that again."""
         topic, qos = 'wrench_reference', messages.FAST_SENSOR
@@ -197,12 +227,16 @@ class CompensatorNode(Node):
         self.tare.add(stamp_ns, raw)
 
     def _on_temperature(self, thermometer: int, data: bytes) -> None:
-        """Give one temperature to the thermal grid; the drift moves when a cell is complete."""
+        """Take one sensor_msgs/Temperature."""
         try:
             stamp_ns, (temperature_c, _) = locate(data, TEMPERATURE_DOUBLES).decode(data)
         except RecordingError:
             self.health.counts.bad_temperatures += 1
             return
+        self._take_temperature(thermometer, stamp_ns, temperature_c)
+
+    def _take_temperature(self, thermometer: int, stamp_ns: int, temperature_c: float) -> None:
+        """Give one temperature, °C, to the thermal grid; a stamp, ns, of 0 is none."""
         if not is_plausible(temperature_c):
             self.health.drop_temperature(thermometer, temperature_c)
             return
@@ -276,7 +310,10 @@ class CompensatorNode(Node):
             period_s=self.compensator.tracker.grid.period_ns / NANOSECONDS,
             topics=Topics(
                 wrench=self._raw.topic_name,
-                temperatures=tuple(each.topic_name for each in self._temperatures),
+                temperatures=tuple(
+                    topic + source.entry.removeprefix(source.topic)
+                    for topic, source in zip(self._topics, self._sources, strict=True)
+                ),
                 reference=self.resolve_topic_name('wrench_reference'),
             ),
             skip_unusable=not named,
@@ -296,6 +333,7 @@ class CompensatorNode(Node):
         self.recording.poll()
         self.tare.poll()
         self.state_keeper.poll()
+        self._fields.poll()
         self._look()
 
     def _look(self) -> None:
@@ -332,15 +370,27 @@ class CompensatorNode(Node):
             recording_failure=self.recording.failure,
             last_refusal=self._log.last_refusal,
             wrench_topic=self._raw.topic_name,
-            temperature_topics=self._topics,
+            temperature_topics=tuple(each.topic for each in self._sources),
+            unreadable=self._fields.unreadable,
+            thermometer_problems=self._thermometer_problems(),
             wrench_publishers=self.count_publishers(self._raw.topic_name),
-            temperature_publishers=tuple(
-                self.count_publishers(each.topic_name) for each in self._temperatures
+            wrench_problem=(
+                '' if self._newest else wrong_type(self, self._raw.topic_name, WRENCH)
             ),
+            temperature_publishers=tuple(map(self.count_publishers, self._topics)),
         )
+
+    def _thermometer_problems(self) -> dict[int, str]:
+        """Tell, by thermometer from 0, why no temperatures can be had of what it is on."""
+        found = self._fields.problems()
+        for j, (topic, source) in enumerate(zip(self._topics, self._sources, strict=True)):
+            if not source.path and self.health.last_temperature_s[j] is None:
+                found[j] = no_temperature(self, topic)
+        return {j: problem for j, problem in found.items() if problem}
 
     def _diagnose(self) -> None:
         """Publish diagnostics."""
+        self._fields.look()
         statuses = diagnostics(self._snapshot())
         self._log.tell(statuses)
         stamp = self.get_clock().now().to_msg()
@@ -352,6 +402,7 @@ class CompensatorNode(Node):
         waiting = [self.calibration.end(), self.tare.end()]
         self.recording.end()
         self.state_keeper.end()
+        self._fields.end()
         if any(waiting):
             time.sleep(_FAREWELL_S)
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
@@ -372,7 +423,7 @@ _USAGE = """\
 Removes the temperature drift of a wrist force/torque sensor beside any driver:
 
   compensator --ros-args -r wrench_raw:=/driver/wrench \\
-    -p temperature_topics:=[/driver/temperature]
+    -p 'temperature_topics:=["/driver/temperature", "/driver/state:data[3]:K"]'
 
 hears      wrench_raw (WrenchStamped), the topics in temperature_topics, and,
            while recording, wrench_reference; -r maps them to the driver's own

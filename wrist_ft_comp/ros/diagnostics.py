@@ -4,9 +4,10 @@ What the node says about itself: ``diagnostics`` judges a snapshot, and does not
 Thermometers are counted from 0 in a snapshot, and from 1 in what is said of them.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -91,6 +92,12 @@ class Snapshot(NamedTuple):
     #: Full name, and relative ones; how many publishers each has.
     wrench_topic: str = 'wrench_raw'
     temperature_topics: tuple[str, ...] = ('temperature',)
+    #: What the topic carries instead of wrenches; empty when it is right.
+    wrench_problem: str = ''
+    #: Messages of which no temperature could be read.
+    unreadable: int = 0
+    #: Why a thermometer, counted from 0, can't be read; only those that can't.
+    thermometer_problems: Mapping[int, str] = MappingProxyType({})
     wrench_publishers: int = 1
     temperature_publishers: tuple[int, ...] = (1,)
 
@@ -170,6 +177,8 @@ def _wrench_silence(now: Snapshot) -> str:
     policy, topic = now.health.incompatible.get('wrench_raw'), now.wrench_topic
     if policy:
         return f'no raw wrenches arrive: their publisher offers less {policy} than is asked for'
+    if now.wrench_problem:
+        return f'no raw wrenches arrive: {now.wrench_problem}'
     if now.wrench_publishers:
         return f'no raw wrenches arrive, though {topic} has a publisher; is the sensor running?'
     return 'no raw wrenches arrive; is the driver running?'
@@ -207,7 +216,7 @@ def _temperature(now: Snapshot) -> Status:
         'stray_stamps': str(stream.strays),
         'stamps_leapt': str(stream.leaps),
         'stamps_restarted': str(stream.restarts),
-        'unusable': str(health.counts.bad_temperatures),
+        'unusable': str(health.counts.bad_temperatures + now.unreadable),
         'jumps': str(sum(health.thermometers.jumps)),
     }
     for j, last_s in enumerate(health.last_temperature_s, start=1):
@@ -270,11 +279,13 @@ def _numbers(thermometers: Iterable[int]) -> str:
 
 
 def _silence(now: Snapshot) -> Iterator[str]:
-    """Say which thermometers are silent."""
+    """Say which thermometers can't be read or are silent."""
+    for j, problem in sorted(now.thermometer_problems.items()):
+        yield f'thermometer {j + 1}: {problem}; drift {_fate(now)}'
     limit_s, last_s = now.stream.temperature_timeout_s, now.health.last_temperature_s
     never = [j for j, at_s in enumerate(last_s) if at_s is None]
     if never:
-        fate = 'is held' if now.stream.compensating else 'waits for it'
+        fate = _fate(now)
         policies = [now.health.incompatible.get(now.temperature_topics[j], '') for j in never]
         if any(policies):
             yield (
@@ -287,6 +298,11 @@ def _silence(now: Snapshot) -> Iterator[str]:
     ]
     if silent:
         yield f'thermometer {_numbers(silent)} silent for more than {limit_s:g} s; drift is held'
+
+
+def _fate(now: Snapshot) -> str:
+    """Say what becomes of the drift while a thermometer has not reported."""
+    return 'is held' if now.stream.compensating else 'waits for it'
 
 
 def _outside(now: Snapshot) -> str:

@@ -31,6 +31,8 @@ _profile: Any = QoSProfile  # its constructor carries no types
 FAST_SENSOR: QoSProfile = _profile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: Thermometers are slow (up to 100 Hz) and best effort, too; one second is kept.
 SLOW_SENSOR: QoSProfile = _profile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+#: Where only the newest counts, because nobody is woken for each.
+NEWEST: QoSProfile = _profile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: Reliable, so that every tool receives it; a controller wants the newest values, not old ones.
 OUTPUT: QoSProfile = _profile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 #: As any service's, but twenty askers at once overrun the usual queue of 10, and are never told.

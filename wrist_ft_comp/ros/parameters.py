@@ -240,7 +240,9 @@ PARAMETERS = (
     *PROCESS_PARAMETERS,
     _at_start(
         'temperature_topics', ('temperature',),
-        'Topics of the thermometers; the first is the one inside the sensor.'),
+        'The thermometers, the one inside the sensor first: topics of sensor_msgs/Temperature, or '
+        'TOPIC:FIELD for a number in messages of any type, such as '
+        '/driver/state:joints[2].temperature, with :K or :F behind it where that is not in °C.'),
     Parameter(
         'model_file', '',
         'Model to run, relative to data_directory or to the working directory; empty takes the '

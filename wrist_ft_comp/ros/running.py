@@ -113,8 +113,9 @@ def _initialise(context: Context, words: list[str]) -> None:
         reason = str(error).split(', at /')[0].rstrip('.')
         raise SettingsError(
             f'The arguments behind --ros-args cannot be read: {reason}. Write '
-            '-p NAME:=VALUE, -r FROM:=TO or --params-file FILE; the numbers of an array must '
-            'all be written with or all without a decimal point.'
+            '-p NAME:=VALUE, -r FROM:=TO or --params-file FILE. In an array, all numbers must be '
+            'written with or all without a decimal point, and texts with a colon or brackets need '
+            'quotes: \'["/state:data[0]"]\'.'
         ) from error
 
 

@@ -56,7 +56,7 @@ class Rig:
         self.directory = directory
         self.thermometers = options.pop('thermometers', 1)
         more = (f'temperature_{j}' for j in range(2, self.thermometers + 1))
-        self.topics = ['temperature', *more]
+        self.topics = options.pop('topics', ['temperature', *more])
         options['parameters'] = {
             'data_directory': str(directory),
             'temperature_topics': self.topics,
@@ -216,7 +216,9 @@ class WiredRig(Rig):
         bench.wait_until(lambda: self.node._output.get_subscription_count() > 0, 'a listener')
         self._arrays = bench.listen(DiagnosticArray, '/diagnostics')
         self._raw = bench.publisher(WrenchStamped, self.topic('wrench_raw'))
-        self._temperatures = [bench.publisher(Temperature, self.topic(t)) for t in self.topics]
+        self._temperatures = [
+            bench.publisher(Temperature, self.topic(t)) for t in self.topics if ':' not in t
+        ]
         self._clients: dict[str, Any] = {}
 
     def reference(self):

@@ -80,7 +80,8 @@ def test_quality_of_service_can_be_overridden_for_one_topic_only(bench, tmp_path
     assert node._drift.qos_profile.reliability == reliable
     assert node._diagnostics.qos_profile.reliability == reliable
     assert node._raw.qos_profile.reliability == reliable
-    assert node._temperatures[0].qos_profile.depth == 7
+    depths = {each.topic_name: each.qos_profile.depth for each in node.subscriptions}
+    assert depths['/other/temperature'] == 7
     assert qos.OUTPUT.reliability == reliable
     assert qos.FAST_SENSOR.reliability == best_effort
     assert qos.SLOW_SENSOR.depth == 100

@@ -30,11 +30,10 @@ from wrist_ft_comp.model.signals import (
     Topics,
 )
 from wrist_ft_comp.model.temperature_source import (
-    may_be_temperature,
-    numbers_in,
     parse_sources,
     Path,
     path_text,
+    temperatures_in,
     TemperatureSource,
 )
 
@@ -160,7 +159,7 @@ def temperatures_inside(bag: Bag, connection: Connection) -> list[Path]:
         message = decode(bag.define(connection), connection.msgtype, content)
     except RecordingError:
         return []
-    return [path for path, _ in numbers_in(message) if may_be_temperature(path)]
+    return temperatures_in(message, connection.topic)
 
 
 def _check_first(bag: Bag, stream: _Stream, messages: list[bytes], values: FloatArray) -> None:

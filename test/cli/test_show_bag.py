@@ -1,0 +1,220 @@
+"""A bag of a driver: what could be used of it, how good it is, and the commands that use it."""
+
+import json
+import re
+import shlex
+
+import numpy as np
+import pytest
+import yaml
+
+T0 = 1_723_248_197_000_000_000
+BOTA = """
+Status status
+float32[3] force
+float32[3] torque
+uint32 timestamp
+float32 temperature
+float32[3] acceleration
+================================================================================
+MSG: bota_like_msgs/Status
+bool throttled
+bool overrange
+"""
+TOOL = """
+int8 analog_input_range2
+float64 analog_input2
+uint8 tool_output_voltage
+float32 tool_current
+float32 tool_temperature
+uint8 tool_mode
+"""
+JOINTS = """
+string[] joint_names
+float64[] temperatures
+float64[] currents
+"""
+DYNAMIC = """
+std_msgs/Header header
+string[] joint_names
+InterfaceValue[] interface_values
+================================================================================
+MSG: control_like_msgs/InterfaceValue
+string[] interface_names
+float64[] values
+"""
+IMU, TF = 'sensor_msgs/msg/Imu', 'tf2_msgs/msg/TFMessage'
+
+
+class Drivers:
+    """Bags of a warm-up of 20 min at 10 Hz, as two drivers' users record them."""
+
+    def __init__(self, messages):
+        self.messages = messages
+        self.bota = messages.learn('bota_like_msgs/msg/Frame', BOTA)
+        self.tool = messages.learn('ur_like_msgs/msg/ToolData', TOOL)
+        self.joints = messages.learn('ur_like_msgs/msg/JointTemperatures', JOINTS)
+        self.dynamic = messages.learn('control_like_msgs/msg/DynamicState', DYNAMIC)
+
+    def times(self, seed):
+        """Number, stamp, temperature inside and a wrench that drifts with it."""
+        rng = np.random.default_rng(seed)
+        for k in range(12_000):
+            inside = 22 + 14 * (1 - np.exp(-k / 2500)) + 2 * np.sin(k / 900 + seed)
+            force = 1.0 + 1.5 * (inside - 22) + rng.normal(0, 0.05)
+            yield k, T0 + k * 10**8, inside, [0.1, -0.2, force, 0.01, 0.02, 0.03]
+
+    def bota_like(self, seed=0):
+        pack, make = self.messages.pack, self.messages.make
+        three, nine = np.zeros(3, np.float32), np.zeros(9)
+        status = make('bota_like_msgs/msg/Status', False, False)
+        turn = make('geometry_msgs/msg/Quaternion', 0.0, 0.0, 0.0, 1.0)
+        down = make('geometry_msgs/msg/Vector3', 0.0, 0.0, 9.81)
+        for k, at, inside, wrench in self.times(seed):
+            fields = self.bota, status, three, three, k, inside, three
+            yield '/bota/bota_frame', self.bota, at + 9000, pack(*fields)
+            whole = self.messages.wrench(at, wrench, 'bota_wrench')
+            yield '/bota/wrench', self.messages.wrench_type, at + 9000, whole
+            if k % 10 == 0:
+                imu = pack(IMU, at, turn, nine, down, nine, down, nine)
+                yield '/bota/imu', IMU, at + 9000, imu
+                warm = self.messages.temperature(at, 24.0 + 3 * k / 12_000, 'cabinet')
+                yield '/cabinet/temperature', self.messages.temperature_type, at + 9000, warm
+
+    def ur_like(self, seed=0):
+        pack, make = self.messages.pack, self.messages.make
+        names = [f'joint_{n}' for n in range(6)]
+        for k, at, inside, wrench in self.times(seed):
+            yield '/tool_data', self.tool, at + 9000, pack(self.tool, 1, 0.1, 24, 0.3, inside, 253)
+            whole = self.messages.wrench(at, wrench, 'tool0')
+            yield '/ftsensor/wrench', self.messages.wrench_type, at + 9000, whole
+            if k % 50 == 0 and not 4000 < k < 5000:
+                warm = np.array([inside + 1 + n for n in range(6)])
+                joints = pack(self.joints, names, warm, np.zeros(6))
+                yield '/joint_heat', self.joints, at + 9500, joints
+                interfaces = ['position', 'temperature']
+                values = [
+                    make('control_like_msgs/msg/InterfaceValue', interfaces, np.array([0.5, heat]))
+                    for heat in warm
+                ]
+                state = pack(self.dynamic, at, names, values)
+                yield '/dynamic_joint_states', self.dynamic, at + 9500, state
+                yield '/tf', TF, at + 9500, pack(TF, [])
+
+
+@pytest.fixture(scope='session')
+def drivers(messages):
+    return Drivers(messages)
+
+
+BOTA_WORDS = [
+    '--wrench-topic', '/bota/wrench', '--temperature-topic', '/bota/bota_frame:temperature',
+    '--temperature-topic', '/cabinet/temperature',
+]  # fmt: skip
+UR_WORDS = [
+    '--wrench-topic', '/ftsensor/wrench', '--temperature-topic', '/tool_data:tool_temperature',
+    '--temperature-topic', '/joint_heat:temperatures[5]',
+]  # fmt: skip
+
+
+def commands(out):
+    return [shlex.split(line) for line in out.splitlines()[-3:]]
+
+
+@pytest.mark.parametrize(
+    ('storage', 'compression'),
+    [('mcap', 'none'), ('mcap', 'storage'), ('sqlite3', 'file'), ('sqlite3', 'none')],
+)
+@pytest.mark.parametrize(
+    ('kind', 'words'), [('bota_like', BOTA_WORDS), ('ur_like', UR_WORDS)], ids=['bota', 'ur']
+)
+def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PLR0917
+    run, done, drivers, messages, tmp_path, monkeypatch, storage, compression, kind, words
+):
+    day = messages.write(tmp_path / 'a day', getattr(drivers, kind)(), storage, compression)
+    other = getattr(drivers, kind)(seed=1)
+    messages.write(tmp_path / 'another_day', other, storage, compression)
+    calibrate, evaluate, node = commands(done('show', day))
+    named = ['-o', 'model.yaml', '--report', 'model.html']
+    assert calibrate == ['wrist_ft_comp', 'calibrate', str(day), *named, *words]
+    judged = ['model.yaml', 'another_day', '--report', 'evaluation.html']
+    assert evaluate == ['wrist_ft_comp', 'evaluate', *judged, *words]
+    assert node[:7] == ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args', '-p',
+                        'model_file:=model.yaml']  # fmt: skip
+    assert node[7:10] == ['-r', f'wrench_raw:={words[1]}', '-p']
+    name, _, value = node[10].partition(':=')
+    assert (name, yaml.safe_load(value)) == ('temperature_topics', [words[3], words[5]])
+    monkeypatch.chdir(tmp_path)
+    if compression == 'none':
+        done(*calibrate[1:])
+        assert 'force_z: good' in run(*evaluate[1:]).out
+        kept = yaml.safe_load((tmp_path / 'model.yaml').read_text())['provenance']
+        assert kept['temperature_topics'] == [words[3], words[5]]
+
+
+def test_show_tells_how_good_each_topic_is(done, drivers, messages, tmp_path):
+    out = done('show', messages.write(tmp_path / 'day', drivers.ur_like(), 'mcap'))
+    told = {
+        line.split()[-1]: line.split() for line in out.splitlines() if re.search(r' /\S+$', line)
+    }
+    assert told['/ftsensor/wrench'][:5] == ['raw', 'wrench', '10', '1199.9', '0.1']
+    # Of 1200 s, every fifth one; but 100 s are missing.
+    heat = ['temperature', f'{220 / 1195:.4g}', '1195.0', '100', '23.0', 'to']
+    assert told['/joint_heat:temperatures[0]'][:6] == heat
+    assert told['/dynamic_joint_states:interface_values[3].values[1]'][0] == 'temperature'
+    assert not any(entry.endswith('.values[0]') for entry in told), 'a position is no temperature'
+    assert told['/tf'][0] == 'TF'
+    assert '/joint_heat:currents[0]' not in told
+
+
+def test_show_as_json_has_it_all(done, drivers, messages, tmp_path):
+    bag = messages.write(tmp_path / 'day', drivers.bota_like())
+    shown = json.loads(done('show', bag, '--json'))
+    roles = {each['entry']: each['role'] for each in shown['candidates']}
+    assert roles == {
+        '/bota/wrench': 'raw wrench', '/bota/bota_frame:temperature': 'temperature',
+        '/cabinet/temperature': 'temperature', '/bota/imu': 'IMU',
+    }  # fmt: skip
+    frame = next(each for each in shown['candidates'] if 'frame' in each['entry'])
+    assert not frame['stamped']
+    assert (frame['samples'], frame['rate_hz']) == (12_000, pytest.approx(10))
+    assert shown['topics']['wrench'] == '/bota/wrench'
+    assert shown['topics']['temperatures'][0] == '/bota/bota_frame:temperature'
+    assert [shlex.split(line)[:2] for line in shown['commands']] == [
+        ['wrist_ft_comp', 'calibrate'], ['wrist_ft_comp', 'evaluate'], ['ros2', 'run'],
+    ]  # fmt: skip
+    used = {each['name']: each['role'] for each in shown['channels']}
+    assert used['/bota/bota_frame'] == 'temperature'
+
+
+def test_what_was_named_is_taken_before_what_looks_right(done, drivers, messages, tmp_path):
+    bag = messages.write(tmp_path / 'day', drivers.ur_like())
+    given = ['--temperature-topic', '/joint_heat:temperatures[2]']
+    calibrate, _, _ = commands(done('show', bag, *given))
+    assert calibrate[-2:] == given
+    assert '/tool_data:tool_temperature' not in calibrate
+    out = done('show', bag, '--temperature-topic', '/typo:heat')
+    assert out.endswith(
+        'It holds no temperature of that name, so nothing can be learnt from it.\n'
+    )
+
+
+def test_kelvins_and_missing_stamps_are_told(done, messages, tmp_path):
+    heat = [messages.temperature(k + 1, 295.0 + k) for k in range(9)]
+    warm = [('/motor/heat', messages.temperature_type, T0, each) for each in heat]
+    wrench = '/ft', messages.wrench_type, T0, messages.wrench(0, range(6))
+    out = done('show', messages.write(tmp_path / 'bag', [wrench, *warm]))
+    assert 'If /motor/heat is in kelvin, write /motor/heat:temperature:K.' in out
+    assert '/ft has no stamps and cannot be used' in out
+    assert 'No temperature moves' not in out
+    cold = '/heat', messages.temperature_type, T0, messages.temperature(1, 20.0)
+    assert 'No temperature moves' in done('show', messages.write(tmp_path / 'b', [wrench, cold]))
+
+
+def test_a_damaged_topic_does_not_hide_the_others(done, drivers, messages, tmp_path):
+    broken = '/broken', drivers.bota, T0, b'\0\1\0\0'
+    damaged = '/damaged', messages.wrench_type, T0, messages.wrench(1, range(6))[:-3]
+    whole = '/ft', messages.wrench_type, T0, messages.wrench(1, range(6))
+    out = done('show', messages.write(tmp_path / 'bag', [broken, damaged, whole]))
+    assert 'warning: /damaged cannot be used: ' in out
+    assert 'It holds no temperature, so nothing can be learnt from it.' in out

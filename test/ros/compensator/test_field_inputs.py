@@ -1,0 +1,342 @@
+"""Temperatures that are fields of other messages, over DDS."""
+
+from contextlib import ExitStack
+import sys
+
+from geometry_msgs.msg import Wrench, WrenchStamped
+import pytest
+from rclpy.context import Context
+from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import BatteryState, FluidPressure, JointState, Temperature
+from std_msgs.msg import Float64MultiArray, Header
+from stereo_msgs.msg import DisparityImage
+
+from wrist_ft_comp.errors import SettingsError
+
+SECOND = 1_000_000_000
+START_S = 1_700_000_000
+START = START_S * SECOND
+LOAD = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
+BEST_EFFORT = QoSProfile(depth=5, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+
+
+def header(second):
+    result = Header()
+    result.stamp.sec = START_S + second
+    return result
+
+
+def battery(second, celsius):
+    return BatteryState(header=header(second), temperature=float(celsius))
+
+
+def joints(second, *efforts):
+    return JointState(header=header(second), effort=[float(each) for each in efforts])
+
+
+def send(node, publisher, *messages):
+    """Publish messages; each is sent until the node has read it, or could not."""
+    for message in messages:
+        before = seen(node)
+        publisher.publish(message)
+        node.wait_until(lambda before=before: seen(node) > before, 'the temperature')
+
+
+def seen(node):
+    """Temperatures that the node took, dropped, or could not read."""
+    counts = node.node.health.counts
+    return counts.temperatures + counts.bad_temperatures + node.node._fields.unreadable
+
+
+def publisher(node, kind, name, qos=1000):
+    return node.bench.publisher(kind, node.topic(name), qos)
+
+
+@pytest.fixture
+def driver(bench, ros_domain):
+    """Make participants: within one, a topic has one type only."""
+    with ExitStack() as stack:
+
+        def make():
+            context = Context()
+            context.init([], domain_id=ros_domain)
+            stack.callback(context.try_shutdown)
+            result = type(bench)(context)
+            stack.callback(result.close)
+            return result
+
+        yield make
+
+
+def held_c(node):
+    """Temperatures of the last cell, °C."""
+    held = node.node.compensator.tracker.temperature_c
+    return None if held is None else held.tolist()
+
+
+def well(node, celsius):
+    """Wait until nothing is wrong with the thermometers, and the first reads so."""
+    wanted = (b'\0', celsius)
+    node.diagnosis(
+        'temperature', lambda each: (each.level, each.values.get('thermometer_1_c')) == wanted
+    )
+
+
+def flows(node):
+    """Tell whether wrenches pass."""
+    return (node.stream([START + k for k in range(20)], [LOAD] * 20) == LOAD).all()
+
+
+@pytest.mark.parametrize('executor', ['default', 'events'])
+def test_a_field_moves_the_drift_as_a_temperature_does(wired, make_model, executor):
+    model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)})
+    node = wired(
+        topics=['state:temperature'],
+        parameters={'model_file': str(model.path)},
+        executor=executor,
+    )
+    state = publisher(node, BatteryState, 'state', BEST_EFFORT)
+    send(node, state, *(battery(second, 23.0) for second in range(4)))
+    assert node.ask_output(START + 9 * SECOND, [0.0] * 6)[2] == pytest.approx(-6.0)
+    well(node, '23.00')
+
+
+@pytest.mark.parametrize(
+    ('unit', 'sent', 'celsius'),
+    [('', 25.0, 25.0), (':C', 25.0, 25.0), (':K', 298.15, 25.0), (':F', 77.0, 25.0)],
+)
+def test_the_unit_that_is_named_is_converted(wired, unit, sent, celsius):
+    node = wired(topics=[f'state:temperature{unit}'])
+    state = publisher(node, BatteryState, 'state')
+    send(node, state, *(battery(second, sent) for second in range(3)))
+    assert held_c(node) == [pytest.approx(celsius, abs=1e-4)]
+
+
+def test_without_a_header_the_time_of_arrival_counts(wired):
+    node = wired(topics=['heat:data[1]', 'heat:data[0]:K'])
+    heat = publisher(node, Float64MultiArray, 'heat')
+    before = node.node.get_clock().now().nanoseconds
+    message = Float64MultiArray(data=[300.15, 22.0])
+    while held_c(node) is None:
+        send(node, heat, message)
+    assert held_c(node) == pytest.approx([22.0, 27.0])
+    assert before < node.node.compensator.tracker.end_ns
+    assert node.node.compensator.tracker.grid.rejected == 0
+    said = node.diagnosis('temperature', 'does not stamp').message
+    assert said.startswith('thermometer 1, 2 does not stamp its readings; the time of arrival')
+
+
+def test_thermometers_in_one_message_share_a_subscription(wired):
+    node = wired(topics=['joints:effort[2]', 'joints:effort[0]', 'temperature'])
+    state = publisher(node, JointState, 'joints')
+    send(node, state, *(joints(second, 21.0, 22.0, 23.0) for second in range(3)))
+    assert node.node.count_subscribers(node.topic('joints')) == 1
+    for second in range(3):
+        node.put_temperature_bytes(
+            0, serialize_message(Temperature(header=header(second), temperature=30.0))
+        )
+    node.wait_until(lambda: held_c(node) is not None, 'a cell of all')
+    assert held_c(node) == [23.0, 21.0, 30.0]
+
+
+def test_a_kilohertz_wakes_nobody(wired):
+    node = wired(topics=['state:temperature'], executor='events')
+    state = publisher(node, BatteryState, 'state', BEST_EFFORT)
+    send(node, state, battery(0, 20.0))
+    assert node.topic('state') not in [each.topic_name for each in node.node.subscriptions]
+    message = battery(0, 20.0)
+    for second in range(1, 5):
+        message.header.stamp.sec = START_S + second
+        message.temperature = 20.0 + second
+        for millisecond in range(1000):
+            message.header.stamp.nanosec = millisecond * 1_000_000
+            state.publish(message)
+        assert flows(node)
+    before = seen(node)
+    assert before < 1000, 'of 4001'
+    send(node, state, battery(5, 25.0), battery(6, 26.0))
+    assert held_c(node) == [25.0]
+
+
+def test_an_array_that_is_too_short_is_told_and_heals(wired):
+    node = wired(topics=['joints:effort[2]'])
+    state = publisher(node, JointState, 'joints')
+    send(node, state, joints(0, 20.0, 21.0))
+    said = node.diagnosis('temperature', 'is not there').message
+    assert said.startswith("thermometer 1: The temperature 'joints:effort[2]' is not there: ")
+    assert 'effort is an array of 2, and there is no element 2; expected an index from 0' in said
+    assert 'Its numbers are effort[1], effort[0]' in said
+    assert said.endswith('; drift waits for it')
+    assert flows(node)
+    bad = node.node._fields.unreadable
+    assert node.diagnosis('temperature').values['unusable'] == str(bad)
+    while held_c(node) is None:
+        second = seen(node)
+        send(node, state, joints(second, 20.0, 21.0, 22.0))
+    assert held_c(node) == [22.0]
+    well(node, '22.00')
+
+
+@pytest.mark.parametrize(
+    ('field', 'words'),
+    [
+        ('temprature', 'the message has no field temprature. Its numbers are temperature, '),
+        ('location', 'location is a text and no number'),
+        ('present', 'present is true or false and no number'),
+        ('header', 'header is a message and no number'),
+        ('temperature.c', 'temperature is a number and has no fields'),
+        ('voltage', 'is nan; expected a finite number'),
+    ],
+)
+def test_a_field_that_is_no_number_is_told_with_what_there_is(wired, field, words):
+    node = wired(topics=[f'state:{field}'])
+    state = publisher(node, BatteryState, 'state')
+    message = battery(0, 20.0)
+    message.voltage = float('nan')
+    send(node, state, message)
+    assert words in node.diagnosis('temperature', words).message
+    assert flows(node)
+
+
+def test_what_no_sensor_reads_is_dropped_as_ever(wired):
+    node = wired(topics=['state:temperature'])
+    state = publisher(node, BatteryState, 'state')
+    send(node, state, battery(0, 298.0))
+    said = node.diagnosis('temperature', 'is dropped').message
+    assert said.startswith('thermometer 1 reads 298 °C, which is dropped')
+
+
+def test_a_type_that_is_not_installed_is_told(wired, monkeypatch):
+    node = wired(topics=['image:image.height'])
+    stereo = publisher_of_any(node, DisparityImage, 'image', monkeypatch)
+    said = node.diagnosis('temperature', 'not installed').message
+    topic = node.topic('image')
+    assert said.startswith(
+        f'thermometer 1: {topic} carries stereo_msgs/DisparityImage, but the Python package '
+        'stereo_msgs with this type is not installed or not sourced here ('
+    )
+    assert 'apt install ros-$ROS_DISTRO-stereo-msgs' in said
+    assert flows(node)
+    monkeypatch.undo()
+    node.wait_until(lambda: stereo.get_subscription_count() > 0, 'the subscription')
+
+
+def publisher_of_any(node, kind, name, monkeypatch):
+    """Make a publisher of a type that the node can't import."""
+    result = node.bench.helper.create_publisher(kind, node.topic(name), 10)
+    monkeypatch.setitem(sys.modules, f'{kind.__module__.split(".")[0]}.msg', None)
+    return result
+
+
+def test_a_publisher_may_come_late_die_and_come_back_as_another_type(wired, driver):
+    node = wired(topics=['state:temperature'], parameters={'temperature_timeout': 0.1})
+    late = f'{node.topic("state")} has no publisher yet, so what it carries is not known'
+    assert late in node.diagnosis('temperature', 'no publisher').message
+    topic = node.topic('state')
+    first = driver()
+    heat = first.publisher(Temperature, topic)
+    send(node, heat, *(Temperature(header=header(s), temperature=21.0) for s in range(3)))
+    assert held_c(node) == [21.0]
+    first.close()
+    said = node.diagnosis('temperature', 'silent').message
+    assert said == 'thermometer 1 silent for more than 0.1 s; drift is held'
+    assert flows(node)
+    second = driver()
+    state = second.publisher(BatteryState, topic)
+    send(node, state, *(battery(s, 24.0) for s in range(3, 6)))
+    assert held_c(node) == [24.0]
+    second.close()
+    send(node, driver().publisher(FluidPressure, topic), FluidPressure(header=header(7)))
+    words = 'no field temperature. Its numbers are fluid_pressure, variance'
+    assert words in node.diagnosis('temperature', words).message
+
+
+def test_bytes_that_are_no_such_message_are_told(wired):
+    node = wired(topics=['joints:effort[0]'])
+    state = publisher(node, JointState, 'joints')
+    good = serialize_message(joints(0, 20.0))
+    state.publish(good[:20])
+    said = node.diagnosis('temperature', "can't be read as sensor_msgs/JointState").message
+    assert 'is the package here of the same version as where it comes from?' in said
+    assert flows(node)
+    send(node, state, *(joints(second, 20.0) for second in range(3)))
+    assert held_c(node) == [20.0]
+    well(node, '20.00')
+
+
+@pytest.mark.parametrize(
+    ('kind', 'written'),
+    [
+        (BatteryState, 'write {0}:temperature to take a number in it'),
+        (FluidPressure, 'write {0}:fluid_pressure or {0}:variance to take a number in it'),
+        (JointState, 'write {0}:FIELD to take a number in it'),
+    ],
+)
+def test_a_plain_topic_of_another_type_says_what_to_write(rig, driver, kind, written):
+    node = rig(topics=['state'])
+    topic = node.topic('state')
+    other = driver()
+    other.helper.create_publisher(kind, topic, 10)
+    said = node.diagnosis('temperature', 'not sensor_msgs/Temperature').message
+    assert said == (
+        f'thermometer 1: {topic} carries sensor_msgs/{kind.__name__}, not '
+        f'sensor_msgs/Temperature; {written.format(topic)}; drift waits for it'
+    )
+    other.close()
+    driver().helper.create_publisher(Temperature, topic, 10)
+    node.diagnosis('temperature', 'has not reported')
+
+
+def test_wrenches_of_another_type_are_told(rig, driver):
+    node = rig()
+    topic = node.topic('wrench_raw')
+    other = driver()
+    other.helper.create_publisher(Wrench, topic, 10)
+    said = f'{topic} carries geometry_msgs/Wrench, not geometry_msgs/WrenchStamped'
+    node.diagnosis('input', f'no raw wrenches arrive: {said}')
+    other.close()
+    driver().helper.create_publisher(WrenchStamped, topic, 10)
+    node.diagnosis('input', f'though {topic} has a publisher')
+
+
+def test_quality_of_service_of_a_field_may_be_overridden(wired):
+    node = wired(
+        namespace='/overridden',
+        topics=['state:temperature'],
+        parameters={
+            'qos_overrides./overridden/state.subscription.reliability': 'reliable',
+            'qos_overrides./overridden/state.subscription.depth': 3,
+        },
+    )
+    node.bench.helper.create_publisher(BatteryState, node.topic('state'), BEST_EFFORT)
+    said = node.diagnosis('temperature', 'is not heard').message
+    assert said.startswith('thermometer 1 is not heard: a publisher offers less reliability')
+    send(node, publisher(node, BatteryState, 'state'), battery(0, 20.0))
+
+
+@pytest.mark.parametrize(
+    ('entries', 'words'),
+    [
+        (['state:temperature', '/t/state:temperature:K'], 'are one and the same'),
+        (['state', '/t/state:temperature'], 'are one and the same'),
+        (['temperature', '/t/temperature'], 'are one and the same'),
+        (['state:temperature:k'], "in the unit 'k'; expected C, K or F"),
+        (['state:[0]'], 'where the name of a field'),
+        (['state.temperature'], 'Did you mean state:temperature'),
+    ],
+)
+def test_a_wrong_entry_is_refused(rig, entries, words):
+    with pytest.raises(SettingsError, match=words):
+        rig(namespace='/t', topics=entries)
+
+
+def test_a_calibration_is_told_where_in_which_topic_a_temperature_is(rig):
+    node = rig(topics=['state:joints[2].heat:K', '/far/temperature', 'state:data.3'])
+    (node.directory / 'recordings').mkdir(parents=True)
+    (node.directory / 'recordings/a.csv').touch()
+    assert node.node.make_request().topics.temperatures == (
+        f'{node.topic("state")}:joints[2].heat:K',
+        '/far/temperature',
+        f'{node.topic("state")}:data.3',
+    )

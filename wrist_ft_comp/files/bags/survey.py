@@ -1,0 +1,229 @@
+"""What a bag's topics may be good for (wrench, temperature, IMU, TF), and which to name."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import takewhile
+import re
+
+import numpy as np
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.files import cdr
+from wrist_ft_comp.files.bags.bag import Bag, Connection
+from wrist_ft_comp.files.bags.bag_recording import temperatures_inside
+from wrist_ft_comp.files.cdr_fields import Definitions, read_numbers
+from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS, Progress, Topics
+from wrist_ft_comp.model.temperature_source import Path, path_text
+
+RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
+_ROLES = {
+    'geometry_msgs/msg/WrenchStamped': RAW_WRENCH,
+    'sensor_msgs/msg/Temperature': TEMPERATURE,
+    'sensor_msgs/msg/Imu': IMU,
+    'tf2_msgs/msg/TFMessage': TF,
+}
+_DOUBLES = {RAW_WRENCH: cdr.WRENCH_DOUBLES, TEMPERATURE: cdr.TEMPERATURE_DOUBLES}
+#: Wrenches that something was done to already are named like this.
+_TREATED = re.compile(r'compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE)
+#: Temperatures of the sensor, or beside it, are named like this.
+_NEAR = re.compile(r'sensor|force|wrench|torque|tool|flange|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
+#: A thermometer that moves by less sees no warm-up.
+_MOVES_K = 0.5
+#: What a thermometer at a wrist reads, °C; as in the node, kelvins are outside.
+_PLAUSIBLE_C = (-100.0, 200.0)
+#: As many thermometers are suggested: one inside the sensor, and one at the motor's side.
+_SUGGESTED = 2
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What a topic, or a number in its messages, may be used as, and how good it is."""
+
+    #: RAW_WRENCH, TEMPERATURE, IMU or TF.
+    role: str
+    #: As an option takes it: a topic, or ``topic:field``.
+    entry: str
+    samples: int
+    #: Between the first and the last sample, s, and the longest time without one.
+    span_s: float
+    longest_gap_s: float
+    #: Whether the stamps are the headers'; else times of arrival.
+    stamped: bool
+    #: Lowest and highest reading, in the driver's unit; None but for temperatures.
+    reads: tuple[float, float] | None = None
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Samples per second, on average."""
+        return (self.samples - 1) / self.span_s if self.span_s > 0 else None
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is a temperature that moved."""
+        return self.reads is not None and self.reads[1] - self.reads[0] >= _MOVES_K
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is a temperature that moved, in °C as far as one can tell."""
+        return self.moves and all(
+            _PLAUSIBLE_C[0] <= value <= _PLAUSIBLE_C[1] for value in self.reads or ()
+        )
+
+
+@dataclass(eq=False)
+class _Tally:
+    """What a connection delivered so far."""
+
+    connection: Connection
+    role: str
+    #: Temperatures in messages of any type.
+    paths: list[Path] = field(default_factory=list)
+    definitions: Definitions = field(default_factory=dict)
+    samples: int = 0
+    stamped: bool = False
+    first_ns: int | None = None
+    last_ns: int = 0
+    gap_ns: int = 0
+    low: FloatArray | None = None
+    high: FloatArray | None = None
+
+    def add(self, times_ns: list[int], messages: list[bytes]) -> None:
+        """Take messages into account."""
+        stamps_ns, values = self._read(messages)
+        self.stamped |= bool(stamps_ns.any())
+        stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
+        self.samples += len(messages)
+        if self.first_ns is None:
+            self.first_ns = self.last_ns = int(stamps_ns[0])
+        steps = np.diff(stamps_ns, prepend=self.last_ns)
+        self.gap_ns = max(self.gap_ns, int(steps.max()))
+        self.last_ns = int(stamps_ns[-1])
+        if values.size:
+            low, high = np.fmin.reduce(values), np.fmax.reduce(values)
+            self.low = low if self.low is None else np.fmin(self.low, low)
+            self.high = high if self.high is None else np.fmax(self.high, high)
+
+    def _read(self, messages: list[bytes]) -> tuple[IntArray, FloatArray]:
+        """Read stamps, 0 where there are none, and temperatures, shape (n, P)."""
+        nothing = np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
+        if self.role == TF:
+            return nothing
+        if self.paths or self.role == IMU:
+            return read_numbers(self.definitions, self.connection.msgtype, messages, self.paths)
+        stamps_ns, values = cdr.decode_many(messages, _DOUBLES[self.role])
+        return stamps_ns, values[:, : self.role == TEMPERATURE]
+
+    def candidates(self) -> Iterator[Candidate]:
+        """Say what came of it."""
+        span_ns = self.last_ns - (self.first_ns or 0)
+        known = self.samples, span_ns / NANOSECONDS, self.gap_ns / NANOSECONDS, self.stamped
+        topic = self.connection.topic
+        if self.low is None or self.high is None:
+            yield Candidate(self.role, topic, *known)
+            return
+        for path, low, high in zip(self.paths or [()], self.low, self.high, strict=True):
+            entry = f'{topic}:{path_text(path)}' if path else topic
+            yield Candidate(self.role, entry, *known, (float(low), float(high)))
+
+
+def survey_bag(
+    bag: Bag, progress: Progress | None = None
+) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
+    """
+    Read what may be used of a bag, and tell how good it is.
+
+    Parameters
+    ----------
+    bag : Bag
+        To read through once.
+    progress : callable, optional
+        Given the fraction done, 0 to 1.
+
+    Returns
+    -------
+    candidates : tuple of Candidate
+        By role and name; a message with several temperatures makes several.
+    warnings : tuple of str
+        Which topics could not be looked into, in sentences.
+
+    """
+    warnings: list[str] = []
+    tallies = {
+        each.id: tally for each in bag.connections if (tally := _tally(bag, each, warnings))
+    }
+    total, seen = sum(tally.connection.msgcount for tally in tallies.values()), 0
+    for groups in bag.grouped(tallies):
+        for tally, (times_ns, messages) in groups.items():
+            seen += len(messages)
+            if tally.connection.id not in tallies:
+                continue
+            try:
+                tally.add(times_ns, messages)
+            except RecordingError as error:
+                del tallies[tally.connection.id]
+                warnings.append(f'{tally.connection.topic} cannot be used: {error}')
+        if progress:
+            progress(min(seen / max(total, 1), 1.0))
+    found = (each for tally in tallies.values() if tally.samples for each in tally.candidates())
+    order = list(_ROLES.values())
+    return (
+        tuple(sorted(found, key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))),
+        tuple(warnings),
+    )
+
+
+def _tally(bag: Bag, connection: Connection, warnings: list[str]) -> _Tally | None:
+    """Decide what to look for in a connection's messages."""
+    role = _ROLES.get(connection.msgtype)
+    if not connection.msgcount or role in {RAW_WRENCH, TEMPERATURE, TF}:
+        return _Tally(connection, role) if role and connection.msgcount else None
+    try:
+        definitions = bag.define(connection)
+    except RecordingError as error:
+        warnings.append(f'Whether it holds temperatures is not known: {error}')
+        return None
+    if role == IMU:
+        return _Tally(connection, IMU, definitions=definitions)
+    paths = temperatures_inside(bag, connection)
+    return _Tally(connection, TEMPERATURE, paths, definitions) if paths else None
+
+
+def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
+    """
+    Decide what to use of a bag: what was named and is there, else what looks right.
+
+    The raw wrench is one that nothing was done to. The thermometer that has most of its name in
+    common with it, or is named like something at the tool, is most probably inside the sensor and
+    comes first; of an array, the last element counts as nearest to the tool.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        What there is.
+    topics : Topics
+        As they were named; the default temperatures stand for none.
+
+    Returns
+    -------
+    Topics
+        With an empty wrench, or without temperatures, where there is no candidate.
+
+    """
+    wrenches = [each for each in candidates if each.role == RAW_WRENCH]
+    wrenches.sort(key=lambda each: (bool(_TREATED.search(each.entry)), -each.samples))
+    wrenches.sort(key=lambda each: each.entry.strip('/') != topics.wrench.strip('/'))
+    wrench = wrenches[0].entry if wrenches else ''
+    if topics.temperatures != Topics().temperatures:
+        return replace(topics, wrench=wrench)
+
+    def distance(each: Candidate) -> tuple[int, bool, int]:
+        pairs = zip(each.entry.split('/'), wrench.split('/'), strict=False)
+        common = list(takewhile(lambda pair: pair[0] == pair[1], pairs))
+        indices = re.findall(r'\[(\d+)\]', each.entry)
+        return -len(common), not _NEAR.search(each.entry), -int(indices[-1] if indices else -1)
+
+    found = [each for each in candidates if each.role == TEMPERATURE]
+    found = sorted([each for each in found if each.usable] or found[:1], key=distance)
+    return replace(
+        topics, wrench=wrench, temperatures=tuple(each.entry for each in found[:_SUGGESTED])
+    )

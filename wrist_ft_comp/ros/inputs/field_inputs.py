@@ -1,0 +1,158 @@
+"""
+Temperatures that are numbers in messages of any type: ``topic:field`` in ``temperature_topics``.
+
+A driver may publish its state at a kilohertz, where a thermal cell needs a few samples. So no
+executor waits for these messages: being woken for each would cost as much as the wrench does. The
+middleware keeps the newest one, and ``poll`` takes it some times a second.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.model.temperature_source import header_stamp_ns, TemperatureSource
+from wrist_ft_comp.ros.inputs.topic_types import load_type, short, types_on
+
+#: Makes a subscription that no executor serves, of a type to a topic by its name as written.
+Subscribe = Callable[[Any, str], Any]
+#: Takes a thermometer, counted from 0, a stamp, ns, or 0 without one, and a temperature, °C.
+Take = Callable[[int, int, float], None]
+
+
+class FieldTopic:
+    """One topic, and the thermometers in its messages, by number from 0."""
+
+    def __init__(self, node: Node, topic: str, name: str, subscribe: Subscribe) -> None:
+        self.thermometers: dict[int, TemperatureSource] = {}
+        #: Why nothing can come of it; empty when something can.
+        self.problem = ''
+        self._node, self._topic, self._name = node, topic, name
+        self._subscribe = subscribe
+        self._type = ''
+        self._kind: Any = None
+        self._subscription: Any = None
+
+    def look(self) -> None:
+        """Look what the topic carries, and subscribe if that is news."""
+        types = types_on(self._node, self._topic)
+        if not types and not self._type:
+            self.problem = f'{self._topic} has no publisher yet, so what it carries is not known'
+        if not types or self._type in types:
+            return
+        self.end()
+        try:
+            self._kind = load_type(self._topic, types[0])
+            self._subscription = self._subscribe(self._kind, self._name)
+        except SettingsError as error:
+            self.problem = str(error).rstrip('.')
+            return
+        self._type, self.problem = types[0], ''
+
+    def newest(self) -> Any:
+        """Take the newest message that came since the last time; None when there is none."""
+        if self._subscription is None:
+            return None
+        newest, handle = None, self._subscription.handle
+        for _ in range(self._subscription.qos_profile.depth):
+            with handle:
+                taken = handle.take_message(self._kind, True)  # as bytes
+            if taken is None:
+                break
+            newest = taken[0]
+        if newest is None:
+            return None
+        try:
+            message = deserialize_message(newest, self._kind)
+        except RuntimeError:
+            self.problem = (
+                f"a message of {self._topic} can't be read as {short(self._type)}; is the package "
+                'here of the same version as where it comes from?'
+            )
+            return None
+        self.problem = ''
+        return message
+
+    def end(self) -> None:
+        """End the subscription, if there is one."""
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+        self._subscription, self._type = None, ''
+
+
+class FieldInputs:
+    """
+    All thermometers that are fields of messages.
+
+    Parameters
+    ----------
+    node : Node
+        Whose graph is asked.
+    sources : iterable of tuple of int, str and TemperatureSource
+        Number of each thermometer from 0, full name of its topic, and where it is in there.
+    subscribe, take
+        See above.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        sources: Iterable[tuple[int, str, TemperatureSource]],
+        subscribe: Subscribe,
+        take: Take,
+    ) -> None:
+        #: Messages of which some temperature could not be read.
+        self.unreadable = 0
+        self._take = take
+        self._topics: dict[str, FieldTopic] = {}
+        for j, topic, source in sources:
+            inputs = self._topics.setdefault(
+                topic, FieldTopic(node, topic, source.topic, subscribe)
+            )
+            inputs.thermometers[j] = source
+        #: Why a thermometer could not be read; and which are not read until the next look, because
+        #: finding out what there is instead takes time.
+        self._misread: dict[int, str] = {}
+        self._resting: set[int] = set()
+
+    def look(self) -> None:
+        """Look for publishers that came, or came back with another type; about once a second."""
+        self._resting.clear()
+        for each in self._topics.values():
+            each.look()
+
+    def poll(self) -> None:
+        """Take the newest temperatures; about ten times a second."""
+        for each in self._topics.values():
+            message = each.newest()
+            for j, source in each.thermometers.items() if message is not None else ():
+                if j not in self._resting:
+                    self._read(j, source, message)
+
+    def _read(self, thermometer: int, source: TemperatureSource, message: Any) -> None:
+        """Take one temperature out of a message."""
+        try:
+            celsius = source.read(message)
+        except SettingsError as error:
+            self._misread[thermometer] = str(error).rstrip('.')
+            self._resting.add(thermometer)
+            self.unreadable += 1
+            return
+        self._misread.pop(thermometer, None)
+        self._take(thermometer, header_stamp_ns(message) or 0, celsius)
+
+    def problems(self) -> dict[int, str]:
+        """Tell, by thermometer from 0, why its temperatures can't be had."""
+        found = dict(self._misread)
+        for each in self._topics.values():
+            if each.problem:
+                found.update(dict.fromkeys(each.thermometers, each.problem))
+        return found
+
+    def end(self) -> None:
+        """End all subscriptions."""
+        for each in self._topics.values():
+            each.end()
