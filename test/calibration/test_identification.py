@@ -121,14 +121,6 @@ class TestKnownTruth:
         assert two.rms_after < 0.2 * one.rms_after
 
 
-def test_what_is_learnt_of_noise_does_no_harm_elsewhere(simulate):
-    for seed in (0, 20, 40):
-        runs = [simulate(seed + i, {}, noise=1.0) for i in range(3)]
-        calibration = calibrate(runs, settings('auto'))
-        judged = evaluate(calibration, simulate(seed + 9, {}, noise=1.0))
-        assert judged.rms_after < 1.03 * judged.rms_before
-
-
 @pytest.mark.parametrize('method', METHODS)
 class TestEveryMethod:
     @pytest.mark.parametrize(
@@ -145,9 +137,7 @@ class TestEveryMethod:
         calibration = calibrate([record(i) for i in range(3)], chosen)
         fit = calibration.fits['force_z']
         assert fit.model.features.kind == features
-        # auto leaves the gain alone in hats unless that halves what held-out folds show.
-        gains = loaded and (method, features) != ('auto', 'hats')
-        assert fit.model.outputs == 1 + gains
+        assert fit.model.outputs == 1 + loaded
         assert fit.candidates[0].name == 'none'
         names = [candidate.name for candidate in fit.candidates]
         assert fit.chosen in (names if method != 'auto' or features == 'hats' else ['combination'])

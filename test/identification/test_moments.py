@@ -21,24 +21,6 @@ def moments_of(problem, grid=GRID):
     return accumulate(cells, bank_inputs(cells, FEATURES, grid), grid)
 
 
-def test_entries_are_sums_over_the_samples_of_each_fold(
-    noisy_problem, textbook_bank, stack_samples
-):
-    cells = bin_axis_data(noisy_problem, 1)
-    banked = textbook_bank(noisy_problem, GRID)
-    for inputs, expected in zip(bank_inputs(cells, FEATURES, GRID), banked, strict=True):
-        np.testing.assert_allclose(inputs, expected, atol=1e-9)
-    moments = moments_of(noisy_problem)
-    np.testing.assert_array_equal(moments.fold, [0, 1, 2])
-    for entry in range(3):
-        x, y, _ = stack_samples(noisy_problem, banked, {entry})
-        both, one = np.column_stack((x, y)), np.ones((1, len(y)))
-        np.testing.assert_allclose(moments.products[entry], both.T @ both, rtol=1e-9)
-        sums = moments.nuisance_products[entry, :1]
-        np.testing.assert_allclose(sums, one @ both, rtol=1e-9, atol=1e-7)
-        assert moments.nuisance_gram[entry, 0, 0] == len(y)
-
-
 @pytest.mark.parametrize('kept', [{0, 1, 2}, {0, 2}, {1}])
 @pytest.mark.parametrize('kind', ['tared', 'soaked', 'plateaus'])
 def test_products_are_those_of_generalised_least_squares(  # noqa: PLR0913, PLR0917
@@ -90,13 +72,6 @@ class TestNuisances:
         transient = np.exp(-10.0 * np.arange(400) / tau)
         assert still(transient) < 0.1
         assert still(transient) < 0.4 * still(transient, soaked=True)
-
-    def test_a_walk_explains_what_is_slow_and_nothing_quick(self, still):
-        """The faster a wave is, the more of it is left."""
-        waves = [np.cos(np.pi * m * (np.arange(400) + 0.5) / 400) for m in (1, 4, 12, 40)]
-        left = [still(wave, soaked=True) for wave in waves]
-        expected = [m**2 / (m**2 + 0.5) for m in (1, 4, 12)]
-        np.testing.assert_allclose(left, [*expected, 1.0], rtol=1e-6)
 
 
 def test_a_column_that_only_differs_between_recordings_holds_nothing(make_recording, warm_up):

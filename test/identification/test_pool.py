@@ -1,7 +1,5 @@
 """The pool: relaxations between its own, ridge, and time constants that several axes share."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -47,11 +45,8 @@ class TestInterpolation:
         up, down = (interpolate(log_tau + step)[0] for step in (1e-5, -1e-5))
         np.testing.assert_allclose(interpolate(log_tau)[1], (up - down) / 2e-5, atol=1e-8)
 
-    def test_positions_on_the_grid_are_the_nearest(self):
-        assert near(0, 20, 33, 5e3, 1e9) == (0, 1, 2, 13, 13)
 
-
-def test_ridge_is_least_squares_with_a_row_per_penalty(  # noqa: PLR0913, PLR0917
+def test_ridge_is_least_squares_with_a_row_per_penalty(
     noisy_problem, textbook_bank, stack_samples, whiten
 ):
     """Ten times the penalty with every power; the load and its products count as first powers."""
@@ -112,29 +107,3 @@ def test_time_constants_that_axes_share_are_found_from_the_grid_on(body):
     assert left(found) < left(guess)
     for step in 0.02 * np.concatenate((np.eye(len(taus)), -np.eye(len(taus)))):
         assert left(found) < left(found + step)
-
-
-def test_free_time_constants_give_gains_of_the_pool(body):
-    """Those of a mixture, so the static column and powers that are not theirs have none."""
-    taus, moments, normals = body
-    free = FreeTimeConstants(1, 1, len(taus))
-    for each, normal, gain in zip(moments, normals, (0.5, -2.0, 0.05), strict=True):
-        (theta,) = free.fit(each, normal, np.log(taus))
-        half = len(GRID_S) * 3
-        truth = [gain, -0.7 * gain][: len(taus)]
-        assert theta[0:half:3].sum() == pytest.approx(sum(truth), rel=0.1)
-        assert not theta[[0, *range(1, half, 3), *range(2, half, 3)]].any()
-        assert theta[-1] == -1.0
-        if each.loaded:
-            assert theta[half : 2 * half : 3].sum() == pytest.approx(2e-3 * sum(truth), rel=0.2)
-            at_reference = theta[2 * half]
-            assert at_reference == pytest.approx(0.01, abs=2e-3)
-
-
-def test_an_axis_that_stands_still_does_not_stop_the_search(body):
-    taus, moments, normals = body
-    silent = replace(moments[1], products=np.zeros_like(moments[1].products))
-    free = FreeTimeConstants(1, 1, len(taus))
-    everything = [*moments, silent], [*normals, np.zeros_like(normals[1])]
-    logs = free.search(*everything, free.first_guess(*everything))
-    np.testing.assert_allclose(np.sort(np.exp(logs)), taus, rtol=0.05)

@@ -125,11 +125,3 @@ def test_they_keep_apart_within_their_bounds_wherever_they_start(
     assert (taus[1:] >= RATIO * (1 - 1e-9) * taus[:-1]).all()
     assert taus[0] >= 10.0 * (1 - 1e-9)
     assert taus[-1] <= LONGEST_S * (1 + 1e-9)
-
-
-def test_a_search_never_ends_worse_than_it_began(noisy_problem):
-    cells = bin_axis_data(noisy_problem, 1)
-    for start in ((40.0,), (900.0,), (40.0, 900.0), (30.0, 200.0, 1200.0)):
-        taus = search_time_constants(cells, SQUARE, np.array(start))
-        before = residual_and_gradient(cells, SQUARE, np.array(start)).rss
-        assert residual_and_gradient(cells, SQUARE, taus).rss <= before * (1 + 1e-9)

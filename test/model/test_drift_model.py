@@ -63,24 +63,6 @@ def test_run_is_the_fold_of_step_wherever_it_is_split(model, temperature_c, cut)
         np.testing.assert_allclose(part, whole_part[-1:], atol=1e-12)
 
 
-@pytest.mark.parametrize('cells', [1, 3, 9, 10, 11, 40])
-def test_a_start_looks_at_the_mean_of_the_cells_that_have_come(model, cells):
-    """One by one, from a start that is made again as long as it looks."""
-    model = replace(model, start_s=10 * model.period_ns / 1e9)
-    temperature_c = np.random.default_rng(1).uniform(15, 45, (cells, model.thermometers))
-    expected = []
-    for count in range(1, cells + 1):
-        soaked = temperature_c[: min(count, 10)].mean(axis=0)
-        state, drift = drift_model.run(
-            model, drift_model.start(model, soaked), temperature_c[:count]
-        )
-        expected.append([part[-1] for part in drift])
-    end, parts = drift_model.run_from_rest(model, temperature_c)
-    np.testing.assert_allclose(np.stack(parts, axis=1), expected, atol=1e-12)
-    for axis, value in state.items():
-        np.testing.assert_array_equal(end[axis], value)
-
-
 def test_correct_inverts_the_measurement():
     rng = np.random.default_rng(0)
     wrench, zero, tare = rng.normal(0, 100, (4, 6)), rng.normal(0, 100, 6), rng.normal(0, 100, 6)
