@@ -103,7 +103,7 @@ def test_what_a_model_leaves_is_the_measurement_minus_its_free_run(make_axis_dat
 
 @pytest.mark.parametrize('tared', [True, False])
 def test_a_fold_is_scored_in_parts_around_a_constant_per_recording(make_axis_data, tared):
-    """Of means over 30 s, from the first minute; plateaus, not tared, around the mean of all else."""
+    """Of means over 30 s, from the first minute on; plateaus around the mean of all else."""
     rng = np.random.default_rng(5)
     folds = [rng.integers(0, 3, CELLS) for _ in range(2)]
     data = make_axis_data([TEMPERATURE_C] * 2, [TEMPERATURE_C] * 2, folds=folds)
