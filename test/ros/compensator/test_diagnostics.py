@@ -94,8 +94,8 @@ def test_temperatures_outside_the_calibrated_range_are_named(rig, make_model):
         'thermometer 1 outside the calibrated range; drift is less certain there, and held '
         'further out'
     )
-    # 5 K beyond the range, at 2 N/K.
-    assert node.diagnosis('output').values['force_z_drift_deviation'] == '10 N'
+    # Half a range beyond it: √1.25 times as much.
+    assert node.diagnosis('output').values['force_z_drift_deviation'] == '0.1118 N'
 
 
 def test_stamps_of_two_clocks_are_told(rig):
