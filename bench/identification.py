@@ -1,8 +1,8 @@
 """
 How long ``auto`` takes: six axes of the simulated wrist, unloaded and loaded.
 
-``python bench/identification.py``. 24 h, half and a quarter of it for the growth, five times 2.5 h,
-and a fortnight of 8 h a day, with the largest memory of the process.
+``python bench/identification.py``. 24 h, half and a quarter of it for the growth, five times
+2.5 h, and a fortnight of 8 h a day, with the largest memory of the process.
 """
 
 import os

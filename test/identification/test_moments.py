@@ -70,7 +70,6 @@ class TestNuisances:
     @pytest.mark.parametrize('tau', [300.0, 700.0, 2500.0])
     def test_a_start_that_was_not_soaked_is_no_drift_unless_it_was(self, still, tau):
         transient = np.exp(-10.0 * np.arange(400) / tau)
-        assert still(transient) < 0.1
         assert still(transient) < 0.4 * still(transient, soaked=True)
 
 
