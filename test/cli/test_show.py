@@ -22,7 +22,12 @@ def test_a_model_as_json_is_the_file(done, model):
 def test_a_model_whose_provenance_was_edited_is_shown(done, model, tmp_path):
     document = yaml.safe_load(model.read_text())
     copy = tmp_path / 'edited.yaml'
-    for provenance in ({}, {'recordings': 3}, {'created': yaml.safe_load('2024-05-01')}):
+    for provenance in (
+        {},
+        {'recordings': 3},
+        {'temperature_topics': 'a'},
+        {'created': yaml.safe_load('2024-05-01')},
+    ):
         copy.write_text(yaml.safe_dump({**document, 'provenance': provenance}))
         assert 'a drift model' in done('show', copy)
         json.loads(done('show', copy, '--json'))

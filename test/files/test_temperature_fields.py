@@ -2,6 +2,7 @@
 
 from importlib import import_module
 from pathlib import Path
+import struct
 import sys
 from types import SimpleNamespace
 
@@ -294,6 +295,14 @@ def topic_of(messages, kind):
     text = messages.store.generate_msgdef(kind, ros_version=2)[0]
     definition = interfaces.MessageDefinition(interfaces.MessageDefinitionFormat.MSG, text)
     return interfaces.Connection(1, '/a', kind, definition, '', 1, None, None)
+
+
+def test_a_signalling_nan_is_no_number_and_no_warning(driver, messages):
+    content = driver.of_frame(T0, 20.0)
+    signalling = content.replace(struct.pack('<f', 20.0), struct.pack('<I', 0x7F800001))
+    definitions = definitions_of(messages, driver.frame)
+    _, values = read_numbers(definitions, driver.frame, [signalling, content], [('temperature',)])
+    np.testing.assert_equal(values[:, 0], [np.nan, 20.0])
 
 
 def definitions_of(messages, kind):

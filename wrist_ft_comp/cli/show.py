@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from itertools import chain, repeat
 import json
 from pathlib import Path
 import shlex
@@ -89,9 +90,14 @@ def _model_text(stored: StoredModel) -> str:
         *_PURPOSE,
         _origin(stored),
         *(
-            f'thermometer {j}: calibrated from {low:.1f} to {high:.1f} °C'
-            for j, (low, high) in enumerate(
-                (thermometer['range_c'] for thermometer in document['thermometers']), start=1
+            f'thermometer {j}: calibrated from {low:.1f} to {high:.1f} °C{name}'
+            for j, ((low, high), name) in enumerate(
+                zip(
+                    (thermometer['range_c'] for thermometer in document['thermometers']),
+                    chain(_thermometers(stored), repeat('')),
+                    strict=False,
+                ),
+                start=1,
             )
         ),
         '',
@@ -119,6 +125,12 @@ def _origin(stored: StoredModel) -> str:
         f'recording{"" if count == 1 else "s"}; thermal period '
         f'{stored.model.period_ns / NANOSECONDS:g} s'
     )
+
+
+def _thermometers(stored: StoredModel) -> list[str]:
+    """Name the thermometers that a model was learnt from, as far as its provenance tells."""
+    named = stored.document['provenance'].get('temperature_topics')
+    return [f', {entry}' for entry in named] if isinstance(named, list) else []
 
 
 def _axes_text(stored: StoredModel) -> str:
