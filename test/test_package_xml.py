@@ -42,7 +42,8 @@ APT = {
 RELEASED = {
     'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs',
     'rcl_interfaces', 'rclpy', 'rosbag2_compression_zstd', 'rosbag2_py', 'rosbag2_storage_mcap',
-    'rosbag2_storage_sqlite3', 'rosgraph_msgs', 'sensor_msgs', 'std_srvs',
+    'rosbag2_storage_sqlite3', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs',
+    'stereo_msgs',
 }  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 import json
 import re
 
+import numpy as np
 import yaml
 
 
@@ -21,7 +22,12 @@ def test_a_model_as_json_is_the_file(done, model):
 def test_a_model_whose_provenance_was_edited_is_shown(done, model, tmp_path):
     document = yaml.safe_load(model.read_text())
     copy = tmp_path / 'edited.yaml'
-    for provenance in ({}, {'recordings': 3}, {'created': yaml.safe_load('2024-05-01')}):
+    for provenance in (
+        {},
+        {'recordings': 3},
+        {'temperature_topics': 'a'},
+        {'created': yaml.safe_load('2024-05-01')},
+    ):
         copy.write_text(yaml.safe_dump({**document, 'provenance': provenance}))
         assert 'a drift model' in done('show', copy)
         json.loads(done('show', copy, '--json'))
@@ -68,3 +74,34 @@ def test_a_report_is_known(done, drift_csv, model, tmp_path):
     done('evaluate', model, drift_csv, '--report', page)
     assert 'open it in a browser' in done('show', page)
     assert json.loads(done('show', page, '--json'))['kind'] == 'report'
+
+
+def accelerated(make, tmp_path, force):
+    """A CSV recording with a specific force, one row per second."""
+    columns = dict(zip('xyz', np.transpose(force).tolist(), strict=True))
+    return make.csv(
+        tmp_path / 'work.csv',
+        {
+            'stamp_s': list(range(len(force))),
+            'force_z': [0.0] * len(force),
+            'temperature_c': [20.0] * len(force),
+            **{f'linear_acceleration_{axis}': column for axis, column in columns.items()},
+        },
+    )
+
+
+def test_a_recording_says_which_directions_gravity_had(done, make, tmp_path):
+    path = accelerated(make, tmp_path, np.repeat(9.8 * np.eye(3), 5, axis=0))
+    out = done('show', path)
+    assert re.search(r'linear_acceleration_x +m/s² .* specific force', out)
+    assert 'norm 9.8 m/s²; along three directions gravity moved by 5.66, 5.66, 0.00' in out
+    assert 'two of them were seen' in out
+    assert 'A payload needs' not in out
+    shown = json.loads(done('show', path, '--json'))['specific_force']
+    np.testing.assert_allclose(shown['spread'], [9.807 / 3**0.5, 9.807 / 3**0.5, 0], atol=1e-6)
+
+
+def test_a_recording_of_one_pose_says_that_no_payload_can_be_told(done, make, tmp_path):
+    out = done('show', accelerated(make, tmp_path, np.repeat([[0.0, 0.0, 9.8]], 9, axis=0)))
+    assert 'none of them were seen' in out
+    assert 'let the robot tilt the tool about two axes' in out

@@ -150,6 +150,9 @@ def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PL
         assert 'force_z: good' in run(*evaluate[1:]).out
         kept = yaml.safe_load((tmp_path / 'model.yaml').read_text())['provenance']
         assert kept['temperature_topics'] == [words[3], words[5]]
+        assert re.search(
+            rf'thermometer 2: .* °C, {re.escape(words[5])}', done('show', 'model.yaml')
+        )
 
 
 def test_show_tells_how_good_each_topic_is(done, drivers, messages, tmp_path):

@@ -116,12 +116,13 @@ def test_random_damage_raises_nothing_but_recording_errors(make_bag, make_csv):
             if path is not csv:
                 struct.pack_into('<Q', damaged, rng.integers(len(content) - 8), 2**63 - 1)
             file.write_bytes(bytes(damaged))
-            sentence = path.name
-            try:
-                read_recording(path)
-            except RecordingError as error:
-                sentence = str(error)
-            assert path.name in sentence
+            for look in (read_recording, describe_recording):
+                sentence = path.name
+                try:
+                    look(path)
+                except RecordingError as error:
+                    sentence = str(error)
+                assert path.name in sentence
 
 
 def test_a_rewritten_csv_differs_in_its_wrench_cells_only(make_csv, monkeypatch):

@@ -2,7 +2,9 @@
 
 from importlib import import_module
 from pathlib import Path
+import struct
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -174,6 +176,18 @@ def test_every_wrong_entry_gets_its_sentence(driver, messages, tmp_path, entry, 
 
 
 @pytest.mark.usefixtures('ready')
+def test_messages_that_arrive_at_once_count_as_one(driver, messages, tmp_path):
+    """As in simulated time, which stands still between two messages of its clock."""
+    parts = [('/wrench_raw', messages.wrench_type, T0, messages.wrench(T0, range(6)))]
+    states = [driver.of_state(20.0 + k) for k in range(30)]
+    parts += [('/driver/state', driver.state, T0 + k // 10, each) for k, each in enumerate(states)]
+    path = messages.write(tmp_path / 'bag', parts)
+    found = read(path, '/driver/state:temperatures[0]', '/driver/state:temperatures[1]')
+    assert found[0] == ([T0, T0 + 1, T0 + 2], [20.0, 30.0, 40.0])
+    assert found[1] == ([T0, T0 + 1, T0 + 2], [21.0, 31.0, 41.0])
+
+
+@pytest.mark.usefixtures('ready')
 def test_times_of_arrival_are_not_compared_with_the_stamps_of_another_clock(
     driver, messages, tmp_path
 ):
@@ -221,6 +235,13 @@ def test_a_type_that_nobody_can_describe_is_named(backend, messages, tmp_path, m
         monkeypatch.setattr(rosbags_backend, '_parse', lambda _: {})
     with pytest.raises(RecordingError, match=r'/heat is gone_msgs/msg/Heat, .*gone_msgs'):
         read(path, '/heat:temperature')
+
+
+@pytest.mark.parametrize('kind', ['os/path', 'os.path/msg/Join', 'a/msg/B;', ''])
+def test_a_bag_cannot_make_the_package_import_what_is_no_message(kind):
+    topic = SimpleNamespace(topic='/heat', msgtype=kind)
+    with pytest.raises(RecordingError, match=r'/heat is .* no message of ROS'):
+        define_installed(topic)
 
 
 @pytest.mark.usefixtures('ready')
@@ -274,6 +295,14 @@ def topic_of(messages, kind):
     text = messages.store.generate_msgdef(kind, ros_version=2)[0]
     definition = interfaces.MessageDefinition(interfaces.MessageDefinitionFormat.MSG, text)
     return interfaces.Connection(1, '/a', kind, definition, '', 1, None, None)
+
+
+def test_a_signalling_nan_is_no_number_and_no_warning(driver, messages):
+    content = driver.of_frame(T0, 20.0)
+    signalling = content.replace(struct.pack('<f', 20.0), struct.pack('<I', 0x7F800001))
+    definitions = definitions_of(messages, driver.frame)
+    _, values = read_numbers(definitions, driver.frame, [signalling, content], [('temperature',)])
+    np.testing.assert_equal(values[:, 0], [np.nan, 20.0])
 
 
 def definitions_of(messages, kind):

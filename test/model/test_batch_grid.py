@@ -9,7 +9,13 @@ import pytest
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.batch_grid import grid_samples, GridBuilder, MAX_CELLS
-from wrist_ft_comp.model.signals import AXES, Samples, temperature_channel
+from wrist_ft_comp.model.signals import (
+    AXES,
+    FORCE_CHANNELS,
+    GRAVITY,
+    Samples,
+    temperature_channel,
+)
 
 SECOND = 1_000_000_000
 #: Stamps as they are since 1970, so that rounding to floats would show.
@@ -208,3 +214,54 @@ def test_one_stamp_of_another_century_is_refused_without_the_memory_for_it():
 def test_a_period_out_of_range_is_refused(period_s):
     with pytest.raises(RecordingError, match='thermal period must be above 0'):
         GridBuilder('a.csv', period_s)
+
+
+def gridded(force, seconds=None):
+    """A recording with a specific force, one sample per row and second."""
+    stamps = np.arange(len(force)) if seconds is None else seconds
+    block = Samples(FORCE_CHANNELS, np.asarray(stamps) * SECOND, np.asarray(force, dtype=float))
+    temperature = samples('temperature_c', *((s, 20.0) for s in range(len(force))))
+    return grid_samples([wrenches(*range(len(force))), temperature, block])
+
+
+POSES = np.repeat([[0, 0, 9.5], [9.5, 0, 0], [0, -9.5, 0]], 10, axis=0)
+
+
+def test_specific_force_is_scaled_by_its_norm_at_rest():
+    moving = np.array([[30.0, 0.0, 0.0], [0.0, 0.0, 30.0]])
+    recording = gridded(np.concatenate((POSES, moving)))
+    assert recording.warnings == ()
+    np.testing.assert_allclose(recording.specific_force[:30], POSES * GRAVITY / 9.5)
+    np.testing.assert_allclose(recording.specific_force[30:], moving * GRAVITY / 9.5)
+
+
+def test_specific_force_in_g_is_scaled_and_doubted():
+    recording = gridded(POSES / 9.5)
+    np.testing.assert_allclose(recording.specific_force, POSES * GRAVITY / 9.5)
+    (doubt,) = recording.warnings
+    assert 'norm of 1 at rest, -90% off 9.807' in doubt
+
+
+def test_an_acceleration_without_gravity_counts_as_absent():
+    recording = gridded(POSES * 0.001)
+    assert recording.specific_force is None
+    assert 'norm of 0.0095 at rest' in recording.warnings[0]
+
+
+def test_specific_force_is_absent_where_it_was_not_sampled():
+    recording = gridded(POSES, seconds=[*range(15), *range(16, 31)])
+    assert np.isnan(recording.specific_force[15]).all()
+    assert np.isfinite(np.delete(recording.specific_force, 15, axis=0)).all()
+
+
+def test_a_recording_without_specific_force_says_none():
+    recording = grid_samples([wrenches(0, 1), samples('temperature_c', (0, 20.0), (1, 20.0))])
+    assert recording.specific_force is None
+
+
+def test_two_of_three_accelerations_are_none():
+    block = Samples(FORCE_CHANNELS[:2], np.arange(3) * SECOND, np.ones((3, 2)))
+    temperature = samples('temperature_c', *((s, 20.0) for s in range(3)))
+    recording = grid_samples([wrenches(0, 1, 2), temperature, block])
+    assert recording.specific_force is None
+    assert 'no cell with linear_acceleration_x, _y and _z' in recording.warnings[0]

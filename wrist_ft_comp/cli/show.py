@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from itertools import chain, repeat
 import json
 from pathlib import Path
 import shlex
@@ -14,6 +15,7 @@ from wrist_ft_comp.files.model_file import is_model, load_model
 from wrist_ft_comp.files.recordings import (
     ChannelSummary,
     describe_recording,
+    ForceSummary,
     RecordingSummary,
     REFERENCE,
 )
@@ -26,6 +28,8 @@ _PURPOSE = (
     'It predicts from temperatures how a wrist force/torque sensor drifts. The node',
     '"compensator" runs it (parameter model_file); wrist_ft_comp evaluate judges it.',
 )
+#: A direction was seen where gravity moved by more along it, m/s² RMS: two degrees.
+_MOVED = 0.3
 EXAMPLES = """\
 examples:
   wrist_ft_comp show model.yaml
@@ -86,9 +90,14 @@ def _model_text(stored: StoredModel) -> str:
         *_PURPOSE,
         _origin(stored),
         *(
-            f'thermometer {j}: calibrated from {low:.1f} to {high:.1f} °C'
-            for j, (low, high) in enumerate(
-                (thermometer['range_c'] for thermometer in document['thermometers']), start=1
+            f'thermometer {j}: calibrated from {low:.1f} to {high:.1f} °C{name}'
+            for j, ((low, high), name) in enumerate(
+                zip(
+                    (thermometer['range_c'] for thermometer in document['thermometers']),
+                    chain(_thermometers(stored), repeat('')),
+                    strict=False,
+                ),
+                start=1,
             )
         ),
         '',
@@ -116,6 +125,12 @@ def _origin(stored: StoredModel) -> str:
         f'recording{"" if count == 1 else "s"}; thermal period '
         f'{stored.model.period_ns / NANOSECONDS:g} s'
     )
+
+
+def _thermometers(stored: StoredModel) -> list[str]:
+    """Name the thermometers that a model was learnt from, as far as its provenance tells."""
+    named = stored.document['provenance'].get('temperature_topics')
+    return [f', {entry}' for entry in named] if isinstance(named, list) else []
 
 
 def _axes_text(stored: StoredModel) -> str:
@@ -156,6 +171,7 @@ def _text(summary: RecordingSummary, path: Path) -> str:
             f'{summary.name}: {summary.kind}, {span}',
             table_text(['channel', 'type or unit', 'samples', 'per second', 'used as'], rows),
             *_quality(summary.candidates),
+            *_directions(summary.specific_force),
             *_use(summary, path),
             *(f'warning: {warning}' for warning in summary.warnings),
         ]
@@ -165,6 +181,21 @@ def _text(summary: RecordingSummary, path: Path) -> str:
 def _rate(channel: ChannelSummary, duration_s: float | None) -> str:
     """Say how often a channel was sampled, on average."""
     return f'{(channel.samples - 1) / duration_s:.4g}' if duration_s else '-'
+
+
+def _directions(force: ForceSummary | None) -> Iterator[str]:
+    """Say how far gravity moved in the sensor's frame, which is what tells a payload."""
+    if force is None:
+        return
+    seen = sum(each > _MOVED for each in force.spread)
+    moved = ', '.join(f'{each:.2f}' for each in force.spread)
+    yield (
+        f'specific force: norm {force.norm:.4g} m/s²; along three directions gravity moved by '
+        f'{moved} m/s² (RMS), so {("none", "one", "two", "all")[seen]} of them '
+        f'{"was" if seen == 1 else "were"} seen'
+    )
+    if seen < 2:
+        yield 'A payload needs two: let the robot tilt the tool about two axes.'
 
 
 def _quality(candidates: Sequence[Candidate]) -> Iterator[str]:

@@ -56,7 +56,8 @@ class _Place:
     def values(self, rows: NDArray[np.uint8]) -> FloatArray:
         """Read the number out of messages that are laid out alike, one per row."""
         bytes_ = rows[:, self.offset : self.offset + self.code.itemsize]
-        return np.ascontiguousarray(bytes_).view(self.code)[:, 0].astype(float)
+        with np.errstate(invalid='ignore'):  # a signalling NaN is one as any other
+            return np.ascontiguousarray(bytes_).view(self.code)[:, 0].astype(float)
 
 
 @dataclass

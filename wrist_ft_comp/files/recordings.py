@@ -8,6 +8,8 @@ import hashlib
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
 from wrist_ft_comp.calibration.chamber import OUTPUT_UNIT
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.bags.adapter import open_bag
@@ -27,6 +29,9 @@ from wrist_ft_comp.model.signals import (
     AXES,
     axis_unit,
     Correction,
+    FloatArray,
+    FORCE_CHANNELS,
+    GRAVITY,
     Progress,
     Recording,
     Samples,
@@ -36,6 +41,7 @@ from wrist_ft_comp.model.temperature_source import parse_source
 
 BAG, CSV, TABLE = 'rosbag2', 'CSV recording', 'chamber table'
 REFERENCE = 'reference'
+SPECIFIC_FORCE = 'specific force'
 _HASHED_AT_ONCE = 1 << 20
 
 
@@ -209,8 +215,19 @@ class ChannelSummary:
     #: Message type or unit.
     kind: str
     samples: int
-    #: RAW_WRENCH, TEMPERATURE or REFERENCE, or '' where it is not used.
+    #: RAW_WRENCH, TEMPERATURE, REFERENCE, SPECIFIC_FORCE, or '' where it is not used.
     role: str
+
+
+@dataclass(frozen=True)
+class ForceSummary:
+    """What a recording's specific force saw: its norm, and how gravity moved, m/s²."""
+
+    #: Root mean square over all samples.
+    norm: float
+    #: Standard deviations along the three directions in which it moved most, and less, as if the
+    #: norm were GRAVITY.
+    spread: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -230,6 +247,8 @@ class RecordingSummary:
     #: What may be used, of a bag only, and what is used.
     candidates: tuple[Candidate, ...] = ()
     topics: Topics | None = None
+    #: None where no specific force was recorded.
+    specific_force: ForceSummary | None = None
 
 
 def describe_recording(
@@ -301,18 +320,40 @@ def _describe_samples(
     """Count samples and find their time span."""
     counts: Counter[str] = Counter()
     ends: list[int] = []
+    moments = np.zeros((4, 4))
     for block in blocks:
+        if block.channels == FORCE_CHANNELS:
+            samples = block.values[np.isfinite(block.values).all(axis=1)]
+            samples = np.concatenate((samples, np.ones((len(samples), 1))), axis=1)
+            moments += samples.T @ samples
         counts.update(dict.fromkeys(block.channels, len(block.stamps_ns)))
         if len(block.stamps_ns):
             ends += [int(block.stamps_ns.min()), int(block.stamps_ns.max())]
             ends = [min(ends), max(ends)]
     channels = tuple(_describe_channel(channel, n, kind) for channel, n in counts.items())
     first, last = ends or (None, None)
-    return RecordingSummary(name, kind, channels, first, last, tuple(warnings))
+    force = _describe_force(moments)
+    return RecordingSummary(
+        name, kind, channels, first, last, tuple(warnings), specific_force=force
+    )
+
+
+def _describe_force(moments: FloatArray) -> ForceSummary | None:
+    """Find norm and principal directions from the sum of products of [f, 1], shape (4, 4)."""
+    if not moments[3, 3]:
+        return None
+    moments = moments / moments[3, 3]
+    norm = float(np.sqrt(np.trace(moments[:3, :3])))
+    mean = moments[:3, 3]
+    moved = np.linalg.eigvalsh(moments[:3, :3] - np.outer(mean, mean))[::-1]
+    largest, middle, least = np.sqrt(np.maximum(moved, 0)) * (GRAVITY / norm if norm else 0.0)
+    return ForceSummary(norm, (float(largest), float(middle), float(least)))
 
 
 def _describe_channel(channel: str, samples: int, kind: str) -> ChannelSummary:
     """Name unit and role of a channel."""
+    if channel in FORCE_CHANNELS:
+        return ChannelSummary(channel, axis_unit(channel), samples, SPECIFIC_FORCE)
     axis = channel.removeprefix('reference_')
     if axis not in AXES:
         return ChannelSummary(channel, '°C', samples, TEMPERATURE)

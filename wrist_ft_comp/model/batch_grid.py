@@ -16,7 +16,10 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.ranges import PERIODS_S
 from wrist_ft_comp.model.signals import (
     AXES,
+    BoolArray,
     FloatArray,
+    FORCE_CHANNELS,
+    GRAVITY,
     IntArray,
     NANOSECONDS,
     Recording,
@@ -29,6 +32,9 @@ from wrist_ft_comp.model.signals import (
 MAX_CELLS = 5_000_000
 #: Losing more than this of a recording's beginning, where a warm-up moves most, is said, s.
 _LATE_S = 60
+#: Neighbouring cells at rest differ by less, m/s²; a norm at rest is doubted that is off by this
+#: share, and is no gravity below this, in whatever unit (gravity is 1 in g).
+_STILL, _GRAVITY_DOUBT, _LEAST_GRAVITY = 0.1, 0.1, 0.5
 
 
 @dataclass
@@ -115,6 +121,11 @@ class GridBuilder:
         dense = {channel: self._dense(channel, first, last) for channel in self._cells}
         temperature_c = np.stack([dense[channel] for channel in wanted], axis=1)
         absent = np.full(last - first + 1, np.nan)
+        force = None
+        if any(channel in dense for channel in FORCE_CHANNELS):
+            force = np.stack([dense.get(c, absent) for c in FORCE_CHANNELS], axis=1)
+            force, doubts = scale_to_gravity(force, self._name)
+            warnings += doubts
         return Recording(
             name=self._name,
             period_ns=self._period_ns,
@@ -124,6 +135,7 @@ class GridBuilder:
             wrench=np.stack([dense.get(axis, absent) for axis in AXES], axis=1),
             reference=np.stack([dense.get(c, absent) for c in REFERENCE_CHANNELS], axis=1),
             warnings=warnings,
+            specific_force=force,
         )
 
     def _judge_tallies(self) -> tuple[str, ...]:
@@ -193,6 +205,51 @@ class GridBuilder:
             filled = np.isfinite(held[:, j])
             held[:, j] = held[np.maximum.accumulate(np.where(filled, np.arange(len(held)), 0)), j]
         return held
+
+
+def scale_to_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, tuple[str, ...]]:
+    """
+    Scale specific force by its norm at rest, because accelerometers are off by some percent.
+
+    Parameters
+    ----------
+    force : ndarray, shape (N, 3)
+        Means per cell, as recorded; NaN where there was no sample of all three.
+    name : str
+        Where it comes from, for messages.
+
+    Returns
+    -------
+    tuple of ndarray or None, and tuple of str
+        In m/s² with the norm GRAVITY at rest, None where it can't be gravity; and doubts.
+
+    """
+    known: BoolArray = np.asarray(np.isfinite(force).all(axis=1))
+    norm = np.linalg.norm(force, axis=1)
+    # At rest a cell is like its neighbour; where it hardly ever is, the quietest half has to do.
+    change = np.linalg.norm(np.diff(force, axis=0, prepend=force[:1]), axis=1)
+    steps = change[np.isfinite(change)]
+    if not len(steps):
+        missing = 'has no cell with linear_acceleration_x, _y and _z; it counts as absent.'
+        return None, (f'The specific force of {name} {missing}',)
+    at_rest = float(np.median(norm[change <= max(_STILL, float(np.median(steps)))]))
+    if at_rest < _LEAST_GRAVITY:
+        doubt = (
+            f'The specific force of {name} has a norm of {at_rest:.3g} at rest, where gravity '
+            f'makes {GRAVITY}; it counts as absent. Record an accelerometer that feels gravity '
+            '(sensor_msgs/Imu, linear_acceleration), not the motion alone.'
+        )
+        return None, (doubt,)
+    off = at_rest / GRAVITY - 1
+    doubts: tuple[str, ...] = ()
+    if abs(off) > _GRAVITY_DOUBT:
+        doubt = (
+            f'The specific force of {name} has a norm of {at_rest:.4g} at rest, {off:+.0%} off '
+            f'{GRAVITY} m/s²; it was scaled. If it is in another unit, that is all; if not, '
+            'calibrate the accelerometer, because a payload is as wrong as it is.'
+        )
+        doubts = (doubt,)
+    return np.where(known[:, None], force * (GRAVITY / at_rest), np.nan), doubts
 
 
 def grid_samples(

@@ -2,8 +2,9 @@
 Tables of named columns: which channels they hold, and a recording made of ones in memory.
 
 Columns are named as those of a CSV recording: ``stamp_s`` or ``stamp_ns``, any of ``force_x`` …
-``torque_z``, ``temperature_c``, ``temperature_2_c`` …, ``reference_force_x`` …; others are not
-used. A table is what has ``keys`` and columns by name: a dict of arrays, or a pandas DataFrame.
+``torque_z``, ``temperature_c``, ``temperature_2_c`` …, ``reference_force_x`` …,
+``linear_acceleration_x`` …; others are not used. A table is what has ``keys`` and columns by name:
+a dict of arrays, or a pandas DataFrame.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -22,6 +23,7 @@ from wrist_ft_comp.model.signals import (
     AXES,
     BoolArray,
     FloatArray,
+    FORCE_CHANNELS,
     IntArray,
     NANOSECONDS,
     Recording,
@@ -44,12 +46,13 @@ class Columns(Protocol):
 
 
 def channel_groups(columns: Iterable[str]) -> list[tuple[str, ...]]:
-    """List the channels among columns that share samples: raw wrench, thermometers, reference."""
+    """List channels that share samples: raw wrench, thermometers, reference, specific force."""
     columns = list(columns)
     groups = (
         tuple(axis for axis in AXES if axis in columns),
         *((column,) for column in columns if _THERMOMETER.fullmatch(column)),
         tuple(channel for channel in REFERENCE_CHANNELS if channel in columns),
+        tuple(channel for channel in FORCE_CHANNELS if channel in columns),
     )
     return [group for group in groups if group]
 
@@ -69,7 +72,8 @@ def require_column(source: str, columns: Sequence[str], kind: str, names: Sequen
 def mistyped_columns(source: str, columns: Iterable[str], used: Iterable[str]) -> list[str]:
     """Warn of columns that are not used but named almost like ones that would be."""
     used = set(used)
-    known = {*AXES, *REFERENCE_CHANNELS, 'temperature_c', 'temperature_2_c'} - used
+    known = {*AXES, *REFERENCE_CHANNELS, *FORCE_CHANNELS, 'temperature_c', 'temperature_2_c'}
+    known -= used
     return [
         f'The column {column} of {source} is not used; if it is {near}, rename it.'
         for column in columns

@@ -2,7 +2,8 @@
 What a recording is: samples as they were read, and their means on the thermal grid.
 
 Channels are named like the columns of a CSV recording: ``force_x`` … ``torque_z`` (raw wrench, N
-and N m), ``reference_force_x`` … (reference wrench), ``temperature_c``, ``temperature_2_c`` …
+and N m), ``reference_force_x`` … (reference wrench), ``temperature_c``, ``temperature_2_c`` …,
+``linear_acceleration_x`` … (specific force, m/s²: +9.81 upwards at rest).
 """
 
 from collections.abc import Callable, Sequence
@@ -28,6 +29,9 @@ Correction = Callable[[IntArray, FloatArray], FloatArray]
 #: Axis order of every wrench array in this package.
 AXES = ('force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z')
 REFERENCE_CHANNELS = tuple(f'reference_{axis}' for axis in AXES)
+FORCE_CHANNELS = ('linear_acceleration_x', 'linear_acceleration_y', 'linear_acceleration_z')
+#: Norm of the specific force at rest, m/s².
+GRAVITY = 9.807
 NANOSECONDS = 1_000_000_000
 #: Samples further apart than this many times the usual distance belong to different stretches.
 _GAP_FACTOR = 10.0
@@ -53,7 +57,9 @@ class Topics:
 
 
 def axis_unit(axis: str) -> str:
-    """Return the unit of an axis: N for forces, N m for torques."""
+    """Return the unit of a channel: N for forces, N m for torques, m/s² for specific force."""
+    if axis in FORCE_CHANNELS:
+        return 'm/s²'
     return 'N' if axis.startswith('force') else 'N m'
 
 
@@ -111,6 +117,9 @@ class Recording:
     warnings: tuple[str, ...] = field(default=())
     #: Of every axis where it is not N and N m; else empty.
     unit: str = ''
+    #: Mean specific force, m/s², GRAVITY at rest, shape (N, 3), NaN where there was no sample;
+    #: None where none was recorded.
+    specific_force: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and finiteness once, where the record is built."""
@@ -127,8 +136,9 @@ class Recording:
             ('measured', self.measured, self.temperature_c.shape),
             ('wrench', self.wrench, (cells, len(AXES))),
             ('reference', self.reference, (cells, len(AXES))),
+            ('specific_force', self.specific_force, (cells, len(FORCE_CHANNELS))),
         ):
-            if array.shape != shape:
+            if array is not None and array.shape != shape:
                 raise RecordingError(
                     f'{what} of {self.name} must have shape {shape}; got {array.shape}.'
                 )

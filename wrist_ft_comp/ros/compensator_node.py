@@ -147,22 +147,21 @@ class CompensatorNode(Node):
 
     def _create_publishers(self) -> None:
         """Create publishers; QoS of the output may be overridden by parameters."""
-        with messages.opening('wrench'):
-            self._output = self.create_publisher(
-                WrenchStamped,
-                'wrench',
-                messages.own(messages.OUTPUT),
-                qos_overriding_options=messages.overridable(),
-                event_callbacks=messages.subscribers_deaf(
-                    'wrench', self.health.incompatible, self._log
-                ),
-            )
-        with messages.opening('~/drift'):
-            self._drift = self.create_publisher(WrenchStamped, '~/drift', messages.OUTPUT)
-        with messages.opening('/diagnostics'):
-            self._diagnostics = self.create_publisher(
-                DiagnosticArray, '/diagnostics', messages.OUTPUT
-            )
+        self._output = self._advertise(
+            WrenchStamped,
+            'wrench',
+            qos_overriding_options=messages.overridable(),
+            event_callbacks=messages.subscribers_deaf(
+                'wrench', self.health.incompatible, self._log
+            ),
+        )
+        self._drift = self._advertise(WrenchStamped, '~/drift')
+        self._diagnostics = self._advertise(DiagnosticArray, '/diagnostics')
+
+    def _advertise(self, kind: Any, topic: str, **options: Any) -> Any:
+        """Make a publisher."""
+        with messages.opening(topic):
+            return self.create_publisher(kind, topic, messages.own(messages.OUTPUT), **options)
 
     def _serve(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> Any:
         """Offer a service that answers at once."""

@@ -25,8 +25,10 @@ def test_help_explains_the_node_and_exits(capsys, module, node, name, words):
     assert module.main([name, *words]) == 0
     shown = capsys.readouterr()
     assert shown.out.startswith(f'usage: {name} --ros-args ')
-    assert all(f'\n  {row.name} ' in shown.out for row in module.PARAMETERS)
-    assert max(map(len, shown.out.splitlines())) <= 79
+    lines = shown.out.splitlines()
+    marked = [f'  {row.name}{"" if row.read_only else " *"}' for row in module.PARAMETERS]
+    assert [line for line in lines if line in marked] == marked
+    assert max(map(len, lines)) <= 79
     assert shown.err == ''
     assert node.__name__ not in shown.out, 'no word of classes'
 

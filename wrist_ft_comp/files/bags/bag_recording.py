@@ -77,11 +77,7 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
                     unread.discard(stream)
                 if abs(ahead_ns) > _APART_NS and not stamps_ns.all():
                     raise RecordingError(_two_clocks(bag, stream, ahead_ns))
-                stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
-                for column, (channel, source) in enumerate(
-                    zip(stream.channels, stream.sources, strict=True)
-                ):
-                    yield Samples((channel,), stamps_ns, source.celsius(values[:, [column]]))
+                yield from _temperatures(stream, stamps_ns, times_ns, values)
             seen += len(messages)
         if progress:
             progress(min(seen / max(total, 1), 1.0))
@@ -90,6 +86,19 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
             f'Every message on {stream.connection.topic} of {bag.name} has the header stamp 0; '
             'expected the time of measurement. Let the driver fill header.stamp, and record again.'
         )
+
+
+def _temperatures(
+    stream: _Stream, stamps_ns: IntArray, times_ns: list[int], values: FloatArray
+) -> Iterator[Samples]:
+    """Make samples of numbers inside messages, at their stamps or else times of arrival."""
+    if stamps_ns.any():
+        stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
+    else:  # in simulated time, many may arrive at once
+        stamps_ns, first = np.unique(times_ns, return_index=True)
+        values = values[first]
+    for channel, source, column in zip(stream.channels, stream.sources, values.T, strict=True):
+        yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
 
 
 def _two_clocks(bag: Bag, stream: _Stream, ahead_ns: int) -> str:

@@ -7,6 +7,7 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.bags.bag import Connection
 from wrist_ft_comp.files.cdr_fields import Definitions, FieldType, SEQUENCE
 
+_NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
 #: What messages say of a field that is an array.
 _SEQUENCE = re.compile(r'sequence<(.+?)(?:, [0-9]+)?>')
 _ARRAY = re.compile(r'(.+)\[([0-9]+)\]')
@@ -18,7 +19,10 @@ def define_installed(connection: Connection) -> Definitions:
     missing = [connection.msgtype]
     while missing:
         kind = missing.pop()
-        package, *_, name = kind.split('/')
+        parts = _NAME.fullmatch(kind)  # it comes from a file, and names what is imported
+        if parts is None:
+            raise RecordingError(f'{connection.topic} is {kind!r}, which is no message of ROS.')
+        package, name = parts.groups()
         try:
             message = getattr(importlib.import_module(f'{package}.msg'), name)
         except (ImportError, AttributeError) as error:

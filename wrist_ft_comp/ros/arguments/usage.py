@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 import json
-from textwrap import fill, indent
+from textwrap import fill
 from typing import Any
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ros.parameters import Parameter
 
 HELP = ('-h', '--help')
-_WIDTH = 79
+_WIDTH, _INDENT = 79, ' ' * 6
 
 
 def usage(name: str, what: str, table: Sequence[Parameter]) -> str:
@@ -26,16 +26,11 @@ def usage(name: str, what: str, table: Sequence[Parameter]) -> str:
 
 
 def _entry(row: Parameter) -> str:
-    """Describe a parameter: name, default, what is allowed, and what it does."""
+    """Describe a parameter: name, default, what is allowed, what it does."""
     default: Any = list(row.default) if isinstance(row.default, tuple) else row.default
-    mark = '' if row.read_only else ' *'
-    head = fill(
-        f'{row.name}{mark}  {json.dumps(default)}; {row.allowed}',
-        _WIDTH,
-        initial_indent='  ',
-        subsequent_indent=' ' * 6,
-    )
-    return f'{head}\n{indent(fill(row.description, _WIDTH - 6), " " * 6)}'
+    text = f'{row.description} Must be {row.allowed}; default: {json.dumps(default)}.'
+    indented = fill(text, _WIDTH, initial_indent=_INDENT, subsequent_indent=_INDENT)
+    return f'  {row.name}{"" if row.read_only else " *"}\n{indented}'
 
 
 def refuse_strays(words: Sequence[str]) -> None:

@@ -83,19 +83,7 @@ class FieldTopic:
 
 
 class FieldInputs:
-    """
-    All thermometers that are fields of messages.
-
-    Parameters
-    ----------
-    node : Node
-        Whose graph is asked.
-    sources : iterable of tuple of int, str and TemperatureSource
-        Number of each thermometer from 0, full name of its topic, and where it is in there.
-    subscribe, take
-        See above.
-
-    """
+    """All thermometers that are fields: number from 0, full name of the topic, and where in it."""
 
     def __init__(
         self,

@@ -1,0 +1,179 @@
+"""
+Learnt from days at work instead of an empty flange: drift left on an empty next day, and payloads.
+
+``python bench/at_work.py`` draws the worlds from the last commit that touched how drift is learnt,
+as ``worlds.py`` does; ``--dev`` draws the ones to develop on. Every world (``working_days``) is a
+random thermal network with two thermometers and a six-axis sensor; learnt are four days of 2.5 h
+at work, judged is an empty fifth one, tared in its first minute, over means of ten seconds: root
+mean square left, over raw. The yardstick learns from the same four days with an empty flange and
+without a tare. Both use the combination of many fits. For every scenario: drift left, its median
+by the yardstick's, masses and centres of mass against what was drawn, how many of them are within
+their stated standard errors, and steps that were found for the driver's tares.
+
+MEASURED
+"""
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+import os
+import time
+
+os.environ.setdefault('OMP_NUM_THREADS', '1')
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
+from at_work_days import observe, Observed
+from combination import combine
+import numpy as np
+from rigid_payload import payloads_of
+from working_days import SCENARIOS, Working, working
+from world_peers import block_means, BLOCK_S, Day, root_mean_square, tared
+from world_tables import intervals, STATISTICS
+from worlds import DEVELOPMENT_SEED, report_seed
+
+from wrist_ft_comp.model.signals import FloatArray
+
+MEDIAN = STATISTICS['median']
+#: Targets: of the median, of the empty flange's; of masses; of centres, m; and of coverage.
+RATIO, MASS, CENTER_M, COVERED = 1.15, 0.02, 0.003, 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """
+    One world.
+
+    Attributes
+    ----------
+    left, empty : ndarrays, shape (6,)
+        Share of the drift that is left, learnt at work and with an empty flange.
+    mass, center : ndarrays, shape (P, 2) and (P, 3, 2)
+        Errors and stated standard errors of each payload, relative and in m; NaN where none was
+        reported.
+    payloads, tares : tuple
+        Found and there.
+    seconds : float
+        Time it took to learn at work.
+
+    """
+
+    left: FloatArray
+    empty: FloatArray
+    mass: FloatArray
+    center: FloatArray
+    payloads: tuple[int, int]
+    tares: tuple[int, int]
+    seconds: float
+
+
+def empty_day(temperature_c: FloatArray, wrench: FloatArray) -> Day:
+    """Average a day with an empty flange."""
+    cells = int(BLOCK_S)
+    drift = block_means(wrench, cells)
+    return Day(block_means(temperature_c, cells), drift, np.zeros_like(drift), BLOCK_S)
+
+
+def left_of(learnt: list[Day], judged: Day) -> FloatArray:
+    """Share of an empty day's drift that is left, (6,)."""
+    if np.nanstd(learnt[0].load) > 0:  # one that hardly weighs, so that gains are asked for, too
+        judged = Day(judged.temperature_c, judged.drift, 1e-9 * judged.drift, judged.period_s)
+    predicted, _ = combine(learnt, judged)
+    remaining = root_mean_square(tared(judged.drift - predicted, judged.period_s))
+    return np.asarray(remaining / root_mean_square(tared(judged.drift, judged.period_s)))
+
+
+def errors_of(world: Working, observed: Observed) -> tuple[FloatArray, FloatArray]:
+    """Compare each payload with the nearest that was found."""
+    found = payloads_of(observed)
+    mass = np.full((len(world.payloads), 2), np.nan)
+    center = np.full((len(world.payloads), 3, 2), np.nan)
+    if found is None:
+        return mass, center
+    for n, payload in enumerate(world.payloads):
+        k = int(np.argmin(np.abs(found.mass_kg - payload.mass_kg)))
+        mass[n] = found.mass_kg[k] - payload.mass_kg, found.mass_error[k]
+        mass[n] /= payload.mass_kg
+        center[n] = np.stack((found.center_m[k] - payload.center_m, found.center_error[k]), axis=1)
+    return mass, center
+
+
+def judge(name: str, seed: int) -> Judged:
+    """Judge one world."""
+    world = working(name, seed)
+    judged = empty_day(*world.judged)
+    empty = left_of([empty_day(*each) for each in world.empty], judged)
+    began = time.perf_counter()
+    observed = observe(world.days)
+    left = left_of(observed.days, judged)
+    seconds = time.perf_counter() - began
+    return Judged(
+        left,
+        empty,
+        *errors_of(world, observed),
+        (len(observed.fit.gains), len(world.payloads)),
+        (sum(map(len, observed.steps)), sum(len(day.tares) for day in world.days)),
+        seconds,
+    )
+
+
+def print_scenario(name: str, results: list[Judged]) -> bool:
+    """Print a scenario, and tell whether it reaches what it must."""
+    left, empty = (np.stack([getattr(r, part) for r in results]) for part in ('left', 'empty'))
+    ratio = MEDIAN(left) / MEDIAN(empty)
+    low, high = intervals(MEDIAN, left, empty)
+    mass = np.concatenate([r.mass for r in results])
+    center = np.concatenate([r.center for r in results])
+    told = np.isfinite(mass[:, 0])
+    mass, center = mass[told], center[told]
+    off = np.linalg.norm(center[..., 0], axis=1)
+    sigmas = np.abs(np.append(mass[:, 0] / mass[:, 1], center[..., 0] / center[..., 1]))
+    covered = [float(np.mean(sigmas < limit)) for limit in (1.645, 3.0)]
+    percent, mm = 100 * np.abs(mass[:, 0]), 1e3 * off
+    print(f'\n{SCENARIOS[name].title} [{name}], {len(results)} worlds')
+    print(
+        f'  drift left  {MEDIAN(left):.3f}, empty flange {MEDIAN(empty):.3f}, ratio {ratio:.2f} '
+        f'({low:.2f}–{high:.2f}); means {np.mean(left):.3f} and {np.mean(empty):.3f}; '
+        f'axis by axis {np.median(left / empty):.2f}, worst {np.max(left / empty):.1f}'
+    )
+    print(
+        f'  payloads    {told.sum()} of {len(told)} reported; mass off by '
+        f'{np.median(percent):.2f} % (worst {percent.max():.2f}), centre by '
+        f'{np.median(mm):.2f} mm (worst {mm.max():.2f}); '
+        f'within 1.64 and 3 stated errors: {covered[0]:.0%} and {covered[1]:.0%}'
+    )
+    counted = [(r.payloads, r.tares) for r in results]
+    states = sum(found == there for (found, there), _ in counted)
+    tares = [sum(column) for column in zip(*(each for _, each in counted), strict=True)]
+    seconds = np.median([r.seconds for r in results])
+    print(
+        f'  found       number of payloads right in {states}, {tares[0]} steps for '
+        f'{tares[1]} tares; {seconds:.0f} s per world',
+        flush=True,
+    )
+    reached = ratio <= RATIO and percent.max() <= 100 * MASS and mm.max() <= 1e3 * CENTER_M
+    return bool(reached and covered[0] >= COVERED)
+
+
+def main() -> None:
+    """Judge all scenarios."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument('--dev', action='store_true', help='worlds to develop on')
+    parser.add_argument('--worlds', type=int, default=12, help='per scenario')
+    parser.add_argument('--scenarios', nargs='*', default=list(SCENARIOS), choices=SCENARIOS)
+    parser.add_argument('--jobs', type=int, default=min(2, os.cpu_count() or 1))
+    options = parser.parse_args()
+    first = DEVELOPMENT_SEED if options.dev else report_seed()
+    missed = []
+    with ProcessPoolExecutor(options.jobs) as pool:
+        for name in options.scenarios:
+            seeds = range(first, first + options.worlds)
+            if not print_scenario(name, list(pool.map(partial(judge, name), seeds))):
+                missed.append(name)
+    print('\nmissed: ' + (', '.join(missed) or 'nothing'))
+
+
+if __name__ == '__main__':
+    main()
