@@ -6,7 +6,7 @@ as ``worlds.py`` does; ``--dev`` draws the ones to develop on. Every world (``wo
 random thermal network with two thermometers and a six-axis sensor; learnt are four days of 2.5 h
 at work, judged is an empty fifth one, tared in its first minute, over means of ten seconds: root
 mean square left, over raw. The yardstick learns from the same four days with an empty flange and
-without a tare. Both use the combination of many fits. For every scenario: drift left, its median
+without a tare. Both use ``auto``. For every scenario: drift left, its median
 by the yardstick's, masses and centres of mass against what was drawn, how many of them are within
 their stated standard errors, and steps that were found for the driver's tares.
 
@@ -24,7 +24,6 @@ os.environ.setdefault('OMP_NUM_THREADS', '1')
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 from at_work_days import observe, Observed
-from combination import combine
 import numpy as np
 from rigid_payload import payloads_of
 from working_days import SCENARIOS, Working, working
@@ -32,7 +31,10 @@ from world_peers import block_means, BLOCK_S, Day, root_mean_square, tared
 from world_tables import intervals, STATISTICS
 from worlds import DEVELOPMENT_SEED, report_seed
 
-from wrist_ft_comp.model.signals import FloatArray
+from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.settings import CalibrationSettings
+from wrist_ft_comp.model.offline import simulate_drift
+from wrist_ft_comp.model.signals import FloatArray, NANOSECONDS, Recording
 
 MEDIAN = STATISTICS['median']
 #: Targets: of the median, of the empty flange's; of masses; of centres, m; and of coverage.
@@ -74,11 +76,20 @@ def empty_day(temperature_c: FloatArray, wrench: FloatArray) -> Day:
     return Day(block_means(temperature_c, cells), drift, np.zeros_like(drift), BLOCK_S)
 
 
+def recording_of(day: Day) -> Recording:
+    """Turn a day's means into a recording with cells as long as they are."""
+    measured = np.ones(day.temperature_c.shape, dtype=bool)
+    period_ns = round(day.period_s * NANOSECONDS)
+    raw = day.drift + day.load
+    return Recording('day', period_ns, 0, day.temperature_c, measured, raw, day.load)
+
+
 def left_of(learnt: list[Day], judged: Day) -> FloatArray:
     """Share of an empty day's drift that is left, (6,)."""
-    if np.nanstd(learnt[0].load) > 0:  # one that hardly weighs, so that gains are asked for, too
-        judged = Day(judged.temperature_c, judged.drift, 1e-9 * judged.drift, judged.period_s)
-    predicted, _ = combine(learnt, judged)
+    loaded = np.nanstd(learnt[0].load) > 0
+    settings = CalibrationSettings('recorded' if loaded else 'unloaded')
+    model = calibrate([recording_of(day) for day in learnt], settings).model
+    predicted = simulate_drift(model, recording_of(judged)).zero
     remaining = root_mean_square(tared(judged.drift - predicted, judged.period_s))
     return np.asarray(remaining / root_mean_square(tared(judged.drift, judged.period_s)))
 
