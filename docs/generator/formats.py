@@ -10,7 +10,12 @@ from markdown import table
 
 import wrist_ft_comp
 from wrist_ft_comp.cli.main import build_parser
-from wrist_ft_comp.model.signals import AXES, REFERENCE_CHANNELS, temperature_channel
+from wrist_ft_comp.model.signals import (
+    AXES,
+    FORCE_CHANNELS,
+    REFERENCE_CHANNELS,
+    temperature_channel,
+)
 
 SCHEMA = Path(wrist_ft_comp.__file__).parent / 'files/model.schema.json'
 FORMATS = """\
@@ -68,6 +73,12 @@ def csv_columns() -> str:
             ', '.join(f'`{each}`' for each in REFERENCE_CHANNELS),
             'N, N m',
             'true wrench, any subset',
+        ],
+        [
+            ', '.join(f'`{each}`' for each in FORCE_CHANNELS),
+            'm/s²',
+            'specific force in any frame fixed to the sensor, as sensor_msgs/Imu: 9.81 upwards at '
+            'rest; all three or none',
         ],
     ]
     return table(('column', 'unit', 'what it is'), rows)

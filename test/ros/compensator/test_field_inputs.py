@@ -1,6 +1,7 @@
 """Temperatures that are fields of other messages, over DDS."""
 
 from contextlib import ExitStack
+import itertools
 import sys
 
 from geometry_msgs.msg import Wrench, WrenchStamped
@@ -36,11 +37,16 @@ def joints(second, *efforts):
 
 
 def send(node, publisher, *messages):
-    """Publish messages; each is sent until the node has read it, or could not."""
+    """Publish messages, each until the node has read it, or could not: best effort may lose it."""
     for message in messages:
-        before = seen(node)
-        publisher.publish(message)
-        node.wait_until(lambda before=before: seen(node) > before, 'the temperature')
+        before, looks = seen(node), itertools.count()
+
+        def arrived(message=message, before=before, looks=looks):
+            if next(looks) % 300 == 0:
+                publisher.publish(message)
+            return seen(node) > before
+
+        node.wait_until(arrived, 'the temperature')
 
 
 def seen(node):
@@ -209,7 +215,8 @@ def test_what_no_sensor_reads_is_dropped_as_ever(wired):
 
 def test_a_type_that_is_not_installed_is_told(wired, monkeypatch):
     node = wired(topics=['image:image.height'])
-    stereo = publisher_of_any(node, DisparityImage, 'image', monkeypatch)
+    monkeypatch.setitem(sys.modules, 'stereo_msgs.msg', None)  # which makes imports fail
+    stereo = node.bench.helper.create_publisher(DisparityImage, node.topic('image'), 10)
     said = node.diagnosis('temperature', 'not installed').message
     topic = node.topic('image')
     assert said.startswith(
@@ -220,13 +227,6 @@ def test_a_type_that_is_not_installed_is_told(wired, monkeypatch):
     assert flows(node)
     monkeypatch.undo()
     node.wait_until(lambda: stereo.get_subscription_count() > 0, 'the subscription')
-
-
-def publisher_of_any(node, kind, name, monkeypatch):
-    """Make a publisher of a type that the node can't import."""
-    result = node.bench.helper.create_publisher(kind, node.topic(name), 10)
-    monkeypatch.setitem(sys.modules, f'{kind.__module__.split(".")[0]}.msg', None)
-    return result
 
 
 def test_a_publisher_may_come_late_die_and_come_back_as_another_type(wired, driver):
@@ -256,11 +256,12 @@ def test_bytes_that_are_no_such_message_are_told(wired):
     node = wired(topics=['joints:effort[0]'])
     state = publisher(node, JointState, 'joints')
     good = serialize_message(joints(0, 20.0))
+    send(node, state, joints(0, 20.0))  # so that both ends know each other
     state.publish(good[:20])
     said = node.diagnosis('temperature', "can't be read as sensor_msgs/JointState").message
     assert 'is the package here of the same version as where it comes from?' in said
     assert flows(node)
-    send(node, state, *(joints(second, 20.0) for second in range(3)))
+    send(node, state, *(joints(second, 20.0) for second in range(1, 4)))
     assert held_c(node) == [20.0]
     well(node, '20.00')
 
