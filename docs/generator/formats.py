@@ -77,8 +77,10 @@ def csv_columns() -> str:
         [
             ', '.join(f'`{each}`' for each in FORCE_CHANNELS),
             'm/s²',
-            'specific force in any frame fixed to the sensor, as sensor_msgs/Imu: 9.81 upwards at '
-            'rest; all three or none',
+            (
+                'specific force in any frame fixed to the sensor, as sensor_msgs/Imu: 9.81 '
+                'upwards at rest; all three or none'
+            ),
         ],
     ]
     return table(('column', 'unit', 'what it is'), rows)
