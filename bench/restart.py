@@ -54,7 +54,7 @@ def undisturbed(model: Any, celsius: list[float], first: int) -> dict[int, float
     twin = Compensator(1, StreamSettings(max_drift_rate_n_s=1e3), model)
     measured = {}
     for second in range(first, len(celsius)):
-        twin.add_temperature(0, START_NS + second * NANOSECONDS, celsius[second])
+        twin.add_temperature(0, START_NS + second * NANOSECONDS, celsius[max(second, 0)])
         measured[second] = float(twin.compensation.zero[2])
     return measured
 
@@ -114,7 +114,7 @@ def one_kill(folder: Path, model_path: Path, rng: np.random.Generator) -> dict[s
         live(stand, heat, celsius, range(back, end), heard)
     finally:
         stand.close()
-    never, anew = undisturbed(model, celsius, 0), undisturbed(model, celsius, back)
+    never, anew = undisturbed(model, celsius, -SOAKS_S), undisturbed(model, celsius, back)
     # The first cell is complete one second after the node is back.
     seconds = [second for second in heard if second > back]
     if len(seconds) < WATCHED_S // 2:
