@@ -340,3 +340,26 @@ def test_without_any_backend_the_sentence_says_what_to_install(monkeypatch, tmp_
     (tmp_path / 'a.mcap').write_bytes(b'x')
     with pytest.raises(RecordingError, match=r"rosbags .*rosbag2_py .*'pip install rosbags'"):
         read(tmp_path / 'a.mcap', '/temperature')
+
+
+def test_what_serialize_message_leaves_behind_the_last_field_is_no_damage():
+    """Bytes of a sensor_msgs/JointState of two efforts and empty arrays, as rclpy wrote them."""
+    data = bytes.fromhex(
+        '00010000 00000000 00000000 01000000 009475ee 00000000 00000000 00000000 02000000'
+        '00000000 00000000 00000000 00803540 0c7f0000 70ab3dea'
+    )
+    numbers = ('float64', -1)
+    definitions = {
+        'JointState': [
+            ('header', ('Header', None)),
+            ('name', ('string', -1)),
+            *((name, numbers) for name in ('position', 'velocity', 'effort')),
+        ],
+        'Header': [('stamp', ('Time', None)), ('frame_id', ('string', None))],
+        'Time': [('sec', ('int32', None)), ('nanosec', ('uint32', None))],
+    }
+    assert decode(definitions, 'JointState', data).effort.tolist() == [0.0, 21.5]
+    _, values = read_numbers(definitions, 'JointState', [data] * 2, [('effort', 1)])
+    assert values.tolist() == [[21.5], [21.5]]
+    with pytest.raises(RecordingError, match='28 of its 80 bytes are left behind'):
+        decode(definitions, 'JointState', data + bytes(20))

@@ -71,6 +71,9 @@ class _Layout:
     #: Counted from byte 4, as alignment is.
     at: int = 0
     parts: int = 0
+    #: So many bytes may be left behind the last field: senders fill up to a multiple of four, and
+    #: ROS 2's own serialize_message sizes empty arrays of 8-byte numbers as if they were aligned.
+    slack: int = 3
     places: dict[Path, _Place] = field(default_factory=dict)
     #: Bytes at which lengths stand.
     lengths: list[int] = field(default_factory=list)
@@ -119,6 +122,7 @@ class _Layout:
     def _numbers(self, code: np.dtype[Any], size: int | None, path: Path) -> Any:
         """Follow a number, or an array of numbers; true and false are none."""
         count = 1 if size is None else size
+        self.slack += 8 if size == 0 and code.itemsize == 8 else 0
         offset = self._take(count * code.itemsize, code.itemsize if count else 1)
         if code.kind != 'b':
             self.places[path] = _Place(offset, code, size)
@@ -157,7 +161,7 @@ def _follow(definitions: Definitions, kind: str, data: bytes) -> tuple[_Layout, 
     layout = _Layout(data, definitions, '<' if data[1] else '>')
     message = layout.message(kind, ())
     left = len(data) - 4 - layout.at
-    if left > 3:  # senders fill up to a multiple of four
+    if left > layout.slack:
         raise RecordingError(f'{left} of its {len(data)} bytes are left behind its last field.')
     return layout, message
 
