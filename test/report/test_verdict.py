@@ -77,3 +77,14 @@ def test_a_harmful_axis_says_of_how_many_recordings():
     assert said(1).endswith('would: 10 → 20 N RMS, in 1 recording.')
     assert said(3).endswith('would: 10 → 20 N RMS, in 3 recordings.')
     assert judge(replace(FINE, after=20.0)).sentence.endswith('10 → 20 N RMS.')
+
+
+@pytest.mark.parametrize('after', [1.0, 4.0, 11.0])
+@pytest.mark.parametrize(
+    ('recordings', 'words'),
+    [(1, 'judged on parts of a single recording'), (2, 'which rests on two recordings')],
+)
+def test_what_was_learnt_from_few_recordings_says_so(after, recordings, words):
+    assert words in judge(replace(FINE, after=after, recordings=recordings)).sentence
+    for enough in (0, 3):
+        assert words not in judge(replace(FINE, after=after, recordings=enough)).sentence

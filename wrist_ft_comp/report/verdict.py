@@ -76,7 +76,7 @@ def judge(evidence: Evidence) -> Verdict:
         return Verdict(
             'harmful',
             f'The model leaves more drift than no compensation would: {figures}'
-            f'{_judged_on(evidence)}.',
+            f'{_rests_on(evidence) or _judged_on(evidence)}.',
         )
     share = f'{100 * after / before:.2g}' if before > 0 else '0'
     remainder = f'{share} % of the drift is left ({figures}){_rests_on(evidence)}'
