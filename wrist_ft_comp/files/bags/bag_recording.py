@@ -14,8 +14,7 @@ import numpy as np
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.files import cdr
-from wrist_ft_comp.files.bags.adapter import write_bag
-from wrist_ft_comp.files.bags.bag import Bag, Connection, SUFFIXES
+from wrist_ft_comp.files.bags.bag import Bag, Connection, SUFFIXES, write_bag
 from wrist_ft_comp.files.cdr_fields import decode, Definitions, read_numbers
 from wrist_ft_comp.model.signals import (
     AXES,
