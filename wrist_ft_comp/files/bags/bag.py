@@ -1,5 +1,6 @@
 """Bags opened, also when cut off, and written, by whichever backend is installed."""
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, ExitStack
 from dataclasses import dataclass
@@ -12,12 +13,13 @@ from typing import Any, Protocol, TypeVar
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.cdr_fields import Definitions
+from wrist_ft_comp.model.signals import Progress
 
 #: Storage plugin by suffix.
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 #: Messages in memory at once.
 BATCH = 20_000
-_Key = TypeVar('_Key')
+_Stream = TypeVar('_Stream')
 
 
 class Connection(Protocol):
@@ -63,42 +65,39 @@ class Bag:
     #: What was lost.
     warnings: tuple[str, ...] = ()
 
-    def batches(self, connections: Sequence[Connection]) -> Iterator[list[Message]]:
+    def batches(
+        self, connections: Sequence[Connection], progress: Progress | None = None
+    ) -> Iterator[list[Message]]:
         """Read messages of the given connections, BATCH at a time, in order of recording."""
         messages = self.read(connections)
+        total, seen = sum(connection.msgcount for connection in connections), 0
         while True:
             with translated(self.name):
                 batch = list(islice(messages, BATCH))
             if not batch:
                 return
             yield batch
+            seen += len(batch)
+            if progress:
+                progress(min(seen / max(total, 1), 1.0))
 
     def grouped(
-        self, streams: Mapping[int, _Key]
-    ) -> Iterator[dict[_Key, tuple[list[int], list[bytes]]]]:
+        self, streams: Mapping[int, _Stream], progress: Progress | None = None
+    ) -> Iterator[tuple[_Stream, list[int], list[bytes]]]:
         """
-        Read messages, BATCH at a time, by what each connection's number stands for.
+        Read batches by what each connection's number stands for, in the order of the mapping.
 
         Gives times of arrival, ns, and bytes.
         """
-        messages = self.read([c for c in self.connections if c.id in streams])
-        while True:
-            groups: dict[_Key, tuple[list[int], list[bytes]]] = {
-                key: ([], []) for key in streams.values()
-            }
-            add = {
-                number: (groups[key][0].append, groups[key][1].append)
-                for number, key in streams.items()
-            }
-            with translated(self.name):
-                for connection, time_ns, data in islice(messages, BATCH):
-                    add_time, add_data = add[connection.id]
-                    add_time(time_ns)
-                    add_data(data)
-            groups = {key: group for key, group in groups.items() if group[0]}
-            if not groups:
-                return
-            yield groups
+        for batch in self.batches([c for c in self.connections if c.id in streams], progress):
+            groups: defaultdict[int, tuple[list[int], list[bytes]]] = defaultdict(lambda: ([], []))
+            for connection, time_ns, data in batch:
+                times_ns, messages = groups[connection.id]
+                times_ns.append(time_ns)
+                messages.append(data)
+            for number, stream in list(streams.items()):
+                if number in groups:
+                    yield stream, *groups[number]
 
     def first(self, connection: Connection) -> bytes | None:
         """Read the first message of a connection; None when there is none."""
