@@ -10,7 +10,30 @@ without a tare. Both use ``auto``. For every scenario: drift left, its median
 by the yardstick's, masses and centres of mass against what was drawn, how many of them are within
 their stated standard errors, and steps that were found for the driver's tares.
 
-MEASURED
+Measured on the development seeds 1000 to 1011, on which it was also developed (report seeds were
+not looked at), an empty flange leaving 0.024: median of the drift left by the yardstick's, worst
+error of a mass and of a centre of mass, share of errors within 1.64 stated standard errors.
+
+========  =====  =====  ======  =====
+tool      1.03   0.6 %  1.1 mm  100 %
+part      0.94   0.6 %  1.6 mm   99 %
+poses     0.97   0.6 %  1.7 mm  100 %
+cone      1.21   1.3 %  2.6 mm   97 %
+imu       1.04   0.5 %  1.5 mm  100 %
+tf        1.32   0.6 %  1.4 mm   99 %
+contacts  3.77   5.2 %  4.6 mm   90 %
+========  =====  =====  ======  =====
+
+Not reached: 1.15 in a cone and by TF, and contacts. There five of ten worlds end in a fit that
+takes contacts for noise. A bound on that noise by the quieter differences of neighbours was tried:
+0.103 fell to 0.019 in one world and 0.249 to 0.171 in another, but 0.020 rose to 0.128 in a third,
+where long contacts were then taken for steps. Otherwise what costs, in the worst axes above all,
+are tares that are missed (one costs a world) or not exactly taken out, and fast heat that looks
+like one. Two tares a day [tares] were not measured to the end.
+
+With tool and part, in six worlds: 1.33 without forces set right by their norm at rest (no tares),
+1.20 with them, 1.07 with gain drift, too. Standard errors are wider than they need be, because a
+sensor's own gain is trusted to 1 % only.
 """
 
 import argparse

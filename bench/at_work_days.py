@@ -37,6 +37,8 @@ from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
 
 MEAN_S = 10
 #: Standing still, rad/s; what is expected of accelerometers: bias, m/s², per kelvin, and scale.
+#: A specific force that does not change at all for so long, s, is no longer measured.
+FROZEN_S = 1200
 STILL, BIAS, PER_KELVIN, SCALE = 0.03, 0.3, 0.01, 0.03
 #: Noise of a norm that is taken as independent, m/s², so that slow errors count for what they are.
 NORM_NOISE = 0.2
@@ -67,9 +69,12 @@ class Observed:
 def level_forces(days: Sequence[WorkDay]) -> tuple[list[FloatArray], FloatArray]:
     """Set accelerometers right by their norm at rest, (N, 3) per day; and Observed.scale."""
     force = np.concatenate([day.force for day in days])
+    known = np.isfinite(force).all(axis=1)
+    known &= ~np.concatenate([frozen(day.force) for day in days])
     temperature_c = np.concatenate([day.temperature_c for day in days])
     theta = temperature_c - temperature_c.mean(axis=0)
-    still = np.concatenate([day.spin for day in days]) < STILL
+    still = known & (np.concatenate([day.spin for day in days]) < STILL)
+    force = np.where(known[:, None], force, [0, 0, GRAVITY])
     force = force * (GRAVITY / np.median(np.linalg.norm(force[still], axis=1)))
     widths = np.repeat([BIAS, SCALE, *[PER_KELVIN] * theta.shape[1]], 3)
     prior = np.diag(widths**2)
@@ -92,8 +97,15 @@ def level_forces(days: Sequence[WorkDay]) -> tuple[list[FloatArray], FloatArray]
         weights = still / (1 + (error / (4 * max(0.005, np.median(error[still])))) ** 2) ** 2
     ends = np.cumsum([len(day.force) for day in days])[:-1]
     bias, scale, drift = found[:3], found[3:6], found[6:].reshape(-1, 3)
-    right = (force - bias - theta @ drift) * (1 - scale)
+    right = np.where(known[:, None], (force - bias - theta @ drift) * (1 - scale), np.nan)
     return np.split(right, ends), covariance[3:6, 3:6]
+
+
+def frozen(force: FloatArray) -> BoolArray:
+    """Tell where a specific force (N, 3) stands still to the last digit for FROZEN_S."""
+    changes = np.append(True, np.any(np.diff(force, axis=0) != 0, axis=1))
+    runs = np.cumsum(changes) - 1
+    return np.asarray(np.bincount(runs)[runs] >= FROZEN_S)
 
 
 def cells_of(days: Sequence[WorkDay], forces: Sequence[FloatArray]) -> Cells:

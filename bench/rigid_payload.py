@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 from at_work_days import Observed
 import numpy as np
-from payload import information
+from payload import information, pulled
 from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.model.signals import FloatArray
@@ -27,6 +27,8 @@ CONTRAST = 0.3
 SENSOR_GAIN = 0.01
 #: No payload is told below this mass, or where this share of its weight is no rigid body's.
 LIGHTEST_KG, MISFIT = 0.02, 0.1
+#: Nor where this share of the contrast between poses does not turn with the specific force.
+UNEXPLAINED = 0.2
 ROUNDS = 20
 
 
@@ -64,15 +66,41 @@ class Rigid:
 
 def payloads_of(observed: Observed) -> Rigid | None:
     """Find the rigid bodies of days at work; None where none can be told, or none is there."""
+    found = bodies_of(observed)
+    doubted = found.contrast[1] < CONTRAST or found.mirrored or found.misfit > MISFIT
+    doubted = doubted or unexplained_contrast(observed) > UNEXPLAINED
+    return None if doubted or weightless(found) else found
+
+
+def unexplained_contrast(observed: Observed) -> float:
+    """Share of the contrast between poses that no payload makes, in the median block."""
+    cells, fit = observed.cells, observed.fit
+    middle = np.median(cells.wrench, axis=1, keepdims=True)
+    whole = np.linalg.norm((cells.wrench - middle) / fit.noise, axis=2)
+    rest = np.linalg.norm((cells.wrench - fit.levels - pulled(cells, fit)) / fit.noise, axis=2)
+    blocks = cells.usable.mean(axis=1) > 0.3
+    if not blocks.any():
+        return 0.0
+    left, there = (
+        np.nanmedian(np.where(cells.usable, each, np.nan)[blocks], axis=1)
+        for each in (rest, whole)
+    )
+    return float(np.median(left / np.maximum(there, 1e-9)))
+
+
+def weightless(found: Rigid) -> bool:
+    """Tell whether nothing weighs on the sensor."""
+    return bool((found.mass_kg < np.maximum(LIGHTEST_KG, 3 * found.mass_error)).all())
+
+
+def bodies_of(observed: Observed) -> Rigid:
+    """Find the rigid bodies of days at work, whether to be believed or not."""
     normal, spread = information(observed.cells, observed.fit)
     cells = float(observed.fit.weights.sum())
     found = rigid_bodies(observed.fit.gains, normal, spread, cells)
     own = np.einsum('kikj->ij', normal.reshape(*[len(found.mass_kg), 3] * 2))
     share = np.diag(own) / np.trace(own)
     error = np.hypot(found.mass_error, found.mass_kg * np.sqrt(share @ observed.scale @ share))
-    weightless = (found.mass_kg < np.maximum(LIGHTEST_KG, 3 * error)).all()
-    if found.contrast[1] < CONTRAST or found.mirrored or found.misfit > MISFIT or weightless:
-        return None
     return replace(found, mass_error=error)
 
 

@@ -255,10 +255,16 @@ def touch(rng: np.random.Generator, samples: int, share: float) -> FloatArray:
 
 def weight(payload: Payload, motion: Motion) -> FloatArray:
     """Push on the sensor with a rigid body, (samples, 6)."""
-    c, omega, alpha = payload.center_m, motion.omega, motion.alpha
-    force = -payload.mass_kg * (motion.force + lever(motion, c))
-    turning: FloatArray = payload.inertia * alpha + np.cross(omega, payload.inertia * omega)
-    return np.concatenate((force, np.cross(c, force) - turning), axis=1)
+    felt = motion.force + lever(motion, payload.center_m)
+    pushed = weight_of(payload.mass_kg, payload.center_m, felt)
+    turned = payload.inertia * motion.alpha
+    turned += np.cross(motion.omega, payload.inertia * motion.omega)
+    return pushed - np.concatenate((0 * turned, turned), axis=1)
+
+
+def weight_of(mass_kg: float, center_m: FloatArray, felt: FloatArray) -> FloatArray:
+    """Push with a mass where a specific force (n, 3) is felt, (n, 6)."""
+    return np.concatenate((-mass_kg * felt, np.cross(center_m, -mass_kg * felt)), axis=1)
 
 
 def lever(motion: Motion, at_m: FloatArray) -> FloatArray:

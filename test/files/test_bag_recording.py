@@ -8,7 +8,7 @@ import pytest
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.files.bags import bag as bag_file
-from wrist_ft_comp.files.bags.adapter import open_bag
+from wrist_ft_comp.files.bags.bag import open_bag
 from wrist_ft_comp.files.bags.bag_recording import read_bag
 from wrist_ft_comp.model.signals import AXES, REFERENCE_CHANNELS, Topics
 

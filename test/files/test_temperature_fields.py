@@ -11,7 +11,7 @@ import pytest
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.bags import bag as bag_file
-from wrist_ft_comp.files.bags.adapter import _backend, open_bag
+from wrist_ft_comp.files.bags.bag import _backend, open_bag
 from wrist_ft_comp.files.bags.bag_recording import read_bag
 from wrist_ft_comp.files.bags.installed import define_installed
 from wrist_ft_comp.files.cdr_fields import _CODES as CODES

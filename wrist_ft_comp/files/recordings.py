@@ -12,8 +12,7 @@ import numpy as np
 
 from wrist_ft_comp.calibration.chamber import OUTPUT_UNIT
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files.bags.adapter import open_bag
-from wrist_ft_comp.files.bags.bag import SUFFIXES
+from wrist_ft_comp.files.bags.bag import open_bag, SUFFIXES
 from wrist_ft_comp.files.bags.bag_recording import read_bag, rewrite_bag
 from wrist_ft_comp.files.bags.survey import (
     Candidate,

@@ -1,20 +1,25 @@
-"""What a bag is to those who use it, whichever backend opened it; it hands over bytes."""
+"""Bags opened, also when cut off, and written, by whichever backend is installed."""
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, ExitStack
 from dataclasses import dataclass
 import difflib
+from importlib import import_module
 from itertools import islice
+from pathlib import Path
+from types import ModuleType
 from typing import Any, Protocol, TypeVar
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.cdr_fields import Definitions
+from wrist_ft_comp.model.signals import Progress
 
 #: Storage plugin by suffix.
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 #: Messages in memory at once.
 BATCH = 20_000
-_Key = TypeVar('_Key')
+_Stream = TypeVar('_Stream')
 
 
 class Connection(Protocol):
@@ -60,42 +65,39 @@ class Bag:
     #: What was lost.
     warnings: tuple[str, ...] = ()
 
-    def batches(self, connections: Sequence[Connection]) -> Iterator[list[Message]]:
+    def batches(
+        self, connections: Sequence[Connection], progress: Progress | None = None
+    ) -> Iterator[list[Message]]:
         """Read messages of the given connections, BATCH at a time, in order of recording."""
         messages = self.read(connections)
+        total, seen = sum(connection.msgcount for connection in connections), 0
         while True:
             with translated(self.name):
                 batch = list(islice(messages, BATCH))
             if not batch:
                 return
             yield batch
+            seen += len(batch)
+            if progress:
+                progress(min(seen / max(total, 1), 1.0))
 
     def grouped(
-        self, streams: Mapping[int, _Key]
-    ) -> Iterator[dict[_Key, tuple[list[int], list[bytes]]]]:
+        self, streams: Mapping[int, _Stream], progress: Progress | None = None
+    ) -> Iterator[tuple[_Stream, list[int], list[bytes]]]:
         """
-        Read messages, BATCH at a time, by what each connection's number stands for.
+        Read batches by what each connection's number stands for, in the order of the mapping.
 
         Gives times of arrival, ns, and bytes.
         """
-        messages = self.read([c for c in self.connections if c.id in streams])
-        while True:
-            groups: dict[_Key, tuple[list[int], list[bytes]]] = {
-                key: ([], []) for key in streams.values()
-            }
-            add = {
-                number: (groups[key][0].append, groups[key][1].append)
-                for number, key in streams.items()
-            }
-            with translated(self.name):
-                for connection, time_ns, data in islice(messages, BATCH):
-                    add_time, add_data = add[connection.id]
-                    add_time(time_ns)
-                    add_data(data)
-            groups = {key: group for key, group in groups.items() if group[0]}
-            if not groups:
-                return
-            yield groups
+        for batch in self.batches([c for c in self.connections if c.id in streams], progress):
+            groups: defaultdict[int, tuple[list[int], list[bytes]]] = defaultdict(lambda: ([], []))
+            for connection, time_ns, data in batch:
+                times_ns, messages = groups[connection.id]
+                times_ns.append(time_ns)
+                messages.append(data)
+            for number, stream in list(streams.items()):
+                if number in groups:
+                    yield stream, *groups[number]
 
     def first(self, connection: Connection) -> bytes | None:
         """Read the first message of a connection; None when there is none."""
@@ -158,3 +160,73 @@ def translated(name: str) -> Iterator[None]:
             "Try 'ros2 bag reindex' on the folder, 'mcap recover' on an .mcap file, or "
             "'sqlite3 FILE .recover' on a .db3 file."
         ) from error
+
+
+def _backend() -> ModuleType:
+    """Choose the backend: rosbags where it can be imported, else rosbag2_py."""
+    try:
+        return import_module('wrist_ft_comp.files.bags.rosbags_backend')
+    except ImportError as no_rosbags:
+        try:
+            return import_module('wrist_ft_comp.files.bags.rosbag2_backend')
+        except ImportError as no_rosbag2:
+            raise RecordingError(
+                f'A bag needs rosbags ({no_rosbags}) or rosbag2_py ({no_rosbag2}), and neither '
+                "can be imported. Run 'pip install rosbags', or install ros-jazzy-rosbag2-py and "
+                'source ROS 2.'
+            ) from no_rosbag2
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Bag]:
+    """
+    Open a bag for reading, for as long as the context lasts.
+
+    A folder without ``metadata.yaml``, as a killed recorder leaves it, is read when it holds one
+    storage file. Of a cut-off ``.mcap``, rosbags reads everything up to its last complete chunk.
+    """
+    chosen = _choose(path)
+    backend = _backend()
+    with ExitStack() as stack:
+        with translated(path.name):
+            bag = backend.open_bag(path.name, chosen, stack)
+        yield bag
+
+
+def write_bag(folder: Path, like: Bag, compression: str) -> AbstractContextManager[BagWriter]:
+    """Make a bag of another's storage in a new folder; an OSError if it cannot be written."""
+    writing: AbstractContextManager[BagWriter] = _backend().write_bag(folder, like, compression)
+    return writing
+
+
+def _choose(path: Path) -> Path:
+    """Decide what to hand to the backend: the folder, or a storage file."""
+    if not path.exists():
+        raise RecordingError(f'{path} does not exist; expected a bag folder, .mcap or .db3 file.')
+    chosen = path
+    if path.is_dir() and not (path / 'metadata.yaml').exists():
+        files = sorted(file for file in path.iterdir() if file.suffix in SUFFIXES)
+        if len(files) > 1:
+            raise RecordingError(
+                f'{path} holds {len(files)} storage files and no metadata.yaml. Run '
+                f"'ros2 bag reindex {path}', or name one of the files."
+            )
+        if not files:
+            raise RecordingError(
+                f'{path} is no bag: expected a folder with metadata.yaml or one .mcap or .db3 '
+                'file. Name the folder that ros2 bag record made.'
+            )
+        chosen = files[0]
+    if chosen.is_file() and chosen.suffix not in SUFFIXES:
+        raise RecordingError(f'{path} is no bag: expected a folder, .mcap or .db3 file.')
+    if chosen.is_file() and not chosen.stat().st_size:
+        raise RecordingError(f'{chosen} is empty (0 bytes); nothing was recorded. Record again.')
+    journals = chosen.glob('*.db3-wal') if chosen.is_dir() else [Path(f'{chosen}-wal')]
+    for journal in journals:
+        if journal.exists() and journal.stat().st_size:
+            database = str(journal).removesuffix('-wal')
+            raise RecordingError(
+                f'{journal} holds messages which are not in the bag yet: its recorder is running '
+                f"or was killed. Stop it, then run: sqlite3 {database} 'PRAGMA wal_checkpoint'"
+            )
+    return chosen

@@ -14,8 +14,7 @@ import numpy as np
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.files import cdr
-from wrist_ft_comp.files.bags.adapter import write_bag
-from wrist_ft_comp.files.bags.bag import Bag, Connection, SUFFIXES
+from wrist_ft_comp.files.bags.bag import Bag, Connection, SUFFIXES, write_bag
 from wrist_ft_comp.files.cdr_fields import decode, Definitions, read_numbers
 from wrist_ft_comp.model.signals import (
     AXES,
@@ -59,56 +58,40 @@ class _Stream:
 def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
     """Read wrench, temperatures and, where it is there, the reference; by topic and batch."""
     streams = {stream.connection.id: stream for stream in _streams(bag, topics)}
-    total, seen = sum(c.msgcount for c in bag.connections if c.id in streams), 0
     unstamped = {stream for stream in streams.values() if stream.doubles}
     unread = {stream for stream in streams.values() if stream.sources}
     ahead_ns = 0
-    for groups in bag.grouped(streams):
-        for stream, (times_ns, messages) in groups.items():
-            stamps_ns, values = _decode(bag, stream, messages)
-            if stream.doubles:
-                if stamps_ns.any():
-                    unstamped.discard(stream)
-                    ahead_ns = int(stamps_ns[-1]) - times_ns[-1]
-                yield Samples(stream.channels, stamps_ns, values[:, : len(stream.channels)])
-            else:
-                if stream in unread:
-                    _check_first(bag, stream, messages, values)
-                    unread.discard(stream)
-                if abs(ahead_ns) > _APART_NS and not stamps_ns.all():
-                    raise RecordingError(_two_clocks(bag, stream, ahead_ns))
-                yield from _temperatures(stream, stamps_ns, times_ns, values)
-            seen += len(messages)
-        if progress:
-            progress(min(seen / max(total, 1), 1.0))
+    for stream, times_ns, messages in bag.grouped(streams, progress):
+        stamps_ns, values = _decode(bag, stream, messages)
+        if stream.doubles:
+            if stamps_ns.any():
+                unstamped.discard(stream)
+                ahead_ns = int(stamps_ns[-1]) - times_ns[-1]
+            yield Samples(stream.channels, stamps_ns, values)
+            continue
+        if stream in unread:
+            _check_first(bag, stream, messages, values)
+            unread.discard(stream)
+        if abs(ahead_ns) > _APART_NS and not stamps_ns.all():
+            raise RecordingError(
+                f'Messages on {stream.connection.topic} of {bag.name} have no stamp, and their '
+                'time of arrival says nothing: wrenches are stamped '
+                f'{abs(ahead_ns) / NANOSECONDS:.0f} s {"after" if ahead_ns > 0 else "before"} '
+                "they arrived, by another clock than the recorder's. Let the wrench's driver "
+                'stamp by the clock of ROS, and record again.'
+            )
+        if stamps_ns.any():
+            stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
+        else:  # in simulated time, many may arrive at once
+            stamps_ns, first = np.unique(times_ns, return_index=True)
+            values = values[first]
+        for channel, source, column in zip(stream.channels, stream.sources, values.T, strict=True):
+            yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
     for stream in unstamped:
         raise RecordingError(
             f'Every message on {stream.connection.topic} of {bag.name} has the header stamp 0; '
             'expected the time of measurement. Let the driver fill header.stamp, and record again.'
         )
-
-
-def _temperatures(
-    stream: _Stream, stamps_ns: IntArray, times_ns: list[int], values: FloatArray
-) -> Iterator[Samples]:
-    """Make samples of numbers inside messages, at their stamps or else times of arrival."""
-    if stamps_ns.any():
-        stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
-    else:  # in simulated time, many may arrive at once
-        stamps_ns, first = np.unique(times_ns, return_index=True)
-        values = values[first]
-    for channel, source, column in zip(stream.channels, stream.sources, values.T, strict=True):
-        yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
-
-
-def _two_clocks(bag: Bag, stream: _Stream, ahead_ns: int) -> str:
-    """Say that times of arrival can't be compared with stamps."""
-    return (
-        f'Messages on {stream.connection.topic} of {bag.name} have no stamp, and their time of '
-        f'arrival says nothing: wrenches are stamped {abs(ahead_ns) / NANOSECONDS:.0f} s '
-        f'{"after" if ahead_ns > 0 else "before"} they arrived, by another clock than the '
-        "recorder's. Let the wrench's driver stamp by the clock of ROS, and record again."
-    )
 
 
 def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
@@ -187,7 +170,8 @@ def _decode(bag: Bag, stream: _Stream, messages: list[bytes]) -> tuple[IntArray,
     topic, kind = stream.connection.topic, stream.connection.msgtype
     try:
         if stream.doubles:
-            return cdr.decode_many(messages, stream.doubles)
+            stamps_ns, values = cdr.decode_many(messages, stream.doubles)
+            return stamps_ns, values[:, : len(stream.channels)]
         paths = [source.path for source in stream.sources]
         return read_numbers(stream.definitions, kind, messages, paths)
     except RecordingError as error:
@@ -227,12 +211,11 @@ def rewrite_bag(  # noqa: PLR0913, PLR0917 - the front door's settings, passed t
         raise RecordingError(
             f'{bag.name} holds {output_topic} already; name another topic for the output.'
         )
-    total, seen = sum(connection.msgcount for connection in bag.connections), 0
     first = next(c for c in bag.connections if c.id in raw)
     with write_bag(folder, bag, compression) as writer:
         copies = {c.id: writer.add(c, c.topic) for c in bag.connections}
         output = writer.add(first, f'/{output_topic.strip("/")}')
-        for batch in bag.batches(bag.connections):
+        for batch in bag.batches(bag.connections, progress):
             messages = [data for connection, _, data in batch if connection.id in raw]
             if messages:
                 stamps_ns, values = _decode(bag, _Stream(first, AXES, doubles), messages)
@@ -242,9 +225,6 @@ def rewrite_bag(  # noqa: PLR0913, PLR0917 - the front door's settings, passed t
                 writer.write(copies[connection.id], stamp, data)
                 if connection.id in raw:
                     writer.write(output, stamp, next(corrected))
-            seen += len(batch)
-            if progress:
-                progress(min(seen / total, 1.0))
     if bare:
         (made,) = folder.glob(f'*{target.suffix}')
         made.rename(target)

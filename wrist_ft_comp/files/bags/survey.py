@@ -130,40 +130,20 @@ def survey_bag(
     bag: Bag, progress: Progress | None = None
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
     """
-    Read what may be used of a bag, and tell how good it is.
+    Read what may be used of a bag, and tell how good it is: candidates by role and topic.
 
-    Parameters
-    ----------
-    bag : Bag
-        To read through once.
-    progress : callable, optional
-        Given the fraction done, 0 to 1.
-
-    Returns
-    -------
-    candidates : tuple of Candidate
-        By role and name; a message with several temperatures makes several.
-    warnings : tuple of str
-        Which topics could not be looked into, in sentences.
-
+    The warnings say which topics could not be looked into.
     """
     warnings: list[str] = []
     tallies = {
         each.id: tally for each in bag.connections if (tally := _tally(bag, each, warnings))
     }
-    total, seen = sum(tally.connection.msgcount for tally in tallies.values()), 0
-    for groups in bag.grouped(tallies):
-        for tally, (times_ns, messages) in groups.items():
-            seen += len(messages)
-            if tally.connection.id not in tallies:
-                continue
-            try:
-                tally.add(times_ns, messages)
-            except RecordingError as error:
-                del tallies[tally.connection.id]
-                warnings.append(f'{tally.connection.topic} cannot be used: {error}')
-        if progress:
-            progress(min(seen / max(total, 1), 1.0))
+    for tally, times_ns, messages in bag.grouped(tallies, progress):
+        try:
+            tally.add(times_ns, messages)
+        except RecordingError as error:  # noqa: PERF203 -- one damaged topic must not hide the others
+            del tallies[tally.connection.id]
+            warnings.append(f'{tally.connection.topic} cannot be used: {error}')
     found = (each for tally in tallies.values() if tally.samples for each in tally.candidates())
     order = list(_ROLES.values())
     return (
@@ -194,20 +174,8 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
 
     The raw wrench is one that nothing was done to. The thermometer that has most of its name in
     common with it, or is named like something at the tool, is most probably inside the sensor and
-    comes first; of an array, the last element counts as nearest to the tool.
-
-    Parameters
-    ----------
-    candidates : sequence of Candidate
-        What there is.
-    topics : Topics
-        As they were named; the default temperatures stand for none.
-
-    Returns
-    -------
-    Topics
-        With an empty wrench, or without temperatures, where there is no candidate.
-
+    comes first; of an array, the last element counts as nearest to the tool. Where there is no
+    candidate, the wrench is empty, or there are no temperatures.
     """
     wrenches = [each for each in candidates if each.role == RAW_WRENCH]
     wrenches.sort(key=lambda each: (bool(_TREATED.search(each.entry)), -each.samples))
