@@ -141,7 +141,7 @@ def survey_bag(
     for tally, times_ns, messages in bag.grouped(tallies, progress):
         try:
             tally.add(times_ns, messages)
-        except RecordingError as error:  # noqa: PERF203 -- one damaged topic must not hide the others
+        except RecordingError as error:  # noqa: PERF203 -- others are whole
             del tallies[tally.connection.id]
             warnings.append(f'{tally.connection.topic} cannot be used: {error}')
     found = (each for tally in tallies.values() if tally.samples for each in tally.candidates())
