@@ -256,25 +256,8 @@ def describe_recording(
     """
     Describe a recording of any kind; it need not hold all that a calibration wants.
 
-    Parameters
-    ----------
-    path : Path or str
-        File or folder.
-    topics : Topics, optional
-        Which role a bag's topics have; what they don't name is chosen.
-    progress : callable, optional
-        Given the fraction done, 0 to 1.
-
-    Returns
-    -------
-    RecordingSummary
-        What it holds.
-
-    Raises
-    ------
-    RecordingError
-        When it cannot be read.
-
+    Of a bag, the topics say which role which one has; what they don't name is chosen.
+    RecordingError when it cannot be read.
     """
     path = Path(path)
     kind = kind_of(path)
