@@ -24,6 +24,7 @@ from wrist_ft_comp.files.bags.survey import (
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
 from wrist_ft_comp.files.csv_file import CsvRecording, rewrite_csv
 from wrist_ft_comp.model.batch_grid import GridBuilder
+from wrist_ft_comp.model.columns import require_channels
 from wrist_ft_comp.model.signals import (
     AXES,
     axis_unit,
@@ -109,8 +110,7 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
             blocks, warnings = read_bag(bag, topics or Topics(), progress), bag.warnings
         elif kind == CSV:
             text = CsvRecording(path)
-            text.require('raw wrench', AXES)
-            text.require('temperature', ('temperature_c',))
+            require_channels(path.name, text.columns)
             blocks, warnings = text.samples(progress), text.warnings
         else:
             table = read_chamber_table(path, keep_copied_columns=keep_copied_columns)

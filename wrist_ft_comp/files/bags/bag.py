@@ -104,15 +104,19 @@ class Bag:
         with translated(self.name):
             return next((data for _, _, data in self.read([connection])), None)
 
+    def named(self, topic: str) -> list[Connection]:
+        """List the connections of a topic, with or without its leading slash."""
+        return [c for c in self.connections if c.topic.strip('/') == topic.strip('/')]
+
     def find(self, topic: str, message_type: str | None, role: str) -> list[Connection]:
         """
         Find the connections of a topic that has messages of some type, or of any (None).
 
         The role it is needed for is told, with what is there, when there is no such topic.
         """
-        wanted = topic.strip('/')
-        named_so = [c for c in self.connections if c.topic.strip('/') == wanted]
+        named_so = self.named(topic)
         if not named_so:
+            wanted = topic.strip('/')
             there = {c.topic: c.msgtype for c in self.connections}
             listed = ', '.join(f'{name} ({kind})' for name, kind in there.items())
             fitting = [name for name, kind in there.items() if message_type in {kind, None}]
