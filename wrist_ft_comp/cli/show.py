@@ -12,7 +12,6 @@ from wrist_ft_comp.cli.tables import table_text
 from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.files.model_file import is_model, load_model
 from wrist_ft_comp.files.recordings import (
-    ChannelSummary,
     describe_recording,
     ForceSummary,
     RecordingSummary,
@@ -137,20 +136,19 @@ def _axes_text(stored: StoredModel) -> str:
     )
 
 
-def _duration_s(summary: RecordingSummary) -> float | None:
-    """Time span of a recording, s."""
-    if summary.first_ns is None or summary.last_ns is None:
-        return None
-    return (summary.last_ns - summary.first_ns) / NANOSECONDS
-
-
 def _text(summary: RecordingSummary, path: Path) -> str:
     """Describe a recording for people."""
-    duration_s = _duration_s(summary)
-    span = 'no samples' if duration_s is None else f'{duration_s:.1f} s'
+    span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
+    span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
     rows = [
-        [c.name, c.kind, str(c.samples), _rate(c, duration_s), c.role or '-']
-        for c in summary.channels
+        [
+            each.name,
+            each.kind,
+            str(each.samples),
+            f'{(each.samples - 1) / span_s:.4g}' if span_s else '-',
+            each.role or '-',
+        ]
+        for each in summary.channels
     ]
     return '\n'.join(
         [
@@ -162,11 +160,6 @@ def _text(summary: RecordingSummary, path: Path) -> str:
             *(f'warning: {warning}' for warning in summary.warnings),
         ]
     )
-
-
-def _rate(channel: ChannelSummary, duration_s: float | None) -> str:
-    """Say how often a channel was sampled, on average."""
-    return f'{(channel.samples - 1) / duration_s:.4g}' if duration_s else '-'
 
 
 def _directions(force: ForceSummary | None) -> Iterator[str]:

@@ -103,9 +103,8 @@ class _Tally:
 
     def _read(self, messages: list[bytes]) -> tuple[IntArray, FloatArray]:
         """Read stamps, 0 where there are none, and temperatures, shape (n, P)."""
-        nothing = np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
         if self.role == TF:
-            return nothing
+            return np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
         if self.paths or self.role == IMU:
             return read_numbers(self.definitions, self.connection.msgtype, messages, self.paths)
         stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[self.connection.msgtype])
