@@ -136,33 +136,10 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
     Copy a recording with its wrench corrected, into the same kind of file.
 
     A CSV recording and a chamber table get their wrench columns replaced; a bag gets the
-    corrected wrench on a topic of its own. A failure leaves nothing behind.
-
-    Parameters
-    ----------
-    source, target : Path or str
-        The target must not exist. For a bag it is a folder, or, with the suffix of the source's
-        storage, one file.
-    correct : callable
-        Given stamps_ns (n,) and raw wrenches (n, 6), N and N m, NaN for absent axes, in
-        consecutive pieces; returns corrected wrenches (n, 6).
-    topics : Topics, optional
-        Where a bag holds the raw wrench.
-    output_topic : str
-        Where a bag gets the corrected one.
-    progress : callable, optional
-        Given the fraction done, 0 to 1.
-
-    Returns
-    -------
-    tuple of str
-        What was left out, in sentences.
-
-    Raises
-    ------
-    RecordingError
-        When the source cannot be read or the target cannot be made.
-
+    corrected wrench on a topic of its own, ``output_topic``. The target must not exist; for a bag
+    it is a folder, or, with the suffix of the source's storage, one file. ``correct`` gets
+    consecutive pieces, NaN for absent axes. Says what was left out; RecordingError when the source
+    cannot be read or the target cannot be made, and a failure leaves nothing behind.
     """
     source, target = Path(source), Path(target)
     kind = kind_of(source)
