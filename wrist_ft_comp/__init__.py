@@ -40,41 +40,20 @@ ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1', 'OMP_NUM_THRE
 
 #: Where the names live that are for others: as above, where type checkers read it.
 _HOMES = {
-    'calibrate': 'calibration.calibrate',
-    'Calibration': 'calibration.result',
-    'CalibrationSettings': 'calibration.settings',
-    'compensate': 'model.columns',
-    'Compensator': 'stream.compensator',
-    'evaluate': 'report.evaluation',
-    'load_model': 'files.model_file',
-    'read_recording': 'files.recordings',
-    'Recording': 'model.signals',
-    'recording_from_columns': 'model.columns',
-    'save_model': 'files.model_file',
-    'StreamSettings': 'stream.compensator',
-    'summarise': 'calibration.calibrate',
-    'TareCollector': 'stream.tare',
-    'Topics': 'model.signals',
-    'WristFtCompError': 'errors',
-}
+    'calibrate': 'calibration.calibrate', 'summarise': 'calibration.calibrate',
+    'Calibration': 'calibration.result', 'CalibrationSettings': 'calibration.settings',
+    'compensate': 'model.columns', 'recording_from_columns': 'model.columns',
+    'Compensator': 'stream.compensator', 'StreamSettings': 'stream.compensator',
+    'evaluate': 'report.evaluation', 'TareCollector': 'stream.tare',
+    'load_model': 'files.model_file', 'save_model': 'files.model_file',
+    'read_recording': 'files.recordings', 'WristFtCompError': 'errors',
+    'Recording': 'model.signals', 'Topics': 'model.signals',
+}  # fmt: skip
 __all__ = [
-    'Calibration',
-    'CalibrationSettings',
-    'Compensator',
-    'Recording',
-    'StreamSettings',
-    'TareCollector',
-    'Topics',
-    'WristFtCompError',
-    'calibrate',
-    'compensate',
-    'evaluate',
-    'load_model',
-    'read_recording',
-    'recording_from_columns',
-    'save_model',
-    'summarise',
-]
+    'Calibration', 'CalibrationSettings', 'Compensator', 'Recording', 'StreamSettings',
+    'TareCollector', 'Topics', 'WristFtCompError', 'calibrate', 'compensate', 'evaluate',
+    'load_model', 'read_recording', 'recording_from_columns', 'save_model', 'summarise',
+]  # fmt: skip
 
 if not TYPE_CHECKING:  # or every mistyped name would pass
 

@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from itertools import chain, repeat
 import json
 from pathlib import Path
 import shlex
@@ -13,7 +12,6 @@ from wrist_ft_comp.cli.tables import table_text
 from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.files.model_file import is_model, load_model
 from wrist_ft_comp.files.recordings import (
-    ChannelSummary,
     describe_recording,
     ForceSummary,
     RecordingSummary,
@@ -55,30 +53,23 @@ def add_parser(commands: options.Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    if paths.is_report(arguments.file):
-        return _show_report(arguments)
-    if arguments.file.suffix in {'.yaml', '.yml'} or is_model(arguments.file):
-        stored = load_model(arguments.file)
-        if arguments.json:
-            options.print_json({'sha256': stored.sha256, **stored.document})
-        else:
-            print(_model_text(stored))
-        return 0
-    with options.progress_bar('reading') as progress:
-        summary = describe_recording(arguments.file, options.topics_from(arguments), progress)
-    if arguments.json:
-        options.print_json(_as_json(summary, arguments.file))
+    path = arguments.file
+    document: dict[str, object]
+    if paths.is_report(path):
+        document = {'name': path.name, 'kind': 'report'}
+        text = f'{path}: a report of wrist_ft_comp; open it in a browser'
+    elif path.suffix in {'.yaml', '.yml'} or is_model(path):
+        stored = load_model(path)
+        document = {'sha256': stored.sha256, **stored.document}
+        text = _model_text(stored)
     else:
-        print(_text(summary, arguments.file))
-    return 0
-
-
-def _show_report(arguments: argparse.Namespace) -> int:
-    """Say that a file is a report; returns the exit code."""
+        with options.progress_bar('reading') as progress:
+            summary = describe_recording(path, options.topics_from(arguments), progress)
+        document, text = _as_json(summary, path), _text(summary, path)
     if arguments.json:
-        options.print_json({'name': arguments.file.name, 'kind': 'report'})
+        options.print_json(document)
     else:
-        print(f'{arguments.file}: a report of wrist_ft_comp; open it in a browser')
+        print(text)
     return 0
 
 
@@ -89,17 +80,7 @@ def _model_text(stored: StoredModel) -> str:
         f'{stored.path}: a drift model, sha256 {stored.sha256[:12]}',
         *_PURPOSE,
         _origin(stored),
-        *(
-            f'thermometer {j}: calibrated from {low:.1f} to {high:.1f} °C{name}'
-            for j, ((low, high), name) in enumerate(
-                zip(
-                    (thermometer['range_c'] for thermometer in document['thermometers']),
-                    chain(_thermometers(stored), repeat('')),
-                    strict=False,
-                ),
-                start=1,
-            )
-        ),
+        *_thermometers(stored),
         '',
         _axes_text(stored),
         '',
@@ -127,10 +108,14 @@ def _origin(stored: StoredModel) -> str:
     )
 
 
-def _thermometers(stored: StoredModel) -> list[str]:
-    """Name the thermometers that a model was learnt from, as far as its provenance tells."""
+def _thermometers(stored: StoredModel) -> Iterator[str]:
+    """Say of every thermometer where it was calibrated, and its name if the provenance tells."""
     named = stored.document['provenance'].get('temperature_topics')
-    return [f', {entry}' for entry in named] if isinstance(named, list) else []
+    names = [f', {entry}' for entry in named] if isinstance(named, list) else []
+    for j, thermometer in enumerate(stored.document['thermometers']):
+        low, high = thermometer['range_c']
+        name = names[j] if j < len(names) else ''
+        yield f'thermometer {j + 1}: calibrated from {low:.1f} to {high:.1f} °C{name}'
 
 
 def _axes_text(stored: StoredModel) -> str:
@@ -151,20 +136,19 @@ def _axes_text(stored: StoredModel) -> str:
     )
 
 
-def _duration_s(summary: RecordingSummary) -> float | None:
-    """Time span of a recording, s."""
-    if summary.first_ns is None or summary.last_ns is None:
-        return None
-    return (summary.last_ns - summary.first_ns) / NANOSECONDS
-
-
 def _text(summary: RecordingSummary, path: Path) -> str:
     """Describe a recording for people."""
-    duration_s = _duration_s(summary)
-    span = 'no samples' if duration_s is None else f'{duration_s:.1f} s'
+    span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
+    span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
     rows = [
-        [c.name, c.kind, str(c.samples), _rate(c, duration_s), c.role or '-']
-        for c in summary.channels
+        [
+            each.name,
+            each.kind,
+            str(each.samples),
+            f'{(each.samples - 1) / span_s:.4g}' if span_s else '-',
+            each.role or '-',
+        ]
+        for each in summary.channels
     ]
     return '\n'.join(
         [
@@ -176,11 +160,6 @@ def _text(summary: RecordingSummary, path: Path) -> str:
             *(f'warning: {warning}' for warning in summary.warnings),
         ]
     )
-
-
-def _rate(channel: ChannelSummary, duration_s: float | None) -> str:
-    """Say how often a channel was sampled, on average."""
-    return f'{(channel.samples - 1) / duration_s:.4g}' if duration_s else '-'
 
 
 def _directions(force: ForceSummary | None) -> Iterator[str]:

@@ -26,6 +26,8 @@ from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS
 #: Doubles in a message of these types: force and torque; temperature and its variance.
 WRENCH_DOUBLES = 6
 TEMPERATURE_DOUBLES = 2
+WRENCH, TEMPERATURE = 'geometry_msgs/msg/WrenchStamped', 'sensor_msgs/msg/Temperature'
+DOUBLES = {WRENCH: WRENCH_DOUBLES, TEMPERATURE: TEMPERATURE_DOUBLES}
 #: Byte at which frame_id begins.
 _FRAME = 16
 #: A frame name longer than this is not a frame name.

@@ -133,9 +133,7 @@ class _Layout:
         """Read how long what follows is."""
         offset = self._take(4, 4)
         self.lengths.append(offset)
-        return int.from_bytes(
-            self.data[offset : offset + 4], 'little' if self.order == '<' else 'big'
-        )
+        return int(np.frombuffer(self.data, f'{self.order}u4', 1, offset)[0])
 
     def _take(self, size: int, alignment: int) -> int:
         """Step over the next bytes; returns where they begin."""
@@ -170,31 +168,11 @@ def read_numbers(
     definitions: Definitions, kind: str, messages: Sequence[bytes], paths: Sequence[Path]
 ) -> tuple[IntArray, FloatArray]:
     """
-    Read numbers out of many messages.
+    Read P numbers out of n messages of some type.
 
-    Parameters
-    ----------
-    definitions : Definitions
-        Of the messages' type and of all it is made of.
-    kind : str
-        The messages' type.
-    messages : sequence of bytes
-        n serialized messages.
-    paths : sequence of Path
-        P numbers to read.
-
-    Returns
-    -------
-    stamps_ns : ndarray, shape (n,)
-        Stamps of the headers; 0 where there is none.
-    values : ndarray, shape (n, P)
-        NaN where a message has no number at a path.
-
-    Raises
-    ------
-    RecordingError
-        When a message is none of this type; it names neither file nor topic.
-
+    Gives the stamps of their headers, ns, shape (n,), 0 where there is none, and the numbers,
+    shape (n, P), NaN where a message has no number at a path. RecordingError, which names neither
+    file nor topic, when a message is none of this type.
     """
     stamps_ns = np.zeros(len(messages), np.int64)
     values = np.full((len(messages), len(paths)), np.nan)

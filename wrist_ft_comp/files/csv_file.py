@@ -95,7 +95,7 @@ class CsvRecording:
                 raise RecordingError(
                     f'{path.name} has the column {column} twice; remove or rename one.'
                 )
-        self.require('stamp', tuple(_STAMPS))
+        require_column(path.name, self.columns, 'stamp', tuple(_STAMPS))
         self._stamp = next(column for column in _STAMPS if column in self.columns)
         #: How the known columns are converted, and what they are expected to hold.
         self._expected: dict[str, tuple[Callable[[str], float], str]] = {
@@ -103,10 +103,6 @@ class CsvRecording:
             **dict.fromkeys(channels, (_number, 'a number with a decimal point')),
         }
         self.warnings += mistyped_columns(path.name, self.columns, self._expected)
-
-    def require(self, kind: str, names: Sequence[str]) -> None:
-        """Refuse when none of the named columns is there, suggesting one that looks like it."""
-        require_column(self.path.name, self.columns, kind, names)
 
     def pieces(self, progress: Progress | None = None) -> Iterator[CsvPiece]:
         """
@@ -253,7 +249,7 @@ def rewrite_csv(
 ) -> tuple[str, ...]:
     """Copy a recording, its wrench corrected and all else verbatim; says what was left out."""
     recording = CsvRecording(source)
-    recording.require('raw wrench', AXES)
+    require_column(source.name, recording.columns, 'raw wrench', AXES)
     with target.open('x', encoding='utf-8', newline='') as file:
         file.write(f'{recording.header}\n')
         writer = csv.writer(file, delimiter=recording.delimiter, lineterminator='\n')

@@ -24,6 +24,7 @@ from wrist_ft_comp.files.bags.survey import (
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
 from wrist_ft_comp.files.csv_file import CsvRecording, rewrite_csv
 from wrist_ft_comp.model.batch_grid import GridBuilder
+from wrist_ft_comp.model.columns import require_channels
 from wrist_ft_comp.model.signals import (
     AXES,
     axis_unit,
@@ -109,8 +110,7 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
             blocks, warnings = read_bag(bag, topics or Topics(), progress), bag.warnings
         elif kind == CSV:
             text = CsvRecording(path)
-            text.require('raw wrench', AXES)
-            text.require('temperature', ('temperature_c',))
+            require_channels(path.name, text.columns)
             blocks, warnings = text.samples(progress), text.warnings
         else:
             table = read_chamber_table(path, keep_copied_columns=keep_copied_columns)
@@ -136,33 +136,10 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
     Copy a recording with its wrench corrected, into the same kind of file.
 
     A CSV recording and a chamber table get their wrench columns replaced; a bag gets the
-    corrected wrench on a topic of its own. A failure leaves nothing behind.
-
-    Parameters
-    ----------
-    source, target : Path or str
-        The target must not exist. For a bag it is a folder, or, with the suffix of the source's
-        storage, one file.
-    correct : callable
-        Given stamps_ns (n,) and raw wrenches (n, 6), N and N m, NaN for absent axes, in
-        consecutive pieces; returns corrected wrenches (n, 6).
-    topics : Topics, optional
-        Where a bag holds the raw wrench.
-    output_topic : str
-        Where a bag gets the corrected one.
-    progress : callable, optional
-        Given the fraction done, 0 to 1.
-
-    Returns
-    -------
-    tuple of str
-        What was left out, in sentences.
-
-    Raises
-    ------
-    RecordingError
-        When the source cannot be read or the target cannot be made.
-
+    corrected wrench on a topic of its own, ``output_topic``. The target must not exist; for a bag
+    it is a folder, or, with the suffix of the source's storage, one file. ``correct`` gets
+    consecutive pieces, NaN for absent axes. Says what was left out; RecordingError when the source
+    cannot be read or the target cannot be made, and a failure leaves nothing behind.
     """
     source, target = Path(source), Path(target)
     kind = kind_of(source)
@@ -256,25 +233,8 @@ def describe_recording(
     """
     Describe a recording of any kind; it need not hold all that a calibration wants.
 
-    Parameters
-    ----------
-    path : Path or str
-        File or folder.
-    topics : Topics, optional
-        Which role a bag's topics have; what they don't name is chosen.
-    progress : callable, optional
-        Given the fraction done, 0 to 1.
-
-    Returns
-    -------
-    RecordingSummary
-        What it holds.
-
-    Raises
-    ------
-    RecordingError
-        When it cannot be read.
-
+    Of a bag, the topics say which role which one has; what they don't name is chosen.
+    RecordingError when it cannot be read.
     """
     path = Path(path)
     kind = kind_of(path)

@@ -16,7 +16,6 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.ranges import PERIODS_S
 from wrist_ft_comp.model.signals import (
     AXES,
-    BoolArray,
     FloatArray,
     FORCE_CHANNELS,
     GRAVITY,
@@ -124,7 +123,7 @@ class GridBuilder:
         force = None
         if any(channel in dense for channel in FORCE_CHANNELS):
             force = np.stack([dense.get(c, absent) for c in FORCE_CHANNELS], axis=1)
-            force, doubts = scale_to_gravity(force, self._name)
+            force, doubts = _scale_to_gravity(force, self._name)
             warnings += doubts
         return Recording(
             name=self._name,
@@ -207,49 +206,38 @@ class GridBuilder:
         return held
 
 
-def scale_to_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, tuple[str, ...]]:
+def _scale_to_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, tuple[str, ...]]:
     """
     Scale specific force by its norm at rest, because accelerometers are off by some percent.
 
-    Parameters
-    ----------
-    force : ndarray, shape (N, 3)
-        Means per cell, as recorded; NaN where there was no sample of all three.
-    name : str
-        Where it comes from, for messages.
-
-    Returns
-    -------
-    tuple of ndarray or None, and tuple of str
-        In m/s² with the norm GRAVITY at rest, None where it can't be gravity; and doubts.
-
+    Shape (N, 3), NaN in cells without a sample of all three; None where it can't be gravity. The
+    sentences are doubts.
     """
-    known: BoolArray = np.asarray(np.isfinite(force).all(axis=1))
-    norm = np.linalg.norm(force, axis=1)
     # At rest a cell is like its neighbour; where it hardly ever is, the quietest half has to do.
     change = np.linalg.norm(np.diff(force, axis=0, prepend=force[:1]), axis=1)
     steps = change[np.isfinite(change)]
+    its = f'The specific force of {name} has'
     if not len(steps):
-        missing = 'has no cell with linear_acceleration_x, _y and _z; it counts as absent.'
-        return None, (f'The specific force of {name} {missing}',)
-    at_rest = float(np.median(norm[change <= max(_STILL, float(np.median(steps)))]))
-    if at_rest < _LEAST_GRAVITY:
+        missing = 'no cell with linear_acceleration_x, _y and _z; it counts as absent.'
+        return None, (f'{its} {missing}',)
+    at_rest = change <= max(_STILL, float(np.median(steps)))
+    norm = float(np.median(np.linalg.norm(force[at_rest], axis=1)))
+    if norm < _LEAST_GRAVITY:
         doubt = (
-            f'The specific force of {name} has a norm of {at_rest:.3g} at rest, where gravity '
-            f'makes {GRAVITY}; it counts as absent. Record an accelerometer that feels gravity '
-            '(sensor_msgs/Imu, linear_acceleration), not the motion alone.'
+            f'{its} a norm of {norm:.3g} at rest, where gravity makes {GRAVITY}; it counts as '
+            'absent. Record an accelerometer that feels gravity (sensor_msgs/Imu, '
+            'linear_acceleration), not the motion alone.'
         )
         return None, (doubt,)
-    off = at_rest / GRAVITY - 1
-    doubts: tuple[str, ...] = ()
-    if abs(off) > _GRAVITY_DOUBT:
-        doubt = (
-            f'The specific force of {name} has a norm of {at_rest:.4g} at rest, {off:+.0%} off '
-            f'{GRAVITY} m/s²; it was scaled. If it is in another unit, that is all; if not, '
-            'calibrate the accelerometer, because a payload is as wrong as it is.'
-        )
-        doubts = (doubt,)
-    return np.where(known[:, None], force * (GRAVITY / at_rest), np.nan), doubts
+    off = norm / GRAVITY - 1
+    doubt = (
+        f'{its} a norm of {norm:.4g} at rest, {off:+.0%} off {GRAVITY} m/s²; it was scaled. If it '
+        'is in another unit, that is all; if not, calibrate the accelerometer, because a payload '
+        'is as wrong as it is.'
+    )
+    known = np.isfinite(force).all(axis=1, keepdims=True)
+    scaled = np.where(known, force * (GRAVITY / norm), np.nan)
+    return scaled, (doubt,) if abs(off) > _GRAVITY_DOUBT else ()
 
 
 def grid_samples(

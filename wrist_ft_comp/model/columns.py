@@ -69,6 +69,12 @@ def require_column(source: str, columns: Sequence[str], kind: str, names: Sequen
     )
 
 
+def require_channels(source: str, columns: Sequence[str]) -> None:
+    """Refuse a table without a raw wrench or a temperature."""
+    require_column(source, columns, 'raw wrench', AXES)
+    require_column(source, columns, 'temperature', ('temperature_c',))
+
+
 def mistyped_columns(source: str, columns: Iterable[str], used: Iterable[str]) -> list[str]:
     """Warn of columns that are not used but named almost like ones that would be."""
     used = set(used)
@@ -135,8 +141,7 @@ def recording_from_columns(
         filled = {channel: ~np.isnan(column) for channel, column in values.items()}
         blocks += samples_of(channel_groups(values), stamps_ns, values, filled)
         names += [each for each in map(str, table.keys()) if each not in STAMPS]
-    require_column(name, names, 'raw wrench', AXES)
-    require_column(name, names, 'temperature', ('temperature_c',))
+    require_channels(name, names)
     if twice := sorted({each for each in names if names.count(each) > 1}):
         raise RecordingError(f'{name} has the column {twice[0]} twice; remove or rename one.')
     recording = grid_samples(blocks, name=name, period_s=period_s, max_bad_share=max_bad_share)
@@ -186,18 +191,15 @@ def _read(table: Columns, name: str) -> tuple[IntArray, dict[str, FloatArray]]:
     require_column(name, columns, 'stamp', STAMPS)
     stamp = next(column for column in STAMPS if column in columns)
     stamps = np.asarray(table[stamp])
-    if stamps.dtype.kind == 'M':
-        known, stamps = ~np.isnat(stamps), stamps.astype('datetime64[ns]').astype(np.int64)
-    elif stamp == 'stamp_s' or stamps.dtype.kind not in 'iu':
-        numbers = _numbers(stamps, stamp, name, (stamps.size,))
+    is_date = stamps.dtype.kind == 'M'
+    if not is_date and (stamp == 'stamp_s' or stamps.dtype.kind not in 'iu'):
         scale = NANOSECONDS if stamp == 'stamp_s' else 1
-        known, stamps = np.isfinite(numbers), np.rint(numbers * scale)
-    else:
-        known = np.ones(stamps.shape, dtype=bool)
-    if stamps.ndim != 1 or not known.all():
+        stamps = np.rint(_numbers(stamps, stamp, name, (stamps.size,)) * scale)
+    if stamps.ndim != 1 or not np.isfinite(stamps).all():
         raise RecordingError(
             f'{stamp} of {name} must be one time per row; leave out rows without it.'
         )
+    stamps = stamps.astype('datetime64[ns]') if is_date else stamps
     channels = [channel for group in channel_groups(columns) for channel in group]
     return stamps.astype(np.int64), {
         channel: _numbers(table[channel], channel, name, stamps.shape) for channel in channels

@@ -12,8 +12,9 @@ An index may also be written like a field: ``data.5``. Units are never guessed.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 import difflib
+from functools import reduce
 from itertools import islice
 import math
 from numbers import Real
@@ -61,25 +62,7 @@ class TemperatureSource:
         return numbers * factor + offset
 
     def read(self, message: Any) -> float:
-        """
-        Read the temperature from a message.
-
-        Parameters
-        ----------
-        message : message
-            With attributes, as rclpy and rosbags deserialize it.
-
-        Returns
-        -------
-        float
-            °C.
-
-        Raises
-        ------
-        SettingsError
-            When nothing is at the path, or no finite number; it says what there is.
-
-        """
+        """Read the temperature, °C, from a message; SettingsError, with why, if there is none."""
         return self.celsius(_number_at(message, self.path or ('temperature',), self.entry))
 
 
@@ -128,25 +111,9 @@ def parse_sources(
     entries: Sequence[str], resolve: Callable[[str], str] = str
 ) -> tuple[TemperatureSource, ...]:
     """
-    Parse all entries, refusing the same number twice.
+    Parse all entries; SettingsError when one is none, or two mean the same number.
 
-    Parameters
-    ----------
-    entries : sequence of str
-        As they were written, the thermometer inside the sensor first.
-    resolve : callable, optional
-        Makes of a topic's name the one that is compared, where two names may mean one topic.
-
-    Returns
-    -------
-    tuple of TemperatureSource
-        One for each entry.
-
-    Raises
-    ------
-    SettingsError
-        When one is no entry, or two mean the same.
-
+    Topics are compared as ``resolve`` has them, where two names may mean one topic.
     """
     sources = tuple(parse_source(entry) for entry in entries)
     seen: dict[tuple[str, Path], str] = {}
@@ -214,55 +181,55 @@ def _named_beside(message: Any, path: Path) -> bool:
     index = path[-1]
     if isinstance(index, str):
         return False
-    part = message
-    for step in path[:-2]:
-        part = part[step] if isinstance(step, int) else getattr(part, step)
-    size = len(getattr(part, str(path[-2])))
-    beside = (getattr(part, name) for name in _fields_of(part))
+    part = reduce(_part, path[:-2], message)
+    size = len(_part(part, path[-2]))
     return any(
         isinstance(texts, (list, tuple))
         and len(texts) == size
         and isinstance(texts[index], str)
         and _TELLING.search(texts[index]) is not None
-        for texts in beside
+        for texts in (getattr(part, name) for name in _fields_of(part))
     )
+
+
+def _part(value: Any, step: str | int) -> Any:
+    """Take an element or a field; LookupError where there is none."""
+    if _is_array(value) if isinstance(step, int) else step in _fields_of(value):
+        return value[step] if isinstance(step, int) else getattr(value, step)
+    raise LookupError(step)
 
 
 def _number_at(message: Any, path: Path, entry: str) -> float:
     """Follow a path to a finite number."""
-    value = message
-    for depth, step in enumerate(path):
-        if isinstance(step, int):
-            there = _is_array(value) and step < len(value)
-        else:
-            there = step in _fields_of(value)
-        if not there:
-            raise SettingsError(_nothing_there(message, value, path, depth, entry))
-        value = value[step] if isinstance(step, int) else getattr(value, step)
+    value, followed = message, 0
+    try:
+        for step in path:
+            value = _part(value, step)
+            followed += 1
+    except LookupError:
+        raise SettingsError(_nothing_there(message, value, path, followed, entry)) from None
     if not _is_number(value):
-        raise SettingsError(_nothing_there(message, value, path, len(path), entry))
+        raise SettingsError(_nothing_there(message, value, path, followed, entry))
     number = float(value)
     if not math.isfinite(number):
         raise SettingsError(f'The temperature {entry!r} is {number}; expected a finite number.')
     return number
 
 
-def _nothing_there(message: Any, value: Any, path: Path, depth: int, entry: str) -> str:
+def _nothing_there(message: Any, value: Any, path: Path, followed: int, entry: str) -> str:
     """Say why a path cannot be followed beyond the value at some depth, and what there is."""
-    there = path_text(path[:depth]) or 'the message'
+    there = path_text(path[:followed]) or 'the message'
+    step = path[followed] if followed < len(path) else None
     if _is_array(value):
         size = len(value)
-        asked = f'there is no element {path[depth]}' if depth < len(path) else 'no index is named'
+        asked = 'no index is named' if step is None else f'there is no element {step}'
         found = f'{there} is an array of {size}, and {asked}'
         found += f'; expected an index from 0 to {size - 1}' if size else ''
-    elif depth == len(path):
-        found = f'{there} is {_kind_of(value)} and no number'
-    elif isinstance(path[depth], int):
-        found = f'{there} is {_kind_of(value)} and no array'
-    elif _fields_of(value):
-        found = f'{there} has no field {path[depth]}'
+    elif isinstance(step, str) and _fields_of(value):
+        found = f'{there} has no field {step}'
     else:
-        found = f'{there} is {_kind_of(value)} and has no fields'
+        lacks = {int: 'no array', str: 'has no fields'}.get(type(step), 'no number')
+        found = f'{there} is {_kind_of(value)} and {lacks}'
     return f'The temperature {entry!r} is not there: {found}. {_what_there_is(message, path)}'
 
 
@@ -289,12 +256,8 @@ def _is_array(value: Any) -> bool:
 
 
 def _fields_of(value: Any) -> list[str]:
-    """List the fields of a message of rclpy's or rosbags' kind; empty for any other value."""
-    if hasattr(value, 'get_fields_and_field_types'):
-        return list(value.get_fields_and_field_types())
-    if is_dataclass(value):
-        return [each.name for each in fields(value)]
-    return []
+    """List the fields of a message as rclpy makes it; empty for any other value."""
+    return list(getattr(value, 'get_fields_and_field_types', dict)())
 
 
 def _kind_of(value: Any) -> str:

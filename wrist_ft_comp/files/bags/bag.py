@@ -1,6 +1,5 @@
 """Bags opened, also when cut off, and written, by whichever backend is installed."""
 
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, ExitStack
 from dataclasses import dataclass
@@ -89,20 +88,33 @@ class Bag:
 
         Gives times of arrival, ns, and bytes.
         """
-        for batch in self.batches([c for c in self.connections if c.id in streams], progress):
-            groups: defaultdict[int, tuple[list[int], list[bytes]]] = defaultdict(lambda: ([], []))
-            for connection, time_ns, data in batch:
-                times_ns, messages = groups[connection.id]
-                times_ns.append(time_ns)
-                messages.append(data)
+        wanted = [c for c in self.connections if c.id in streams]
+        total, seen = sum(connection.msgcount for connection in wanted), 0
+        found = self.read(wanted)
+        while True:
+            groups: dict[int, tuple[list[int], list[bytes]]] = {c.id: ([], []) for c in wanted}
+            with translated(self.name):
+                for connection, time_ns, data in islice(found, BATCH):
+                    times_ns, messages = groups[connection.id]
+                    times_ns.append(time_ns)
+                    messages.append(data)
+            if not any(times_ns for times_ns, _ in groups.values()):
+                return
             for number, stream in list(streams.items()):
-                if number in groups:
+                if groups[number][0]:
                     yield stream, *groups[number]
+            seen += BATCH
+            if progress:
+                progress(min(seen / max(total, 1), 1.0))
 
     def first(self, connection: Connection) -> bytes | None:
         """Read the first message of a connection; None when there is none."""
         with translated(self.name):
             return next((data for _, _, data in self.read([connection])), None)
+
+    def named(self, topic: str) -> list[Connection]:
+        """List the connections of a topic, with or without its leading slash."""
+        return [c for c in self.connections if c.topic.strip('/') == topic.strip('/')]
 
     def find(self, topic: str, message_type: str | None, role: str) -> list[Connection]:
         """
@@ -110,9 +122,9 @@ class Bag:
 
         The role it is needed for is told, with what is there, when there is no such topic.
         """
-        wanted = topic.strip('/')
-        named_so = [c for c in self.connections if c.topic.strip('/') == wanted]
+        named_so = self.named(topic)
         if not named_so:
+            wanted = topic.strip('/')
             there = {c.topic: c.msgtype for c in self.connections}
             listed = ', '.join(f'{name} ({kind})' for name, kind in there.items())
             fitting = [name for name, kind in there.items() if message_type in {kind, None}]

@@ -36,8 +36,6 @@ from wrist_ft_comp.model.temperature_source import (
     TemperatureSource,
 )
 
-_WRENCH = 'geometry_msgs/msg/WrenchStamped', cdr.WRENCH_DOUBLES
-_TEMPERATURE = 'sensor_msgs/msg/Temperature', cdr.TEMPERATURE_DOUBLES
 #: Wrenches that arrive later than this after their stamp are stamped by another clock.
 _APART_NS = 10 * NANOSECONDS
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
@@ -50,7 +48,6 @@ class _Stream:
     connection: Connection
     #: Of the first doubles, or of each source.
     channels: tuple[str, ...]
-    doubles: int = 0
     sources: tuple[TemperatureSource, ...] = ()
     definitions: Definitions = field(default_factory=dict)
 
@@ -58,12 +55,12 @@ class _Stream:
 def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
     """Read wrench, temperatures and, where it is there, the reference; by topic and batch."""
     streams = {stream.connection.id: stream for stream in _streams(bag, topics)}
-    unstamped = {stream for stream in streams.values() if stream.doubles}
+    unstamped = {stream for stream in streams.values() if not stream.sources}
     unread = {stream for stream in streams.values() if stream.sources}
     ahead_ns = 0
     for stream, times_ns, messages in bag.grouped(streams, progress):
         stamps_ns, values = _decode(bag, stream, messages)
-        if stream.doubles:
+        if not stream.sources:
             if stamps_ns.any():
                 unstamped.discard(stream)
                 ahead_ns = int(stamps_ns[-1]) - times_ns[-1]
@@ -96,11 +93,8 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
 
 def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
     """Find the topics; one stream for each connection."""
-    (wrench, six), (temperature, two) = _WRENCH, _TEMPERATURE
-    streams = [
-        _Stream(connection, AXES, six)
-        for connection in bag.find(topics.wrench, wrench, 'raw wrench')
-    ]
+    wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
+    streams = [_Stream(connection, AXES) for connection in wrenches]
     inside: defaultdict[str, list[tuple[str, TemperatureSource]]] = defaultdict(list)
     sources = parse_sources(topics.temperatures, lambda topic: topic.strip('/'))
     for number, source in enumerate(sources):
@@ -109,17 +103,16 @@ def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
             inside[source.topic.strip('/')].append((channel, source))
             continue
         _check_plain(bag, source)
-        found = bag.find(source.topic, temperature, 'temperature')
-        streams += [_Stream(connection, (channel,), two) for connection in found]
+        found = bag.find(source.topic, cdr.TEMPERATURE, 'temperature')
+        streams += [_Stream(connection, (channel,)) for connection in found]
     for topic, parts in inside.items():
         channels, named = zip(*parts, strict=True)
         found = bag.find(topic, None, 'temperature')
-        streams += [_Stream(each, channels, 0, named, bag.define(each)) for each in found]
-    reference = topics.reference.strip('/')
-    holds_reference = any(c.topic.strip('/') == reference and c.msgcount for c in bag.connections)
+        streams += [_Stream(each, channels, named, bag.define(each)) for each in found]
+    holds_reference = any(connection.msgcount for connection in bag.named(topics.reference))
     if holds_reference or topics.reference != Topics().reference:
-        found = bag.find(topics.reference, wrench, 'reference')
-        streams += [_Stream(connection, REFERENCE_CHANNELS, six) for connection in found]
+        found = bag.find(topics.reference, cdr.WRENCH, 'reference')
+        streams += [_Stream(connection, REFERENCE_CHANNELS) for connection in found]
     numbers = Counter(stream.connection.id for stream in streams)
     for stream in streams:
         if numbers[stream.connection.id] > 1:
@@ -131,13 +124,12 @@ def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
 
 def _check_plain(bag: Bag, source: TemperatureSource) -> None:
     """Refuse a topic of another type than sensor_msgs/Temperature that has temperatures inside."""
-    for connection in bag.connections:
-        same = connection.topic.strip('/') == source.topic.strip('/')
-        if same and connection.msgtype != _TEMPERATURE[0]:
+    for connection in bag.named(source.topic):
+        if connection.msgtype != cdr.TEMPERATURE:
             for path in temperatures_inside(bag, connection)[:1]:
                 raise RecordingError(
                     f'{connection.topic} of {bag.name} is {connection.msgtype}; the temperature '
-                    f'must be {_TEMPERATURE[0]}, or a number inside. Did you mean '
+                    f'must be {cdr.TEMPERATURE}, or a number inside. Did you mean '
                     f'{source.topic}:{path_text(path)}?'
                 )
 
@@ -169,11 +161,11 @@ def _decode(bag: Bag, stream: _Stream, messages: list[bytes]) -> tuple[IntArray,
     """Read stamps and numbers, naming bag and topic where a message is none of this form."""
     topic, kind = stream.connection.topic, stream.connection.msgtype
     try:
-        if stream.doubles:
-            stamps_ns, values = cdr.decode_many(messages, stream.doubles)
-            return stamps_ns, values[:, : len(stream.channels)]
-        paths = [source.path for source in stream.sources]
-        return read_numbers(stream.definitions, kind, messages, paths)
+        if stream.sources:
+            paths = [source.path for source in stream.sources]
+            return read_numbers(stream.definitions, kind, messages, paths)
+        stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[kind])
+        return stamps_ns, values[:, : len(stream.channels)]
     except RecordingError as error:
         if messages[0].startswith(_ZSTD_MAGIC):
             raise RecordingError(
@@ -205,20 +197,19 @@ def rewrite_bag(  # noqa: PLR0913, PLR0917 - the front door's settings, passed t
         )
     folder = target.with_name(f'{target.stem}_bag') if bare else target
     compression = '' if bare else bag.compression
-    wrench, doubles = _WRENCH
-    raw = {connection.id for connection in bag.find(topics.wrench, wrench, 'raw wrench')}
-    if any(c.topic.strip('/') == output_topic.strip('/') for c in bag.connections):
+    wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
+    stream, raw = _Stream(wrenches[0], AXES), {connection.id for connection in wrenches}
+    if bag.named(output_topic):
         raise RecordingError(
             f'{bag.name} holds {output_topic} already; name another topic for the output.'
         )
-    first = next(c for c in bag.connections if c.id in raw)
     with write_bag(folder, bag, compression) as writer:
         copies = {c.id: writer.add(c, c.topic) for c in bag.connections}
-        output = writer.add(first, f'/{output_topic.strip("/")}')
+        output = writer.add(wrenches[0], f'/{output_topic.strip("/")}')
         for batch in bag.batches(bag.connections, progress):
             messages = [data for connection, _, data in batch if connection.id in raw]
             if messages:
-                stamps_ns, values = _decode(bag, _Stream(first, AXES, doubles), messages)
+                stamps_ns, values = _decode(bag, stream, messages)
                 messages = cdr.encode_many(messages, correct(stamps_ns, values))
             corrected = iter(messages)
             for connection, stamp, data in batch:

@@ -17,12 +17,11 @@ from wrist_ft_comp.model.temperature_source import Path, path_text
 
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
 _ROLES = {
-    'geometry_msgs/msg/WrenchStamped': RAW_WRENCH,
-    'sensor_msgs/msg/Temperature': TEMPERATURE,
+    cdr.WRENCH: RAW_WRENCH,
+    cdr.TEMPERATURE: TEMPERATURE,
     'sensor_msgs/msg/Imu': IMU,
     'tf2_msgs/msg/TFMessage': TF,
 }
-_DOUBLES = {RAW_WRENCH: cdr.WRENCH_DOUBLES, TEMPERATURE: cdr.TEMPERATURE_DOUBLES}
 #: Wrenches that something was done to already are named like this.
 _TREATED = re.compile(r'compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE)
 #: Temperatures of the sensor, or beside it, are named like this.
@@ -84,8 +83,9 @@ class _Tally:
     first_ns: int | None = None
     last_ns: int = 0
     gap_ns: int = 0
-    low: FloatArray | None = None
-    high: FloatArray | None = None
+    #: Of each temperature.
+    low: FloatArray = field(default_factory=lambda: np.array([np.nan]))
+    high: FloatArray = field(default_factory=lambda: np.array([np.nan]))
 
     def add(self, times_ns: list[int], messages: list[bytes]) -> None:
         """Take messages into account."""
@@ -98,19 +98,16 @@ class _Tally:
         steps = np.diff(stamps_ns, prepend=self.last_ns)
         self.gap_ns = max(self.gap_ns, int(steps.max()))
         self.last_ns = int(stamps_ns[-1])
-        if values.size:
-            low, high = np.fmin.reduce(values), np.fmax.reduce(values)
-            self.low = low if self.low is None else np.fmin(self.low, low)
-            self.high = high if self.high is None else np.fmax(self.high, high)
+        self.low = np.fmin(self.low, np.fmin.reduce(values))
+        self.high = np.fmax(self.high, np.fmax.reduce(values))
 
     def _read(self, messages: list[bytes]) -> tuple[IntArray, FloatArray]:
         """Read stamps, 0 where there are none, and temperatures, shape (n, P)."""
-        nothing = np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
         if self.role == TF:
-            return nothing
+            return np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
         if self.paths or self.role == IMU:
             return read_numbers(self.definitions, self.connection.msgtype, messages, self.paths)
-        stamps_ns, values = cdr.decode_many(messages, _DOUBLES[self.role])
+        stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[self.connection.msgtype])
         return stamps_ns, values[:, : self.role == TEMPERATURE]
 
     def candidates(self) -> Iterator[Candidate]:
@@ -118,7 +115,7 @@ class _Tally:
         span_ns = self.last_ns - (self.first_ns or 0)
         known = self.samples, span_ns / NANOSECONDS, self.gap_ns / NANOSECONDS, self.stamped
         topic = self.connection.topic
-        if self.low is None or self.high is None:
+        if self.role != TEMPERATURE:
             yield Candidate(self.role, topic, *known)
             return
         for path, low, high in zip(self.paths or [()], self.low, self.high, strict=True):
@@ -141,7 +138,7 @@ def survey_bag(
     for tally, times_ns, messages in bag.grouped(tallies, progress):
         try:
             tally.add(times_ns, messages)
-        except RecordingError as error:  # noqa: PERF203 -- one damaged topic must not hide the others
+        except RecordingError as error:  # noqa: PERF203 -- others are whole
             del tallies[tally.connection.id]
             warnings.append(f'{tally.connection.topic} cannot be used: {error}')
     found = (each for tally in tallies.values() if tally.samples for each in tally.candidates())
