@@ -170,7 +170,23 @@ def node_per_sensor(make: Callable[..., SensorNode], **options: Any) -> list[Sen
     ``make`` is called as a node class that also takes ``sensor=NAME``; a node's ``own_topics`` are
     its alone. WristFtCompError when a name is unusable or two sensors would share a topic.
     """
-    namespace, chosen = _ask(options)
+    asking: Any = Node(NODE_NAME, enable_rosout=False, start_parameter_services=False, **options)
+    try:
+        declare(asking, PROCESS_PARAMETERS)
+        chosen = values(asking, PROCESS_PARAMETERS)
+        # While it is there: DDS may hang where the only node ends as soon as it began.
+        return _make_nodes(make, asking.get_namespace(), chosen, options)
+    finally:
+        asking.destroy_node()
+
+
+def _make_nodes(
+    make: Callable[..., SensorNode],
+    namespace: str,
+    chosen: dict[str, Any],
+    options: dict[str, Any],
+) -> list[SensorNode]:
+    """Make one node, or one for each of the sensors that were chosen."""
     names: Sequence[str] = chosen['sensors']
     if not names:
         return [make(**options)]
@@ -186,16 +202,6 @@ def node_per_sensor(make: Callable[..., SensorNode], **options: Any) -> list[Sen
         _check_topics(nodes)
         made.pop_all()
     return list(nodes.values())
-
-
-def _ask(options: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Read, as the only node would, its namespace and what concerns the whole process."""
-    asking: Any = Node(NODE_NAME, enable_rosout=False, start_parameter_services=False, **options)
-    try:
-        declare(asking, PROCESS_PARAMETERS)
-        return asking.get_namespace(), values(asking, PROCESS_PARAMETERS)
-    finally:
-        asking.destroy_node()
 
 
 def _check_names(names: Sequence[str]) -> None:
