@@ -97,7 +97,7 @@ def test_a_report_shows_every_axis_and_recording(done, make, tmp_path):
     text = page.read_text()
     for word in ('0.csv', '1.csv', 'force z', 'torque x', 'pls'):
         assert word in text
-    assert text.count('<svg') == 6  # two of each axis, and two of what was covered
+    assert text.count('<svg') == 8  # three of each axis, and two of what was covered
 
 
 @pytest.mark.parametrize(

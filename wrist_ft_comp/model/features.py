@@ -18,7 +18,7 @@ from wrist_ft_comp.model.signals import FloatArray
 MARGIN = 0.2
 #: Where tangents go on, they do so for this share: farther out is a faulty thermometer, or another
 #: robot.
-_FAR_MARGIN = 1.0
+_FAR_MARGIN = 3.0
 #: Where tangents go on, squares keep their curvature for this share of the calibrated span.
 _CURVED_SHARE = 0.33
 
@@ -33,7 +33,7 @@ class Features:
     How J temperatures become F features.
 
     Outside [lower_c, upper_c], the range that was calibrated, temperatures are clamped from MARGIN
-    on; or powers go on for another range, as tangents at its edge, squares curved for a third.
+    on; or powers go on for three ranges, as tangents at its edge, squares curved for a third.
     Hats, which have no slope beyond their last knot, stay constant from there.
 
     """
