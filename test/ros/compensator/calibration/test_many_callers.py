@@ -3,6 +3,7 @@
 import threading
 
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
@@ -13,7 +14,9 @@ TIMEOUT_S = 60.0
 
 def ask_all(bench, kind, name, request):
     """Call a service from as many clients, one after the other, without waiting for answers."""
-    clients = [bench.helper.create_client(kind, name) for _ in range(CALLERS)]
+    # Every client hears the answers to all of them, and here one thread takes them all.
+    deep = QoSProfile(depth=1000)
+    clients = [bench.helper.create_client(kind, name, qos_profile=deep) for _ in range(CALLERS)]
     assert all(client.wait_for_service(timeout_sec=TIMEOUT_S) for client in clients)
     return [client.call_async(request) for client in clients]
 
