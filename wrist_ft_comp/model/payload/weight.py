@@ -1,0 +1,87 @@
+"""
+A payload and what it pushes with: F = -m f, τ = c × F, at specific force f (design, section 7).
+
+Specific force is that of sensor_msgs/Imu (REP 145): +9.81 m/s² upwards at rest.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.model.signals import FloatArray
+
+#: Heaviest that is believed, kg, and farthest centre of mass, m.
+MOST_KG, FARTHEST_M = 1000.0, 10.0
+
+
+def _unknown() -> FloatArray:
+    """Errors that nobody knows."""
+    return np.full(3, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """
+    Everything that is mounted on the sensor.
+
+    Attributes
+    ----------
+    mass_kg, center_m : float and ndarray, shape (3,)
+        Mass and centre of mass in the wrench's frame.
+    mass_error_kg, center_error_m : float and ndarray, shape (3,)
+        Standard errors; NaN where nobody knows.
+    share : float
+        Share of the time in which it was on, where it was learnt; else NaN.
+
+    """
+
+    mass_kg: float
+    center_m: FloatArray
+    mass_error_kg: float = np.nan
+    center_error_m: FloatArray = field(default_factory=_unknown)
+    share: float = np.nan
+
+    def __post_init__(self) -> None:
+        """Check shapes and ranges."""
+        if np.shape(self.center_m) != (3,) or np.shape(self.center_error_m) != (3,):
+            raise SettingsError(
+                f'A centre of mass is three numbers in m; got {np.shape(self.center_m)}.'
+            )
+        if not 0 <= self.mass_kg <= MOST_KG:
+            raise SettingsError(
+                f'A mass must be between 0 and {MOST_KG:g} kg; got {self.mass_kg}.'
+            )
+        if not np.all(np.abs(self.center_m) <= FARTHEST_M):
+            raise SettingsError(
+                f'A centre of mass must lie within {FARTHEST_M:g} m of the sensor; got '
+                f'{np.asarray(self.center_m).tolist()}.'
+            )
+
+    def weight(self, specific_force: FloatArray) -> FloatArray:
+        """Push at specific forces in the wrench's frame, m/s² (…, 3): N and N m, (…, 6)."""
+        force = -self.mass_kg * specific_force
+        return np.concatenate((force, np.cross(self.center_m, force)), axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceFrame:
+    """
+    How measured specific force leads to that of the wrench's frame: R ((f - bias) / scale).
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (3, 3)
+        From the frame of the specific force into the wrench's.
+    bias, scale : ndarrays, shape (3,)
+        Of the accelerometer along its own axes, m/s² and 1.
+
+    """
+
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    bias: FloatArray = field(default_factory=lambda: np.zeros(3))
+    scale: FloatArray = field(default_factory=lambda: np.ones(3))
+
+    def turn(self, specific_force: FloatArray) -> FloatArray:
+        """Turn measured specific forces (…, 3) into the wrench's frame."""
+        return np.asarray(((specific_force - self.bias) / self.scale) @ self.rotation.T)
