@@ -2,7 +2,7 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
 from rclpy.qos import QoSReliabilityPolicy
-from sensor_msgs.msg import Temperature
+from sensor_msgs.msg import Imu, Temperature
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ros import simulated_sensor_node
@@ -170,3 +170,24 @@ def test_executable_publishes_and_ends_by_a_signal(bench, executable):
     assert code == 0
     assert 'Waiting for subscribers' in errors
     assert 'Traceback' not in errors
+
+
+def test_a_robot_at_work_publishes_what_it_feels_and_what_pushes_on_its_tool(bench):
+    """Weight is what raw holds beyond contacts: of the masses that were asked for, at rest."""
+    topics = {'imu': Imu, 'wrench_reference': WrenchStamped}
+    topics['wrench_external_reference'] = WrenchStamped
+    heard = {topic: bench.listen(kind, topic) for topic, kind in topics.items()}
+    work = {'work.tool_mass': 1.5, 'work.part_mass': 0.5, 'load.force_n': 0.0}
+    bench.start(SimulatedSensor, parameters={**FAST, **work})
+    seen = {topic: {stamp_ns(m): m for m in take(heard[topic], 200)} for topic in topics}
+    stamps = sorted(set.intersection(*(set(each) for each in seen.values())))
+    assert len(stamps) > 100
+    imu, whole, external = ([seen[topic][stamp] for stamp in stamps] for topic in topics)
+    assert {each.header.frame_id for each in imu} == {'wrist_ft_imu'}
+    turning = np.array([[getattr(m.angular_velocity, axis) for axis in 'xyz'] for m in imu])
+    rest = np.linalg.norm(turning, axis=1) < 0.02
+    weight = np.array([six(m) for m in whole]) - [six(m) for m in external]
+    masses = np.linalg.norm(weight[rest, :3], axis=1) / 9.807
+    assert np.all(np.min(np.abs(masses[:, None] - [1.5, 2.0]), axis=1) < 0.05)
+    felt = np.array([[getattr(m.linear_acceleration, axis) for axis in 'xyz'] for m in imu])
+    assert np.all(np.abs(np.linalg.norm(felt[rest], axis=1) - 9.807) < 0.4)

@@ -26,12 +26,14 @@ from wrist_ft_comp.ros.arguments.usage import usage
 from wrist_ft_comp.ros.messages import opening, overridable, own, SLOW_SENSOR
 from wrist_ft_comp.ros.parameters import declare, EXECUTOR_PARAMETER, Parameter, values
 from wrist_ft_comp.ros.running import run_nodes
+from wrist_ft_comp.ros.simulated.robot import SimulatedRobot
 from wrist_ft_comp.simulation.ft_sensor import (
     build_sensor,
     digitised_temperatures,
     digitised_wrench,
     measured_wrench,
     start,
+    thermometer_temperatures,
     trajectory,
 )
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
@@ -42,8 +44,9 @@ from wrist_ft_comp.simulation.run import (
     RunSettings,
     true_wrench,
 )
+from wrist_ft_comp.simulation.work import WorkSettings
 
-_RUN = RunSettings()
+_RUN, _WORK = RunSettings(), WorkSettings()
 #: All rows are read at start-up only: a run is fixed when it begins.
 _row = partial(Parameter, read_only=True)
 PARAMETERS = (
@@ -71,6 +74,16 @@ PARAMETERS = (
          'N m', 0.0, 100.0),
     _row('load.period_s', _RUN.load_period_s, 'About the time from one peak of load to the next.',
          'simulated s', 0.1),
+    _row('work.tool_mass', 0.0,
+         'Mass of a tool on a robot at work: it moves, and publishes imu, /tf (where tf2_msgs is '
+         'installed) and wrench_external_reference; 0 is a robot that stands still.',
+         'kg', 0.0, 100.0),
+    _row('work.part_mass', _WORK.part_kg, 'Mass of the part that it picks up and puts down.',
+         'kg', 0.0, 100.0),
+    _row('work.contacts', _WORK.contacts,
+         'Share of the time in which it presses on something.', minimum=0.0, maximum=0.6),
+    _row('work.speed', _WORK.speed_rad_s, 'Its largest speed of rotation.',
+         'rad/s', 0.01, 10.0),
     _row('duty_cycle.start_s', _RUN.duty_start_s,
          'Ascending times at which the duty cycle of the motor changes.', 'simulated s', 0.0),
     _row('duty_cycle.level', _RUN.duty_level, 'Duty cycle from each of these times on.',
@@ -89,6 +102,18 @@ def run_settings(chosen: dict[str, Any]) -> RunSettings:
         force_n=chosen['load.force_n'],
         torque_nm=chosen['load.torque_nm'],
         load_period_s=chosen['load.period_s'],
+    )
+
+
+def work_settings(chosen: dict[str, Any]) -> WorkSettings | None:
+    """Translate the parameters of work; None for a robot that stands still."""
+    if chosen['work.tool_mass'] == 0:
+        return None
+    return WorkSettings(
+        tool_kg=chosen['work.tool_mass'],
+        part_kg=chosen['work.part_mass'],
+        contacts=chosen['work.contacts'],
+        speed_rad_s=chosen['work.speed'],
     )
 
 
@@ -124,6 +149,11 @@ class SimulatedSensor(Node):
         self._subscribers: list[int] = []
         self._subscribed_s = 0.0
         self._make_messages(chosen['frame_id'])
+        work = work_settings(chosen)
+        seeds = [chosen['seed'], chosen['run']]
+        self._robot = None
+        if work is not None:
+            self._robot = SimulatedRobot(work, seeds, self._raw, self._advertise)
         self._to_raw = self._advertise(WrenchStamped, 'wrench_raw')
         self._to_reference = self._advertise(WrenchStamped, 'wrench_reference')
         self._to_temperatures = [
@@ -180,16 +210,23 @@ class SimulatedSensor(Node):
         wrench_ns = self._wrenches.due(self._ran_s)
         temperature_ns = self._temperatures.due(self._ran_s)
         wrench_nodes_c, temperature_nodes_c = self._warm_up(wrench_ns, temperature_ns)
-        true = true_wrench(self._run, wrench_ns / NANOSECONDS)
+        elapsed_s = wrench_ns / NANOSECONDS
+        true = true_wrench(self._run, elapsed_s)
+        if self._robot is not None:
+            near_c = thermometer_temperatures(self._sensor, wrench_nodes_c)[:, 0]
+            true = self._robot.move(elapsed_s, near_c, true)
         ideal = measured_wrench(self._sensor, wrench_nodes_c, true)
         raw = digitised_wrench(self._sensor, ideal, self._wrench_rng)
         read = digitised_temperatures(self._sensor, temperature_nodes_c, self._temperature_rng)
         waiting = list(zip(temperature_ns.tolist(), read.tolist(), strict=True))[::-1]
         wrenches = zip(wrench_ns.tolist(), true.tolist(), raw.tolist(), strict=True)
-        for elapsed_ns, load, reading in wrenches:
+        for number, (elapsed_ns, load, reading) in enumerate(wrenches):
             while waiting and waiting[-1][0] <= elapsed_ns:
                 self._send_temperatures(*waiting.pop())
             self._send_wrench(self._to_reference, self._reference, elapsed_ns, load)
+            if self._robot is not None:
+                self._stamp(self._raw, elapsed_ns)
+                self._robot.send(number)
             self._send_wrench(self._to_raw, self._raw, elapsed_ns, reading)
         while waiting:
             self._send_temperatures(*waiting.pop())
@@ -255,7 +292,8 @@ the compensator on:
     -p load.force_n:=0.0 -p load.torque_nm:=0.0
 
 publishes  wrench_raw, wrench_reference (the true wrench), temperature, and
-           temperature_2
+           temperature_2; with -p work.tool_mass:=1.4 also imu, /tf, and
+           wrench_external_reference (what pushes on the tool)
 """
 
 

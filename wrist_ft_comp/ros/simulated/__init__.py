@@ -1,0 +1,1 @@
+"""What a simulated robot at work publishes beside its sensor."""

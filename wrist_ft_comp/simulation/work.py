@@ -1,0 +1,243 @@
+"""
+A robot at work: it moves from pose to pose, holds a tool, at times a part, and presses on things.
+
+What is drawn is one program of legs, each a motion and a rest; the robot repeats it for ever.
+Poses turn the sensor's frame into the world's, whose z points up.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from wrist_ft_comp.model.payload.weight import Payload
+from wrist_ft_comp.model.ranges import check_range
+from wrist_ft_comp.model.signals import AXES, FloatArray, GRAVITY, IntArray
+
+_LEGS = 200
+#: Legs in a row with a part in the gripper, and then without.
+_HELD_LEGS = 6
+#: Mean and least rest, s; reach of a motion, m; largest force on things, N.
+_REST_S, _LEAST_REST_S, _REACH_M, _MOST_N = 6.0, 1.0, 0.15, 60.0
+#: Where of a rest it presses; how long force rises and falls, s.
+_PRESSED, _RISE_S = (0.1, 0.9), 0.3
+#: Where the accelerometer sits in the sensor's frame, m.
+_IMU_M = np.array([0.005, 0.0, 0.026])
+
+
+@dataclass(frozen=True)
+class WorkSettings:
+    """
+    What a person chooses about a robot's work.
+
+    Attributes
+    ----------
+    tool_kg, part_kg : float
+        Mass of the tool, and of the part that it picks up and puts down again; 0 is none.
+    contacts : float
+        About the share of the time in which it presses on something, 0 to 0.6.
+    speed_rad_s : float
+        Largest speed of rotation.
+
+    """
+
+    tool_kg: float = 1.4
+    part_kg: float = 0.8
+    contacts: float = 0.15
+    speed_rad_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name in ('tool_kg', 'part_kg'):
+            check_range(name, getattr(self, name), 0.0, 100.0)
+        check_range('contacts', self.contacts, 0.0, 0.6)
+        check_range('speed_rad_s', self.speed_rad_s, 0.0, 10.0, above=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """
+    The program that a seed has drawn, L legs.
+
+    Attributes
+    ----------
+    payloads : tuple of Payload
+        What can be mounted: the tool, and the tool with the part.
+    begins_s : ndarray, shape (L + 1,)
+        When each leg begins, and the program ends.
+    moves_s : ndarray, shape (L,)
+        How long it moves in each.
+    poses, turns : Rotation (L,) and ndarray (L, 3)
+        Where it begins, and by what it turns in the sensor's frame, rad.
+    ways_m : ndarray, shape (L, 3)
+        Where it goes, in the world's frame.
+    held : ndarray of int, shape (L,)
+        Which payload is on.
+    pressed : ndarray, shape (L, 6)
+        What it presses with at rest, N and N m.
+
+    """
+
+    payloads: tuple[Payload, ...]
+    begins_s: FloatArray
+    moves_s: FloatArray
+    poses: Rotation
+    turns: FloatArray
+    ways_m: FloatArray
+    held: IntArray
+    pressed: FloatArray
+
+
+class Motion(NamedTuple):
+    """
+    What happens at n times, in the sensor's frame.
+
+    Attributes
+    ----------
+    pose : Rotation
+        Sensor's frame to the world's (n,).
+    force, omega, alpha : ndarrays, shape (n, 3)
+        Specific force, m/s², speed of rotation, rad/s, and its derivative.
+    weight, contact : ndarrays, shape (n, 6)
+        What the payload and what things push with, N and N m.
+
+    """
+
+    pose: Rotation
+    force: FloatArray
+    omega: FloatArray
+    alpha: FloatArray
+    weight: FloatArray
+    contact: FloatArray
+
+
+def draw_work(settings: WorkSettings, rng: np.random.Generator) -> Work:
+    """Draw payloads and a program."""
+    poses = Rotation.random(_LEGS, random_state=int(rng.integers(2**31)))
+    turns = (poses.inv() * poses[np.r_[1:_LEGS, 0]]).as_rotvec()
+    # The fastest moment of a smooth motion is 1.875 times its mean.
+    moves_s = 1.875 * np.linalg.norm(turns, axis=1) / settings.speed_rad_s + 0.5
+    rests_s = rng.exponential(_REST_S, _LEGS) + _LEAST_REST_S
+    pressing = (_PRESSED[1] - _PRESSED[0]) * rests_s.sum() / (moves_s.sum() + rests_s.sum())
+    direction = rng.normal(0, 0.4, (_LEGS, 3)) - [0, 0, 1]
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    force = direction * rng.uniform(0.1 * _MOST_N, _MOST_N, (_LEGS, 1))
+    lever = np.column_stack((rng.normal(0, 0.03, (_LEGS, 2)), rng.uniform(0.08, 0.2, _LEGS)))
+    touched = rng.random((_LEGS, 1)) < settings.contacts / pressing
+    part = settings.part_kg > 0
+    return Work(
+        payloads=_draw_payloads(settings, rng),
+        begins_s=np.concatenate(([0.0], np.cumsum(moves_s + rests_s))),
+        moves_s=moves_s,
+        poses=poses,
+        turns=turns,
+        ways_m=rng.normal(0, _REACH_M, (_LEGS, 3)),
+        held=np.arange(_LEGS) // _HELD_LEGS % 2 * part,
+        pressed=touched * np.concatenate((force, np.cross(lever, force)), axis=1),
+    )
+
+
+def _draw_payloads(settings: WorkSettings, rng: np.random.Generator) -> tuple[Payload, ...]:
+    """Draw where the centres of mass are: a tool, and the same with a part in it."""
+    tool = np.append(rng.normal(0, 0.02, 2), rng.uniform(0.04, 0.12))
+    part = np.append(rng.normal(0, 0.02, 2), rng.uniform(0.12, 0.2))
+    payloads = [Payload(settings.tool_kg, tool)]
+    if settings.part_kg:
+        both = settings.tool_kg + settings.part_kg
+        center = (settings.tool_kg * tool + settings.part_kg * part) / both
+        payloads.append(Payload(both, center))
+    return tuple(payloads)
+
+
+def move(work: Work, elapsed_s: FloatArray) -> Motion:
+    """Look up what a robot does at times (n,), s, since it began."""
+    time_s = elapsed_s % work.begins_s[-1]
+    leg = np.searchsorted(work.begins_s, time_s, side='right') - 1
+    since_s, moves_s = time_s - work.begins_s[leg], work.moves_s[leg, np.newaxis]
+    done, rate, bend = _smooth(np.minimum(since_s[:, np.newaxis] / moves_s, 1.0))
+    turn = work.turns[leg]
+    pose = work.poses[leg] * Rotation.from_rotvec(done * turn)
+    omega, alpha = turn * rate / moves_s, turn * bend / moves_s**2
+    pushed = work.ways_m[leg] * bend / moves_s**2 + [0.0, 0.0, GRAVITY]
+    force = pose.inv().apply(pushed)
+    weights = [each.weight(force + lever(omega, alpha, each.center_m)) for each in work.payloads]
+    return Motion(
+        pose,
+        force,
+        omega,
+        alpha,
+        np.choose(work.held[leg, np.newaxis], weights),
+        _press(work, leg, since_s),
+    )
+
+
+def _smooth(share: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Go from 0 to 1 without a jerk: the way, and its first and second derivatives."""
+    back = 1 - share
+    return (
+        share**3 * (10 - 15 * share + 6 * share**2),
+        30 * (share * back) ** 2,
+        60 * share * back * (1 - 2 * share),
+    )
+
+
+def lever(omega: FloatArray, alpha: FloatArray, at_m: FloatArray) -> FloatArray:
+    """Accelerate a point of the sensor's frame by rotation: α × r + ω × (ω × r), (n, 3)."""
+    return np.asarray(np.cross(alpha, at_m) + np.cross(omega, np.cross(omega, at_m)))
+
+
+def _press(work: Work, leg: IntArray, since_s: FloatArray) -> FloatArray:
+    """Press on things in the middle of rests, (n, 6)."""
+    rests_s = np.diff(work.begins_s) - work.moves_s
+    first_s = (work.moves_s + _PRESSED[0] * rests_s)[leg]
+    last_s = (work.moves_s + _PRESSED[1] * rests_s)[leg]
+    swell = np.clip(np.minimum(since_s - first_s, last_s - since_s) / _RISE_S, 0.0, 1.0)
+    return np.asarray(swell[:, np.newaxis] * work.pressed[leg])
+
+
+@dataclass(frozen=True, eq=False)
+class Accelerometer:
+    """
+    A real one, mounted crooked beside the sensor.
+
+    Attributes
+    ----------
+    rotation : Rotation
+        Its frame to the sensor's.
+    bias, scale, per_kelvin : ndarrays, shape (3,)
+        In its own axes, m/s², 1, and m/s² per kelvin from the first temperature on.
+    noise, gyroscope_noise : float
+        Standard deviations, m/s² and rad/s.
+
+    """
+
+    rotation: Rotation
+    bias: FloatArray
+    scale: FloatArray
+    per_kelvin: FloatArray
+    noise: float = 0.02
+    gyroscope_noise: float = 0.002
+
+
+def draw_accelerometer(rng: np.random.Generator) -> Accelerometer:
+    """Draw the accelerometer of a specimen: 3° off, 0.1 m/s², 0.5 % and 3 mm/s² per kelvin."""
+    crooked = rng.normal(0, 1, 3)
+    return Accelerometer(
+        Rotation.from_rotvec(np.deg2rad(3.0) * crooked / np.linalg.norm(crooked)),
+        bias=rng.normal(0, 0.1, 3),
+        scale=1 + 0.005 * rng.choice([-1.0, 1.0], 3),
+        per_kelvin=rng.normal(0, 0.003, 3),
+    )
+
+
+def read_imu(
+    imu: Accelerometer, motion: Motion, warm_k: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Read specific force, m/s², and speed of rotation, rad/s, (n, 6), so much warmer, K (n,)."""
+    felt = motion.force + lever(motion.omega, motion.alpha, _IMU_M)
+    own = imu.rotation.inv()
+    force = imu.scale * own.apply(felt) + imu.bias + warm_k[:, np.newaxis] * imu.per_kelvin
+    noise = np.repeat([imu.noise, imu.gyroscope_noise], 3)
+    read = np.concatenate((force, own.apply(motion.omega)), axis=1)
+    return np.asarray(read + rng.normal(0, noise, (len(read), len(AXES))))
