@@ -11,7 +11,7 @@ import pytest
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.bags import bag as bag_file
-from wrist_ft_comp.files.bags.bag import _backend, open_bag
+from wrist_ft_comp.files.bags.bag import _backend, Connection, open_bag
 from wrist_ft_comp.files.bags.bag_recording import read_bag
 from wrist_ft_comp.files.bags.installed import define_installed
 from wrist_ft_comp.files.cdr_fields import _CODES as CODES
@@ -289,12 +289,13 @@ def test_numbers_of_messages_of_both_byte_orders_are_read_together(driver, messa
 
 
 def topic_of(messages, kind):
-    """A topic as rosbags knows it, with its type's definition."""
+    """A topic of a bag, with its type's definition as rosbags knows it."""
     from rosbags import interfaces  # noqa: PLC0415 -- only who needs it
 
     text = messages.store.generate_msgdef(kind, ros_version=2)[0]
     definition = interfaces.MessageDefinition(interfaces.MessageDefinitionFormat.MSG, text)
-    return interfaces.Connection(1, '/a', kind, definition, '', 1, None, None)
+    native = interfaces.Connection(1, '/a', kind, definition, '', 1, None, None)
+    return Connection(1, '/a', kind, 1, native)
 
 
 def test_a_signalling_nan_is_no_number_and_no_warning(driver, messages):

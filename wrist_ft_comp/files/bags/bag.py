@@ -8,7 +8,7 @@ from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.cdr_fields import Definitions
@@ -21,28 +21,21 @@ BATCH = 20_000
 _Stream = TypeVar('_Stream')
 
 
-class Connection(Protocol):
+@dataclass(frozen=True, eq=False)
+class Connection:
     """A topic of a bag; where several publishers were told apart, one of its connections."""
 
-    @property
-    def id(self) -> int:  # noqa: A003 -- as rosbags names it
-        """Its number, which no other has."""
-
-    @property
-    def topic(self) -> str:
-        """The topic's name."""
-
-    @property
-    def msgtype(self) -> str:
-        """The type, such as ``std_msgs/msg/String``."""
-
-    @property
-    def msgcount(self) -> int:
-        """How many messages came."""
+    id: int  # noqa: A003 -- as rosbags names it
+    topic: str
+    #: Such as ``std_msgs/msg/String``.
+    msgtype: str
+    msgcount: int
+    #: What the backend knows of it.
+    native: Any
 
 
-#: Connection, time of arrival at the recorder in ns, bytes.
-Message = tuple[Connection, int, bytes]
+#: What has a connection's number as ``id``, time of arrival at the recorder in ns, bytes.
+Message = tuple[Any, int, bytes]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +51,9 @@ class Bag:
     #: When the first and the last message arrived, ns; meaningless without messages.
     span_ns: tuple[int, int]
     #: Gives the messages of given connections, from the beginning.
-    read: Callable[[Sequence[Any]], Iterator[Message]]
+    read: Callable[[Sequence[Connection]], Iterator[Message]]
     #: Gives the definition of a connection's type and of all it is made of.
-    define: Callable[[Any], Definitions]
+    define: Callable[[Connection], Definitions]
     #: What was lost.
     warnings: tuple[str, ...] = ()
 
@@ -89,23 +82,15 @@ class Bag:
         Gives times of arrival, ns, and bytes.
         """
         wanted = [c for c in self.connections if c.id in streams]
-        total, seen = sum(connection.msgcount for connection in wanted), 0
-        found = self.read(wanted)
-        while True:
+        for batch in self.batches(wanted, progress):
             groups: dict[int, tuple[list[int], list[bytes]]] = {c.id: ([], []) for c in wanted}
-            with translated(self.name):
-                for connection, time_ns, data in islice(found, BATCH):
-                    times_ns, messages = groups[connection.id]
-                    times_ns.append(time_ns)
-                    messages.append(data)
-            if not any(times_ns for times_ns, _ in groups.values()):
-                return
+            for connection, time_ns, data in batch:
+                times_ns, messages = groups[connection.id]
+                times_ns.append(time_ns)
+                messages.append(data)
             for number, stream in list(streams.items()):
                 if groups[number][0]:
                     yield stream, *groups[number]
-            seen += BATCH
-            if progress:
-                progress(min(seen / max(total, 1), 1.0))
 
     def first(self, connection: Connection) -> bytes | None:
         """Read the first message of a connection; None when there is none."""
@@ -153,7 +138,7 @@ class BagWriter:
     """A bag being written."""
 
     #: Given a connection of the bag that is copied, and a name, makes a topic of its type.
-    add: Callable[[Any, str], Any]
+    add: Callable[[Connection, str], Any]
     #: Given what ``add`` returned, the time of arrival in ns, and bytes, writes a message.
     write: Callable[[Any, int, bytes], None]
 

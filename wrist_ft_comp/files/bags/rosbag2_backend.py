@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, ExitStack
-from dataclasses import dataclass
 import errno
 from functools import partial
 from pathlib import Path
@@ -11,23 +10,11 @@ from typing import Any
 import rosbag2_py
 import yaml
 
-from wrist_ft_comp.files.bags.bag import Bag, BagWriter, Message
+from wrist_ft_comp.files.bags.bag import Bag, BagWriter, Connection, Message
 from wrist_ft_comp.files.bags.installed import define_installed
 
 #: rosbag2 drops messages that wait for compression when there are more than this.
 _QUEUE = 1 << 40
-
-
-@dataclass(frozen=True)
-class _Topic:
-    """A topic of a bag."""
-
-    id: int  # noqa: A003 -- as rosbags names it
-    topic: str
-    msgtype: str
-    msgcount: int
-    #: What rosbag2_py knows of it.
-    metadata: Any
 
 
 def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
@@ -40,7 +27,7 @@ def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
         each.topic_metadata.name: each.message_count for each in metadata.topics_with_message_count
     }
     topics = {
-        each.name: _Topic(number, each.name, each.type, counts.get(each.name, 0), each)
+        each.name: Connection(number, each.name, each.type, counts.get(each.name, 0), each)
         for number, each in enumerate(reader.get_all_topics_and_types())
     }
     begin_ns = metadata.starting_time.nanoseconds
@@ -79,7 +66,7 @@ def _close(reader_or_writer: Any) -> None:
 
 
 def _read(
-    chosen: Path, compression: str, topics: dict[str, _Topic], wanted: Sequence[_Topic]
+    chosen: Path, compression: str, topics: dict[str, Connection], wanted: Sequence[Connection]
 ) -> Iterator[Message]:
     """Read the messages of some topics, from the beginning."""
     if not wanted:
@@ -122,9 +109,9 @@ def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
         writers.clear()
 
 
-def _add_topic(writer: Any, like: _Topic, topic: str) -> str:
+def _add_topic(writer: Any, like: Connection, topic: str) -> str:
     """Add a topic with the type, hash and quality of service of another."""
-    known = like.metadata
+    known = like.native
     writer.create_topic(
         rosbag2_py.TopicMetadata(
             id=0,

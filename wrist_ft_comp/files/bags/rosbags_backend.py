@@ -1,14 +1,14 @@
 """Bags by rosbags, which needs no ROS and takes definitions from the bag itself."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, ExitStack, suppress
 import errno
 from functools import partial
 from pathlib import Path
 import sqlite3
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat, Nodetype
+from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat, Nodetype
 from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.rosbag2 import (
     CompressionFormat,
@@ -22,7 +22,7 @@ from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files.bags.bag import Bag, BagWriter
+from wrist_ft_comp.files.bags.bag import Bag, BagWriter, Connection, Message
 from wrist_ft_comp.files.bags.installed import define_installed
 from wrist_ft_comp.files.cdr_fields import Definitions, FieldType, SEQUENCE
 
@@ -49,11 +49,21 @@ def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
         name=name,
         storage='mcap' if isinstance(storages[0], McapReader) else 'sqlite3',
         compression=reader.compression_mode or '',
-        connections=tuple(reader.connections),
+        connections=_connections(reader.connections),
         span_ns=(reader.start_time, reader.end_time - 1),  # rosbags' end is exclusive
-        read=reader.messages,
+        read=partial(_read, reader.messages),
         define=_define,
     )
+
+
+def _connections(found: Iterable[Any]) -> tuple[Connection, ...]:
+    """Describe connections as this package does."""
+    return tuple(Connection(c.id, c.topic, c.msgtype, c.msgcount, c) for c in found)
+
+
+def _read(messages: Callable[[Any], Any], wanted: Sequence[Connection]) -> Iterator[Message]:
+    """Read the messages of some connections."""
+    return iter(messages([each.native for each in wanted]))
 
 
 def _cut_mcap(chosen: Path) -> Path | None:
@@ -82,6 +92,7 @@ def _salvage(name: str, path: Path, stack: ExitStack) -> Bag:
             "Record again, or try 'mcap recover'."
         )
     counts = statistics.channel_message_counts
+    counted = [c._replace(msgcount=counts.get(c.id, 0)) for c in reader.connections]
     lost = (
         f'{name} is cut off: {statistics.message_count} messages could be read, and the last '
         f'{path.stat().st_size - reader.data_end} bytes could not. The recorder was probably '
@@ -91,9 +102,9 @@ def _salvage(name: str, path: Path, stack: ExitStack) -> Bag:
         name=name,
         storage='mcap',
         compression='',
-        connections=tuple(c._replace(msgcount=counts.get(c.id, 0)) for c in reader.connections),
+        connections=_connections(counted),
         span_ns=(statistics.start_time, statistics.end_time),
-        read=reader.messages_scan,
+        read=partial(_read, reader.messages_scan),
         define=_define,
         warnings=(lost,),
     )
@@ -124,17 +135,17 @@ def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
         raise OSError(errno.EIO, str(error)) from error
 
 
-def _add_topic(writer: Writer, like: Connection, topic: str) -> Connection:
+def _add_topic(writer: Writer, like: Connection, topic: str) -> Any:
     """Add a topic with the type, definition and quality of service of another."""
-    text, digest = _described(like)
-    extra = like.ext
+    text, digest = _described(like.native)
+    extra = like.native.ext
     qos = extra.offered_qos_profiles if isinstance(extra, ConnectionExtRosbag2) else []
     return writer.add_connection(
         topic, like.msgtype, msgdef=text, rihs01=digest, offered_qos_profiles=qos
     )
 
 
-def _described(connection: Connection) -> tuple[str, str]:
+def _described(connection: Any) -> tuple[str, str]:
     """Find a topic's message definition and its hash, which older and bare bags lack."""
     kind, text = connection.msgtype, connection.msgdef.data
     digest = connection.digest
@@ -149,7 +160,7 @@ def _described(connection: Connection) -> tuple[str, str]:
     return text, digest or f'RIHS01_{0:064}'
 
 
-def _parse(connection: Connection) -> Typesdict:
+def _parse(connection: Any) -> Typesdict:
     """Parse the definition that the bag carries of a topic's type; empty where it has none."""
     text = connection.msgdef.data
     if connection.msgdef.format is MessageDefinitionFormat.IDL:
@@ -161,7 +172,7 @@ def _define(connection: Connection) -> Definitions:
     """Collect definitions: the bag's own, and else those of ROS 2 Jazzy, or what is installed."""
     types = dict(get_typestore(Stores.ROS2_JAZZY).fielddefs)
     with suppress(Exception):  # a text that is no definition is none
-        types.update(_parse(connection))
+        types.update(_parse(connection.native))
     if connection.msgtype not in types:
         return define_installed(connection)
     return {
