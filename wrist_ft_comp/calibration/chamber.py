@@ -31,31 +31,17 @@ _COLUMN = AXES.index('force_z')
 
 @dataclass(frozen=True, eq=False)
 class ChamberTable:
-    """
-    A table of outputs, temperatures in the order in which they were visited.
-
-    Attributes
-    ----------
-    name : str
-        Where it came from, for messages.
-    temperatures_c : ndarray, shape (P,)
-        Chamber temperatures, °C.
-    load : ndarray, shape (S,)
-        Load at each step, in load_unit; the first step is without load.
-    load_unit : str
-        Such as ``kpa``.
-    output : ndarray, shape (S, P)
-        The sensor's output; the table's own unit.
-    left_out : tuple of (float, str)
-        Temperatures whose column was left out, °C, each with the reason.
-
-    """
+    """A table of outputs, temperatures in the order in which they were visited."""
 
     name: str
+    #: Chamber temperatures, °C, shape (P,).
     temperatures_c: FloatArray
+    #: At each step, in load_unit such as ``kpa``, shape (S,); the first step is without load.
     load: FloatArray
     load_unit: str
+    #: In the table's own unit, shape (S, P).
     output: FloatArray
+    #: Temperatures whose column was left out, °C, each with the reason.
     left_out: tuple[tuple[float, str], ...] = ()
 
     def __post_init__(self) -> None:

@@ -57,28 +57,19 @@ class HeldOut:
 
     Both errors are counted from the first minute of the fold, as if the sensor had been tared in
     it, or, for plateaus of a chamber test, from the mean of the other plateaus.
-
-    Attributes
-    ----------
-    recording, fold : ndarray of int
-        Which recording, counted from 0, and which fold was held out.
-    cell : ndarray
-        Mean number of the bin's cells, counted from the recording's first.
-    before, after : ndarray
-        Without compensation, and of the chosen candidate fitted to the other folds, N or N m.
-    bin_s : float
-        Length of a bin, s.
-    tared : bool
-        Whether they are counted from the fold's first minute.
-
     """
 
+    #: Which recording, counted from 0, and which fold was held out.
     recording: IntArray
     fold: IntArray
+    #: Mean number of the bin's cells, counted from the recording's first.
     cell: FloatArray
+    #: Without compensation, and of the chosen candidate fitted to the other folds, N or N m.
     before: FloatArray
     after: FloatArray
+    #: Length of a bin, s.
     bin_s: float
+    #: Whether they are counted from the fold's first minute.
     tared: bool
 
 
@@ -94,53 +85,33 @@ def rms_by_fold(held_out: HeldOut) -> FoldErrors:
 
 @dataclass(frozen=True, eq=False)
 class AxisFit:
-    """
-    What was found for one axis.
+    """What was found for one axis."""
 
-    Attributes
-    ----------
-    model : AxisModel or None
-        None is "no compensation".
-    chosen : str
-        Name of the winning candidate.
-    candidates : tuple of Candidate
-        All that were tried, simplest first.
-    rms_before, rms_after : float
-        Held-out root mean square error without and with compensation, in the unit.
-    time_constants_s : tuple of float
-        Of the model's relaxations, increasing, s.
-    notes : tuple of str
-        What had to be mended, and what could not be learnt.
-    reason : str
-        Why this candidate, in a sentence with its numbers.
-    time_constant_errors_s : tuple of float
-        Standard errors of the time constants, s; NaN where they were not searched.
-    terms : tuple of Term
-        Gains with standard errors, where the method determines them one by one.
-    doubts : tuple of str
-        What a person should be warned of, such as better candidates that could not be trusted.
-    refusal : str
-        Why this axis could not be learnt although it drifts; empty when it was.
-    held_out : HeldOut or None
-        The errors behind rms_before and rms_after, for pictures.
-    unit : str
-        N, N m, or what the recordings are in.
-
-    """
-
+    #: None is "no compensation".
     model: AxisModel | None
+    #: The winning candidate; and all that were tried, simplest first.
     chosen: str
     candidates: tuple[Candidate, ...]
+    #: Held-out root mean square error without and with compensation, in the unit.
     rms_before: float
     rms_after: float
+    #: Of the model's relaxations, increasing, s.
     time_constants_s: tuple[float, ...] = ()
+    #: What had to be mended, and what could not be learnt.
     notes: tuple[str, ...] = ()
+    #: Why this candidate, in a sentence with its numbers.
     reason: str = ''
+    #: Standard errors, s; NaN where they were not searched.
     time_constant_errors_s: tuple[float, ...] = ()
+    #: Gains with standard errors, where the method determines them one by one.
     terms: tuple[Term, ...] = ()
+    #: What a person should be warned of, such as better candidates that could not be trusted.
     doubts: tuple[str, ...] = ()
+    #: Why this axis could not be learnt although it drifts; empty when it was.
     refusal: str = ''
+    #: The errors behind rms_before and rms_after, for pictures.
     held_out: HeldOut | None = None
+    #: N, N m, or what the recordings are in.
     unit: str = ''
 
     @property

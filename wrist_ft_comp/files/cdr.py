@@ -70,23 +70,9 @@ def locate(data: bytes, count: int) -> Layout:
     """
     Find out where the parts of a message lie, checking that it is such a message.
 
-    Parameters
-    ----------
-    data : bytes
-        One serialized message, with its 4-byte encapsulation header.
-    count : int
-        How many doubles follow the header: 6 for a WrenchStamped, 2 for a Temperature.
-
-    Returns
-    -------
-    Layout
-        It decodes and encodes this message; the same one for all that are laid out alike.
-
-    Raises
-    ------
-    RecordingError
-        When the bytes are no such message; it names neither file nor topic.
-
+    It is serialized, with its 4-byte encapsulation header, and so many doubles follow its header.
+    All that are laid out alike share one layout. RecordingError, which names neither file nor
+    topic, when the bytes are no such message.
     """
     return _layout(len(data), data[:2], data[12:_FRAME], count)
 

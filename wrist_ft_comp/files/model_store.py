@@ -27,15 +27,7 @@ _MAX_LIST_CHARACTERS = 200_000
 
 
 class ModelStore:
-    """
-    A node's folder.
-
-    Parameters
-    ----------
-    directory : Path
-        Made when something is first written.
-
-    """
+    """A node's folder, which is made when something is first written."""
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory

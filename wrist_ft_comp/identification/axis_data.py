@@ -33,39 +33,25 @@ FOLDS = 5
 
 @dataclass(frozen=True, eq=False)
 class AxisData:
-    """
-    One axis over several recordings.
-
-    Attributes
-    ----------
-    axis, unit : str
-        Its name, and N, N m, or what its recordings are in.
-    period_s : float
-        Cell length h, s.
-    temperature_c : tuple of ndarrays, shape (N_i, J)
-        Held temperatures of each recording, °C.
-    residual : tuple of ndarrays, shape (N_i,)
-        r - w, N or N m; NaN where there is no sample, or where it is held out.
-    load : tuple of ndarrays, shape (N_i,), or None
-        w, N or N m; None when sensitivity drift is not to be learnt.
-    folds : tuple of ndarrays of int, shape (N_i,)
-        Number of the cross-validation fold of each cell.
-    no_sensitivity : str
-        Why sensitivity drift is not learnt; empty when it is.
-    tared : bool
-        Whether a held-out fold has a constant of its own, because taring removes it. Plateaus of
-        a chamber test keep the constant of the others: their difference is the drift.
-
-    """
+    """One axis over several recordings: tuples hold an array for each of them."""
 
     axis: str
+    #: N, N m, or what its recordings are in.
     unit: str
+    #: Cell length h, s.
     period_s: float
+    #: Held temperatures, °C, shape (N_i, J).
     temperature_c: tuple[FloatArray, ...]
+    #: r - w, shape (N_i,); NaN where there is no sample, or where it is held out.
     residual: tuple[FloatArray, ...]
+    #: w, shape (N_i,); None when sensitivity drift is not to be learnt.
     load: tuple[FloatArray, ...] | None
+    #: Number of the cross-validation fold of each cell, shape (N_i,).
     folds: tuple[IntArray, ...]
+    #: Why sensitivity drift is not learnt; empty when it is.
     no_sensitivity: str = ''
+    #: Whether a held-out fold has a constant of its own, because taring removes it. Plateaus of
+    #: a chamber test keep the constant of the others: their difference is the drift.
     tared: bool = True
 
     @property

@@ -24,38 +24,24 @@ class Moments:
     Sums over the samples of every fold: B entries, of P columns and, last, r - w.
 
     What no temperature has to explain are N nuisances with a prior, the first of them a one.
-
-    Attributes
-    ----------
-    time_constants_s : ndarray, shape (K,)
-        Grid of τ, s; the first is 0 (static).
-    products : ndarray, shape (B, P + 1, P + 1)
-        Sums of products of the columns.
-    nuisance_products : ndarray, shape (B, N, P + 1)
-        Sums of products of the nuisances with the columns.
-    nuisance_gram : ndarray, shape (B, N, N)
-        Sums of products of the nuisances.
-    precision : ndarray, shape (N,)
-        Prior precision of the nuisances, over that of all cells of a recording.
-    recording : ndarray of int, shape (B,)
-        Recording of each entry: entries of one share their nuisances.
-    fold : ndarray of int, shape (B,)
-        Cross-validation fold of each entry; a fold may have several entries.
-    inputs : int
-        F, number of features.
-    loaded : bool
-        Whether the columns are doubled by the load, and the load itself is a column.
-
     """
 
+    #: Grid of τ, s, shape (K,); the first is 0 (static).
     time_constants_s: FloatArray
+    #: Sums of products of the columns, shape (B, P + 1, P + 1).
     products: FloatArray
+    #: … of the nuisances with the columns, (B, N, P + 1), and with themselves, (B, N, N).
     nuisance_products: FloatArray
     nuisance_gram: FloatArray
+    #: Prior precision of the nuisances, over that of all cells of a recording, shape (N,).
     precision: FloatArray
+    #: Recording and fold of each entry, shape (B,): entries of one recording share their
+    #: nuisances, and a fold may have several entries.
     recording: IntArray
     fold: IntArray
+    #: F, number of features.
     inputs: int
+    #: Whether the columns are doubled by the load, and the load itself is a column.
     loaded: bool
 
     @property

@@ -24,28 +24,16 @@ _MAX_ITERATIONS = 2000
 
 @dataclass(frozen=True, eq=False)
 class Pls:
-    """
-    A fitted outer model with R latents, F inputs and M outputs.
+    """A fitted outer model with R latents, F inputs and M outputs."""
 
-    Attributes
-    ----------
-    weights : ndarray, shape (F, R)
-        W, columns of length 1.
-    loadings : ndarray, shape (F, R)
-        P.
-    inner : ndarray, shape (R,)
-        Diagonal of B (eq. 9).
-    output_loadings : ndarray, shape (M, R)
-        Q, columns of length 1.
-    scores : ndarray, shape (N, R)
-        T of the data that were fitted.
-
-    """
-
+    #: W, columns of length 1, and P, shapes (F, R).
     weights: FloatArray
     loadings: FloatArray
+    #: Diagonal of B (eq. 9), shape (R,).
     inner: FloatArray
+    #: Q, columns of length 1, shape (M, R).
     output_loadings: FloatArray
+    #: T of the data that were fitted, shape (N, R).
     scores: FloatArray
 
     @property

@@ -67,29 +67,16 @@ class VarPro:
 
         columns of moments: [ X_1 … X_K | D_1 … D_K | w X … | w D … | w | r - w ]
         seen as:            [ the p columns that explain | X's change with each log τ | r - w ]
-
-    Attributes
-    ----------
-    moments : Moments
-        As drawn.
-    columns : ndarray of int, shape (p,)
-        Those that explain.
-    gains : ndarray, shape (p,)
-        Their coefficients.
-    rss : float
-        Sum of squares of what they leave.
-    gradient : ndarray, shape (K,)
-        Its derivative by each log τ.
-    derivative : ndarray, shape (K, P + 1)
-        What each log τ changes, as a combination of the columns of moments.
-
     """
 
     moments: Moments
+    #: Those that explain, and their coefficients, shape (p,).
     columns: IntArray
     gains: FloatArray
+    #: Sum of squares of what they leave, and its derivative by each log τ, shape (K,).
     rss: float
     gradient: FloatArray
+    #: What each log τ changes, as a combination of the columns of moments, shape (K, P + 1).
     derivative: FloatArray
 
     @property

@@ -248,31 +248,11 @@ def grid_samples(
     max_bad_share: float = 0.01,
 ) -> Recording:
     """
-    Average blocks of samples onto the thermal grid: GridBuilder in one call.
+    Average blocks of samples, those of a channel in order of time, onto the thermal grid.
 
-    Parameters
-    ----------
-    blocks : iterable of Samples
-        Blocks of the same channels in order of time.
-    name : str
-        Where they come from, for messages.
-    period_s : float
-        Cell length h, s.
-    max_bad_share : float
-        Largest share of samples of a channel, 0 to 1, that may be unusable (not finite, or a
-        stamp that does not increase). They are dropped and reported; beyond it, it refuses.
-
-    Returns
-    -------
-    Recording
-        On the grid, from the first cell by whose end all thermometers have reported.
-
-    Raises
-    ------
-    RecordingError
-        When a thermometer or every axis is missing, too many samples are unusable, or the stamps
-        span more cells than any recording has.
-
+    Cells last period_s. Up to a share of a channel's samples may be unusable (not finite, or a
+    stamp that does not increase): they are dropped and reported. RecordingError when there are
+    more, a thermometer or every axis is missing, or the stamps span more than any recording.
     """
     builder = GridBuilder(name, period_s, max_bad_share)
     for block in blocks:

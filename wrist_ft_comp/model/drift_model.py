@@ -147,22 +147,9 @@ def step(
     model: DriftModel, state: DriftState, temperature_c: FloatArray
 ) -> tuple[DriftState, Drift]:
     """
-    Advance the drift by one thermal cell.
+    Advance the drift by one thermal cell of mean temperatures, °C, shape (J,).
 
-    Parameters
-    ----------
-    model : DriftModel
-        The model.
-    state : DriftState
-        From start or the last step; not modified.
-    temperature_c : ndarray, shape (J,)
-        Mean temperatures of the cell, °C.
-
-    Returns
-    -------
-    tuple of DriftState and Drift
-        New state, and the drift of the cell, arrays of shape (6,).
-
+    The state is from start or the last step, and is not modified; arrays of the drift are (6,).
     """
     after: dict[str, FloatArray] = {}
     drift = no_drift()

@@ -21,25 +21,9 @@ class DriftTrack(NamedTuple):
 
 def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
     """
-    Run the model freely over a recording, from the steady state of its first cells.
+    Run the model freely over a recording, from the steady state of its first cells: (N, 6).
 
-    Parameters
-    ----------
-    model : DriftModel
-        The model.
-    recording : Recording
-        On the model's thermal grid.
-
-    Returns
-    -------
-    Drift
-        Of every cell, arrays of shape (N, 6).
-
-    Raises
-    ------
-    RecordingError
-        When thermometers or thermal period differ.
-
+    RecordingError when thermometers or thermal period differ.
     """
     if recording.thermometers != model.thermometers:
         raise RecordingError(
@@ -73,26 +57,7 @@ def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:
 def correct_many(
     track: DriftTrack, stamps_ns: IntArray, raw: FloatArray, tare: FloatArray | float = 0.0
 ) -> FloatArray:
-    """
-    Correct a block of wrenches.
-
-    Parameters
-    ----------
-    track : DriftTrack
-        From track_drift.
-    stamps_ns : ndarray of int64, shape (n,)
-        Stamps, ns.
-    raw : ndarray, shape (n, 6)
-        Raw wrenches, N and N m.
-    tare : ndarray, shape (6,), optional
-        Raw offset to subtract, N and N m.
-
-    Returns
-    -------
-    ndarray, shape (n, 6)
-        Compensated wrenches ŵ.
-
-    """
+    """Correct a block of wrenches, N and N m, (n, 6), of stamps, ns, (n,), by drift and tare."""
     # Relative to the first stamp, so that nanoseconds since 1970 keep their precision as floats.
     origin = track.stamps_ns[0]
     at, knots = stamps_ns - origin, track.stamps_ns - origin
@@ -104,24 +69,7 @@ def correct_many(
 
 
 def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> FloatArray:
-    """
-    Tare on the first, unloaded seconds of a recording.
-
-    Parameters
-    ----------
-    model : DriftModel
-        The model.
-    recording : Recording
-        On the model's thermal grid.
-    tare_s : float
-        How long, s, from each axis' first wrench; 0 gives no tare.
-
-    Returns
-    -------
-    ndarray, shape (6,)
-        Raw offset, N and N m.
-
-    """
+    """Tare on the first, unloaded seconds of each axis, N and N m, (6,); 0 s gives no tare."""
     if tare_s == 0:
         return np.zeros(len(AXES))
     unloaded = np.zeros_like(recording.wrench)

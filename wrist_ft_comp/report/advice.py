@@ -25,28 +25,10 @@ def what_to_record_next(  # noqa: PLR0913 -- what a calibration knows, each a pl
     chamber: bool = False,
 ) -> list[str]:
     """
-    Say what another recording should hold.
+    Say what another recording should hold, after ones of some durations and levels by axis.
 
-    Parameters
-    ----------
-    coverage : Coverage
-        What was seen.
-    levels : mapping of str to {'good', 'weak', 'harmful', 'uncalibrated'}
-        By axis.
-    reference : {'unloaded', 'constant', 'recorded'}
-        What the true wrench was.
-    durations_s : sequence of float
-        Of the recordings, s.
-    slowest_s : float
-        Slowest time constant that was found, s; 0 when there is none.
-    chamber : bool
-        Whether temperatures were held at plateaus, so that heat has but one source and no way.
-
-    Returns
-    -------
-    list of str
-        Sentences.
-
+    Without a time constant that was found the slowest is 0. In a chamber, temperatures were held
+    at plateaus, so that heat had but one source and no way.
     """
     advice = [*_temperatures(coverage)]
     if not chamber:
@@ -69,22 +51,7 @@ def what_to_record_next(  # noqa: PLR0913 -- what a calibration knows, each a pl
 
 
 def what_was_not_learnt(coverage: Coverage, learnt_c: Sequence[tuple[float, float]]) -> str:
-    """
-    Say where a recording went that the model does not know.
-
-    Parameters
-    ----------
-    coverage : Coverage
-        What the recording has seen.
-    learnt_c : sequence of (float, float)
-        Lowest and highest temperature of each thermometer that the model was learnt from, °C.
-
-    Returns
-    -------
-    str
-        A sentence or two.
-
-    """
+    """Say where a recording left the ranges, °C, that a model's thermometers were learnt at."""
     outside = [
         f'thermometer {number + 1}'
         for number, (seen, known) in enumerate(zip(coverage.range_c, learnt_c, strict=True))

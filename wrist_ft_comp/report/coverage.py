@@ -49,18 +49,9 @@ class Coverage:
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
     """
-    Count what recordings have seen.
+    Count what recordings have seen, all together.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        At least one, all with the same thermometers; one of them holds a wrench.
-
-    Returns
-    -------
-    Coverage
-        Of all of them together.
-
+    They have the same thermometers, and one of them holds a wrench.
     """
     cells = [_cells_with_wrench(recording) for recording in recordings]
     pairs = list(zip(recordings, cells, strict=True))

@@ -56,27 +56,9 @@ def tared_errors(
     """
     Subtract the reference from raw and compensated means of cells, both tared.
 
-    Parameters
-    ----------
-    model : DriftModel
-        The model.
-    recording : Recording
-        On the model's thermal grid.
-    reference : {'unloaded', 'constant', 'recorded'}
-        What the true wrench was; the first two compare with zero after taring.
-    tare_s : float
-        Both are tared on the first seconds that hold wrenches, s.
-
-    Returns
-    -------
-    TaredErrors
-        Of every cell.
-
-    Raises
-    ------
-    RecordingError
-        When the recording does not fit the model, or holds nothing to compare with.
-
+    They are tared on the first seconds that hold wrenches; without a recorded reference they are
+    compared with zero. RecordingError when the recording does not fit the model, or holds nothing
+    to compare with.
     """
     simulated = simulate_drift(model, recording)
     true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
@@ -93,20 +75,7 @@ def tared_errors(
 
 
 def judge_errors(recordings: Sequence[TaredErrors]) -> dict[str, AxisEvaluation]:
-    """
-    Put the errors of recordings into figures: all cells alike in which both are known.
-
-    Parameters
-    ----------
-    recordings : sequence of TaredErrors
-        From tared_errors, at least one.
-
-    Returns
-    -------
-    dict of str to AxisEvaluation
-        By axis, those that any recording has.
-
-    """
+    """Put errors into figures by axis, those that any recording has: all cells alike."""
     before, after = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
     judged = {}
     for column, axis in enumerate(AXES):

@@ -21,22 +21,7 @@ _HARD = 1.5
 def calibration_verdicts(
     calibration: Calibration, recordings: Sequence[Recording]
 ) -> dict[str, Verdict]:
-    """
-    Judge every axis of a calibration by its held-out errors.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        From calibrate.
-    recordings : sequence of Recording
-        What it was made from.
-
-    Returns
-    -------
-    dict of str to Verdict
-        By axis.
-
-    """
+    """Judge every axis of a calibration, from these recordings, by its held-out errors."""
     longest_s = max(recording.duration_s for recording in recordings)
     return {axis: judge(_evidence(fit, longest_s)) for axis, fit in calibration.fits.items()}
 
@@ -48,28 +33,7 @@ def calibration_view(
     reference: Reference,
     tables: Mapping[str, Mapping[str, ChamberFigures]] | None = None,
 ) -> ReportView:
-    """
-    Fill a report's view from a calibration.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        From calibrate.
-    recordings : sequence of Recording
-        What it was made from.
-    stored : StoredModel
-        The model as it was saved.
-    reference : {'unloaded', 'constant', 'recorded'}
-        What the true wrench was.
-    tables : mapping, optional
-        Figures of chamber tables, by name, then by title.
-
-    Returns
-    -------
-    ReportView
-        Ready to be written.
-
-    """
+    """Fill a report's view; figures of chamber tables go by name, then by title."""
     fits = calibration.fits
     coverage = cover(recordings)
     durations_s = [recording.duration_s for recording in recordings]

@@ -39,27 +39,9 @@ def evaluation_view(
     stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float
 ) -> ReportView:
     """
-    Fill a report's view from an evaluation.
+    Fill a report's view from an evaluation, tared for some seconds.
 
-    Parameters
-    ----------
-    stored : StoredModel
-        The model.
-    evaluated : sequence of EvaluatedRecording
-        At least one.
-    tare_s : float
-        How long they were tared, s.
-
-    Returns
-    -------
-    ReportView
-        Ready to be written.
-
-    Raises
-    ------
-    RecordingError
-        When a recording is in another unit than the others.
-
+    RecordingError when a recording is in another unit than the others.
     """
     recordings = [each.recording for each in evaluated]
     if len({recording.unit for recording in recordings}) > 1:

@@ -18,20 +18,7 @@ _UNITS = re.compile(r'(?<=\d) (?=(?:N m|N|°C|K|%|h|min|s)(?!\w))|(?<=N) (?=m)')
 
 
 def page(view: ReportView) -> str:
-    """
-    Write the page as text.
-
-    Parameters
-    ----------
-    view : ReportView
-        Its content.
-
-    Returns
-    -------
-    str
-        HTML that loads nothing and runs nothing.
-
-    """
+    """Write the page: HTML that loads nothing and runs nothing."""
     template = _environment().get_template('report.html.j2')
     return template.render(view=view, headline=headline(view))
 

@@ -116,20 +116,8 @@ def svg_text(figure: Figure, name: str, description: str) -> str:
     """
     Turn a picture into SVG that can stand inside a page, beside others, in the page's colours.
 
-    Parameters
-    ----------
-    figure : Figure
-        What to show.
-    name : str
-        Letters and digits, put before every id; each picture of a page needs another one.
-    description : str
-        What it shows, for those who can't see it.
-
-    Returns
-    -------
-    str
-        From ``<svg`` on; the same figure gives the same text.
-
+    The name, letters and digits, is put before every id, so each picture of a page needs another
+    one; the description is for those who can't see it. The same figure gives the same text.
     """
     FigureCanvasSVG(figure)
     buffer = StringIO()
@@ -225,22 +213,7 @@ class TemperatureSeries(NamedTuple):
 
 
 def draw_drift(axes: Sequence[DriftSeries], temperatures: Sequence[TemperatureSeries]) -> Figure:
-    """
-    Draw every axis over time, without and with compensation, above the temperatures.
-
-    Parameters
-    ----------
-    axes : sequence of DriftSeries
-        One panel each, two beside each other.
-    temperatures : sequence of TemperatureSeries
-        The last panel.
-
-    Returns
-    -------
-    Figure
-        For png_bytes.
-
-    """
+    """Draw every axis over time, without and with compensation, above the temperatures."""
     rows = -(-len(axes) // 2) + 1
     figure = Figure(figsize=(10.0, 2.2 * rows), layout='constrained')
     grid = figure.add_gridspec(rows, 2)

@@ -68,22 +68,9 @@ def start(sensor: FtSensor, room_c: float) -> FloatArray:
 
 def trajectory(sensor: FtSensor, nodes_c: FloatArray, drive: FloatArray) -> FloatArray:
     """
-    Let heat flow, step by step.
+    Let heat flow from node temperatures, (M,), step by step: (N + 1, M), °C, the first included.
 
-    Parameters
-    ----------
-    sensor : FtSensor
-        A specimen.
-    nodes_c : ndarray, shape (M,)
-        Node temperatures before the first step, °C.
-    drive : ndarray, shape (N, 2)
-        Duty cycle (0 to 1) and room temperature (°C) during each step.
-
-    Returns
-    -------
-    ndarray, shape (N + 1, M)
-        Node temperatures before each step, and behind the last one, °C.
-
+    What drives it, (N, 2), is duty cycle, 0 to 1, and room temperature, °C, during each step.
     """
     warming = drive @ sensor.heat.step_inputs.T
     states_c = np.empty((len(drive) + 1, len(nodes_c)))
@@ -130,27 +117,10 @@ def simulate(
     noise: tuple[np.random.Generator, np.random.Generator],
 ) -> SimulatedRun:
     """
-    Let heat flow and read the sensor at every step.
+    Let heat flow as ``trajectory``, and read the sensor under true wrenches, (N, 6), at each step.
 
-    Parameters
-    ----------
-    sensor : FtSensor
-        A specimen.
-    nodes_c : ndarray, shape (M,)
-        Node temperatures at the first reading, °C.
-    drive : ndarray, shape (N, 2)
-        Duty cycle (0 to 1) and room temperature (°C) during each step.
-    wrench : ndarray, shape (N, 6)
-        True wrench, N and N m, axis order AXES.
-    noise : tuple of two numpy.random.Generator
-        Sources of the wrench's and of the thermometers' noise, moved on; two, so that both
-        streams equal those of single steps.
-
-    Returns
-    -------
-    SimulatedRun
-        Readings, and the state behind the last step.
-
+    Noise comes from two sources, the wrench's and the thermometers', so that both streams equal
+    those of single steps.
     """
     states_c = trajectory(sensor, nodes_c, drive)
     wrench_rng, thermometer_rng = noise

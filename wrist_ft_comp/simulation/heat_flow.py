@@ -22,77 +22,52 @@ from wrist_ft_comp.model.signals import FloatArray
 
 @dataclass(frozen=True)
 class FtSensorSettings:
-    """
-    Physical constants of a simulated wrist.
+    """Physical constants of a simulated wrist."""
 
-    Attributes
-    ----------
-    step_s : float
-        Time step, s.
-    cells : int
-        Number of finite volumes of the body.
-    max_motor_power_w : float
-        Heat of the motor at duty cycle 1, W.
-    motor_capacity_j_per_k, body_capacity_j_per_k, tool_capacity_j_per_k : float
-        Heat capacity of the motor with its gear, of the whole body, and of the tool, J/K.
-    contact_w_per_k, body_w_per_k, tool_contact_w_per_k : float
-        Conductance from motor to body, along the whole body, and from body to tool, W/K.
-    motor_convection_w_per_k, body_convection_w_per_k, tool_convection_w_per_k : float
-        Conductance to the room, W/K.
-    thermometer_positions : tuple of float, length 2
-        On the electronics toward the tool, and at the flange of the motor side.
-    thermometer_noise_k, thermometer_quantum_k : float
-        Standard deviation, and step of the reading (0: none), K.
-    gauge_position, axis_position_spread, gauge_position_spread : float
-        Mean place of the gauges, and the most that an axis and a gauge deviate from it.
-    gauge_coefficient_per_k, gauge_coefficient_per_k2 : float
-        Relative change of resistance with temperature, 1/K and 1/K².
-    gauge_mismatch_per_k, gauge_mismatch_per_k2 : float
-        Standard deviation of these between the gauges of a bridge.
-    zero_coefficient_per_k : tuple of float, length 2
-        Smallest and largest zero drift of a bridge at even temperature, V/V per K. Gauges are
-        sorted into bridges, so none drifts more; that none drifts less keeps the drift visible.
-    piezoresistive_coefficient : float
-        Relative change of resistance per strain at NOMINAL_C.
-    piezoresistive_per_k, piezoresistive_per_k2 : float
-        Its relative change with temperature, 1/K and 1/K².
-    force_stiffness_n, torque_stiffness_nm : float
-        Load per strain, N and N m.
-    force_noise_n, torque_noise_nm : float
-        Standard deviation of a reading, N and N m.
-    force_quantum_n, torque_quantum_nm : float
-        Step of a reading (0: none), N and N m.
-
-    """
-
+    #: Time step, s, and number of finite volumes of the body.
     step_s: float = 1.0
     cells: int = 10
+    #: Heat of the motor at duty cycle 1, W.
     max_motor_power_w: float = 22.0
+    #: Heat capacity of the motor with its gear, of the whole body, and of the tool, J/K.
     motor_capacity_j_per_k: float = 700.0
     body_capacity_j_per_k: float = 600.0
     tool_capacity_j_per_k: float = 200.0
+    #: Conductance from motor to body, along the whole body, and from body to tool, W/K.
     contact_w_per_k: float = 1.0
     body_w_per_k: float = 0.1
     tool_contact_w_per_k: float = 0.5
+    #: Conductance to the room, W/K.
     motor_convection_w_per_k: float = 0.2
     body_convection_w_per_k: float = 0.6
     tool_convection_w_per_k: float = 0.15
+    #: On the electronics toward the tool, and at the flange of the motor side.
     thermometer_positions: tuple[float, float] = (0.9, 0.1)
+    #: Standard deviation, and step of the reading (0: none), K.
     thermometer_noise_k: float = 0.01
     thermometer_quantum_k: float = 0.0625
+    #: Mean place of the gauges, and the most that an axis and a gauge deviate from it.
     gauge_position: float = 0.3
     axis_position_spread: float = 0.05
     gauge_position_spread: float = 0.008
+    #: Relative change of resistance with temperature, 1/K and 1/K²; and its standard deviation
+    #: between the gauges of a bridge.
     gauge_coefficient_per_k: float = 1.5e-3
     gauge_coefficient_per_k2: float = 1e-6
     gauge_mismatch_per_k: float = 40e-6
     gauge_mismatch_per_k2: float = 1e-7
+    #: Smallest and largest zero drift of a bridge at even temperature, V/V per K. Gauges are
+    #: sorted into bridges, so none drifts more; that none drifts less keeps the drift visible.
     zero_coefficient_per_k: tuple[float, float] = (45e-6, 65e-6)
+    #: Relative change of resistance per strain at NOMINAL_C, and its relative change with
+    #: temperature, 1/K and 1/K².
     piezoresistive_coefficient: float = 100.0
     piezoresistive_per_k: float = -4e-4
     piezoresistive_per_k2: float = 4e-7
+    #: Load per strain, N and N m.
     force_stiffness_n: float = 1e6
     torque_stiffness_nm: float = 3e4
+    #: Standard deviation of a reading, and its step (0: none), N and N m.
     force_noise_n: float = 0.08
     torque_noise_nm: float = 0.003
     force_quantum_n: float = 0.01

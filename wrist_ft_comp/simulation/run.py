@@ -19,33 +19,20 @@ _SINES = 4
 
 @dataclass(frozen=True)
 class RunSettings:
-    """
-    What a person chooses about a run.
+    """What a person chooses about a run."""
 
-    Attributes
-    ----------
-    duty_start_s : tuple of float
-        Ascending times at which the duty cycle changes, s; before the first one it is 0.
-    duty_level : tuple of float, as many
-        Duty cycle from then on, 0 to 1.
-    room_c : float
-        Mean room temperature, °C.
-    room_swing_k, room_swing_period_s : float
-        Amplitude, K, and period, s, of its slow swing.
-    force_n, torque_nm : float
-        The largest load of an axis, N and N m; 0 is unloaded.
-    load_period_s : float
-        About how long a load takes from one peak to the next, s.
-
-    """
-
+    #: Ascending times at which the duty cycle changes, s, before the first of which it is 0; and
+    #: its level from then on, 0 to 1.
     duty_start_s: tuple[float, ...] = (0.0, 120.0)
     duty_level: tuple[float, ...] = (0.0, 0.8)
+    #: Mean room temperature, °C, and amplitude, K, and period, s, of its slow swing.
     room_c: float = 22.0
     room_swing_k: float = 1.0
     room_swing_period_s: float = 7200.0
+    #: The largest load of an axis, N and N m; 0 is unloaded.
     force_n: float = 20.0
     torque_nm: float = 1.0
+    #: About how long a load takes from one peak to the next, s.
     load_period_s: float = 60.0
 
     def __post_init__(self) -> None:

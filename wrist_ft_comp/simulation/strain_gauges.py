@@ -69,24 +69,9 @@ def bridge_wrench(
     settings: FtSensorSettings, gauges: Gauges, nodes_c: FloatArray, wrench: ArrayLike
 ) -> FloatArray:
     """
-    Compute what the bridges show, without noise and quantisation.
+    Compute what bridges show of wrenches, (..., 6), at node temperatures, °C, (..., M).
 
-    Parameters
-    ----------
-    settings : FtSensorSettings
-        Piezoresistive coefficient and stiffness.
-    gauges : Gauges
-        Of one specimen.
-    nodes_c : ndarray, shape (..., M)
-        Node temperatures, °C.
-    wrench : array_like, shape (..., 6)
-        True wrench, N and N m, axis order AXES.
-
-    Returns
-    -------
-    ndarray, shape (..., 6)
-        N and N m, by the nominal gain at NOMINAL_C.
-
+    N and N m by the nominal gain at NOMINAL_C, without noise and quantisation.
     """
     s = settings
     warm = np.einsum('agm,...m->...ag', gauges.weights, nodes_c) - NOMINAL_C

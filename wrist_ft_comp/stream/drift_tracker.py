@@ -58,19 +58,9 @@ _NOT_YET = 'no temperatures yet'
 
 class DriftTracker:
     """
-    Follows the temperatures with a model, cell by cell.
+    Follows the temperatures with a model, cell by cell, as StreamSettings says.
 
-    Parameters
-    ----------
-    thermometers : int
-        Number of thermometers J that will report.
-    period_ns : int
-        Cell length h while there is no model, ns; a model brings its own.
-    patience_s : float
-        How long a thermometer may be silent before its last value is held, s.
-    history_s : float
-        Temperatures kept for a model that comes later, s.
-
+    A cell has period_ns while there is no model; a model brings its own.
     """
 
     def __init__(
@@ -203,15 +193,9 @@ class DriftTracker:
         """
         Go on from what another stream left, as if its last temperature had been held until now.
 
-        The first completed cell tells how long the gap was, and what the temperature did.
-
-        Parameters
-        ----------
-        memory : ThermalMemory
-            Of the model that is followed (``belongs_to``).
-        at_least_s : float
-            How long the gap is by another clock, s; 0 when there is none.
-
+        The memory is of the model that is followed (``belongs_to``); by another clock the gap is
+        ``at_least_s`` long, 0 without one. The first completed cell tells how long it was, and what
+        the temperature did.
         """
         if self.model is None:
             return

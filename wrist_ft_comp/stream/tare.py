@@ -36,18 +36,9 @@ class TareCollector:
 
     def result(self) -> tuple[FloatArray, int]:
         """
-        Average what was collected.
+        Average what was collected: raw wrench, N and N m, (6,), and the stamp of its middle, ns.
 
-        Returns
-        -------
-        tuple of ndarray, shape (6,), and int
-            Mean raw wrench, N and N m, and the stamp of its middle, ns.
-
-        Raises
-        ------
-        TareRefusedError
-            When there are too few wrenches, they are not finite, or the load moved.
-
+        TareRefusedError when there are too few wrenches, they are not finite, or the load moved.
         """
         if len(self._wrenches) < _MIN_SAMPLES:
             raise TareRefusedError(

@@ -30,32 +30,18 @@ _SLIP_S = 60.0
 
 @dataclass(frozen=True, eq=False)
 class ThermalMemory:
-    """
-    What a stream remembers of the temperatures.
+    """What a stream remembers of the temperatures."""
 
-    Attributes
-    ----------
-    end_ns : int
-        Stamp at which the last completed thermal cell ended, ns.
-    period_ns : int
-        Cell length h, ns.
-    temperature_c : ndarray, shape (J,)
-        Of the last cell, °C.
-    filters : DriftState
-        Filter state of each modelled axis after that cell.
-    compensation : Drift
-        What was being subtracted, arrays of shape (6,).
-    history : tuple of tuples of ndarray, shape (J,), and int
-        Mean temperatures of consecutive spans of cells, °C, and how many cells each has; oldest
-        first, up to the last cell. For another model that goes live after the restart.
-
-    """
-
+    #: Stamp at which the last completed thermal cell ended, and cell length h, ns.
     end_ns: int
     period_ns: int
+    #: Of the last cell, °C, shape (J,), and the filter state of each modelled axis after it.
     temperature_c: FloatArray
     filters: DriftState
+    #: What was being subtracted, arrays of shape (6,).
     compensation: Drift
+    #: Mean temperatures of consecutive spans of cells, °C, shape (J,), and how many cells each
+    #: has; oldest first, up to the last cell. For another model that goes live after the restart.
     history: tuple[tuple[FloatArray, int], ...]
 
 
@@ -105,27 +91,10 @@ def fill_gap(
     at_least_s: float,
 ) -> GapFill:
     """
-    Judge the gap between a memory and the first thermal cell after a restart.
+    Judge the gap between a memory and the first thermal cell, at some temperatures, after it.
 
-    Parameters
-    ----------
-    model : DriftModel
-        The model, to which the memory belongs.
-    memory : ThermalMemory
-        What the stream before left.
-    first_cell : int
-        Number of the first cell.
-    temperature_c : ndarray, shape (J,)
-        Its temperatures, °C.
-    at_least_s : float
-        How long the gap was by another clock; stamps that moved on by much less belong to a clock
-        that was set or stood still. 0 when there is no other.
-
-    Returns
-    -------
-    GapFill
-        The temperatures in the gap, or why there are none.
-
+    By another clock it was ``at_least_s`` long, 0 without one: stamps that moved on by much less
+    belong to a clock that was set or stood still.
     """
     cells = first_cell - memory.end_ns // model.period_ns
     gap_s = cells * model.period_ns / NANOSECONDS
