@@ -9,7 +9,6 @@ import json
 import os
 from pathlib import Path
 import queue
-import signal
 import subprocess
 import sys
 import tempfile
@@ -181,7 +180,7 @@ def _process(module: str, *arguments: str, stdout: int | None = None) -> Iterato
     try:
         yield process
     finally:
-        process.send_signal(signal.SIGINT)
+        process.terminate()
         try:
             process.wait(_END_TIMEOUT_S)
         except subprocess.TimeoutExpired:

@@ -194,8 +194,8 @@ class DriftTracker:
         Go on from what another stream left, as if its last temperature had been held until now.
 
         The memory is of the model that is followed (``belongs_to``); by another clock the gap is
-        ``at_least_s`` long, 0 without one. The first completed cell tells how long it was, and what
-        the temperature did.
+        ``at_least_s`` long, 0 without one. The first completed cell tells how long it was, and
+        what the temperature did.
         """
         if self.model is None:
             return
