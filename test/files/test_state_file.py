@@ -38,7 +38,7 @@ memories = st.builds(
     ).map(tuple),
 )
 states = st.builds(
-    SavedState, stamps, st.one_of(st.none(), st.just('f' * 64)), six, st.none() | memories
+    SavedState, stamps, st.one_of(st.none(), st.just('f' * 64)), six, st.none() | memories, six
 )
 
 
@@ -75,6 +75,12 @@ def test_a_state_comes_back_to_the_last_bit(tmp_path, state):
         for axis, each in state.thermal.filters.items():
             assert back.thermal.filters[axis].shape == each.shape
     assert [each.name for each in path.parent.iterdir()] == ['state.json']
+
+
+def test_a_state_without_an_external_tare_is_what_earlier_versions_read_and_wrote(load):
+    document = plain(example())
+    assert 'external_tare' not in document
+    assert not load(document).external_tare.any()
 
 
 def test_no_file_is_no_state(tmp_path):

@@ -5,7 +5,7 @@ Waiting for a disk takes milliseconds to seconds. A thread that waits there does
 interpreter, so the callbacks of a node go on.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import json
 from pathlib import Path
 import threading
@@ -17,7 +17,7 @@ import numpy as np
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.files.documents import Document, Kind
 from wrist_ft_comp.model.drift_model import Drift
-from wrist_ft_comp.model.signals import FloatArray
+from wrist_ft_comp.model.signals import AXES, FloatArray
 from wrist_ft_comp.stream.warm_restart import ThermalMemory
 
 KIND = Kind(
@@ -47,6 +47,8 @@ class SavedState:
     tare: FloatArray
     #: None when no temperature had come.
     thermal: ThermalMemory | None
+    #: As the tare, of the external wrench.
+    external_tare: FloatArray = field(default_factory=lambda: np.zeros(len(AXES)))
 
 
 def save_state(path: Path, state: SavedState) -> None:
@@ -92,6 +94,7 @@ def _document(state: SavedState) -> Document:
         'saved_ns': state.saved_ns,
         'model_sha256': state.model_sha256,
         'tare': state.tare.tolist(),
+        **({'external_tare': state.external_tare.tolist()} if state.external_tare.any() else {}),
         'thermal': thermal,
     }
 
@@ -112,6 +115,7 @@ def _state(document: Document) -> SavedState:
             Drift(_array(thermal['zero']), _array(thermal['sensitivity'])),
             tuple((_array(each['temperature_c']), each['cells']) for each in thermal['history']),
         ),
+        _array(document.get('external_tare', [0.0] * len(AXES))),
     )
 
 

@@ -65,8 +65,8 @@ class StateKeeper:
         if state.model_sha256 != self._live_sha256():
             self._begin_anew('the saved state belongs to another model, and so does its tare')
             return
-        if state.tare.any():
-            self._compensator.restore_tare(state.tare)
+        if state.tare.any() or state.external_tare.any():
+            self._compensator.restore_tare(state.tare, state.external_tare)
             self._log.info('the tare from before the restart is active')
         self.outcome = 'the saved state holds no thermal state'
         if state.thermal is not None and self._compensator.model is not None:
@@ -91,9 +91,11 @@ class StateKeeper:
         self.outcome = f'{why}; {_SOAKED}'
         self._log.warning(self.outcome)
 
-    def _key(self) -> tuple[str | None, bytes]:
+    def _key(self) -> tuple[str | None, bytes, bytes]:
         """Return what is worth a save at once when it changes."""
-        return self._live_sha256(), self._compensator.tare.tobytes()
+        compensator = self._compensator
+        tare, external = compensator.tare.tobytes(), compensator.external_tare.tobytes()
+        return self._live_sha256(), tare, external
 
     def _end_ns(self) -> int | None:
         """Tell up to when the thermal state reaches; None without one."""
@@ -136,7 +138,13 @@ class StateKeeper:
         if self._loaded is not None and compensator.tracker.awaiting_gap:
             saved_ns = self._loaded.saved_ns  # what is not yet in use is as old as it was
         self.writer.put(
-            SavedState(saved_ns, self._live_sha256(), compensator.tare, compensator.memory())
+            SavedState(
+                saved_ns,
+                self._live_sha256(),
+                compensator.tare,
+                compensator.memory(),
+                compensator.external_tare,
+            )
         )
 
     def end(self) -> None:

@@ -23,6 +23,8 @@ from wrist_ft_comp.stream.warm_restart import ThermalMemory
 
 #: Stamp, ns, and raw values, N and N m, axis order AXES.
 Wrench = tuple[int, Sequence[float]]
+#: Raw, corrected and external wrench, shapes (6,).
+_Reading = tuple[FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,9 @@ class Compensator:
             settings.history_s,
         )
         self.limits = Limits(settings.max_drift_n, settings.max_drift_rate_n_s)
+        #: Of the wrench, and of the wrench without the payload's weight; raw, N and N m, (6,).
         self.tare: FloatArray = np.zeros(len(AXES))
+        self.external_tare: FloatArray = np.zeros(len(AXES))
         #: What is subtracted when the present ramp ends: the model's drift, within the limits.
         self.compensation = no_drift()
         #: Whether the first cell may not move the output: after a tare or a change of model.
@@ -158,13 +162,21 @@ class Compensator:
             self._refresh_correction()
         return cells
 
-    def correct(self, stamp_ns: int, raw: Sequence[float]) -> list[float]:
-        """Correct one wrench: ŵ = (r - o - tare) / (1 + s); without a model, r - tare."""
+    def correct(
+        self, stamp_ns: int, raw: Sequence[float], *, external: bool = False
+    ) -> list[float]:
+        """
+        Correct one wrench: ŵ = (r - o - tare) / (1 + s); without a model, r - tare.
+
+        The external one has a tare of its own, and still the payload's weight in it.
+        """
         share = self._share(stamp_ns)
         return [
             (r - offset - share * step) / (gain + share * gain_step)
             # Six by six: a strict zip would cost a tenth of all this.
-            for r, (offset, step, gain, gain_step) in zip(raw, self._correction)  # noqa: B905
+            for r, (offset, step, gain, gain_step) in zip(  # noqa: B905
+                raw, self._external if external else self._correction
+            )
         ]
 
     def compensation_at(self, stamp_ns: int) -> Drift:
@@ -201,20 +213,30 @@ class Compensator:
         self._keep_output = reading is not None
         self._settle(self.limits.saturate(self.tracker.drift), reading)
 
-    def set_tare(self, raw: FloatArray, stamp_ns: int) -> FloatArray:
-        """Make a mean raw wrench, shape (6,), of a time read zero; give raw minus zero drift."""
-        self.tare = raw - self.compensation_at(stamp_ns).zero
+    def set_tare(
+        self, raw: FloatArray, stamp_ns: int, weight: FloatArray | None = None
+    ) -> FloatArray:
+        """
+        Make a mean raw wrench, shape (6,), of a time read zero; give raw minus zero drift.
+
+        Where the payload's mean weight is known, the external wrench reads zero, too.
+        """
+        drift = self.compensation_at(stamp_ns)
+        self.tare = raw - drift.zero
+        if weight is not None:
+            self.external_tare = self.tare - (1.0 + drift.sensitivity) * weight
         self._keep_output = True
         self._refresh_correction()
         return self.tare
 
     def reset_tare(self) -> None:
-        """Forget the tare."""
-        self.restore_tare(np.zeros(len(AXES)))
+        """Forget both tares."""
+        self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
 
-    def restore_tare(self, tare: FloatArray) -> None:
-        """Subtract a tare, N and N m, that ``set_tare`` gave with the same model before."""
+    def restore_tare(self, tare: FloatArray, external: FloatArray | None = None) -> None:
+        """Subtract tares, N and N m, that ``set_tare`` made with the same model before."""
         self.tare = tare
+        self.external_tare = self.external_tare if external is None else external
         self._keep_output = False
         self._refresh_correction()
 
@@ -232,31 +254,36 @@ class Compensator:
         share = (stamp_ns - self._ramp.start_ns) / self.tracker.grid.period_ns
         return 0.0 if share < 0.0 else min(share, 1.0)
 
-    def _reading(self, wrench: Wrench | None) -> tuple[FloatArray, FloatArray] | None:
+    def _reading(self, wrench: Wrench | None) -> _Reading | None:
         """Raw wrench and what it is corrected to; what is not finite counts as unloaded."""
         if wrench is None:
             return None
         stamp_ns, raw = wrench
         finite = np.where(np.isfinite(raw), raw, self.compensation_at(stamp_ns).zero + self.tare)
-        return finite, np.array(self.correct(stamp_ns, finite.tolist()))
+        external = self.correct(stamp_ns, finite.tolist(), external=True)
+        return finite, np.array(self.correct(stamp_ns, finite.tolist())), np.array(external)
 
-    def _settle(self, target: Drift, reading: tuple[FloatArray, FloatArray] | None) -> None:
-        """Stand at a drift at once; the tare takes up what this would move the reading by."""
+    def _settle(self, target: Drift, reading: _Reading | None) -> None:
+        """Stand at a drift at once; the tares take up what this would move the reading by."""
         self.compensation = target
         self._ramp.settle(target)
         self.limits.too_fast = ()
         if reading is not None:
-            raw, corrected = reading
-            self.tare = raw - target.zero - (1.0 + target.sensitivity) * corrected
+            raw, *corrected = reading
+            self.tare, self.external_tare = (
+                raw - target.zero - (1.0 + target.sensitivity) * each for each in corrected
+            )
         self._refresh_correction()
 
     def _refresh_correction(self) -> None:
         """Lay out what is constant over a ramp, per axis: offset, its step, gain, its step."""
+        self._correction, self._external = map(self._laid_out, (self.tare, self.external_tare))
+
+    def _laid_out(self, tare: FloatArray) -> list[tuple[float, float, float, float]]:
+        """Lay this out under a tare."""
         ramp = self._ramp
-        parts = (ramp.zero + self.tare, ramp.zero_step, ramp.gain, ramp.gain_step)
-        self._correction: list[tuple[float, float, float, float]] = list(
-            zip(*(part.tolist() for part in parts), strict=True)
-        )
+        parts = (ramp.zero + tare, ramp.zero_step, ramp.gain, ramp.gain_step)
+        return list(zip(*(part.tolist() for part in parts), strict=True))
 
 
 class _Ramp:
