@@ -68,7 +68,7 @@ def measure(folder: Path) -> dict[str, tuple[float, float]]:
             lambda: restore_model(model_path, stored.sha256, stored.document), 50
         ),
         'model: go live with 6 h of history (callback)': timed(
-            lambda: node.compensator.go_live(stored.model), 20
+            lambda: node.compensator.go_live(stored.model), 5
         ),
         'model: remember it (callback)': timed(
             lambda: node.store.activate([None, model_path]), 50

@@ -201,15 +201,14 @@ def _part(value: Any, step: str | int) -> Any:
 
 def _number_at(message: Any, path: Path, entry: str) -> float:
     """Follow a path to a finite number."""
-    value, followed = message, 0
-    try:
-        for step in path:
+    value = message
+    for place, step in enumerate(path):
+        try:
             value = _part(value, step)
-            followed += 1
-    except LookupError:
-        raise SettingsError(_nothing_there(message, value, path, followed, entry)) from None
+        except LookupError:  # noqa: PERF203 -- once, and it is over
+            raise SettingsError(_nothing_there(message, value, path, place, entry)) from None
     if not _is_number(value):
-        raise SettingsError(_nothing_there(message, value, path, followed, entry))
+        raise SettingsError(_nothing_there(message, value, path, len(path), entry))
     number = float(value)
     if not math.isfinite(number):
         raise SettingsError(f'The temperature {entry!r} is {number}; expected a finite number.')
@@ -225,11 +224,10 @@ def _nothing_there(message: Any, value: Any, path: Path, followed: int, entry: s
         asked = 'no index is named' if step is None else f'there is no element {step}'
         found = f'{there} is an array of {size}, and {asked}'
         found += f'; expected an index from 0 to {size - 1}' if size else ''
-    elif isinstance(step, str) and _fields_of(value):
-        found = f'{there} has no field {step}'
+    elif step is None:
+        found = f'{there} is no number'
     else:
-        lacks = {int: 'no array', str: 'has no fields'}.get(type(step), 'no number')
-        found = f'{there} is {_kind_of(value)} and {lacks}'
+        found = f'{there} has no {"field" if isinstance(step, str) else "element"} {step}'
     return f'The temperature {entry!r} is not there: {found}. {_what_there_is(message, path)}'
 
 
@@ -258,12 +256,3 @@ def _is_array(value: Any) -> bool:
 def _fields_of(value: Any) -> list[str]:
     """List the fields of a message as rclpy makes it; empty for any other value."""
     return list(getattr(value, 'get_fields_and_field_types', dict)())
-
-
-def _kind_of(value: Any) -> str:
-    """Say what a value is that is no array."""
-    if _is_number(value):
-        return 'a number'
-    if isinstance(value, bool):
-        return 'true or false'
-    return 'a text' if isinstance(value, (str, bytes)) else 'a message'

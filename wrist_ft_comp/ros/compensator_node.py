@@ -6,7 +6,7 @@ asked of the node that of its services: this module wires topics, services and p
 """
 
 from collections.abc import Callable, Sequence
-from copy import copy, deepcopy
+from copy import copy
 from functools import partial
 import math
 import sys
@@ -32,7 +32,7 @@ from wrist_ft_comp.model.temperature_source import parse_sources, TemperatureSou
 from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.arguments.unknown import tell_unknown
 from wrist_ft_comp.ros.arguments.usage import usage
-from wrist_ft_comp.ros.diagnostics import diagnostic_array, diagnostics, Snapshot, stream_state
+from wrist_ft_comp.ros.diagnostics import diagnostic_array, diagnostics, Snapshot
 from wrist_ft_comp.ros.input_health import InputHealth
 from wrist_ft_comp.ros.inputs.field_inputs import FieldInputs
 from wrist_ft_comp.ros.inputs.topic_types import no_temperature, WRENCH, wrong_type
@@ -352,10 +352,10 @@ class CompensatorNode(Node):
         self._reported = now_s, copy(self.health.counts)
         return Snapshot(
             now_s=now_s,
-            health=deepcopy(self.health),
+            health=self.health,
+            stream=self.compensator,
             before=before,
             elapsed_s=now_s - reported_s,
-            stream=stream_state(self.compensator),
             model=self.live.stored,
             model_problem=self.live.problem,
             state_origin=self.state_keeper.outcome,

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 
-from wrist_ft_comp.model.drift_model import Drift, StoredModel
+from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray
 from wrist_ft_comp.ros.input_health import Counts, InputHealth
 from wrist_ft_comp.stream.compensator import Compensator
@@ -23,7 +23,6 @@ OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 ERROR, STALE = DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 #: Stamps of wrenches and temperatures that differ by more come from different clocks.
 _SAME_CLOCK_S = 3600.0
-_NO_DRIFT = np.zeros(len(AXES))
 
 
 @dataclass(frozen=True)
@@ -39,38 +38,15 @@ class Status:
     values: dict[str, str] = field(default_factory=dict)
 
 
-class StreamState(NamedTuple):
-    """Where the compensator stands; arrays of shape (6,) are in the order of AXES, N and N m."""
-
-    compensating: bool = False
-    origin: str = ''
-    temperature_timeout_s: float = 5.0
-    #: Of the last thermal cell, °C, shape (J,).
-    temperature_c: FloatArray | None = None
-    #: Thermometers outside the calibrated range.
-    outside: tuple[int, ...] = ()
-    rejected: int = 0
-    strays: int = 0
-    leaps: int = 0
-    restarts: int = 0
-    drift: Drift = Drift(_NO_DRIFT, _NO_DRIFT)
-    #: Of the zero drift, NaN where nothing is known.
-    deviation: FloatArray = np.full(len(AXES), np.nan)
-    tare: FloatArray = _NO_DRIFT
-    #: Axes whose drift would be larger, and would move faster, than is allowed.
-    too_large: tuple[str, ...] = ()
-    too_fast: tuple[str, ...] = ()
-
-
 class Snapshot(NamedTuple):
     """What the node knows about itself at a moment; times are those of a steady clock, s."""
 
     now_s: float
     health: InputHealth
+    stream: Compensator
     #: What had been counted at the report before, and how long ago that was.
     before: Counts = Counts()
     elapsed_s: float = 1.0
-    stream: StreamState = StreamState()
     #: The live model, and what is wrong with it or with the one that should be live.
     model: StoredModel | None = None
     model_problem: str = ''
@@ -112,32 +88,6 @@ class Snapshot(NamedTuple):
     def age(self, at_s: float | None) -> str:
         """Write how long ago something was, s."""
         return 'never' if at_s is None else f'{self.now_s - at_s:.1f}'
-
-
-def stream_state(compensator: Compensator) -> StreamState:
-    """Take down where a compensator stands."""
-    model, tracker = compensator.model, compensator.tracker
-    known: dict[str, Any] = {}
-    if model is not None and tracker.temperature_c is not None:
-        known = {
-            'outside': tuple(model.outside(tracker.temperature_c)),
-            'deviation': model.uncertainty(tracker.temperature_c),
-        }
-    return StreamState(
-        compensating=compensator.compensating,
-        origin=tracker.origin,
-        temperature_timeout_s=compensator.settings.temperature_timeout_s,
-        temperature_c=tracker.temperature_c,
-        rejected=tracker.grid.rejected,
-        strays=tracker.timestamp_filter.strays,
-        leaps=tracker.timestamp_filter.leaps,
-        restarts=tracker.grid.restarts,
-        drift=compensator.compensation,
-        tare=compensator.tare,
-        too_large=compensator.limits.too_large,
-        too_fast=compensator.limits.too_fast,
-        **known,
-    )
 
 
 def diagnostics(snapshot: Snapshot) -> list[Status]:
@@ -208,21 +158,21 @@ def _suspicions(now: Snapshot) -> Iterator[str]:
 
 def _temperature(now: Snapshot) -> Status:
     """Judge the thermometers: silent, unusable, on another clock, out of range, or well."""
-    health, stream = now.health, now.stream
+    health, tracker = now.health, now.stream.tracker
     numbers = {
         'state': now.state_origin,
         'rate_hz': f'{now.rate_hz("temperatures"):.1f}',
-        'rejected': str(stream.rejected),
-        'stray_stamps': str(stream.strays),
-        'stamps_leapt': str(stream.leaps),
-        'stamps_restarted': str(stream.restarts),
+        'rejected': str(tracker.grid.rejected),
+        'stray_stamps': str(tracker.timestamp_filter.strays),
+        'stamps_leapt': str(tracker.timestamp_filter.leaps),
+        'stamps_restarted': str(tracker.grid.restarts),
         'unusable': str(health.counts.bad_temperatures + now.unreadable),
         'jumps': str(sum(health.thermometers.jumps)),
     }
     for j, last_s in enumerate(health.last_temperature_s, start=1):
         numbers[f'thermometer_{j}_age_s'] = now.age(last_s)
-    if stream.temperature_c is not None:
-        for j, value in enumerate(stream.temperature_c, start=1):
+    if tracker.temperature_c is not None:
+        for j, value in enumerate(tracker.temperature_c, start=1):
             numbers[f'thermometer_{j}_c'] = f'{value:.2f}'
     trouble = next(_thermometer_troubles(now), '')
     if trouble:
@@ -262,8 +212,7 @@ def _thermometer_troubles(now: Snapshot) -> Iterator[str]:
         yield 'stamps of temperatures leapt; was a clock set, or a simulation begun anew?'
     if 'stray temperature' in recent:
         yield 'a temperature was dropped, because its stamp was far from those around it'
-    if now.stream.outside:
-        yield _outside(now)
+    yield from _outside(now)
     if 'jump' in recent:
         jumps = health.thermometers.jumps
         worst = max(range(len(jumps)), key=jumps.__getitem__)
@@ -282,7 +231,7 @@ def _silence(now: Snapshot) -> Iterator[str]:
     """Say which thermometers can't be read or are silent."""
     for j, problem in sorted(now.thermometer_problems.items()):
         yield f'thermometer {j + 1}: {problem}; drift {_fate(now)}'
-    limit_s, last_s = now.stream.temperature_timeout_s, now.health.last_temperature_s
+    limit_s, last_s = now.stream.settings.temperature_timeout_s, now.health.last_temperature_s
     never = [j for j, at_s in enumerate(last_s) if at_s is None]
     if never:
         fate = _fate(now)
@@ -305,15 +254,19 @@ def _fate(now: Snapshot) -> str:
     return 'is held' if now.stream.compensating else 'waits for it'
 
 
-def _outside(now: Snapshot) -> str:
+def _outside(now: Snapshot) -> Iterator[str]:
     """Say which thermometers are outside the calibrated range, and guess why."""
-    first, hint = now.stream.outside[0], ''
-    if now.model is not None and now.stream.temperature_c is not None:
-        low_c, high_c = now.model.document['thermometers'][first]['range_c']
-        unit = other_unit(float(now.stream.temperature_c[first]), low_c, high_c)
+    model, temperature_c = now.stream.model, now.stream.tracker.temperature_c
+    outside = [] if model is None or temperature_c is None else model.outside(temperature_c)
+    if not outside or temperature_c is None:
+        return
+    hint = ''
+    if now.model is not None:
+        low_c, high_c = now.model.document['thermometers'][outside[0]]['range_c']
+        unit = other_unit(float(temperature_c[outside[0]]), low_c, high_c)
         hint = f'. In {unit} it would be inside: check the unit' if unit else ''
-    return (
-        f'thermometer {_numbers(now.stream.outside)} outside the calibrated range; drift is less '
+    yield (
+        f'thermometer {_numbers(outside)} outside the calibrated range; drift is less '
         f'certain there, and held further out{hint}'
     )
 
@@ -375,14 +328,14 @@ def _output(now: Snapshot) -> Status:
         'rate_hz': f'{now.rate_hz("published"):.1f}',
         'published': str(now.health.counts.published),
         'tare': 'active' if stream.tare.any() else 'none',
-        'origin': stream.origin,
+        'origin': stream.tracker.origin,
         **_axis_numbers(stream),
     }
-    if stream.too_large:
-        names = ', '.join(stream.too_large)
+    if stream.limits.too_large:
+        names = ', '.join(stream.limits.too_large)
         return Status('output', ERROR, f'drift of {names} is at its limit', numbers)
-    if stream.too_fast:
-        names = ', '.join(stream.too_fast)
+    if stream.limits.too_fast:
+        names = ', '.join(stream.limits.too_fast)
         why = f'drift of {names} moves at its limit (max_drift_rate) and lags behind the model'
         return Status('output', WARN, why, numbers)
     if not stream.compensating:
@@ -394,11 +347,15 @@ def _output(now: Snapshot) -> Status:
     return Status('output', OK, 'compensated', numbers)
 
 
-def _axis_numbers(stream: StreamState) -> dict[str, str]:
+def _axis_numbers(stream: Compensator) -> dict[str, str]:
     """Give drift, its deviation and the tare of every axis."""
     numbers: dict[str, str] = {}
+    model, temperature_c = stream.model, stream.tracker.temperature_c
+    deviations: FloatArray = np.full(len(AXES), np.nan)
+    if model is not None and temperature_c is not None:
+        deviations = model.uncertainty(temperature_c)
     for axis, zero, sensitivity, tare, deviation in zip(
-        AXES, *stream.drift, stream.tare, stream.deviation, strict=True
+        AXES, *stream.compensation, stream.tare, deviations, strict=True
     ):
         unit = axis_unit(axis)
         numbers[f'{axis}_drift'] = f'{zero:.4g} {unit}'

@@ -4,7 +4,7 @@ What is ROS about messages: quality of service, and typed messages where speed d
 Raw wrenches and temperatures are read as bytes (files/cdr.py).
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from copy import copy
 from typing import Any
@@ -79,15 +79,8 @@ def publishers_unheard(
     topic: str, incompatible: dict[str, str], log: Any
 ) -> SubscriptionEventCallbacks:
     """Make what notes and logs that a publisher of a topic, by relative name, is not heard."""
-
-    def tell(event: Any) -> None:
-        policy = incompatible[topic] = _policy(event)
-        log.error(
-            f'a publisher of {topic} offers less {policy} than is asked for: nothing of it '
-            f'will be received. Set qos_overrides.…/{topic}.subscription.{policy} of this '
-            'node, or the quality of service of the publisher.'
-        )
-
+    said = 'a publisher of {} offers less {} than is asked for: nothing of it will be received'
+    tell = _teller(said, topic, 'subscription', incompatible, log)
     return SubscriptionEventCallbacks(incompatible_qos=tell)
 
 
@@ -95,21 +88,25 @@ def subscribers_deaf(
     topic: str, incompatible: dict[str, str], log: Any
 ) -> PublisherEventCallbacks:
     """Make what notes and logs that a subscriber of a topic, by relative name, hears nothing."""
-
-    def tell(event: Any) -> None:
-        policy = incompatible[topic] = _policy(event)
-        log.error(
-            f'a subscriber of {topic} asks for more {policy} than is offered: it will receive '
-            f'nothing. Set qos_overrides.…/{topic}.publisher.{policy} of this node, or the '
-            'quality of service of the subscriber.'
-        )
-
+    said = 'a subscriber of {} asks for more {} than is offered: it will receive nothing'
+    tell = _teller(said, topic, 'publisher', incompatible, log)
     return PublisherEventCallbacks(incompatible_qos=tell)
 
 
-def _policy(event: Any) -> str:
-    """Name the policy on which two sides do not agree."""
-    return str(qos_policy_name_from_kind(event.last_policy_kind)).lower()
+def _teller(
+    said: str, topic: str, ours: str, incompatible: dict[str, str], log: Any
+) -> Callable[[Any], None]:
+    """Make what notes and logs the policy on which two sides do not agree."""
+
+    def tell(event: Any) -> None:
+        policy = str(qos_policy_name_from_kind(event.last_policy_kind)).lower()
+        incompatible[topic] = policy
+        log.error(
+            f'{said.format(topic, policy)}. Set qos_overrides.…/{topic}.{ours}.{policy} of this '
+            'node, or the quality of service of the other side.'
+        )
+
+    return tell
 
 
 def wrench_message(stamp_ns: int, frame_id: str, values: Iterable[float]) -> WrenchStamped:

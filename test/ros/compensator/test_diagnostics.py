@@ -10,6 +10,7 @@ from wrist_ft_comp.ros import compensator_node
 from wrist_ft_comp.ros.diagnostics import diagnostics, Snapshot, Status
 from wrist_ft_comp.ros.input_health import InputHealth
 from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.stream.compensator import Compensator
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -40,7 +41,7 @@ def test_they_are_a_function_of_a_snapshot_and_nothing_else():
     health.look(9.0, START, LOAD, 'tool0', stamped=True)
     for thermometer in (0, 1):
         health.take_temperature(9.5, thermometer, START, stamped=True)
-    snapshot = Snapshot(10.0, health, elapsed_s=2.0, temperature_publishers=(1, 1))
+    snapshot = Snapshot(10.0, health, Compensator(2), elapsed_s=2.0, temperature_publishers=(1, 1))
     statuses = diagnostics(snapshot)
     assert all(isinstance(each, Status) for each in statuses)
     assert [(each.name, each.level) for each in statuses] == [
