@@ -296,6 +296,29 @@ class Messages:
         message = self.make(kind, *fields)
         return bytes(self.store.serialize_cdr(message, kind, little_endian=little))
 
+    def imu(self, stamp_ns, force, rotation, little=True):
+        """Serialize an Imu of a driver that knows no orientation and no covariance."""
+        three = (
+            self._make('geometry_msgs/msg/Vector3', *map(float, v)) for v in (rotation, force)
+        )
+        unknown, none = np.array([-1.0] + 8 * [0.0]), np.zeros(9)
+        turn = self._make('geometry_msgs/msg/Quaternion', 0.0, 0.0, 0.0, 1.0)
+        rotation, force = three
+        fields = stamp_ns, turn, none, rotation, none, force, unknown
+        return self.pack('sensor_msgs/msg/Imu', *fields, little=little)
+
+    def transforms(self, stamp_ns, links, little=True):
+        """Serialize a TFMessage of (parent, child, quaternion)."""
+        transforms = []
+        for parent, child, quaternion in links:
+            moved = self._make('geometry_msgs/msg/Vector3', 0.1, 0.2, 0.3)
+            turned = self._make('geometry_msgs/msg/Quaternion', *map(float, quaternion))
+            transform = self._make('geometry_msgs/msg/Transform', moved, turned)
+            header = self._header(stamp_ns, parent)
+            kind = 'geometry_msgs/msg/TransformStamped'
+            transforms.append(self._make(kind, header, child, transform))
+        return self.pack('tf2_msgs/msg/TFMessage', transforms, little=little)
+
     def run(self, stamps_ns, wrenches, temperature_c, topic='/wrench_raw'):
         """Wrenches, and at every hundredth a temperature and a message of no interest."""
         content = bytearray(self.wrench(0, [0.0] * 6))

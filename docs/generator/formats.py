@@ -14,6 +14,7 @@ from wrist_ft_comp.model.signals import (
     AXES,
     FORCE_CHANNELS,
     REFERENCE_CHANNELS,
+    ROTATION_CHANNEL,
     temperature_channel,
 )
 
@@ -82,6 +83,7 @@ def csv_columns() -> str:
                 'upwards at rest; all three or none'
             ),
         ],
+        [f'`{ROTATION_CHANNEL}`', 'rad/s', 'speed of rotation of the sensor'],
     ]
     return table(('column', 'unit', 'what it is'), rows)
 

@@ -254,9 +254,18 @@ def test_specific_force_is_absent_where_it_was_not_sampled():
     assert np.isfinite(np.delete(recording.specific_force, 15, axis=0)).all()
 
 
+def test_speed_of_rotation_is_averaged_as_a_root_mean_square():
+    stamps = np.arange(4) * SECOND // 2
+    speed = Samples(('rotation_speed',), stamps, np.array([[3.0], [-4.0], [0.5], [0.5]]))
+    temperature = samples('temperature_c', *((s, 20.0) for s in range(3)))
+    recording = grid_samples([wrenches(0, 1, 2), temperature, speed])
+    np.testing.assert_allclose(recording.rotation_speed, [math.sqrt(12.5), 0.5, np.nan])
+
+
 def test_a_recording_without_specific_force_says_none():
     recording = grid_samples([wrenches(0, 1), samples('temperature_c', (0, 20.0), (1, 20.0))])
     assert recording.specific_force is None
+    assert recording.rotation_speed is None
 
 
 def test_two_of_three_accelerations_are_none():

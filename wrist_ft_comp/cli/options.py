@@ -101,17 +101,32 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         metavar='TOPIC',
         help='(default: %(default)s)',
     )
+    group.add_argument(
+        '--imu-topic',
+        default='',
+        metavar='TOPIC',
+        help='a sensor_msgs/Imu at the sensor, which tells gravity in its frame',
+    )
+    group.add_argument(
+        '--gravity-frame',
+        default='',
+        metavar='FRAME',
+        help='without an IMU, gravity by /tf: z of FRAME is up, against which the frame_id of the '
+        'wrench turns',
+    )
     return group
 
 
 def topics_from(arguments: argparse.Namespace) -> Topics:
-    """Build the topics that were given; SettingsError for a temperature that is no entry."""
+    """Build the topics that were given; SettingsError when they can't be meant so."""
     temperatures = tuple(arguments.temperature_topic or Topics().temperatures)
     parse_sources(temperatures, lambda topic: topic.strip('/'))
     return Topics(
         wrench=arguments.wrench_topic,
         temperatures=temperatures,
         reference=arguments.reference_topic,
+        imu=arguments.imu_topic,
+        gravity_frame=arguments.gravity_frame,
     )
 
 

@@ -1,7 +1,8 @@
 """
 The codec of messages that are a header, then doubles: one by one, or many at once.
 
-``geometry_msgs/WrenchStamped`` (6 doubles) and ``sensor_msgs/Temperature`` (2 doubles) share it::
+``geometry_msgs/WrenchStamped`` (6 doubles), ``sensor_msgs/Temperature`` (2) and
+``sensor_msgs/Imu`` (37) share it::
 
     byte   0        1      2..3     4..7   8..11     12..15     16..        o
            0   1=little  options     sec  nanosec  frame length  frame_id   doubles
@@ -26,8 +27,12 @@ from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS
 #: Doubles in a message of these types: force and torque; temperature and its variance.
 WRENCH_DOUBLES = 6
 TEMPERATURE_DOUBLES = 2
+#: Orientation, rotation and acceleration with their covariances; where two of them are.
+IMU_DOUBLES = 37
+ROTATION, ACCELERATION = slice(13, 16), slice(25, 28)
 WRENCH, TEMPERATURE = 'geometry_msgs/msg/WrenchStamped', 'sensor_msgs/msg/Temperature'
-DOUBLES = {WRENCH: WRENCH_DOUBLES, TEMPERATURE: TEMPERATURE_DOUBLES}
+IMU, TF = 'sensor_msgs/msg/Imu', 'tf2_msgs/msg/TFMessage'
+DOUBLES = {WRENCH: WRENCH_DOUBLES, TEMPERATURE: TEMPERATURE_DOUBLES, IMU: IMU_DOUBLES}
 #: Byte at which frame_id begins.
 _FRAME = 16
 #: A frame name longer than this is not a frame name.

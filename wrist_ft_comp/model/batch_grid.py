@@ -23,6 +23,7 @@ from wrist_ft_comp.model.signals import (
     NANOSECONDS,
     Recording,
     REFERENCE_CHANNELS,
+    ROTATION_CHANNEL,
     Samples,
     temperature_channel,
 )
@@ -90,6 +91,8 @@ class GridBuilder:
             stamps_ns, values = stamps_ns[usable], values[usable]
         cells = stamps_ns // self._period_ns
         starts = np.flatnonzero(np.diff(cells, prepend=cells[0] - 1))
+        if samples.channels == (ROTATION_CHANNEL,):
+            values = values**2  # its mean of a motion to and fro says nothing
         sums = np.add.reduceat(values, starts, axis=0)
         counts = np.diff(starts, append=len(cells))
         for column, channel in enumerate(samples.channels):
@@ -135,6 +138,7 @@ class GridBuilder:
             reference=np.stack([dense.get(c, absent) for c in REFERENCE_CHANNELS], axis=1),
             warnings=warnings,
             specific_force=force,
+            rotation_speed=np.sqrt(dense[ROTATION_CHANNEL]) if ROTATION_CHANNEL in dense else None,
         )
 
     def _judge_tallies(self) -> tuple[str, ...]:

@@ -3,8 +3,8 @@ Tables of named columns: which channels they hold, and a recording made of ones 
 
 Columns are named as those of a CSV recording: ``stamp_s`` or ``stamp_ns``, any of ``force_x`` …
 ``torque_z``, ``temperature_c``, ``temperature_2_c`` …, ``reference_force_x`` …,
-``linear_acceleration_x`` …; others are not used. A table is what has ``keys`` and columns by name:
-a dict of arrays, or a pandas DataFrame.
+``linear_acceleration_x`` …, ``rotation_speed``; others are not used. A table is what has ``keys``
+and columns by name: a dict of arrays, or a pandas DataFrame.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -28,6 +28,7 @@ from wrist_ft_comp.model.signals import (
     NANOSECONDS,
     Recording,
     REFERENCE_CHANNELS,
+    ROTATION_CHANNEL,
     Samples,
 )
 
@@ -53,6 +54,7 @@ def channel_groups(columns: Iterable[str]) -> list[tuple[str, ...]]:
         *((column,) for column in columns if _THERMOMETER.fullmatch(column)),
         tuple(channel for channel in REFERENCE_CHANNELS if channel in columns),
         tuple(channel for channel in FORCE_CHANNELS if channel in columns),
+        (ROTATION_CHANNEL,) if ROTATION_CHANNEL in columns else (),
     )
     return [group for group in groups if group]
 
@@ -78,8 +80,8 @@ def require_channels(source: str, columns: Sequence[str]) -> None:
 def mistyped_columns(source: str, columns: Iterable[str], used: Iterable[str]) -> list[str]:
     """Warn of columns that are not used but named almost like ones that would be."""
     used = set(used)
-    known = {*AXES, *REFERENCE_CHANNELS, *FORCE_CHANNELS, 'temperature_c', 'temperature_2_c'}
-    known -= used
+    known = {*AXES, *REFERENCE_CHANNELS, *FORCE_CHANNELS, ROTATION_CHANNEL}
+    known = {*known, 'temperature_c', 'temperature_2_c'} - used
     return [
         f'The column {column} of {source} is not used; if it is {near}, rename it.'
         for column in columns

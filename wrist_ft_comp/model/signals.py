@@ -3,7 +3,8 @@ What a recording is: samples as they were read, and their means on the thermal g
 
 Channels are named like the columns of a CSV recording: ``force_x`` … ``torque_z`` (raw wrench, N
 and N m), ``reference_force_x`` … (reference wrench), ``temperature_c``, ``temperature_2_c`` …,
-``linear_acceleration_x`` … (specific force, m/s²: +9.81 upwards at rest).
+``linear_acceleration_x`` … (specific force, m/s²: +9.81 upwards at rest), ``rotation_speed``
+(rad/s).
 """
 
 from collections.abc import Callable, Sequence
@@ -30,6 +31,7 @@ Correction = Callable[[IntArray, FloatArray], FloatArray]
 AXES = ('force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z')
 REFERENCE_CHANNELS = tuple(f'reference_{axis}' for axis in AXES)
 FORCE_CHANNELS = ('linear_acceleration_x', 'linear_acceleration_y', 'linear_acceleration_z')
+ROTATION_CHANNEL = 'rotation_speed'
 #: Norm of the specific force at rest, m/s².
 GRAVITY = 9.807
 NANOSECONDS = 1_000_000_000
@@ -46,6 +48,10 @@ class Topics:
     temperatures: tuple[str, ...] = ('/temperature',)
     #: The default one may be absent.
     reference: str = '/wrench_reference'
+    #: Where specific force comes from: a sensor_msgs/Imu, or a frame of /tf whose z is up, against
+    #: which that of the wrench turns; nowhere where both are empty.
+    imu: str = ''
+    gravity_frame: str = ''
 
     def __post_init__(self) -> None:
         """Refuse one name in the place of several: its letters would be topics."""
@@ -54,12 +60,17 @@ class Topics:
             raise SettingsError(
                 f'temperatures are names of topics; got the text {names!r}. Write ({names!r},).'
             )
+        if self.imu and self.gravity_frame:
+            raise SettingsError(
+                f'Specific force comes from the IMU {self.imu} or by the frame '
+                f'{self.gravity_frame}, not from both; name one.'
+            )
 
 
 def axis_unit(axis: str) -> str:
-    """Return the unit of a channel: N for forces, N m for torques, m/s² for specific force."""
-    if axis in FORCE_CHANNELS:
-        return 'm/s²'
+    """Return the unit of a channel that is no temperature."""
+    if axis in {*FORCE_CHANNELS, ROTATION_CHANNEL}:
+        return 'rad/s' if axis == ROTATION_CHANNEL else 'm/s²'
     return 'N' if axis.startswith('force') else 'N m'
 
 
@@ -120,6 +131,9 @@ class Recording:
     #: Mean specific force, m/s², GRAVITY at rest, shape (N, 3), NaN where there was no sample;
     #: None where none was recorded.
     specific_force: FloatArray | None = None
+    #: RMS speed of rotation, rad/s, shape (N,), NaN where there was no sample; None where none was
+    #: recorded.
+    rotation_speed: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and finiteness once, where the record is built."""
@@ -137,6 +151,7 @@ class Recording:
             ('wrench', self.wrench, (cells, len(AXES))),
             ('reference', self.reference, (cells, len(AXES))),
             ('specific_force', self.specific_force, (cells, len(FORCE_CHANNELS))),
+            ('rotation_speed', self.rotation_speed, (cells,)),
         ):
             if array is not None and array.shape != shape:
                 raise RecordingError(

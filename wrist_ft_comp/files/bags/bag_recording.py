@@ -15,15 +15,18 @@ import numpy as np
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.files import cdr
 from wrist_ft_comp.files.bags.bag import Bag, Connection, SUFFIXES, write_bag
+from wrist_ft_comp.files.bags.gravity import gravity_samples
 from wrist_ft_comp.files.cdr_fields import decode, Definitions, read_numbers
 from wrist_ft_comp.model.signals import (
     AXES,
     Correction,
     FloatArray,
+    FORCE_CHANNELS,
     IntArray,
     NANOSECONDS,
     Progress,
     REFERENCE_CHANNELS,
+    ROTATION_CHANNEL,
     Samples,
     temperature_channel,
     Topics,
@@ -53,18 +56,20 @@ class _Stream:
 
 
 def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
-    """Read wrench, temperatures and, where it is there, the reference; by topic and batch."""
+    """Read wrench, temperatures and, where they are, reference and specific force; by batch."""
     streams = {stream.connection.id: stream for stream in _streams(bag, topics)}
     unstamped = {stream for stream in streams.values() if not stream.sources}
     unread = {stream for stream in streams.values() if stream.sources}
     ahead_ns = 0
+    if topics.gravity_frame:
+        yield from gravity_samples(bag, topics)
     for stream, times_ns, messages in bag.grouped(streams, progress):
         stamps_ns, values = _decode(bag, stream, messages)
         if not stream.sources:
             if stamps_ns.any():
                 unstamped.discard(stream)
                 ahead_ns = int(stamps_ns[-1]) - times_ns[-1]
-            yield Samples(stream.channels, stamps_ns, values)
+            yield from _samples(stream, stamps_ns, values)
             continue
         if stream in unread:
             _check_first(bag, stream, messages, values)
@@ -91,6 +96,17 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
         )
 
 
+def _samples(stream: _Stream, stamps_ns: IntArray, values: FloatArray) -> Iterator[Samples]:
+    """Name what a topic of doubles holds."""
+    if stream.connection.msgtype != cdr.IMU:
+        yield Samples(stream.channels, stamps_ns, values[:, : len(stream.channels)])
+        return
+    yield Samples(FORCE_CHANNELS, stamps_ns, values[:, cdr.ACCELERATION])
+    speed = np.linalg.norm(values[:, cdr.ROTATION], axis=1, keepdims=True)
+    measured = speed[:, 0] > 0  # an accelerometer alone leaves it empty
+    yield Samples((ROTATION_CHANNEL,), stamps_ns[measured], speed[measured])
+
+
 def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
     """Find the topics; one stream for each connection."""
     wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
@@ -113,6 +129,9 @@ def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
     if holds_reference or topics.reference != Topics().reference:
         found = bag.find(topics.reference, cdr.WRENCH, 'reference')
         streams += [_Stream(connection, REFERENCE_CHANNELS) for connection in found]
+    if topics.imu:
+        found = bag.find(topics.imu, cdr.IMU, 'IMU')
+        streams += [_Stream(connection, FORCE_CHANNELS) for connection in found]
     numbers = Counter(stream.connection.id for stream in streams)
     for stream in streams:
         if numbers[stream.connection.id] > 1:
@@ -164,8 +183,7 @@ def _decode(bag: Bag, stream: _Stream, messages: list[bytes]) -> tuple[IntArray,
         if stream.sources:
             paths = [source.path for source in stream.sources]
             return read_numbers(stream.definitions, kind, messages, paths)
-        stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[kind])
-        return stamps_ns, values[:, : len(stream.channels)]
+        return cdr.decode_many(messages, cdr.DOUBLES[kind])
     except RecordingError as error:
         if messages[0].startswith(_ZSTD_MAGIC):
             raise RecordingError(

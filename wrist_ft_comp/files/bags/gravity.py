@@ -1,0 +1,86 @@
+"""Specific force of a bag by its /tf and /tf_static."""
+
+from collections.abc import Iterator, Sequence
+from itertools import chain
+
+import numpy as np
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.files import cdr
+from wrist_ft_comp.files.bags.bag import Bag
+from wrist_ft_comp.files.bags.tf_messages import decode_transforms
+from wrist_ft_comp.model.payload.tf_tree import GAP_NS, GravityByTf
+from wrist_ft_comp.model.signals import (
+    FORCE_CHANNELS,
+    IntArray,
+    NANOSECONDS,
+    ROTATION_CHANNEL,
+    Samples,
+    Topics,
+)
+
+#: Length of a step; a transform is good for the steps until where a gap would begin.
+_STEP_NS = NANOSECONDS // 20
+_STEPS = np.arange(GAP_NS // _STEP_NS)
+
+
+def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
+    """
+    Tell specific force in the wrench's frame 20 times a second, where z of another frame is up.
+
+    RecordingError when TF tells it nowhere.
+    """
+    moving = bag.find('/tf', cdr.TF, 'gravity')
+    gravity = GravityByTf(topics.gravity_frame, _wrench_frame(bag, topics))
+    static = bag.named('/tf_static')
+    for batch in bag.batches(static) if static else ():
+        _take(bag, gravity, [data for _, _, data in batch], static=True)
+    due: IntArray = np.empty(0, np.int64)
+    done, found = 0, False
+    for batch in chain(bag.batches(moving), [[]]):
+        stamps = _take(bag, gravity, [data for _, _, data in batch])
+        steps = np.unique(np.concatenate([due[:0], *(each // _STEP_NS for each in stamps)]))
+        due = np.union1d(due, np.add.outer(steps, _STEPS))
+        settled_ns = gravity.settled_ns() if batch else None
+        now = due * _STEP_NS <= (settled_ns or np.iinfo(np.int64).max) - _STEP_NS // 2
+        steps, due = due[now & (due > done)], due[~now]
+        done = max([done, *steps[-1:].tolist()])
+        times_ns = steps * _STEP_NS + _STEP_NS // 2
+        force, speed = gravity.read(times_ns)
+        gravity.forget()
+        known, turned = np.isfinite(force[:, 0]), np.isfinite(speed)
+        found |= bool(known.any())
+        yield Samples(FORCE_CHANNELS, times_ns[known], force[known])
+        yield Samples((ROTATION_CHANNEL,), times_ns[turned], speed[turned, np.newaxis])
+    if not found:
+        raise RecordingError(
+            f'{bag.name}: {gravity.missing()} Name another --gravity-frame; of a split bag, name '
+            'the folder: /tf_static is in its first file.'
+        )
+
+
+def _wrench_frame(bag: Bag, topics: Topics) -> str:
+    """Find the frame of the raw wrench."""
+    wrench = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')[0]
+    data = bag.first(wrench)
+    frame = cdr.locate(data, cdr.WRENCH_DOUBLES).frame_id(data) if data else ''
+    if not frame:
+        raise RecordingError(
+            f'{wrench.topic} of {bag.name} has no frame_id, so TF cannot say how the sensor is '
+            'turned. Let the driver fill header.frame_id, or use an IMU.'
+        )
+    return frame
+
+
+def _take(
+    bag: Bag, gravity: GravityByTf, messages: Sequence[bytes], *, static: bool = False
+) -> list[IntArray]:
+    """Take transforms in; returns their stamps, ns."""
+    stamps = []
+    try:
+        for each in decode_transforms(messages):
+            gravity.add(each, static=static)
+            stamps.append(each.stamps_ns)
+    except RecordingError as error:
+        raise RecordingError(f'A transform of {bag.name} is damaged. {error}') from error
+    return stamps

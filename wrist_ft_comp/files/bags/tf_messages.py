@@ -1,0 +1,75 @@
+"""
+The codec of ``tf2_msgs/TFMessage``: stamps and rotations of many messages at once.
+
+Messages of a publisher differ in numbers only: one is followed, and all that have the same texts
+at the same places are read together::
+
+    byte 4  how many transforms, and of each, aligned by its type, counted from byte 4:
+            sec, nanosec, frame_id, child_frame_id, 3 doubles translation, 4 doubles rotation
+"""
+
+from collections.abc import Iterator, Sequence
+import struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model.payload.tf_tree import Transforms
+from wrist_ft_comp.model.signals import NANOSECONDS
+
+_TRANSLATION, _ROTATION = 24, 32
+#: Parent, child, first byte of the stamp, and of the rotation.
+_Place = tuple[str, str, int, int]
+
+
+def decode_transforms(messages: Sequence[bytes]) -> Iterator[Transforms]:
+    """Read messages; RecordingError, which names no topic, when one is no TFMessage."""
+    sizes = np.fromiter(map(len, messages), np.int64, len(messages))
+    for size in np.unique(sizes):
+        joined = b''.join(messages[place] for place in np.flatnonzero(sizes == size))
+        rows: NDArray[np.uint8] = np.frombuffer(joined, np.uint8).reshape(-1, size)
+        while len(rows):
+            try:
+                order, places, texts = _follow(rows[0].tobytes())
+            except (struct.error, UnicodeDecodeError, IndexError) as error:
+                raise RecordingError(f'Expected a tf2_msgs/TFMessage; {error}.') from error
+            alike = (rows[:, texts] == rows[0, texts]).all(axis=1)
+            some, rows = rows[alike], rows[~alike]
+            for parent, child, stamp, rotation in places:
+                stamps = np.ascontiguousarray(some[:, stamp : stamp + 8]).view(f'{order}u4')
+                stamps_ns = stamps[:, 0].astype(np.int64) * NANOSECONDS + stamps[:, 1]
+                numbers = np.ascontiguousarray(some[:, rotation : rotation + _ROTATION])
+                turned = numbers.view(f'{order}f8').astype(float)
+                yield Transforms(parent, child, stamps_ns, turned)
+
+
+def _follow(data: bytes) -> tuple[str, list[_Place], NDArray[np.bool_]]:
+    """Find byte order, transforms, and the bytes that messages laid out alike share."""
+    order = '<' if data[1] else '>'
+    (count,) = struct.unpack_from(f'{order}I', data, 4)
+    texts = np.zeros(len(data), bool)
+    texts[:8] = True
+    places: list[_Place] = []
+    at = 8
+    while len(places) < count:
+        stamp = _aligned(at, 4)
+        at = stamp + 8
+        names = []
+        for _ in range(2):
+            begin = _aligned(at, 4)
+            (length,) = struct.unpack_from(f'{order}I', data, begin)
+            at = begin + 4 + length
+            texts[begin:at] = True
+            names.append(data[begin + 4 : at].rstrip(b'\0').decode())
+        rotation = _aligned(at, 8) + _TRANSLATION
+        at = rotation + _ROTATION
+        if at > len(data):
+            raise IndexError(f'{len(data)} bytes end before transform {len(places) + 1}')
+        places.append((names[0], names[1], stamp, rotation))
+    return order, places, texts
+
+
+def _aligned(at: int, size: int) -> int:
+    """Step to where a number of some bytes may begin."""
+    return 4 + -(-(at - 4) // size) * size
