@@ -99,6 +99,11 @@ def write_picture(path: Path, png: bytes) -> None:
         raise RecordingError(f'{path} cannot be written: {error.strerror}.') from error
 
 
+def refuse_constant(name: str) -> None:
+    """Refuse NaN and infinities, which Python's JSON would take."""
+    raise ValueError(f'{name} stands in it')
+
+
 def beginning(path: Path) -> str:
     """Read the beginning of a file, where it says what it is; of what is none, nothing."""
     try:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp.errors import StateFileError
-from wrist_ft_comp.files.documents import Document, Kind
+from wrist_ft_comp.files.documents import Document, Kind, refuse_constant
 from wrist_ft_comp.model.drift_model import Drift
 from wrist_ft_comp.model.signals import AXES, FloatArray
 from wrist_ft_comp.stream.warm_restart import ThermalMemory
@@ -62,16 +62,11 @@ def load_state(path: Path) -> SavedState | None:
         return None
     content = KIND.read(path)
     try:
-        document = json.loads(content, parse_constant=_refuse)
+        document = json.loads(content, parse_constant=refuse_constant)
     except (ValueError, RecursionError) as error:
         raise StateFileError(f'{path} is not a state file: expected JSON, but {error}.') from error
     KIND.check(path, document)
     return _state(document)
-
-
-def _refuse(name: str) -> None:
-    """Refuse NaN and infinities, which Python's JSON would take."""
-    raise ValueError(f'{name} stands in it')
 
 
 def _document(state: SavedState) -> Document:

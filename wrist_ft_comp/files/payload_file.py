@@ -1,0 +1,106 @@
+"""
+Payloads that were learnt, by name, in one JSON file beside the models.
+
+A name is never given to another payload: a program may have set it as ``payload.active``.
+"""
+
+from collections.abc import Iterable
+import json
+from pathlib import Path
+import re
+
+import numpy as np
+
+from wrist_ft_comp.errors import ModelFileError, WristFtCompError
+from wrist_ft_comp.files.documents import Document, Kind, refuse_constant
+from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.model.signals import FloatArray
+
+#: Its name, in the folder of the models.
+PAYLOADS = 'payloads.json'
+KIND = Kind(
+    name='file of payloads',
+    says='wrist_ft_comp payloads',
+    version=1,
+    schema='payloads.schema.json',
+    max_bytes=10_000_000,
+    error=ModelFileError,
+    made_by='A calibration with --reference payload makes one.',
+    renewed_by='Remove it, calibrate',
+    unwritable='{path} cannot be written: {reason}. Make room, or choose another folder.',
+)
+#: By name, oldest first.
+Learnt = dict[str, tuple[Payload, ForceFrame]]
+
+
+def load_payloads(path: Path) -> Learnt:
+    """Read a file of payloads; none where there is no file. ModelFileError when it is broken."""
+    return {name: _payload(path, name, entry) for name, entry in _entries(path).items()}
+
+
+def add_payloads(
+    path: Path, stem: str, payloads: Iterable[Payload], frame: ForceFrame
+) -> list[str]:
+    """Add payloads as stem-1, stem-2 … or counting on from what is there; give their names."""
+    entries = _entries(path)
+    taken = [re.fullmatch(rf'{re.escape(stem)}-(\d+)', name) for name in entries]
+    first = 1 + max((int(each[1]) for each in taken if each), default=0)
+    added = {f'{stem}-{n}': _entry(each, frame) for n, each in enumerate(payloads, first)}
+    document = {
+        'format': KIND.says,
+        'version': KIND.version,
+        'payloads': {**entries, **added},
+    }
+    KIND.write(path, json.dumps(document, indent=1, allow_nan=False))
+    return list(added)
+
+
+def _entries(path: Path) -> Document:
+    """Read and check what a file holds."""
+    if not path.exists():
+        return {}
+    try:
+        document = json.loads(KIND.read(path), parse_constant=refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise ModelFileError(f'{path} cannot be read: it is no JSON ({error}).') from error
+    KIND.check(path, document)
+    entries: Document = document['payloads']
+    return entries
+
+
+def _entry(payload: Payload, frame: ForceFrame) -> Document:
+    """Turn a payload into plain values; what is not known is null."""
+    return {
+        'mass_kg': payload.mass_kg,
+        'center_of_mass_m': payload.center_m.tolist(),
+        'mass_error_kg': _known(payload.mass_error_kg),
+        'center_error_m': _known(payload.center_error_m),
+        'share': _known(payload.share),
+        'rotation': frame.rotation.tolist(),
+        'bias': frame.bias.tolist(),
+        'scale': frame.scale.tolist(),
+    }
+
+
+def _known(value: float | FloatArray) -> float | list[float] | None:
+    """Turn a number, or several, into plain values; NaN into null."""
+    known: float | list[float] = np.asarray(value, dtype=float).tolist()
+    return known if np.isfinite(value).all() else None
+
+
+def _payload(path: Path, name: str, entry: Document) -> tuple[Payload, ForceFrame]:
+    """Build a payload from an entry that was checked."""
+    error, share = entry['mass_error_kg'], entry['share']
+    center_error = entry['center_error_m']
+    try:
+        payload = Payload(
+            entry['mass_kg'],
+            np.array(entry['center_of_mass_m'], dtype=float),
+            np.nan if error is None else error,
+            np.full(3, np.nan) if center_error is None else np.array(center_error, dtype=float),
+            np.nan if share is None else share,
+        )
+    except WristFtCompError as refusal:
+        raise ModelFileError(f'{name} of {path} cannot be used: {refusal}') from refusal
+    parts = (np.array(entry[key], dtype=float) for key in ('rotation', 'bias', 'scale'))
+    return payload, ForceFrame(*parts)
