@@ -37,6 +37,7 @@ sensor's own gain is trusted to 1 % only.
 """
 
 import argparse
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -46,15 +47,14 @@ import time
 os.environ.setdefault('OMP_NUM_THREADS', '1')
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-from at_work_days import observe, Observed
 import numpy as np
-from rigid_payload import payloads_of
-from working_days import SCENARIOS, Working, working
-from world_peers import block_means, BLOCK_S, Day, root_mean_square, tared
+from working_days import SCENARIOS, WorkDay, Working, working
+from world_peers import block_means, BLOCK_S, root_mean_square, tared
 from world_tables import intervals, STATISTICS
 from worlds import DEVELOPMENT_SEED, report_seed
 
 from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.result import Calibration
 from wrist_ft_comp.calibration.settings import CalibrationSettings
 from wrist_ft_comp.model.offline import simulate_drift
 from wrist_ft_comp.model.signals import FloatArray, NANOSECONDS, Recording
@@ -92,61 +92,71 @@ class Judged:
     seconds: float
 
 
-def empty_day(temperature_c: FloatArray, wrench: FloatArray) -> Day:
-    """Average a day with an empty flange."""
-    cells = int(BLOCK_S)
-    drift = block_means(wrench, cells)
-    return Day(block_means(temperature_c, cells), drift, np.zeros_like(drift), BLOCK_S)
+def recording_of(
+    temperature_c: FloatArray, wrench: FloatArray, day: WorkDay | None = None
+) -> Recording:
+    """Turn means over cells of 1 s into a recording."""
+    return Recording(
+        'day',
+        NANOSECONDS,
+        0,
+        temperature_c,
+        np.ones(temperature_c.shape, dtype=bool),
+        wrench,
+        np.full_like(wrench, np.nan),
+        specific_force=None if day is None else day.force,
+        rotation_speed=None if day is None else day.spin,
+    )
 
 
-def recording_of(day: Day) -> Recording:
-    """Turn a day's means into a recording with cells as long as they are."""
-    measured = np.ones(day.temperature_c.shape, dtype=bool)
-    period_ns = round(day.period_s * NANOSECONDS)
-    raw = day.drift + day.load
-    return Recording('day', period_ns, 0, day.temperature_c, measured, raw, day.load)
+def at_work(days: Sequence[WorkDay]) -> Calibration:
+    """Learn from days at work."""
+    recordings = [recording_of(day.temperature_c, day.wrench, day) for day in days]
+    return calibrate(recordings, CalibrationSettings('payload'))
 
 
-def left_of(learnt: list[Day], judged: Day) -> FloatArray:
+def left_of(calibration: Calibration, judged: Recording) -> FloatArray:
     """Share of an empty day's drift that is left, (6,)."""
-    loaded = np.nanstd(learnt[0].load) > 0
-    settings = CalibrationSettings('recorded' if loaded else 'unloaded')
-    model = calibrate([recording_of(day) for day in learnt], settings).model
-    predicted = simulate_drift(model, recording_of(judged)).zero
-    remaining = root_mean_square(tared(judged.drift - predicted, judged.period_s))
-    return np.asarray(remaining / root_mean_square(tared(judged.drift, judged.period_s)))
+    rest = judged.wrench - simulate_drift(calibration.model, judged).zero
+    left, raw = (
+        root_mean_square(tared(block_means(each, int(BLOCK_S)), BLOCK_S))
+        for each in (rest, judged.wrench)
+    )
+    return np.asarray(left / raw)
 
 
-def errors_of(world: Working, observed: Observed) -> tuple[FloatArray, FloatArray]:
+def errors_of(world: Working, calibration: Calibration) -> tuple[FloatArray, FloatArray]:
     """Compare each payload with the nearest that was found."""
-    found = payloads_of(observed)
     mass = np.full((len(world.payloads), 2), np.nan)
     center = np.full((len(world.payloads), 3, 2), np.nan)
-    if found is None:
+    if calibration.payloads is None:
         return mass, center
-    for n, payload in enumerate(world.payloads):
-        k = int(np.argmin(np.abs(found.mass_kg - payload.mass_kg)))
-        mass[n] = found.mass_kg[k] - payload.mass_kg, found.mass_error[k]
-        mass[n] /= payload.mass_kg
-        center[n] = np.stack((found.center_m[k] - payload.center_m, found.center_error[k]), axis=1)
+    for n, true in enumerate(world.payloads):
+        each = calibration.payloads.payloads.values()
+        found = min(each, key=lambda payload: abs(payload.mass_kg - true.mass_kg))
+        mass[n] = found.mass_kg - true.mass_kg, found.mass_error_kg
+        mass[n] /= true.mass_kg
+        center[n] = np.stack((found.center_m - true.center_m, found.center_error_m), axis=1)
     return mass, center
 
 
 def judge(name: str, seed: int) -> Judged:
     """Judge one world."""
     world = working(name, seed)
-    judged = empty_day(*world.judged)
-    empty = left_of([empty_day(*each) for each in world.empty], judged)
+    judged = recording_of(*world.judged)
+    empty = left_of(calibrate([recording_of(*each) for each in world.empty]), judged)
     began = time.perf_counter()
-    observed = observe(world.days)
-    left = left_of(observed.days, judged)
+    calibration = at_work(world.days)
+    left = left_of(calibration, judged)
     seconds = time.perf_counter() - began
+    separation = calibration.separation
+    states, steps = (len(separation.fit.gains), separation.steps) if separation else (0, [])
     return Judged(
         left,
         empty,
-        *errors_of(world, observed),
-        (len(observed.fit.gains), len(world.payloads)),
-        (sum(map(len, observed.steps)), sum(len(day.tares) for day in world.days)),
+        *errors_of(world, calibration),
+        (states, len(world.payloads)),
+        (sum(map(len, steps)), sum(len(day.tares) for day in world.days)),
         seconds,
     )
 

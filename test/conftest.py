@@ -4,6 +4,7 @@ Fixtures of several rooms: recordings, temperatures, drifts with a known truth, 
 Everything here is seeded and written without the package's mathematics and codecs.
 """
 
+from dataclasses import replace
 from importlib.util import find_spec
 import struct
 
@@ -50,6 +51,51 @@ def make_recording():
             wrench=_wrenches(len(temperature_c), wrench),
             reference=_wrenches(len(temperature_c), reference or {}),
         )
+
+    return make
+
+
+#: A tool, and the same with a part in it: kg, and m from the sensor.
+TOOL = (1.3, np.array([0.01, -0.02, 0.09]))
+HELD = (2.1, np.array([0.02, -0.01, 0.12]))
+#: From the frame of the specific force to the wrench's: a quarter turn about z.
+QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+
+
+def _weight(payload, force):
+    """F = -m f, τ = c × F."""
+    pushed = -payload[0] * force
+    return np.concatenate((pushed, np.cross(payload[1], pushed)), axis=1)
+
+
+@pytest.fixture(scope='session')
+def make_working_day(make_recording, warm_up):
+    """Work for some cells of 1 s: poses of 3 to 9 s, a part in every other minute, contacts."""
+
+    def make(  # noqa: PLR0913 -- a factory names what it can vary
+        seed=0, cells=1800, *, part=True, contacts=0.15, noise=0.05, tare_at=None, poses=None
+    ):
+        rng = np.random.default_rng([13, seed])
+        n = np.arange(cells)
+        poses = rng.standard_normal((cells // 3, 3)) if poses is None else poses
+        poses = poses / np.linalg.norm(poses, axis=1, keepdims=True)
+        starts = np.cumsum(rng.integers(3, 10, cells // 3))
+        at = np.searchsorted(starts, n, side='right')
+        felt = 9.807 * poses[at % len(poses)]
+        held = part * (n // 60 % 2)
+        wrench = np.where(held[:, None], _weight(HELD, felt), _weight(TOOL, felt))
+        temperature_c = warm_up(cells, seed, period_s=4.0)
+        drift = (temperature_c - 20.0)[:, None] * [0.3, -0.2, 0.5, 0.01, 0.02, -0.01]
+        pushed = rng.uniform(size=cells // 10 + 1) < contacts
+        pressed = rng.uniform(5, 60, (len(pushed), 1)) * rng.standard_normal((len(pushed), 6))
+        raw = wrench + drift + (pushed * pressed.T).T[n // 10] * [1, 1, 1, 0.1, 0.1, 0.1]
+        raw += noise * rng.standard_normal(raw.shape) * [1, 1, 1, 0.02, 0.02, 0.02]
+        if tare_at is not None:
+            raw[tare_at:] -= raw[tare_at - 1]
+        axes = dict(zip(AXES, raw.T, strict=True))
+        day = make_recording(temperature_c, axes, period_s=1.0, name=f'day{seed}.csv')
+        speed = np.where(np.isin(n, starts), 1.0, 0.0)
+        return replace(day, specific_force=felt @ QUARTER, rotation_speed=speed)
 
     return make
 

@@ -16,6 +16,8 @@ from wrist_ft_comp.calibration.data_checks import (
 )
 from wrist_ft_comp.calibration.free_relaxations import identify_free_relaxations
 from wrist_ft_comp.calibration.paper_methods import identify_hats, identify_paper_method
+from wrist_ft_comp.calibration.payload.at_work import learn_at_work
+from wrist_ft_comp.calibration.payload.doubts import follows_gravity
 from wrist_ft_comp.calibration.result import AxisFit, Calibration, SURE_SHARE
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError
@@ -75,9 +77,11 @@ def calibrate(
     check_loads(recordings, axes, settings.reference)
     recordings, dropped = drop_stuck_cells(recordings, axes)
     folds = assign_folds(recordings)
+    work = learn_at_work(recordings) if settings.reference == 'payload' else None
+    learnt = recordings if work is None else work.drift
     problems = []
     for axis in axes:
-        data = build_axis_data(recordings, axis, settings.reference, folds)
+        data = build_axis_data(learnt, axis, settings.reference, folds)
         if data.samples < MIN_SAMPLES or len(data.fold_numbers) < 2:
             raise CalibrationRefusedError(
                 f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
@@ -102,10 +106,22 @@ def calibrate(
         *dropped,
         *silent_stretches(recordings, settings.max_gap_s),
         *idle_thermometers(recordings),
+        *(follows_gravity(recordings, settings.reference) if not settings.moves else ()),
+        *(work.warnings if work else ()),
         *_doubts(recordings, fits),
     ]
     sources = tuple(recording.name for recording in recordings)
-    return Calibration(model, fits, ranges, duration_s, tuple(warnings), sources, settings)
+    return Calibration(
+        model,
+        fits,
+        ranges,
+        duration_s,
+        tuple(warnings),
+        sources,
+        settings,
+        work.payloads if work else None,
+        work.separation if work else None,
+    )
 
 
 def identify(

@@ -88,6 +88,9 @@ def check_loads(
                 )
         return
     for recording in recordings:
+        if reference == 'payload' and recording.specific_force is not None:
+            continue
+        declared = reference.replace('payload', 'constant, as there is no specific force')
         for axis in axes:
             raw = recording.wrench[:, AXES.index(axis)]
             at = np.flatnonzero(np.isfinite(raw))
@@ -105,8 +108,10 @@ def check_loads(
                     f'{axis} of {recording.name} jumps by {steps.max():.3g} '
                     f'{recording.unit_of(axis)} '
                     f'after {cell * recording.period_s:.0f} s, although the load was declared '
-                    f'{reference}. Record again without contact or payload change, or '
+                    f'{declared}. Record again without contact or payload change, or '
                     'record the load as reference.'
+                    + ' Or declare it payload, because specific force was recorded.'
+                    * (recording.specific_force is not None)
                 )
 
 

@@ -5,9 +5,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from wrist_ft_comp.calibration.payload.separation import Separation
 from wrist_ft_comp.calibration.settings import CalibrationSettings
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.model.payload.learnt import LearntPayloads
 from wrist_ft_comp.model.signals import FloatArray, IntArray
 
 Output = Literal['zero', 'sensitivity']
@@ -126,7 +128,8 @@ class Calibration:
     A model that is ready to run, and its evidence: by axis what was chosen and why.
 
     The range holds lowest and highest temperature of each thermometer, °C, shape (J, 2); warnings
-    are what a person should know, in sentences; sources are the names of the recordings.
+    are what a person should know, in sentences; sources are the names of the recordings. With the
+    reference payload, payloads are those that could be told, and separation is what they rest on.
     """
 
     model: DriftModel
@@ -136,3 +139,5 @@ class Calibration:
     warnings: tuple[str, ...]
     sources: tuple[str, ...] = ()
     settings: CalibrationSettings | None = None
+    payloads: LearntPayloads | None = None
+    separation: Separation | None = None

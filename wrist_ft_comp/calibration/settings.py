@@ -77,8 +77,9 @@ class CalibrationSettings:
 
     Attributes
     ----------
-    reference : {'unloaded', 'constant', 'recorded'}
-        What the true wrench was: zero, an unknown constant, or recorded beside the raw one.
+    reference : {'unloaded', 'constant', 'payload', 'recorded'}
+        What the true wrench was: zero, an unknown constant, that of an unknown payload whose
+        specific force was recorded, or recorded beside the raw one.
     min_temperature_span_k : float
         Refuse when no thermometer spans at least this much, K.
     max_gap_s : float
@@ -106,3 +107,8 @@ class CalibrationSettings:
                 f'{self.min_temperature_span_k}.'
             )
         check_range('max_gap_s', self.max_gap_s, 0.0)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the load may move."""
+        return self.reference in {'payload', 'recorded'}

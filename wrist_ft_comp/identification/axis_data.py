@@ -100,7 +100,7 @@ def build_axis_data(
     residual = [recording.wrench[:, column] for recording in recordings]
     load: list[FloatArray] | None = None
     why = f'the reference was declared {reference}'
-    if reference == 'recorded':
+    if reference in {'recorded', 'payload'}:
         load = [recording.reference[:, column] for recording in recordings]
         residual = [raw - true for raw, true in zip(residual, load, strict=True)]
         why = _why_no_sensitivity(residual, load)
@@ -113,7 +113,8 @@ def build_axis_data(
         load=None if why or load is None else tuple(load),
         folds=tuple(folds),
         no_sensitivity=why,
-        tared=find_plateaus(recordings) is None,
+        # What is left out of a working day leaves gaps, but no plateaus.
+        tared=reference == 'payload' or find_plateaus(recordings) is None,
     )
 
 

@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 #: What is known of the true wrench in a recording.
-Reference = Literal['unloaded', 'constant', 'recorded']
+Reference = Literal['unloaded', 'constant', 'payload', 'recorded']
 
 #: Told the share of the work that is done, 0 to 1.
 Progress = Callable[[float], None]

@@ -1,0 +1,216 @@
+"""Learnt at work: payload, contacts and tares apart from drift; and what is said of wrong data."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.payload.accelerometer import set_right
+from wrist_ft_comp.calibration.payload.separation import separate
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.errors import CalibrationRefusedError
+
+PLS = IdentificationSettings(method='pls')
+AT_WORK = CalibrationSettings('payload', identification=PLS)
+MASSES, CENTERS = [1.3, 2.1], [[0.01, -0.02, 0.09], [0.02, -0.01, 0.12]]
+
+
+@pytest.fixture(scope='module')
+def days(make_working_day):
+    return [make_working_day(0), make_working_day(1)]
+
+
+@pytest.fixture(scope='module')
+def learnt(days):
+    return calibrate(days, AT_WORK)
+
+
+def told(calibration):
+    payloads = calibration.payloads.payloads.values()
+    return [p.mass_kg for p in payloads], [p.center_m for p in payloads]
+
+
+def warned(recordings, settings=AT_WORK):
+    return '\n'.join(calibrate(recordings, settings).warnings)
+
+
+class TestPayloads:
+    def test_tool_and_part_are_found_lightest_first(self, learnt):
+        masses, centers = told(learnt)
+        np.testing.assert_allclose(masses, MASSES, rtol=0.003)
+        np.testing.assert_allclose(centers, CENTERS, atol=0.0005)
+        assert [p.share for p in learnt.payloads.payloads.values()] == [
+            pytest.approx(0.5, abs=0.05)
+        ] * 2
+        assert list(learnt.payloads.named('day').payloads) == ['day-1', 'day-2']
+
+    def test_without_noise_they_are_exact(self, make_working_day):
+        day = make_working_day(contacts=0.0, noise=0.0)
+        # What little bends within a block is all that is left of the drift.
+        flat = replace(day, temperature_c=day.temperature_c, wrench=without_drift(day))
+        masses, centers = told(calibrate([flat, flat], AT_WORK))
+        np.testing.assert_allclose(masses, MASSES, rtol=1e-6)
+        np.testing.assert_allclose(centers, CENTERS, atol=1e-6)
+
+    def test_the_frame_of_the_specific_force_does_not_matter(self, days, learnt):
+        turn = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+        turned = [replace(day, specific_force=day.specific_force @ turn) for day in days]
+        again = calibrate(turned, AT_WORK)
+        np.testing.assert_allclose(told(again)[0], told(learnt)[0], rtol=1e-3)
+        np.testing.assert_allclose(
+            again.payloads.frame.rotation, learnt.payloads.frame.rotation @ turn, atol=2e-3
+        )
+
+    def test_the_frame_turns_what_was_measured_into_the_wrench(self, days, learnt):
+        held = separate(days).drift[0]
+        tool = next(iter(learnt.payloads.payloads.values()))
+        pushed = tool.weight(learnt.payloads.frame.turn(days[0].specific_force))[:50]
+        free = np.isfinite(held.wrench[:50, 0])
+        np.testing.assert_allclose(pushed[free], held.reference[:50][free], atol=0.1)
+
+    def test_a_rotation_that_is_not_known_is_seen_in_the_specific_force(self, days):
+        blind = [replace(day, rotation_speed=None) for day in days]
+        np.testing.assert_allclose(told(calibrate(blind, AT_WORK))[0], MASSES, rtol=0.005)
+
+
+def without_drift(day):
+    theta = (day.temperature_c - 20.0) * [0.3, -0.2, 0.5, 0.01, 0.02, -0.01]
+    return day.wrench - theta
+
+
+class TestDrift:
+    def test_it_is_learnt_beside_weight_and_contacts(self, learnt):
+        for axis in ('force_x', 'force_z', 'torque_y'):
+            fit = learnt.fits[axis]
+            assert fit.rms_after < 0.15 * fit.rms_before
+
+    def test_contacts_do_not_count_and_the_rest_does(self, make_working_day):
+        day = make_working_day(2)
+        quiet = make_working_day(2, contacts=0.0)
+        touched = np.abs(day.wrench - quiet.wrench).max(axis=1) > 1.0
+        kept = np.isfinite(separate([day]).drift[0].wrench[:, 0])
+        moving = day.rotation_speed > 0.5
+        assert kept[touched].mean() < 0.02
+        assert kept[~touched & ~moving].mean() > 0.9
+        assert not kept[moving].any()
+
+    def test_a_tare_of_the_driver_is_found_and_taken_out(self, make_working_day):
+        tared = make_working_day(0, tare_at=907)
+        found = separate([tared, make_working_day(1)])
+        assert [[step.cell for step in steps] for steps in found.steps] == [[907], []]
+        drift = found.drift[0].wrench - found.drift[0].reference
+        theta = (tared.temperature_c - 20.0) * [0.3, -0.2, 0.5, 0.01, 0.02, -0.01]
+        left = drift - theta
+        before, after = np.nanmean(left[:907], axis=0), np.nanmean(left[907:], axis=0)
+        np.testing.assert_allclose(before, after, atol=0.2)
+
+    def test_a_recording_without_specific_force_counts_as_constant(self, days, make_working_day):
+        still = make_working_day(3, poses=np.array([[0.0, 0, 1]]), part=False, contacts=0.0)
+        still = replace(still, specific_force=None, rotation_speed=None)
+        assert 'its load counts as constant' in warned([*days, still])
+        moved = replace(days[0], specific_force=None)
+        with pytest.raises(CalibrationRefusedError, match='constant, as there is no specific'):
+            calibrate([days[1], moved], AT_WORK)
+
+    def test_gain_drift_is_learnt_from_the_moving_weight(self, days):
+        stretched = []
+        for day in days:
+            share = 1 + 0.002 * (day.temperature_c - 30.0)
+            drift = day.wrench - without_drift(day)
+            stretched.append(replace(day, wrench=share * without_drift(day) + drift))
+        terms = calibrate(stretched, CalibrationSettings('payload')).fits['force_z']
+        assert terms.model is not None
+        assert len(terms.model.dynamics.output_mean) == 2
+
+
+class TestAccelerometer:
+    def test_bias_and_scale_are_found_by_the_norm_at_rest(self, days):
+        bias, scale = np.array([0.1, -0.2, 0.05]), np.array([1.02, 0.99, 1.01])
+        crooked = replace(days[0], specific_force=days[0].specific_force * scale + bias)
+        found = set_right([crooked])
+        np.testing.assert_allclose(found.frame.scale, scale, rtol=0.005)
+        np.testing.assert_allclose(found.frame.bias, bias, atol=0.03)
+        turned = found.frame.turn(crooked.specific_force)
+        np.testing.assert_allclose(turned, days[0].specific_force, atol=0.05)
+
+    def test_what_stands_still_for_long_is_not_known(self, days):
+        force = days[0].specific_force.copy()
+        force[300:] = force[300]
+        frozen = replace(days[0], specific_force=force)
+        assert np.isnan(set_right([frozen]).forces[0][300:]).all()
+        assert 'stands still' in warned([frozen, days[1]])
+
+
+class TestDoubts:
+    def test_good_days_are_not_doubted(self, learnt):
+        assert not learnt.warnings
+
+    @pytest.mark.parametrize(
+        ('spoil', 'said'),
+        [
+            (lambda f: -f, 'mirrored'),
+            (lambda f: f[:, [1, 0, 2]], 'mirrored'),
+            (lambda f: np.roll(f, -2, axis=0), 'lags the specific force by 2 s'),
+        ],
+    )
+    def test_a_wrong_specific_force_has_its_sentence(self, days, spoil, said):
+        wrong = [replace(day, specific_force=spoil(day.specific_force)) for day in days]
+        calibration = calibrate(wrong, AT_WORK)
+        assert said in '\n'.join(calibration.warnings)
+        if said == 'mirrored':
+            assert calibration.payloads is None
+
+    def test_the_specific_force_of_another_frame_is_refused(self, days):
+        wrong = [
+            replace(day, specific_force=other.specific_force)
+            for day, other in zip(days, days[::-1], strict=True)
+        ]
+        with pytest.raises(CalibrationRefusedError, match='does not turn with the specific force'):
+            calibrate(wrong, AT_WORK)
+
+    def test_one_pose_tells_no_payload_but_drift(self, make_working_day):
+        still = [
+            make_working_day(n, poses=np.array([[0.0, 0, 1]]), part=False, contacts=0.0)
+            for n in range(2)
+        ]
+        calibration = calibrate(still, AT_WORK)
+        assert calibration.payloads is None
+        assert 'No payload can be told: gravity moved by 0.00' in '\n'.join(calibration.warnings)
+        assert calibration.fits['force_z'].rms_after < 0.2 * calibration.fits['force_z'].rms_before
+
+    def test_a_weight_that_the_driver_subtracts_is_no_payload(self, days, make_working_day):
+        nothing = [
+            replace(day, wrench=without_load(make_working_day, n)) for n, day in enumerate(days)
+        ]
+        calibration = calibrate(nothing, AT_WORK)
+        assert calibration.payloads is None
+        assert 'nothing weighs on the sensor' in '\n'.join(calibration.warnings)
+
+    def test_a_tool_change_is_said(self, make_working_day):
+        before, after = make_working_day(0, part=False), make_working_day(1, part=False)
+        heavier = after.wrench * 1.5 + (before.wrench - before.wrench)
+        assert 'The tool was changed after 0.5 h' in warned(
+            [before, replace(after, wrench=heavier)]
+        )
+
+    def test_a_wrench_that_follows_gravity_is_not_unloaded(self, make_working_day):
+        slow = np.stack((np.sin(n := np.linspace(0, 27, 301)), 0 * n, np.cos(n)), axis=1)
+        turning = make_working_day(0, part=False, contacts=0.0, poses=slow)
+        said = warned([turning, turning], replace(AT_WORK, reference='constant'))
+        assert 'follows gravity' in said
+        assert 'Use the reference payload' in said
+
+    def test_too_few_cells_with_both_are_refused(self, days):
+        force = np.full_like(days[0].specific_force, np.nan)
+        force[:50] = days[0].specific_force[:50]
+        bare = replace(days[0], specific_force=force)
+        with pytest.raises(CalibrationRefusedError, match='at least 120 are needed'):
+            calibrate([bare], AT_WORK)
+
+
+def without_load(make_working_day, seed):
+    day = make_working_day(seed)
+    rng = np.random.default_rng(seed)
+    drift = day.wrench - without_drift(day)
+    return drift + rng.standard_normal(drift.shape) * [0.05, 0.05, 0.05, 0.001, 0.001, 0.001]

@@ -1,0 +1,74 @@
+"""What a calibration takes from recordings at work: drift, payloads, and what to doubt of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrist_ft_comp.calibration.payload.doubts import doubts
+from wrist_ft_comp.calibration.payload.separation import separate, Separation
+from wrist_ft_comp.model.payload.learnt import LearntPayloads
+from wrist_ft_comp.model.payload.rigid_body import RigidBodies
+from wrist_ft_comp.model.signals import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class AtWork:
+    """
+    What recordings at work say.
+
+    Attributes
+    ----------
+    drift : list of Recording
+        All of them, with the weight as their reference; nothing where no specific force is.
+    separation : Separation or None
+        Of those that hold specific force.
+    payloads : LearntPayloads or None
+        By number; None where none can be told.
+    warnings : tuple of str
+        What to doubt.
+
+    """
+
+    drift: list[Recording]
+    separation: Separation | None
+    payloads: LearntPayloads | None
+    warnings: tuple[str, ...]
+
+
+def learn_at_work(recordings: Sequence[Recording]) -> AtWork:
+    """Learn payloads and what is drift; raises CalibrationRefusedError where neither can be."""
+    warnings = [
+        f'{recording.name} holds no specific force; its load counts as constant.'
+        for recording in recordings
+        if recording.specific_force is None
+    ]
+    moved = [recording for recording in recordings if recording.specific_force is not None]
+    if not moved:
+        return AtWork([_constant(each) for each in recordings], None, None, tuple(warnings))
+    separation = separate(moved)
+    bodies = separation.bodies()
+    said, told = doubts(separation, bodies)
+    drift = iter(separation.drift)
+    return AtWork(
+        [_constant(r) if r.specific_force is None else next(drift) for r in recordings],
+        separation,
+        payloads_of(separation, bodies) if bodies and told else None,
+        (*warnings, *said),
+    )
+
+
+def payloads_of(separation: Separation, bodies: RigidBodies) -> LearntPayloads:
+    """Give what was mounted numbers, lightest first."""
+    states = np.concatenate(separation.states)
+    shares = [float(np.mean(states[states >= 0] == k)) for k in range(len(bodies.mass_kg))]
+    there = bodies.tangible & (np.array(shares) > 0)
+    order = [int(k) for k in np.argsort(bodies.mass_kg) if there[k]]
+    frame = replace(separation.accelerometer.frame, rotation=bodies.rotation)
+    numbered = {str(n): bodies.payload(k, shares[k]) for n, k in enumerate(order, 1)}
+    return LearntPayloads(frame, numbered)
+
+
+def _constant(recording: Recording) -> Recording:
+    """Take a load that is constant as nothing: it goes into the recording's offset."""
+    return replace(recording, reference=np.zeros_like(recording.reference))

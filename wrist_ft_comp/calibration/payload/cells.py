@@ -1,0 +1,102 @@
+"""Thermal cells of recordings in blocks of time, and which of them may be learnt from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, Recording
+
+#: Length of a block, s, and fewest cells of one.
+BLOCK_S, _FEWEST = 300.0, 30
+#: Cells that turn faster are left out, rad/s: ω×(ω×c) of the payload is not seen.
+_FASTEST = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """
+    All recordings in blocks of B cells, filled up with cells that are not usable.
+
+    Attributes
+    ----------
+    wrench, force : ndarrays, shapes (n, B, A) and (n, B, 3)
+        Raw wrench of A axes, N and N m, and specific force, m/s².
+    usable : ndarray, shape (n, B)
+        Whether they are known and the sensor does not turn fast.
+
+    """
+
+    wrench: FloatArray
+    force: FloatArray
+    usable: BoolArray
+
+    def part(self, blocks: BoolArray) -> 'Cells':
+        """Choose blocks."""
+        return Cells(self.wrench[blocks], self.force[blocks], self.usable[blocks])
+
+    @property
+    def axes(self) -> int:
+        """A."""
+        return self.wrench.shape[2]
+
+
+def axes_of(recordings: Sequence[Recording]) -> list[int]:
+    """Columns of the wrench that every recording holds."""
+    return [n for n, axis in enumerate(AXES) if all(axis in r.axes_present for r in recordings)]
+
+
+def cut(recordings: Sequence[Recording], forces: Sequence[FloatArray]) -> Cells:
+    """Cut recordings into blocks, with specific forces that were set right, (N, 3) each."""
+    length = max(_FEWEST, round(BLOCK_S / recordings[0].period_s))
+    axes = axes_of(recordings)
+    wrenches, rights, usables = [], [], []
+    for recording, force in zip(recordings, forces, strict=True):
+        wrench = recording.wrench[:, axes]
+        usable = np.isfinite(wrench).all(axis=1) & np.isfinite(force).all(axis=1)
+        usable &= rotation_speed(recording) < _FASTEST
+        wrenches.append(np.where(usable[:, None], wrench, 0))
+        rights.append(np.where(usable[:, None], force, 0))
+        usables.append(usable)
+    return Cells(*(_blocks(parts, length) for parts in (wrenches, rights, usables)))
+
+
+def _blocks(parts: Sequence[NDArray[Any]], length: int) -> NDArray[Any]:
+    """Cut arrays (N, …) into blocks (n, B, …); the last of each is filled up with zeros."""
+    blocks = []
+    for part in parts:
+        empty = np.zeros((-len(part) % length, *part.shape[1:]), part.dtype)
+        blocks.append(np.concatenate((part, empty)).reshape(-1, length, *part.shape[1:]))
+    return np.concatenate(blocks)
+
+
+def joined(recordings: Sequence[Recording], blocks: NDArray[Any]) -> list[NDArray[Any]]:
+    """Undo the cutting of one array of blocks: a part per recording."""
+    parts, at = [], 0
+    for recording in recordings:
+        count = -(-len(recording) // blocks.shape[1])
+        part = blocks[at : at + count].reshape(-1, *blocks.shape[2:])
+        parts.append(part[: len(recording)])
+        at += count
+    return parts
+
+
+def rotation_speed(recording: Recording) -> FloatArray:
+    """Speed of rotation of every cell, rad/s (N,); else what the specific force's turns show."""
+    force = recording.specific_force
+    if recording.rotation_speed is not None:
+        return np.nan_to_num(recording.rotation_speed)
+    if force is None:
+        return np.zeros(len(recording))
+    unit = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-9)
+    turned = np.nan_to_num(np.linalg.norm(np.diff(unit, axis=0), axis=1)) / recording.period_s
+    return np.asarray(np.maximum(np.append(turned, 0.0), np.append(0.0, turned)))
+
+
+def with_wrench(recording: Recording, wrench: FloatArray, axes: Sequence[int]) -> Recording:
+    """Replace some axes' wrench, (N, A)."""
+    whole = recording.wrench.copy()
+    whole[:, axes] = wrench
+    return replace(recording, wrench=whole)

@@ -1,0 +1,165 @@
+"""What to doubt of recordings at work, in sentences with numbers; nothing is wrong silently."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrist_ft_comp.calibration.payload.accelerometer import FROZEN_S, known_force
+from wrist_ft_comp.calibration.payload.cells import axes_of, cut
+from wrist_ft_comp.calibration.payload.gains import (
+    contrast,
+    COUNTS,
+    Fit,
+    leveled,
+    solve,
+    unexplained_contrast,
+    weight_of,
+)
+from wrist_ft_comp.calibration.payload.separation import Separation
+from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.model.payload.rigid_body import CONTRAST, LIGHTEST_KG, RigidBodies
+from wrist_ft_comp.model.signals import FloatArray, Recording, Reference
+
+#: Cells by which clocks may be apart.
+_LAGS = 20
+#: Shares that are doubted: of time in contact, and without specific force.
+_CONTACT, _MISSING = 0.5, 0.1
+#: Share of the contrast between poses that does not turn with the specific force, from which on
+#: no payload is told, and nothing is learnt at all.
+_UNEXPLAINED, _NOTHING_LEARNT = 0.2, 0.6
+#: Share of the contrast that turns with gravity and is no chance.
+_FOLLOWS = 0.5
+
+
+def doubts(separation: Separation, bodies: RigidBodies | None) -> tuple[list[str], bool]:
+    """
+    Say all that is to be doubted, and whether payloads can be told.
+
+    Raises
+    ------
+    CalibrationRefusedError
+        When drift can't be learnt, either.
+
+    """
+    recordings = separation.recordings
+    lag = _lag(recordings)
+    said = [_missing(recordings), _contact(separation), lag, _tool_change(separation)]
+    why_not = [_unexplained(separation, lag)]
+    if bodies is None:
+        why_not.append('A payload is told only where all six axes were recorded.')
+    else:
+        why_not += bodies.doubts()
+    return [each for each in (*said, *why_not) if each], not any(why_not)
+
+
+def _missing(recordings: Sequence[Recording]) -> str:
+    """Doubt where there is no specific force for much of the time."""
+    lost = ~np.isfinite(np.concatenate([known_force(each) for each in recordings])).all(axis=1)
+    if lost.mean() <= _MISSING:
+        return ''
+    return (
+        f'The specific force is missing or stands still for {FROZEN_S} s and more in '
+        f'{lost.mean():.0%} of the time, from which nothing was learnt.'
+    )
+
+
+def _contact(separation: Separation) -> str:
+    """Doubt where more than half of the time something pushed."""
+    usable = separation.cells.usable
+    share = float(np.mean(separation.fit.weights[usable] < COUNTS))
+    if share <= _CONTACT:
+        return ''
+    return (
+        f'In {share:.0%} of the time something else than a payload pushed, or the specific force '
+        "is not the sensor's: contacts may be taken for drift. Let the robot move freely for more "
+        'of the time.'
+    )
+
+
+def _unexplained(separation: Separation, lag: str) -> str:
+    """Doubt or refuse where the wrench does not turn with the specific force."""
+    cells, fit = separation.cells, separation.fit
+    share = unexplained_contrast(cells, fit)
+    if contrast(cells, fit.weights) < CONTRAST or share <= _UNEXPLAINED:
+        return ''
+    what = (
+        f'{share:.0%} of what changes between poses does not turn with the specific force, of '
+        f'which {_UNEXPLAINED:.0%} are allowed: it is of another frame or another time, or a '
+        'cable pulls.'
+    )
+    if share > _NOTHING_LEARNT:
+        raise CalibrationRefusedError(
+            f'{what} {lag} Neither payload nor drift can be learnt. Record the specific force of '
+            "a frame that is fixed to the sensor, by the same clock as the sensor's."
+        )
+    return f'{what} No payload is told.'
+
+
+def _lag(recordings: Sequence[Recording]) -> str:
+    """Doubt clocks where changes of the wrench follow those of the specific force, or precede."""
+    total = np.zeros(2 * _LAGS + 1)
+    axes = axes_of(recordings)[:3]
+    for recording in recordings:
+        if len(recording) < 4 * _LAGS:
+            continue
+        moved, pushed = (
+            _changes(each) for each in (known_force(recording), recording.wrench[:, axes])
+        )
+        inner, last = pushed[_LAGS:-_LAGS], len(moved) - _LAGS
+        total += [moved[_LAGS - k : last - k] @ inner for k in range(-_LAGS, _LAGS + 1)]
+    lag = int(total.argmax()) - _LAGS
+    # A peak that stands out of what is far from it; otherwise they do not belong together at all.
+    if lag == 0 or total.max() <= 5 * np.median(np.abs(total)):
+        return ''
+    return (
+        f'The wrench lags the specific force by {lag * recordings[0].period_s:g} s: their clocks '
+        'differ. Record both by one clock.'
+    )
+
+
+def _changes(values: FloatArray) -> FloatArray:
+    """Sizes of the changes between neighbours, cut at their largest twentieth, mean taken off."""
+    sizes = np.nan_to_num(np.linalg.norm(np.diff(values, axis=0), axis=1))
+    sizes = np.minimum(sizes, np.quantile(sizes, 0.95))
+    return np.asarray(sizes - sizes.mean())
+
+
+def _tool_change(separation: Separation) -> str:
+    """Say where payloads before and after a time have nothing in common."""
+    states = np.concatenate(separation.states)
+    ends = [np.flatnonzero(states == k)[[0, -1]] for k in np.unique(states[states >= 0])]
+    for first, _ in ends:
+        if any(other[1] < first for other in ends):
+            hours = first * separation.recordings[0].period_s / 3600
+            return (
+                f'The tool was changed after {hours:.1f} h: payloads before are not seen again. '
+                'If it was not, the sensor or its mounting has changed.'
+            )
+    return ''
+
+
+def follows_gravity(recordings: Sequence[Recording], reference: Reference) -> list[str]:
+    """Doubt a wrench that was declared to have no load, but turns with the specific force."""
+    said = []
+    for recording in recordings:
+        axes = axes_of([recording])
+        if recording.specific_force is None or not axes:
+            continue
+        cells = cut([recording], [known_force(recording)])
+        weights, states = cells.usable.astype(float), np.zeros(cells.usable.shape, dtype=np.int64)
+        fit = Fit(
+            solve(cells, states, weights, 1), states, weights, cells.wrench, np.ones(len(axes))
+        )
+        parts = (cells.wrench, cells.wrench - weight_of(cells, fit))
+        before, after = (
+            np.einsum('nb,nbi->', weights, (each - leveled(each, weights)) ** 2) for each in parts
+        )
+        mass_kg = float(np.linalg.norm(fit.gains[0]) / np.sqrt(3))
+        if before > 0 and 1 - after / before > _FOLLOWS and mass_kg > LIGHTEST_KG:
+            said.append(
+                f'The wrench of {recording.name} follows gravity: {1 - after / before:.0%} of '
+                f'what changes within minutes turns with the specific force, as about '
+                f'{mass_kg:.2g} kg would, but it was declared {reference}. Use the reference '
+                'payload.'
+            )
+    return said

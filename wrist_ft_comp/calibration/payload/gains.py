@@ -1,0 +1,160 @@
+"""
+First layer, for given states and weights: gains of specific force beside any slow drift.
+
+A recording's raw wrench is r(t) = c + o(T) + a_k f(t) + contact + noise, a_k (A, 3) of payload
+state k. All of o and c is taken out by a parabola for each block, so that neither temperatures nor
+tares have to be understood before payloads are, and what is left are contrasts between poses,
+which only payloads and contacts make.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrist_ft_comp.calibration.payload.cells import Cells
+from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
+
+_POWERS = 3
+#: A cell is not known better than to this share of the wrench, or nothing else would count.
+_NOISELESS = 1e-4
+#: Contrasts of the specific force below this tell no gain, m/s².
+_SAYS_NOTHING = 0.001
+#: A cell counts for drift where its weight is above this.
+COUNTS = 0.5
+#: This share of cells is taken to be free of contact; a norm per axis of normal variables there.
+_QUIETER, _QUIETER_NORM = 0.3, 0.80
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """
+    Payload states of cells.
+
+    Attributes
+    ----------
+    gains : ndarray, shape (K, 3, A)
+        Of specific force, kg and kg m.
+    states : ndarray, shape (n, B)
+        Which one holds in a cell.
+    weights, levels : ndarrays, shapes (n, B) and (n, B, A)
+        Of the cells, and the parabolas.
+    noise : ndarray, shape (A,)
+        σ of a cell that is not in contact, N and N m.
+
+    """
+
+    gains: FloatArray
+    states: IntArray
+    weights: FloatArray
+    levels: FloatArray
+    noise: FloatArray
+
+
+def solve(cells: Cells, states: IntArray, weights: FloatArray, count: int) -> FloatArray:
+    """Fit gains (K, 3, A) to weighted cells, parabolas eliminated."""
+    size = 3 * count
+    z = np.concatenate((_by_state(cells, states, count), cells.wrench), axis=2)
+    normal = _eliminated(z, weights)
+    gram = normal[:size, :size]
+    ridge = (_SAYS_NOTHING**2 * weights.sum() + 1e-30) * np.eye(size)
+    return np.linalg.solve(gram + ridge, normal[:size, size:]).reshape(count, 3, cells.axes)
+
+
+def _by_state(cells: Cells, states: IntArray, count: int) -> FloatArray:
+    """Specific force in the columns of the state that holds, zero in the others, (n, B, 3K)."""
+    chosen = (states[..., None] == np.arange(count))[..., None] * cells.force[:, :, None]
+    return np.asarray(chosen.reshape(*states.shape, 3 * count))
+
+
+def _parabolas(cells: int) -> FloatArray:
+    """Draw Legendre polynomials over a block, (B, P)."""
+    share = (np.arange(cells) + 0.5) / cells * 2 - 1
+    return np.asarray(np.polynomial.legendre.legvander(share, _POWERS - 1), dtype=float)
+
+
+def _eliminated(z: FloatArray, weights: FloatArray) -> FloatArray:
+    """Sum products of columns over blocks, parabolas eliminated in each."""
+    phi = _parabolas(z.shape[1])
+    weighted = weights[..., None] * z
+    crossed = phi.T @ weighted
+    inner = np.einsum('bp,nb,bq->npq', phi, weights, phi) + 1e-9 * np.eye(_POWERS)
+    own = np.einsum('nbi,nbj->ij', weighted, z, optimize=True)
+    taken = np.einsum('npi,npj->ij', crossed, np.linalg.solve(inner, crossed))
+    return np.asarray(own - taken)
+
+
+def leveled(values: FloatArray, weights: FloatArray) -> FloatArray:
+    """Fit parabolas to weighted values (n, B, A), and draw them."""
+    phi = _parabolas(values.shape[1])
+    inner = np.einsum('bp,nb,bq->npq', phi, weights, phi) + 1e-6 * np.eye(_POWERS)
+    return np.asarray(phi @ np.linalg.solve(inner, phi.T @ (weights[..., None] * values)))
+
+
+def residual_norms(cells: Cells, fit: Fit, levels: FloatArray) -> FloatArray:
+    """Norms over the axes, per axis, of what each state leaves in each cell, (K, n, B)."""
+    rest = (cells.wrench - levels) / fit.noise
+    left = [rest - cells.force @ (gains / fit.noise) for gains in fit.gains]
+    return np.array([np.sqrt(np.einsum('nbi,nbi->nb', e, e) / cells.axes) for e in left])
+
+
+def weight_of(cells: Cells, fit: Fit) -> FloatArray:
+    """Weigh every cell's payload, (n, B, A)."""
+    each = [cells.force @ gains for gains in fit.gains]
+    return np.choose(fit.states[..., None], each) if len(each) > 1 else each[0]
+
+
+def rescaled(cells: Cells, fit: Fit) -> Fit:
+    """Estimate the noise of a cell from those that count, and from the quieter ones of all."""
+    rest = cells.wrench - fit.levels - weight_of(cells, fit)
+    square = np.einsum('nb,nbi->i', fit.weights, rest**2) / max(fit.weights.sum(), 1e-9)
+    least = _NOISELESS * np.sqrt(np.mean(cells.wrench**2, axis=(0, 1))) + 1e-15
+    square = square + least**2
+    norm = np.sqrt(np.sum(rest**2 / square, axis=2) / cells.axes)[cells.usable]
+    noise = np.sqrt(square) * np.quantile(norm, _QUIETER) / _QUIETER_NORM
+    return replace(fit, noise=np.maximum(noise, least))
+
+
+def information(cells: Cells, fit: Fit) -> tuple[FloatArray, FloatArray]:
+    """
+    Tell how well gains are known: normal matrix (3K, 3K), and what to divide it by per axis (A,).
+
+    The errors of a block are taken to depend on one another, those of different blocks not.
+    """
+    z = _by_state(cells, fit.states, len(fit.gains))
+    rest = cells.wrench - weight_of(cells, fit)
+    z = z - leveled(z, fit.weights)
+    rest = rest - leveled(rest, fit.weights)
+    weighted = fit.weights[..., None] * z
+    normal = np.einsum('nbi,nbj->ij', weighted, z, optimize=True)
+    scores = np.einsum('nbi,nba->nia', weighted, rest, optimize=True)
+    spread = np.einsum('nia,nja->aij', scores, scores)
+    inverse = np.linalg.pinv(normal, rcond=1e-6, hermitian=True)
+    rank = max(1, np.linalg.matrix_rank(normal, tol=1e-6 * np.trace(normal), hermitian=True))
+    return normal, np.einsum('ij,aji->a', inverse, spread) / rank
+
+
+def contrast(cells: Cells, weights: FloatArray) -> float:
+    """Tell the RMS of what changes of the specific force within blocks, m/s²."""
+    moved = cells.force - leveled(cells.force, weights)
+    total = np.einsum('nb,nbi->', weights, moved**2)
+    return float(np.sqrt(total / max(weights.sum(), 1e-9)))
+
+
+def unexplained_contrast(cells: Cells, fit: Fit) -> float:
+    """Share of the contrast between poses that no payload makes, in the median block."""
+    middle = np.median(cells.wrench, axis=1, keepdims=True)
+    rest = cells.wrench - fit.levels - weight_of(cells, fit)
+    blocks = cells.usable.mean(axis=1) > 0.3
+    if not blocks.any():
+        return 0.0
+    left, there = (
+        _median_norm(each[blocks] / fit.noise, cells.usable[blocks])
+        for each in (rest, cells.wrench - middle)
+    )
+    return float(np.median(left / np.maximum(there, 1e-9)))
+
+
+def _median_norm(values: FloatArray, usable: BoolArray) -> FloatArray:
+    """Median over the usable cells of every block, (n,)."""
+    norm = np.linalg.norm(values, axis=2)
+    return np.asarray(np.nanmedian(np.where(usable, norm, np.nan), axis=1))

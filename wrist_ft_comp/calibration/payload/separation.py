@@ -1,0 +1,162 @@
+"""
+From recordings at work to ones that drift can be learnt from: weight apart, contacts left out.
+
+1. The accelerometer is set right by its norm at rest.
+2. Payload states, gains and robust weights are found.
+3. Steps that stay, and that no payload explains, are taken out.
+4. What is left are readings that are NaN where a contact, a fast turn or a change of state was,
+   and the weight as their reference, for gain drift.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrist_ft_comp.calibration.payload.accelerometer import Accelerometer, set_right
+from wrist_ft_comp.calibration.payload.cells import axes_of, Cells, cut, joined, with_wrench
+from wrist_ft_comp.calibration.payload.gains import COUNTS, Fit, information
+from wrist_ft_comp.calibration.payload.states import find_states, fit_states
+from wrist_ft_comp.calibration.payload.steps import (
+    locate,
+    MEAN_S,
+    means,
+    step_size,
+    suspect_steps,
+)
+from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.model.payload.rigid_body import rigid_bodies, RigidBodies
+from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, IntArray, Recording
+
+_MOST_STEPS = 20
+#: Cells with both wrench and specific force that are needed.
+_FEWEST = 120
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The first cell after a step, and how far it goes, N and N m (A,)."""
+
+    cell: int
+    jump: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """
+    What recordings at work say.
+
+    Attributes
+    ----------
+    recordings : list of Recording
+        As they came.
+    drift : list of Recording
+        Wrench NaN where it does not count and without steps, the weight as reference.
+    accelerometer : Accelerometer
+        Set right.
+    cells, fit : Cells and Fit
+        The first layer.
+    steps : list of lists of Step
+        By recording.
+
+    """
+
+    recordings: list[Recording]
+    drift: list[Recording]
+    accelerometer: Accelerometer
+    cells: Cells
+    fit: Fit
+    steps: list[list[Step]]
+
+    @property
+    def states(self) -> list[IntArray]:
+        """State of every cell, (N,) by recording, -1 where it does not count."""
+        counts = np.where(self.fit.weights > COUNTS, self.fit.states, -1)
+        return joined(self.recordings, counts)
+
+    def bodies(self) -> RigidBodies | None:
+        """Find the rigid bodies, whether to be believed or not; None without all six axes."""
+        if self.cells.axes < len(AXES):
+            return None
+        normal, spread = information(self.cells, self.fit)
+        found = rigid_bodies(self.fit.gains, normal, spread, float(self.fit.weights.sum()))
+        own = np.einsum('kikj->ij', normal.reshape(*[len(found.mass_kg), 3] * 2))
+        share = np.diag(own) / max(np.trace(own), 1e-30)
+        scale = np.sqrt(share @ self.accelerometer.scale @ share)
+        return replace(found, mass_error_kg=np.hypot(found.mass_error_kg, found.mass_kg * scale))
+
+
+def separate(recordings: Sequence[Recording]) -> Separation:
+    """Separate payload, contacts, steps and drift; every recording holds specific force."""
+    accelerometer = set_right(recordings)
+    forces, axes = accelerometer.forces, axes_of(recordings)
+    steps: list[list[Step]] = [[] for _ in recordings]
+    stepless = list(recordings)
+    cells = cut(stepless, forces)
+    if cells.usable.sum() < _FEWEST or not axes:
+        raise CalibrationRefusedError(
+            f'{", ".join(r.name for r in recordings)} hold {cells.usable.sum()} thermal cells '
+            'with wrench and specific force that turn slowly; at least '
+            f'{_FEWEST} are needed for the reference payload. Record both at the same time.'
+        )
+    fit = find_states(cells)
+    while True:
+        states, counts = joined(recordings, fit.states), _counts(recordings, fit)
+        found = 0
+        for n, recording in enumerate(stepless):
+            wrench = recording.wrench[:, axes]
+            each = wrench - forces[n] @ fit.gains
+            fresh = _steps_of(each, states[n], counts[n], fit.noise, recording.period_s)
+            for step in fresh[: _MOST_STEPS - len(steps[n])]:
+                wrench[step.cell :] -= step.jump
+                steps[n].append(step)
+                found += 1
+            stepless[n] = with_wrench(recording, wrench, axes)
+        cells = cut(stepless, forces)
+        if not found:
+            break
+        fit = fit_states(cells, fit.states, len(fit.gains), rounds=8)
+    drift = []
+    for n, recording in enumerate(stepless):
+        weight = _held((forces[n] @ fit.gains), states[n])
+        wrench = np.where(counts[n][:, None], recording.wrench[:, axes], np.nan)
+        for step in steps[n]:
+            wrench[step.cell :] -= step_size(wrench - weight, counts[n], step.cell)
+        drift.append(_loaded(recording, wrench, weight, axes))
+    return Separation(list(recordings), drift, accelerometer, cells, fit, steps)
+
+
+def _counts(recordings: Sequence[Recording], fit: Fit) -> list[BoolArray]:
+    """Whether a cell counts for drift, (N,) by recording."""
+    return [weights > COUNTS for weights in joined(recordings, fit.weights)]
+
+
+def _held(each: FloatArray, states: IntArray) -> FloatArray:
+    """Choose what belongs to the state that holds, (K, N, A) to (N, A)."""
+    return np.asarray(each[states, np.arange(len(states))])
+
+
+def _steps_of(
+    each: FloatArray, states: IntArray, counts: BoolArray, noise: FloatArray, period_s: float
+) -> list[Step]:
+    """Find the steps of a recording that each payload leaves, (K, N, A)."""
+    length = max(1, round(MEAN_S / period_s))
+    averaged = means(np.nan_to_num(_held(each, states)), counts, length)
+    found = []
+    for before, after, jump in suspect_steps(averaged, noise):
+        first = max(0, before - 1) * length
+        rest = np.nan_to_num(each[:, first : (after + 2) * length])
+        at = locate(rest, averaged[before], jump, noise)
+        if at is not None:
+            found.append(Step(first + at, jump))
+    return found
+
+
+def _loaded(
+    recording: Recording, wrench: FloatArray, weight: FloatArray, axes: Sequence[int]
+) -> Recording:
+    """Give a recording what counts of its wrench, NaN on other axes, and the weight."""
+    reference = np.full_like(recording.reference, np.nan)
+    reference[:, axes] = weight
+    nothing = replace(recording, wrench=np.full_like(recording.wrench, np.nan))
+    return replace(with_wrench(nothing, wrench, axes), reference=reference)

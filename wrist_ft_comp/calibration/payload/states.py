@@ -1,0 +1,153 @@
+"""
+First layer, states and weights: which payload is on in a cell, and whether something else pushes.
+
+Contacts are outliers of all axes of a cell at once, and lose their weight by
+1 / (1 + (e / c σ)²)², with c falling to 4. Gains, states and weights are found by turns. One state
+more is believed where it explains more of blocks that it was not fitted to.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from wrist_ft_comp.calibration.payload.cells import Cells
+from wrist_ft_comp.calibration.payload.gains import (
+    contrast,
+    Fit,
+    leveled,
+    rescaled,
+    residual_norms,
+    solve,
+    weight_of,
+)
+from wrist_ft_comp.model.payload.rigid_body import CONTRAST, LIGHTEST_KG
+from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
+
+TUNING, _START, _ROUNDS = 4.0, 40.0, 25
+#: Most payloads, and the share of cells not fitted to that another one has to explain.
+#: Two states that weigh the same up to this share are one.
+_MOST, _SHARE, _ALIKE = 4, 0.02, 0.03
+#: A state is cut in two only where it holds in so many cells.
+_FEWEST = 100
+
+
+def find_states(cells: Cells) -> Fit:
+    """Fit as many states as explain blocks that they were not fitted to, and then all blocks."""
+    odd = np.arange(len(cells.wrench)) % 2 == 1
+    learnt, held = cells.part(~odd), cells.part(odd)
+    fit = fit_states(learnt, np.zeros(learnt.usable.shape, dtype=np.int64), 1)
+    moved = contrast(cells, cells.usable.astype(float)) > CONTRAST
+    while moved and len(fit.gains) < _MOST and (more := _one_more(learnt, fit)) is not None:
+        noise = np.minimum(fit.noise, more.noise)
+        gained = _unexplained(held, fit, noise) - _unexplained(held, more, noise)
+        if gained < _SHARE or _alike(more.gains):
+            break
+        fit = more
+    states = explained(cells, fit.gains, fit.noise).states
+    return fit_states(cells, states, len(fit.gains), rounds=12)
+
+
+def fit_states(cells: Cells, states: IntArray, count: int, *, rounds: int = _ROUNDS) -> Fit:
+    """Fit so many states by turns from a start, contacts losing their weight on the way."""
+    weights = cells.usable.astype(float)
+    gains = solve(cells, states, weights, count)
+    fit = Fit(gains, states, weights, np.zeros_like(cells.wrench), np.ones(cells.axes))
+    fit = _assign(cells, fit, 1e9, [states], 1)
+    for step in range(rounds):
+        fit = rescaled(cells, fit)
+        width = max(TUNING, _START * 0.8**step)
+        fit = _assign(cells, fit, width, [fit.states], 2)
+        if count > 1 and step % 5 == 4:
+            fit = _assign(cells, fit, width, [fit.states, *_everywhere(cells, count)], 8)
+        fit = replace(fit, gains=solve(cells, fit.states, fit.weights, count))
+    return fit
+
+
+def explained(cells: Cells, gains: FloatArray, noise: FloatArray) -> Fit:
+    """Assign cells to states whose gains were not fitted to them."""
+    nowhere = np.zeros(cells.usable.shape, dtype=np.int64)
+    weights = cells.usable.astype(float)
+    start = Fit(gains, nowhere, weights, np.zeros_like(cells.wrench), noise)
+    return _assign(cells, start, TUNING, _everywhere(cells, len(gains)), 8)
+
+
+def _everywhere(cells: Cells, count: int) -> list[IntArray]:
+    """Start with each state everywhere."""
+    return [np.full(cells.usable.shape, k) for k in range(count)]
+
+
+def _assign(cells: Cells, fit: Fit, width: float, starts: Sequence[IntArray], turns: int) -> Fit:
+    """Give every cell the state that explains it best, in each block from the best start."""
+    best = fit
+    cost: FloatArray = np.full(len(cells.wrench), np.inf)
+    for states in starts:
+        fresh = states is not fit.states
+        weights = cells.usable.astype(float) if fresh else fit.weights
+        found = replace(fit, states=states, weights=weights)
+        for _ in range(turns):
+            levels = leveled(cells.wrench - weight_of(cells, found), found.weights)
+            each = residual_norms(cells, fit, levels)
+            weights = _redescend(each.min(axis=0), cells.usable, width)
+            found = replace(found, states=each.argmin(axis=0), weights=weights, levels=levels)
+        lost = _loss(each.min(axis=0), cells.usable, width)
+        better = (lost < cost - 1.0)[:, None]
+        cost = np.where(better[:, 0], lost, cost)
+        best = replace(
+            best,
+            states=np.where(better, found.states, best.states),
+            weights=np.where(better, found.weights, best.weights),
+            levels=np.where(better[..., None], found.levels, best.levels),
+        )
+    return best
+
+
+def _redescend(norm: FloatArray, usable: BoolArray, width: float) -> FloatArray:
+    """Robust weights of cells, (n, B)."""
+    return np.asarray(usable / (1 + (norm / width) ** 2) ** 2)
+
+
+def _loss(norm: FloatArray, usable: BoolArray, width: float) -> FloatArray:
+    """Sum over the cells of a block what is not explained: 1 each far out, (n,)."""
+    square = (norm / width) ** 2
+    return np.asarray((usable * square / (1 + square)).sum(axis=1))
+
+
+def _one_more(cells: Cells, fit: Fit) -> Fit | None:
+    """Fit one state more, from the split that explains most."""
+    count = len(fit.gains) + 1
+    tried = [fit_states(cells, start, count, rounds=10) for start in _splits(cells, fit)]
+    if not tried:
+        return None
+    noise = np.min([each.noise for each in tried], axis=0)
+    best = min(tried, key=lambda each: _unexplained(cells, each, noise))
+    return fit_states(cells, best.states, count)
+
+
+def _splits(cells: Cells, fit: Fit) -> list[IntArray]:
+    """Start one state more: cut each in two where cells weigh more or less than it says."""
+    starts = []
+    rest = cells.wrench - fit.levels
+    for k, gains in enumerate(fit.gains):
+        pull = cells.force @ gains
+        excess = np.sum((rest - pull) * pull, axis=2) / np.maximum(np.sum(pull**2, axis=2), 1e-9)
+        mine = cells.usable & (fit.states == k)
+        for share in (0.3, 0.5, 0.7):
+            if mine.sum() > _FEWEST:
+                limit = np.quantile(excess[mine], share)
+                starts.append(np.where(mine & (excess > limit), len(fit.gains), fit.states))
+    return starts
+
+
+def _unexplained(cells: Cells, fit: Fit, noise: FloatArray) -> float:
+    """Share of usable cells that the states do not explain, the gains left as they are."""
+    fit = explained(cells, fit.gains, noise)
+    norm = residual_norms(cells, fit, fit.levels).min(axis=0)
+    return float(_loss(norm, cells.usable, TUNING).sum() / max(cells.usable.sum(), 1))
+
+
+def _alike(gains: FloatArray) -> bool:
+    """Tell whether two states weigh the same."""
+    pairs = [(np.linalg.norm(a - b), np.linalg.norm(a)) for a, b in combinations(gains, 2)]
+    return any(apart < max(_ALIKE * whole, LIGHTEST_KG) for apart, whole in pairs)

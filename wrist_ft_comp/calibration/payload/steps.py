@@ -1,0 +1,110 @@
+"""
+Steps that stay and that no payload explains: tares of the driver.
+
+They are found where lines over windows of means before and after do not meet, and located where
+the cells go over at once; heat bends, too, but not at once.
+"""
+
+import numpy as np
+
+from wrist_ft_comp.calibration.payload.states import TUNING
+from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
+
+#: Lines run over means of so long, s.
+MEAN_S = 10.0
+#: Lines of so many means on both sides of a step, and how far apart they are by what is usual;
+#: what bends is apart by the longer ones only.
+_WINDOWS, _STEP, _SMALLEST = (6, 12), 40.0, 12.0
+#: A step is sudden: so many cells may be on the way, this share of it off its ends.
+_BLURRED, _ON_THE_WAY = 0.1, 3
+#: A step's size is found from so many cells before and after.
+_NEAR = 90
+
+
+def means(values: FloatArray, counts: BoolArray, length: int) -> FloatArray:
+    """Means (M, A) over so many cells, of those that count; NaN where less than a fifth do."""
+    whole = len(values) // length
+    counted = counts[: whole * length].reshape(whole, length, 1)
+    total = (counted * values[: whole * length].reshape(whole, length, -1)).sum(axis=1)
+    number = counted.sum(axis=1)
+    return np.asarray(np.where(number > length // 10, total / np.maximum(number, 1), np.nan))
+
+
+def suspect_steps(drift: FloatArray, noise: FloatArray) -> list[tuple[int, int, FloatArray]]:
+    """Find where means (M, A) may step, largest first: means before and after, and jump (A,)."""
+    there = np.flatnonzero(np.isfinite(drift[:, 0]))
+    if len(there) < 4 * _WINDOWS[-1]:
+        return []
+    at = np.arange(_WINDOWS[-1], len(there) - _WINDOWS[-1])
+    jumps = [_jumps(drift, there, at, window) for window in _WINDOWS]
+    size = np.min([np.mean((jump / noise) ** 2, axis=1) for jump in jumps], axis=0) ** 0.5
+    limit = max(_SMALLEST, _STEP * float(np.median(size)))
+    found = []
+    while size.max() > limit:
+        best = int(size.argmax())
+        found.append((int(there[at[best] - 1]), int(there[at[best]]), jumps[0][best]))
+        size[max(0, best - _WINDOWS[0]) : best + _WINDOWS[0] + 1] = 0.0
+    return found
+
+
+def _jumps(drift: FloatArray, there: IntArray, at: IntArray, window: int) -> FloatArray:
+    """Jumps between lines through so many means before and after every place, (n, A)."""
+    middle = (there[at - 1] + there[at]) / 2
+    ends = []
+    for offsets in (np.arange(-window, 0), np.arange(window)):
+        rows = there[at[:, None] + offsets]
+        time = rows - middle[:, None]
+        centred = time - time.mean(axis=1, keepdims=True)
+        slope = np.einsum('nw,nwi->ni', centred, drift[rows])
+        slope /= np.sum(centred**2, axis=1)[:, None]
+        ends.append(drift[rows].mean(axis=1) - slope * time.mean(axis=1)[:, None])
+    return np.asarray(ends[1] - ends[0])
+
+
+def locate(
+    rest: FloatArray, before: FloatArray, jump: FloatArray, noise: FloatArray
+) -> int | None:
+    """
+    Find the first cell after a step, or None where heat would do: not at once.
+
+    Parameters
+    ----------
+    rest : ndarray, shape (K, n, A)
+        What each payload leaves.
+    before, jump, noise : ndarrays, shape (A,)
+        Level before the step, how far it goes, and noise of a cell.
+
+    Returns
+    -------
+    int or None
+        Counted from the first cell of rest.
+
+    """
+    size = np.sqrt(np.sum((jump / noise) ** 2))
+    off = (rest - before) / noise
+    gone = off @ (jump / noise) / size**2
+    aside = np.linalg.norm(off - gone[..., None] * jump / noise, axis=2)
+    distance = [np.min(np.hypot(aside, (gone - end) * size), axis=0) for end in (0, 1)]
+    width = np.sqrt(len(noise)) * TUNING
+    cost = [
+        np.concatenate(([0.0], np.cumsum(1 / (1 + (width / np.maximum(each, 1e-9)) ** 2))))
+        for each in distance
+    ]
+    at = int(np.argmin(cost[0] + cost[1][-1] - cost[1]))
+    between = (gone > _BLURRED) & (gone < 1 - _BLURRED) & (aside < 3 * _BLURRED * size)
+    end = max(width, _BLURRED * size)
+    earlier, later = np.flatnonzero(distance[0][:at] < end), np.flatnonzero(distance[1][at:] < end)
+    first = int(earlier[-1]) + 1 if len(earlier) else 0
+    last = at + int(later[0]) if len(later) else len(aside[0])
+    return at if between.any(axis=0)[first:last].sum() <= _ON_THE_WAY else None
+
+
+def step_size(drift: FloatArray, counts: BoolArray, at: int) -> FloatArray:
+    """Estimate a step (A,) at a cell from all that count near it, beside a parabola."""
+    rows = np.arange(max(0, at - _NEAR), min(len(drift), at + _NEAR))
+    rows = rows[counts[rows]]
+    share = (rows - at) / _NEAR
+    x = np.stack((np.ones(len(rows)), share, share**2, 1.0 * (rows >= at)), axis=1)
+    if len(rows) < 20 or not 5 < x[:, 3].sum() < len(rows) - 5:
+        return np.zeros(drift.shape[1])
+    return np.asarray(np.linalg.lstsq(x, drift[rows], rcond=None)[0][3])

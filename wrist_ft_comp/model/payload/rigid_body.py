@@ -1,0 +1,232 @@
+"""
+Which rigid bodies weigh what gains of specific force say: numpy alone, for live and offline.
+
+Gains, 6 numbers for each direction of the specific force, are [-m R; -m [c]× R] of a rigid body:
+mass m, rotation R of the specific force's frame into the wrench's, which all bodies share, and
+centre of mass c. They start from the polar factor of the force's block and the skew part of the
+torque's, and are then fitted to all gains, each counting by how well it is known, so that a
+direction that was never seen says nothing. Every axis of the sensor is allowed a gain of its own,
+which is not known better than _SENSOR_GAIN, above all not at the temperatures of these days.
+Standard errors hold that, and grow with what no rigid body explains.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from wrist_ft_comp.model.payload.weight import FARTHEST_M, Payload
+from wrist_ft_comp.model.signals import BoolArray, FloatArray
+
+#: A second direction has to be seen, m/s² of its contrast, for a rotation to be known.
+CONTRAST = 0.3
+#: No payload is told below this mass, or where this share of its weight is no rigid body's.
+LIGHTEST_KG, MISFIT = 0.02, 0.1
+#: How well a sensor's own calibration is trusted, 1 for all.
+_SENSOR_GAIN = 0.01
+#: Steps end when they are this small, rad, kg and m.
+_ROUNDS, _SETTLED = 20, 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBodies:
+    """
+    Rigid bodies behind K gains.
+
+    Attributes
+    ----------
+    mass_kg, mass_error_kg : ndarrays, shape (K,)
+        With standard errors.
+    center_m, center_error_m : ndarrays, shape (K, 3)
+        In the wrench's frame.
+    rotation : ndarray, shape (3, 3)
+        From the frame of the specific force.
+    misfit : float
+        Share of the weight's contrasts, RMS, that no rigid body explains.
+    mirrored : bool
+        Whether the specific force has the wrong sign, or a frame that no rotation leads to.
+    contrast : ndarray, shape (3,)
+        Of the specific force, m/s², along its principal directions, largest first.
+    unseen : ndarray, shape (3,)
+        The direction that was seen least, in the wrench's frame.
+
+    """
+
+    mass_kg: FloatArray
+    mass_error_kg: FloatArray
+    center_m: FloatArray
+    center_error_m: FloatArray
+    rotation: FloatArray
+    misfit: float
+    mirrored: bool
+    contrast: FloatArray
+    unseen: FloatArray
+
+    @property
+    def tangible(self) -> BoolArray:
+        """Whether there is a body at all, (K,): it weighs, and not far from the sensor."""
+        weighs = self.mass_kg > np.maximum(LIGHTEST_KG, 3 * self.mass_error_kg)
+        return np.asarray(weighs & (np.abs(self.center_m) < FARTHEST_M).all(axis=1))
+
+    def payload(self, number: int, share: float = np.nan) -> Payload:
+        """Take one body, and the share of the time in which it was on."""
+        return Payload(
+            float(self.mass_kg[number]),
+            self.center_m[number],
+            float(self.mass_error_kg[number]),
+            self.center_error_m[number],
+            share,
+        )
+
+    def doubts(self) -> list[str]:
+        """Say in sentences why no payload can be told; empty where all can."""
+        if self.contrast[1] < CONTRAST:
+            seen = ', '.join(f'{each:.2f}' for each in self.contrast)
+            axis = 'xyz'[int(np.argmax(np.abs(self.unseen)))]
+            missing = (
+                f'gravity moved by {seen} m/s² along three directions of the sensor, where two '
+                f'need {CONTRAST}; tilt the tool so that it moves along {axis}, too'
+            )
+            said = [missing]
+        elif not self.tangible.any():
+            said = ['nothing weighs on the sensor; the driver may subtract its payload itself']
+        else:
+            mirrored = 'the specific force is mirrored; its sign is wrong, or two axes are swapped'
+            crooked = (
+                f"{self.misfit:.0%} of the weight is no rigid body's, where {MISFIT:.0%} are "
+                'allowed; crosstalk, a wrong frame of the specific force, or a cable'
+            )
+            said = [mirrored] * self.mirrored + [crooked] * (self.misfit > MISFIT)
+        return [f'No payload can be told: {each}.' for each in said]
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Gains (K, 3, 6), roots of their weights (3K, 3K), spread (6,), and sign of the force."""
+
+    gains: FloatArray
+    roots: FloatArray
+    spread: FloatArray
+    sign: float
+
+    def residual(self, values: FloatArray, rotation: FloatArray) -> FloatArray:
+        """Weigh what is left at a small turn (3,), the axes' gains (6,) and m, c of each body."""
+        own = values[3:9]
+        said = self.sign * (1 + own) * _gains_of(values[9:], rotation @ small_rotation(values[:3]))
+        left = self.roots @ (self.gains - said).reshape(-1, 6) / np.sqrt(self.spread)
+        return np.concatenate((left.ravel(), own / _SENSOR_GAIN))
+
+    def slopes(self, values: FloatArray, rotation: FloatArray) -> FloatArray:
+        """Differentiate the residual by the values."""
+        moves = 1e-6 * np.eye(len(values))
+        at = partial(self.residual, rotation=rotation)
+        return np.stack([(at(values + m) - at(values - m)) / 2e-6 for m in moves], axis=1)
+
+    def settle(self, values: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Fit by Gauss-Newton steps; the turn goes into the rotation."""
+        for _ in range(_ROUNDS):
+            slopes = self.slopes(values, rotation)
+            step = np.linalg.lstsq(slopes, self.residual(values, rotation), rcond=1e-9)[0]
+            values = values - step
+            rotation = rotation @ small_rotation(values[:3])
+            values[:3] = 0.0
+            if np.max(np.abs(step)) < _SETTLED:
+                break
+        return values, rotation
+
+
+def rigid_bodies(
+    gains: FloatArray, normal: FloatArray, spread: FloatArray, cells: float
+) -> RigidBodies:
+    """
+    Find the rigid bodies behind gains.
+
+    Parameters
+    ----------
+    gains : ndarray, shape (K, 3, 6)
+        Of specific force, kg and kg m.
+    normal : ndarray, shape (3K, 3K)
+        Products of specific forces, levels taken out.
+    spread : ndarray, shape (6,)
+        Of the gains: their covariance is this times the inverse of normal.
+    cells : float
+        Sum of the weights.
+
+    Returns
+    -------
+    RigidBodies
+        In the order of the gains.
+
+    """
+    count = len(gains)
+    by_body = normal.reshape(count, 3, count, 3)
+    sizes, directions = np.linalg.eigh(np.einsum('kilj->ij', by_body))
+    rotation, mirrored = _start_rotation(gains, np.einsum('kikj->ij', by_body))
+    sign = -1.0 if mirrored else 1.0
+    roots = np.linalg.cholesky(normal + 1e-9 * np.trace(normal) * np.eye(3 * count)).T
+    starts = [_start_body(each, rotation, sign) for each in gains]
+    values = np.concatenate([np.zeros(3 + 6), *starts])
+    spread = np.maximum(spread, 1e-18 * np.mean(gains**2, axis=(0, 1)) + 1e-30)
+    for _ in range(2):  # the second time with errors that hold what no rigid body explains
+        problem = _Problem(gains, roots, spread, sign)
+        values, rotation = problem.settle(values, rotation)
+        left = problem.residual(values, rotation)[:-6]
+        roots = roots / np.sqrt(max(1.0, float(left @ left) / (len(left) - 3 - 4 * count)))
+    problem = _Problem(gains, roots, spread, sign)
+    slopes = problem.slopes(values, rotation)
+    covariance = np.linalg.pinv(slopes.T @ slopes, rcond=1e-12, hermitian=True)
+    error = np.sqrt(np.diag(covariance))[9:].reshape(count, 4)
+    bodies = values[9:].reshape(count, 4)
+    values[3:9] = 0.0  # what only gains of its own explain is no rigid body's, either
+    left, whole = (problem.residual(each, rotation)[:-6] for each in (values, 0 * values))
+    return RigidBodies(
+        bodies[:, 0],
+        error[:, 0],
+        bodies[:, 1:],
+        error[:, 1:],
+        rotation,
+        float(np.linalg.norm(left) / np.linalg.norm(whole)),
+        mirrored,
+        np.sqrt(np.maximum(sizes[::-1], 0) / cells),
+        rotation @ directions[:, 0],
+    )
+
+
+def small_rotation(vector: FloatArray) -> FloatArray:
+    """Turn by a vector (3,), rad, as Rodrigues does: (3, 3)."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    # np.sinc(x) is sin(π x) / (π x), and one at 0
+    first, half = np.sinc(angle / np.pi), np.sinc(angle / 2 / np.pi)
+    return np.asarray(np.eye(3) + first * skew + half**2 / 2 * skew @ skew)
+
+
+def _start_rotation(gains: FloatArray, own: FloatArray) -> tuple[FloatArray, bool]:
+    """Find the polar factor of what was seen of the force's blocks, and whether it mirrors."""
+    values, directions = np.linalg.eigh(own)
+    seen = directions * (values > 1e-4 * values[-1])
+    block = -np.sum(gains[:, :, :3], axis=0).T @ seen @ seen.T
+    left, sizes, right = np.linalg.svd(block)
+    mirrored = bool(sizes[2] > 1e-6 * sizes[0] and np.linalg.det(left @ right) < 0)
+    if mirrored:
+        left = -left
+    elif np.linalg.det(left @ right) < 0:
+        left[:, 2] *= -1
+    return left @ right, mirrored
+
+
+def _start_body(gains: FloatArray, rotation: FloatArray, sign: float) -> FloatArray:
+    """Read mass and centre of mass off the gains of one body: m and c, (4,)."""
+    force, torque = (-sign * gains[:, part].T @ rotation.T for part in (slice(3), slice(3, 6)))
+    mass = max(float(np.trace(force)) / 3, 1e-6)
+    skew = (torque - torque.T) / (2 * mass)
+    return np.array([mass, skew[2, 1], skew[0, 2], skew[1, 0]])
+
+
+def _gains_of(bodies: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Gains (K, 3, 6) of rigid bodies, m and c of each (4K,)."""
+    mass, center = bodies.reshape(-1, 4)[:, :1, None], bodies.reshape(-1, 4)[:, None, 1:]
+    force = np.broadcast_to(rotation.T, (len(mass), 3, 3))
+    torque = np.cross(center, force)  # columns of [c]× R, as rows
+    return np.asarray(-mass * np.concatenate((force, torque), axis=2))
