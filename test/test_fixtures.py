@@ -6,6 +6,7 @@ again: a later version has to read them, however it writes its own.
 """
 
 import csv
+from dataclasses import replace
 import hashlib
 import json
 from pathlib import Path
@@ -46,12 +47,18 @@ every_model = pytest.mark.parametrize('path', MODELS, ids=lambda path: path.stem
 
 def simulated(model, path):
     """Zero and sensitivity drift by batch, shape (N, 6) each."""
-    return tuple(simulate_drift(model, read_recording(path, period_s=model.period_ns / SECOND)))
+    recording = read_recording(path, period_s=model.period_ns / SECOND)
+    return tuple(simulate_drift(in_newtons(model), recording))
 
 
 def fresh(model):
     """A compensator that runs a model."""
-    return Compensator(model.thermometers, StreamSettings(), model)
+    return Compensator(model.thermometers, StreamSettings(), in_newtons(model))
+
+
+def in_newtons(model):
+    """A model of a chamber table, too, as if it were in N: 0.1.0 ran it on any wrench."""
+    return replace(model, unit='')
 
 
 def resumed(model, state):

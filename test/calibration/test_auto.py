@@ -56,6 +56,10 @@ def run(model, temperature_c):
 
 
 class TestWhatIsFound:
+    def test_an_axis_that_never_changes_has_a_drift_of_0(self, pose):
+        (single,) = identify_together([pose(0.0, noise=0.0)], LINE)
+        assert (single.chosen, single.rms_before, single.rms_after) == ('none', 0.0, 0.0)
+
     def test_a_single_lag_is_named_with_its_time_constant_and_error(self, pose):
         (single,) = identify_together([pose(0.5, days=3)], IdentificationSettings())
         (tau,), (error,) = single.time_constants_s, single.time_constant_errors_s

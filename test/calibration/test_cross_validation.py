@@ -23,7 +23,7 @@ from wrist_ft_comp.calibration.settings import (
 )
 from wrist_ft_comp.identification.bins import bin_axis_data
 from wrist_ft_comp.identification.moments import accumulate, bank_inputs
-from wrist_ft_comp.identification.output_error import Structure
+from wrist_ft_comp.identification.regression import Structure
 from wrist_ft_comp.identification.time_constants import search_time_constants
 from wrist_ft_comp.model.arx import relaxation
 from wrist_ft_comp.model.arx_pls import ArxPls

@@ -1,9 +1,11 @@
 """Recordings of columns in memory: what a CSV file of them gives; a sentence for bad ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.files.recordings import read_recording, rewrite_recording
 from wrist_ft_comp.model.columns import compensate, recording_from_columns
 from wrist_ft_comp.model.offline import correct_many, track_drift
@@ -158,4 +160,10 @@ def test_compensated_columns_are_tared_on_the_first_seconds_alone(make_model):
 def test_thermometers_have_to_be_the_model_s(make_model):
     model = make_model({'force_z': (0.4, 0.0, 50.0)}, thermometers=2)
     with pytest.raises(RecordingError, match='table has 1 thermometers, the model expects 2'):
+        compensate(model, GOOD)
+
+
+def test_a_model_of_another_unit_is_refused(make_model):
+    model = replace(make_model({'force_z': (0.4, 0.0, 50.0)}), unit='digits')
+    with pytest.raises(ModelFileError, match='corrects force_z in digits, but .* are in N'):
         compensate(model, GOOD)

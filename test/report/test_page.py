@@ -199,9 +199,10 @@ def test_an_evaluation_on_what_was_learnt_is_no_proof(make, judge):
 
 
 def test_an_evaluation_beside_a_chamber_table_is_refused(make, stored):
-    both = [make.recording(), replace(make.recording(), unit='output units')]
+    judged = make.evaluated(stored, make.recording())
+    other = replace(judged, recording=replace(judged.recording, unit='output units'))
     with pytest.raises(RecordingError, match='in different units'):
-        evaluation_view(stored, [make.evaluated(stored, each) for each in both], 60.0)
+        evaluation_view(stored, [judged, other], 60.0)
 
 
 def test_an_evaluated_chamber_table_has_its_figures(make, judge, view):

@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
-from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.drift_model import Drift
 from wrist_ft_comp.model.offline import correct_many, simulate_drift, track_drift
@@ -324,6 +324,14 @@ class TestModelSwap:
         assert pickle.dumps(compensator) == before
         with pytest.raises(SettingsError):
             Compensator(2, StreamSettings(), model)
+
+    def test_a_model_of_another_unit_is_refused_and_the_running_one_stays(self, model, other):
+        compensator = Compensator(1, StreamSettings(), model)
+        stream(compensator, (0, 30))
+        before = pickle.dumps(compensator)
+        with pytest.raises(ModelFileError, match='corrects force_z in digits, but .* are in N'):
+            compensator.go_live(replace(other, unit='digits'))
+        assert pickle.dumps(compensator) == before
 
     def test_where_the_wrench_is_no_number_the_unloaded_output_stays(self, model, other):
         compensator = Compensator(1, StreamSettings(), model)

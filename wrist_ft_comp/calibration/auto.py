@@ -259,7 +259,7 @@ def _candidate_errors(
 def _root_mean_squares(weights: FloatArray, forms: FloatArray) -> FloatArray:
     """Sum up what a weighted average, (C,), leaves of every fold, (folds,)."""
     squares = np.einsum('i,fij,j->f', weights, forms, weights)
-    return np.asarray(np.sqrt(np.maximum(squares, _TINY)))
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
 def _weigh(errors: Sequence[FloatArray], days: int) -> list[FloatArray]:
@@ -278,12 +278,11 @@ def _weigh(errors: Sequence[FloatArray], days: int) -> list[FloatArray]:
     common[0] = 0.0
     common /= common.sum()
     none: FloatArray = np.eye(len(common))[0]
-    gained = np.array(
-        [
-            np.mean(np.log(_root_mean_squares(common, each) / _root_mean_squares(none, each)))
-            for each in errors
-        ]
+    after, before = (
+        [np.maximum(_root_mean_squares(weights, each), np.sqrt(_TINY)) for each in errors]
+        for weights in (common, none)
     )
+    gained = np.array([np.mean(np.log(a / b)) for a, b in zip(after, before, strict=True)])
     use = _gate(gained) * _gate(gained.mean())
     return [share * common + (1 - share) * none for share in use]
 

@@ -99,6 +99,7 @@ def calibrate(
         axes={axis: fit.model for axis, fit in fits.items() if fit.model is not None},
         deviation={axis: fit.rms_after for axis, fit in fits.items()},
         start_s=_START_S,
+        unit=recordings[0].unit,
     )
     duration_s = sum(recording.duration_s for recording in recordings)
     warnings = [

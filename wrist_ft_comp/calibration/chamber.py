@@ -187,9 +187,11 @@ def chamber_figures(table: ChamberTable) -> ChamberFigures:
     )
 
 
-def table_recording(table: ChamberTable, period_s: float) -> Recording:
+def table_recording(
+    table: ChamberTable, period_s: float, reference: FloatArray | None = None
+) -> Recording:
     """Put a table's nominal course of test onto the thermal grid, of cells of at most 30 s."""
-    recording = grid_samples(table.samples(), name=table.name, period_s=period_s)
+    recording = grid_samples(table.samples(reference), name=table.name, period_s=period_s)
     return replace(recording, unit=OUTPUT_UNIT)
 
 
@@ -242,10 +244,7 @@ def leave_one_temperature_out(
                 table, temperatures_c=table.temperatures_c[kept], output=table.output[:, kept]
             )
             # Loads stay in the whole table's unit, also when its reference column is left out.
-            recording = grid_samples(
-                others.samples(table.reference), name=table.name, period_s=period_s
-            )
-            model = learn(recording)
+            model = learn(table_recording(others, period_s, table.reference))
         except WristFtCompError:
             return None
         output[:, column] = compensate_table(table, model).output[:, column]

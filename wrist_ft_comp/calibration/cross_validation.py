@@ -17,8 +17,7 @@ from wrist_ft_comp.calibration.result import HeldOut
 from wrist_ft_comp.identification.axis_data import AxisData
 from wrist_ft_comp.identification.bins import bin_axis_data, BinnedData, Sums, tare
 from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
-from wrist_ft_comp.identification.output_error import best_on_grid, Structure
-from wrist_ft_comp.identification.regression import least_squares
+from wrist_ft_comp.identification.regression import best_on_grid, least_squares, Structure
 from wrist_ft_comp.identification.time_constants import search_time_constants
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.features import Features
@@ -154,7 +153,7 @@ def _around_level(data: CandidateData, i: int, fold: int, errors: FloatArray) ->
 
 def _design(x: FloatArray, sums: Sums, *, loaded: bool) -> FloatArray:
     """
-    Draw the regressors of the equation in ``output_error``, without the constant.
+    Draw the regressors of the equation in ``regression``, without the constant.
 
         [ x_f(H_τ T) … | w x_f(H_τ T) … | w ]     with load
         [ x_f(H_τ T) … ]                          without

@@ -21,7 +21,7 @@ from wrist_ft_comp.identification.axis_data import AxisData
 from wrist_ft_comp.identification.bins import bin_axis_data
 from wrist_ft_comp.identification.gains import build_axis_model
 from wrist_ft_comp.identification.moments import bank_inputs
-from wrist_ft_comp.identification.output_error import Structure
+from wrist_ft_comp.identification.regression import Structure
 from wrist_ft_comp.identification.standard_errors import fit_gains
 from wrist_ft_comp.identification.time_constants import search_time_constants
 from wrist_ft_comp.model.features import Features

@@ -12,7 +12,7 @@ from wrist_ft_comp.cli.tables import print_warnings, range_warnings
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import read_recording, rewrite_recording
-from wrist_ft_comp.model.drift_model import check_units, DriftModel
+from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.offline import correct_many, initial_tare, track_drift
 from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS, Recording
 
@@ -69,7 +69,6 @@ def run(arguments: argparse.Namespace) -> int:
             topics=topics,
             progress=lambda done: progress(done / 3),
         )
-        check_units(stored, recording.unit)
         track = track_drift(model, recording)
         tare = _tare(arguments, model, recording)
         warnings = rewrite_recording(

@@ -20,7 +20,7 @@ from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_tab
 from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.model.drift_model import check_units, StoredModel
+from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import NANOSECONDS, Progress, Reference
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors
 from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
@@ -102,7 +102,6 @@ def _judge(
         keep_copied_columns=keep,
         progress=progress,
     )
-    check_units(stored, recording.unit)
     is_table = path.is_file() and is_chamber_table(path)
     reference: Reference = arguments.reference or ('recorded' if is_table else 'unloaded')
     errors = tared_errors(stored.model, recording, reference, arguments.tare)

@@ -25,7 +25,7 @@ from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import Document, DriftModel, StoredModel
 from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import FloatArray
+from wrist_ft_comp.model.signals import axis_unit, FloatArray
 
 #: Models are nested by less than half of this.
 _MAX_DEPTH = 30
@@ -145,6 +145,14 @@ def _build_model(document: Document) -> DriftModel:
         },
         deviation={axis: entry['rms_after'] for axis, entry in document['axes'].items()},
         start_s=document.get('start_s', 0.0),
+        unit=next(
+            (
+                entry['unit']
+                for axis, entry in document['axes'].items()
+                if entry['model'] is not None and entry['unit'] not in {'', axis_unit(axis)}
+            ),
+            '',
+        ),
     )
 
 

@@ -3,10 +3,10 @@ One model of a given structure to given data.
 
 Read ``axis_data`` first, what is fitted for one axis, then ``bins`` and ``moments``, the sums that
 every fit is made from: ``regression`` solves for gains, ``time_constants`` searches what is not
-linear, ``standard_errors`` says how sure both are, and ``output_error`` fits one structure to
-some folds. The paper's methods are apart: ``pls`` is the outer model, ``pls_arx`` both.
+linear, ``standard_errors`` says how sure both are, and ``pool`` fits what ``auto`` averages. The
+paper's methods are apart: ``pls`` is the outer model, ``pls_arx`` both.
 
 Public face: ``build_axis_data`` and ``assign_folds``; ``bin_axis_data``, ``bank_inputs`` and
-``accumulate``; ``least_squares``, ``ridge_path`` and ``pls_path``; ``search_time_constants``;
-``fit_gains``; ``fit_columns``; ``fit_pls``, ``fit_pcr`` and ``identify``.
+``accumulate``; ``least_squares`` and ``best_on_grid``; ``search_time_constants``; ``fit_gains``;
+``RidgeBank`` and ``FreeTimeConstants``; ``fit_pls``, ``fit_pcr`` and ``identify``.
 """

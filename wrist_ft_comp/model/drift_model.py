@@ -36,6 +36,8 @@ class DriftModel:
     deviation: Mapping[str, float] = field(default_factory=dict)
     #: A sensor has soaked at the mean temperatures of so long, s; of the first cell, when it is 0.
     start_s: float = 0.0
+    #: Of every axis where it is not N and N m; else empty.
+    unit: str = ''
 
     def __post_init__(self) -> None:
         """Check the names and the numbers of thermometers."""
@@ -95,15 +97,15 @@ class StoredModel:
     document: Document
 
 
-def check_units(stored: StoredModel, unit: str = '') -> None:
+def check_unit(model: DriftModel, unit: str = '', name: object = 'The model') -> None:
     """Refuse a model, by ModelFileError, of another unit than wrenches; '' is N and N m."""
-    for axis in stored.model.axes:
-        theirs, ours = stored.document['axes'][axis]['unit'], unit or axis_unit(axis)
-        if theirs and theirs != ours:
+    for axis in model.axes:
+        theirs, ours = model.unit or axis_unit(axis), unit or axis_unit(axis)
+        if theirs != ours:
             raise ModelFileError(
-                f'{stored.path} corrects {axis} in {theirs}, but the wrenches are in {ours}. '
-                f'Calibrate from recordings in {ours}; or, if it is the same, write "unit: '
-                f'{ours}" into the file.'
+                f'{name} corrects {axis} in {theirs}, but the wrenches are in {ours}. Calibrate '
+                f'from recordings in {ours}; or, if it is the same, write "unit: {ours}" into the '
+                "model's file."
             )
 
 

@@ -23,7 +23,7 @@ def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
     """
     Run the model freely over a recording, from the steady state of its first cells: (N, 6).
 
-    RecordingError when thermometers or thermal period differ.
+    RecordingError when thermometers or thermal period differ, ModelFileError when the unit does.
     """
     if recording.thermometers != model.thermometers:
         raise RecordingError(
@@ -36,6 +36,7 @@ def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
             f'{recording.name} is on thermal cells of {recording.period_s} s, the model runs on '
             f'{model.period_ns / 1e9} s. Read it with the period of the model.'
         )
+    drift_model.check_unit(model, recording.unit)
     return drift_model.run_from_rest(model, recording.temperature_c)[1]
 
 

@@ -76,7 +76,7 @@ def judge(evidence: Evidence) -> Verdict:
         return Verdict(
             'harmful',
             f'The model leaves more drift than no compensation would: {figures}'
-            f'{_rests_on(evidence) or _judged_on(evidence)}.',
+            f'{_rests_on(evidence, harmful=True)}.',
         )
     share = f'{100 * after / before:.2g}' if before > 0 else '0'
     remainder = f'{share} % of the drift is left ({figures}){_rests_on(evidence)}'
@@ -90,18 +90,13 @@ def judge(evidence: Evidence) -> Verdict:
     return Verdict('good', f'{remainder}{noise}.')
 
 
-def _judged_on(evidence: Evidence) -> str:
-    """Say of how much a judgement is; one recording is little to condemn a model on."""
-    count = 0 if evidence.blocks is None else len(evidence.blocks[0])
-    plural = 's' if count > 1 else ''
-    return f', in {count} {evidence.block_name}{plural}' if count else ''
-
-
-def _rests_on(evidence: Evidence) -> str:
-    """Say when it was too few recordings to know how much they differ."""
-    if evidence.recordings == 1:
-        return ', judged on parts of a single recording'
-    return ', which rests on two recordings' if evidence.recordings == 2 else ''
+def _rests_on(evidence: Evidence, *, harmful: bool = False) -> str:
+    """Say when it was too few recordings to know how they differ; and on what one is condemned."""
+    if evidence.recordings in {1, 2}:
+        few = 'judged on parts of a single recording', 'which rests on two recordings'
+        return f', {few[evidence.recordings - 1]}'
+    count = len(evidence.blocks[0]) if harmful and evidence.blocks is not None else 0
+    return f', in {count} {evidence.block_name}{"s" * (count > 1)}' if count else ''
 
 
 def _why_uncalibrated(evidence: Evidence) -> str:

@@ -10,7 +10,7 @@ from rcl_interfaces.msg import SetParametersResult
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore
-from wrist_ft_comp.model.drift_model import check_units, DriftModel, StoredModel
+from wrist_ft_comp.model.drift_model import check_unit, DriftModel, StoredModel
 from wrist_ft_comp.ros.diagnostics import summary
 from wrist_ft_comp.ros.node_log import NodeLog
 
@@ -112,7 +112,7 @@ def load_fitting(path: Path, thermometers: int) -> StoredModel:
             f'{thermometers} (temperature_topics). Calibrate with these, or list the '
             "model's topics."
         )
-    check_units(stored)
+    check_unit(stored.model, name=path)
     return stored
 
 
@@ -150,7 +150,6 @@ class LiveModel:
 
     def take(self, stored: StoredModel) -> str:
         """Make a calibration's result live; return why it could not be remembered, or nothing."""
-        check_units(stored)
         self._make_live(stored)
         return self._remember([*(self._history or [None]), stored.path])
 

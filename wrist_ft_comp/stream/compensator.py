@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.model.drift_model import Drift, DriftModel, no_drift
+from wrist_ft_comp.model.drift_model import check_unit, Drift, DriftModel, no_drift
 from wrist_ft_comp.model.ranges import check_range, PERIODS_S
 from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
 from wrist_ft_comp.model.stream_grid import CompletedCells
@@ -200,6 +200,8 @@ class Compensator:
         ------
         SettingsError
             When the model expects another number of thermometers; the running model stays.
+        ModelFileError
+            When it is of another unit than N and N m; the running model stays.
 
         """
         if model is not None and model.thermometers != self.thermometers:
@@ -208,6 +210,8 @@ class Compensator:
                 f'{self.thermometers} (temperature_topics). Calibrate with these, or list the '
                 "model's topics."
             )
+        if model is not None:
+            check_unit(model)
         reading = self._reading(keep_output_of)
         self.tracker.use(model)
         self._keep_output = reading is not None
