@@ -165,5 +165,5 @@ def test_thermometers_have_to_be_the_model_s(make_model):
 
 def test_a_model_of_another_unit_is_refused(make_model):
     model = replace(make_model({'force_z': (0.4, 0.0, 50.0)}), unit='digits')
-    with pytest.raises(ModelFileError, match='corrects force_z in digits, but .* are in N'):
+    with pytest.raises(ModelFileError, match=r'corrects force_z in digits, but .* are in N'):
         compensate(model, GOOD)

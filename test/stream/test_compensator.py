@@ -329,7 +329,7 @@ class TestModelSwap:
         compensator = Compensator(1, StreamSettings(), model)
         stream(compensator, (0, 30))
         before = pickle.dumps(compensator)
-        with pytest.raises(ModelFileError, match='corrects force_z in digits, but .* are in N'):
+        with pytest.raises(ModelFileError, match=r'corrects force_z in digits, but .* are in N'):
             compensator.go_live(replace(other, unit='digits'))
         assert pickle.dumps(compensator) == before
 
