@@ -30,9 +30,9 @@ class RecentForces:
         self._kept: deque[tuple[int, Force]] = deque(maxlen=_KEPT)
 
     @property
-    def newest_ns(self) -> int | None:
-        """Stamp of the newest sample, ns."""
-        return self._kept[-1][0] if self._kept else None
+    def newest(self) -> tuple[int, Force] | None:
+        """Stamp, ns, and specific force of the newest sample."""
+        return self._kept[-1] if self._kept else None
 
     def add(self, stamp_ns: int, force: Force) -> None:
         """Take one sample; a stamp far back is another time's, one a little back is too late."""
