@@ -189,3 +189,22 @@ def test_one_stray_stamp_of_a_wrench_holds_no_later_one_back():
         rows += node.averager.rows()
     assert len(rows) == 2000 - 600
     assert max(row[0] for row in cells(rows)) < 2000
+
+
+def test_specific_force_is_a_mean_and_speed_of_rotation_a_root_mean_square():
+    averager, rows = CellAverager(SECOND, 1, with_force=True), []
+    assert row_channels(1, with_force=True)[-5:] == (
+        'temperature_c',
+        *(f'linear_acceleration_{axis}' for axis in 'xyz'),
+        'rotation_speed',
+    )
+    for cell, force, speed in ((5, 9.0, 3.0), (5, 11.0, None), (5, 10.0, 4.0), (6, 8.0, None)):
+        averager.add_force(cell * SECOND, (0.0, 1.0, force), speed)
+        averager.add_raw(cell * SECOND, [1.0] * 6)
+    for cell in (5, 6, 7):
+        averager.add_cells([CompletedCells(cell, 1, np.array([20.0]), (True,))])
+        rows += averager.rows()
+    rows += averager.rows(final=True)
+    np.testing.assert_allclose(rows[0][1][-5:], [20, 0, 1, 10, math.sqrt(12.5)])
+    np.testing.assert_allclose(rows[1][1][-5:], [20, 0, 1, 8, NAN])
+    np.testing.assert_allclose(rows[2][1][-5:], [20, NAN, NAN, NAN, NAN])

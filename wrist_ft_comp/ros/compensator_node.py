@@ -33,6 +33,7 @@ from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.arguments.unknown import tell_unknown
 from wrist_ft_comp.ros.arguments.usage import usage
 from wrist_ft_comp.ros.diagnostics import diagnostic_array, diagnostics, Snapshot
+from wrist_ft_comp.ros.gravity.source import GravitySource
 from wrist_ft_comp.ros.input_health import InputHealth
 from wrist_ft_comp.ros.inputs.field_inputs import FieldInputs
 from wrist_ft_comp.ros.inputs.topic_types import no_temperature, WRENCH, wrong_type
@@ -84,7 +85,10 @@ class CompensatorNode(Node):
             compensator, lambda: self.live.sha256, store.directory / 'state.json', chosen, log
         )
         self.state_keeper.writer.problem = store.check_writable()
-        self.recording = RecordService(compensator, store, self._subscribe_reference, log)
+        with_force = chosen['gravity.source'] != 'none'
+        self.recording = RecordService(
+            compensator, store, self._subscribe_reference, log, with_force=with_force
+        )
         self.tare = TareService(compensator, self._settings, self.state_keeper.save, log)
         self.calibration = CalibrateService(self.make_request, self.live.take, log)
         self._silent = chosen['uncalibrated'] == 'silent'
@@ -105,6 +109,9 @@ class CompensatorNode(Node):
             if source.path
         )
         self._fields = FieldInputs(self, fields, self._subscribe_unserved, self._take_temperature)
+        self.gravity = GravitySource(
+            chosen, self._subscribe, lambda: self.frame_id, self._on_force
+        )
         self._offered = [
             DeferredService(self, Trigger, '~/calibrate', self.calibration.on_request),
             DeferredService(self, Trigger, '~/tare', self.tare.on_request),
@@ -261,6 +268,12 @@ class CompensatorNode(Node):
         else:
             self.health.counts.bad_references += 1
 
+    def _on_force(
+        self, stamp_ns: int, force: tuple[float, float, float], speed: float | None
+    ) -> None:
+        """Take one specific force, m/s², and the speed of rotation, rad/s, where it is known."""
+        self.recording.add_force(stamp_ns or self._now_ns(), force, speed)
+
     def _now_ns(self) -> int:
         """Time for drivers that do not stamp."""
         return int(self.get_clock().now().nanoseconds)
@@ -314,6 +327,8 @@ class CompensatorNode(Node):
                     for topic, source in zip(self._topics, self._sources, strict=True)
                 ),
                 reference=self.resolve_topic_name('wrench_reference'),
+                imu=self.resolve_topic_name('imu') if chosen['gravity.source'] == 'imu' else '',
+                gravity_frame=chosen['gravity.frame'] if chosen['gravity.source'] == 'tf' else '',
             ),
             skip_unusable=not named,
         )
@@ -424,8 +439,9 @@ Removes the temperature drift of a wrist force/torque sensor beside any driver:
   compensator --ros-args -r wrench_raw:=/driver/wrench \\
     -p 'temperature_topics:=["/driver/temperature", "/driver/state:data[3]:K"]'
 
-hears      wrench_raw (WrenchStamped), the topics in temperature_topics, and,
-           while recording, wrench_reference; -r maps them to the driver's own
+hears      wrench_raw (WrenchStamped), the topics in temperature_topics, imu or
+           /tf (gravity.source) and, while recording, wrench_reference; -r maps
+           them to the driver's own
 publishes  wrench (compensated), ~/drift, /diagnostics
 serves     ~/record, ~/calibrate, ~/tare, ~/reset_tare, ~/rollback
 

@@ -14,6 +14,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import NameValidationException
 from rclpy.qos import (
+    DurabilityPolicy,
     HistoryPolicy,
     qos_policy_name_from_kind,
     qos_profile_services_default,
@@ -33,6 +34,12 @@ FAST_SENSOR: QoSProfile = _profile(depth=1000, reliability=ReliabilityPolicy.BES
 SLOW_SENSOR: QoSProfile = _profile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: Where only the newest counts, because nobody is woken for each.
 NEWEST: QoSProfile = _profile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+#: What is sent once and kept for those who come later: static transforms.
+LATCHED: QoSProfile = _profile(
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
 #: Reliable, so that every tool receives it; a controller wants the newest values, not old ones.
 OUTPUT: QoSProfile = _profile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 #: As any service's, but twenty askers at once overrun the usual queue of 10, and are never told.

@@ -277,6 +277,19 @@ PARAMETERS = (
         'uncalibrated', 'passthrough',
         'What to publish without a model or before the first temperature: the raw wrench, tared '
         '(passthrough), or nothing (silent).', choices=('passthrough', 'silent')),
+    _at_start(
+        'gravity.source', 'none',
+        'What tells where down is, to learn a payload and to subtract its weight: an IMU at the '
+        'sensor on the topic imu, /tf and /tf_static (tf), or nothing (none).',
+        choices=('none', 'imu', 'tf')),
+    _at_start(
+        'gravity.frame', '',
+        'With gravity.source tf: the frame whose z is up, against which the frame_id of the '
+        'wrench turns.'),
+    Parameter(
+        'gravity.timeout', 0.2,
+        'Age of the specific force from which on no weight is subtracted by it.',
+        's', 0.01, 10.0),
     Parameter(
         'calibration.recordings', (),
         "Recordings to calibrate from; empty takes the node's own, the newest ten. Set at run "

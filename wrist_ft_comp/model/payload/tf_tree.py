@@ -123,7 +123,9 @@ class GravityByTf:
     def __init__(self, upper: str, lower: str) -> None:
         self._numbers: dict[str, int] = {}
         self._links: dict[int, _Link] = {}
-        self._upper, self._lower = self._number(upper), self._number(lower)
+        self._upper = upper
+        #: May be known only later.
+        self.lower = lower
         #: Time and rotation that were told last.
         self._last: tuple[IntArray, FloatArray] = np.empty(0, np.int64), np.empty((0, 4))
 
@@ -157,8 +159,8 @@ class GravityByTf:
     def _path(self, parent_of: Callable[[int], int]) -> tuple[list[int], list[int]] | None:
         """Find the ways from the lower and the upper frame to one above both; None if none is."""
         ways = []
-        for frame in (self._lower, self._upper):
-            way = [frame]
+        for frame in (self.lower, self._upper):
+            way = [self._number(frame)]
             while way[-1] in self._links:
                 parent = parent_of(way[-1])
                 if parent < 0 or parent in way:
@@ -223,7 +225,7 @@ class GravityByTf:
     def missing(self) -> str:
         """Say that nothing came of it, and which frames there are."""
         names = list(self._numbers)
-        upper, lower = names[self._upper], names[self._lower]
+        upper, lower = self._upper.strip('/'), self.lower.strip('/')
         there = {names[child] for child in self._links}
         there |= {names[link.parent] for link in self._links.values()}
         absent = [name for name in (upper, lower) if name not in there]

@@ -19,14 +19,15 @@ _REMEDY = 'Make room or choose another data_directory'
 class OwnRecording:
     """A recording in progress, a row per thermal cell; RecordingError when the disk refuses."""
 
-    def __init__(self, path: Path, period_ns: int, thermometers: int) -> None:
+    def __init__(self, path: Path, period_ns: int, thermometers: int, *, with_force: bool) -> None:
         self.path = path
         self.period_ns = period_ns
         self.rows = 0
-        self.averager = CellAverager(period_ns, thermometers)
+        self.averager = CellAverager(period_ns, thermometers, with_force=with_force)
         from wrist_ft_comp.files.csv_file import CsvRecordingWriter  # noqa: PLC0415 -- rare
 
-        self._writer = CsvRecordingWriter(path, row_channels(thermometers))
+        channels = row_channels(thermometers, with_force=with_force)
+        self._writer = CsvRecordingWriter(path, channels)
 
     def write(self, *, final: bool = False) -> None:
         """Append the rows that are complete; all there are when nothing more will come."""
@@ -65,6 +66,8 @@ class RecordService:
         store: ModelStore,
         subscribe_reference: Callable[[], Callable[[], object]],
         log: NodeLog,
+        *,
+        with_force: bool,
     ) -> None:
         #: The recording that runs.
         self.current: OwnRecording | None = None
@@ -74,6 +77,7 @@ class RecordService:
         self._store = store
         self._subscribe_reference = subscribe_reference
         self._log = log
+        self._with_force = with_force
         self._unsubscribe: Callable[[], object] = lambda: None
 
     def on_request(self, request: Any, response: Any) -> Any:
@@ -96,7 +100,10 @@ class RecordService:
         try:
             path = self._store.new_recording_path()
             self.current = OwnRecording(
-                path, self._compensator.tracker.grid.period_ns, self._compensator.thermometers
+                path,
+                self._compensator.tracker.grid.period_ns,
+                self._compensator.thermometers,
+                with_force=self._with_force,
             )
         except OSError as error:
             raise RecordingError(
@@ -133,6 +140,11 @@ class RecordService:
         """Take one reference wrench, N and N m."""
         if self.current is not None:
             self.current.averager.add_reference(stamp_ns, reference)
+
+    def add_force(self, stamp_ns: int, force: Sequence[float], speed: float | None) -> None:
+        """Take one specific force, m/s², and the speed of rotation, rad/s, where it is known."""
+        if self.current is not None:
+            self.current.averager.add_force(stamp_ns, force, speed)
 
     def add_cells(self, cells: list[CompletedCells]) -> None:
         """Append rows for thermal cells; a full disk ends the recording, not the stream."""

@@ -1,0 +1,105 @@
+"""Specific force, live: of an IMU, or by TF."""
+
+from collections.abc import Callable
+from functools import partial
+from itertools import count
+import math
+from typing import Any
+
+import numpy as np
+from sensor_msgs.msg import Imu
+
+from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.files.bags.tf_messages import decode_transforms
+from wrist_ft_comp.files.cdr import ACCELERATION, IMU_DOUBLES, locate, ROTATION, TF
+from wrist_ft_comp.model.payload.tf_tree import GravityByTf
+from wrist_ft_comp.ros import messages
+from wrist_ft_comp.ros.inputs.topic_types import load_type
+
+#: TF comes in pieces of several publishers; it is looked at no more often than this, ns, and what
+#: is too old is dropped once in so many pieces.
+_STEP_NS, _TIDY = 10_000_000, 100
+
+#: Takes type, topic, callback for serialized messages, and quality of service.
+Subscribe = Callable[[Any, str, Callable[[bytes], None], Any], Any]
+#: Takes a stamp, ns, 0 without one, specific force, m/s², and speed of rotation, rad/s, if known.
+OnForce = Callable[[int, tuple[float, float, float], float | None], None]
+
+
+class GravitySource:
+    """
+    Hears what the parameters ``gravity.…`` say, and gives each specific force to a callback.
+
+    The frame, of which ``frame`` tells the name, is that of the wrench; '' before it is known.
+    SettingsError when TF is asked for and cannot be had.
+    """
+
+    def __init__(
+        self,
+        chosen: dict[str, Any],
+        subscribe: Subscribe,
+        frame: Callable[[], str],
+        on_force: OnForce,
+    ) -> None:
+        #: Messages that could not be read, or held no numbers.
+        self.unreadable = 0
+        self._frame, self._on_force = frame, on_force
+        self._told_ns: int | None = None
+        self._by_tf: GravityByTf | None = None
+        if chosen['gravity.source'] == 'imu':
+            subscribe(Imu, 'imu', self._on_imu, messages.FAST_SENSOR)
+        elif chosen['gravity.source'] == 'tf':
+            if not chosen['gravity.frame']:
+                raise SettingsError(
+                    'gravity.source is tf, and gravity.frame is empty; expected the frame whose z '
+                    'is up. Set it at start-up with -p gravity.frame:=base_link or the like.'
+                )
+            gravity = self._by_tf = GravityByTf(chosen['gravity.frame'], frame())
+            kind, pieces = load_type('/tf', TF), count()
+            for topic, qos in ('/tf', messages.FAST_SENSOR), ('/tf_static', messages.LATCHED):
+                static = topic == '/tf_static'
+                subscribe(kind, topic, partial(self._on_tf, gravity, pieces, static=static), qos)
+
+    def _on_imu(self, data: bytes) -> None:
+        """Take one sensor_msgs/Imu; a gyroscope that is not there leaves zeros."""
+        try:
+            stamp_ns, numbers = locate(data, IMU_DOUBLES).decode(data)
+        except RecordingError:
+            self.unreadable += 1
+            return
+        x, y, z = numbers[ACCELERATION]
+        speed = math.hypot(*numbers[ROTATION])
+        if math.isfinite(x + y + z):
+            self._on_force(stamp_ns, (x, y, z), speed if speed > 0 else None)
+        else:
+            self.unreadable += 1
+
+    def _on_tf(
+        self, gravity: GravityByTf, pieces: 'count[int]', data: bytes, *, static: bool
+    ) -> None:
+        """Take one tf2_msgs/TFMessage; tells specific force of where all transforms are there."""
+        try:
+            for transforms in decode_transforms([data]):
+                gravity.add(transforms, static=static)
+        except RecordingError:
+            self.unreadable += 1
+            return
+        if next(pieces) % _TIDY == 0:
+            gravity.forget()
+        gravity.lower = self._frame()
+        at_ns = gravity.settled_ns()
+        told_ns = self._told_ns
+        # Stamps that ran back are a simulation begun anew.
+        if at_ns is None or (told_ns is not None and 0 <= at_ns - told_ns < _STEP_NS):
+            return
+        self._told_ns = at_ns
+        force, speed = gravity.read(np.array([at_ns]))
+        if math.isfinite(force[0, 0]):
+            x, y, z = force[0].tolist()
+            self._on_force(at_ns, (x, y, z), float(speed[0]) if math.isfinite(speed[0]) else None)
+
+    def problem(self) -> str:
+        """Say why TF tells nothing; empty where it tells something, or is not asked."""
+        if self._by_tf is None or self._told_ns is not None or not self._frame():
+            return ''
+        return self._by_tf.missing()
