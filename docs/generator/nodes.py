@@ -33,6 +33,8 @@ PURPOSE = {
     'temperature': 'one per entry of `temperature_topics`; `topic:field` hears messages of any '
     'type, best effort, the newest ten times a second',
     'wrench_reference': 'true wrench; subscribed to while recording only',
+    'imu': 'with `gravity.source` imu only: specific force at the sensor; with tf it hears `/tf` '
+    'and `/tf_static` (tf2_msgs/TFMessage) instead',
     'wrench': "compensated and tared wrench, with the input's header",
     '~/drift': 'zero drift being subtracted, once per thermal cell',
     '/diagnostics': 'state of the node, once a second',
@@ -140,7 +142,11 @@ def compensator() -> Iterator[str]:
     """Describe the node, while a recording runs."""
     with (
         tempfile.TemporaryDirectory() as folder,
-        running(CompensatorNode, data_directory=folder) as (node, asker, executor),
+        running(CompensatorNode, **{'data_directory': folder, 'gravity.source': 'imu'}) as (
+            node,
+            asker,
+            executor,
+        ),
     ):
         client = asker.create_client(SetBool, f'/{node.get_name()}/record')
         if not client.wait_for_service(TIMEOUT_S):
