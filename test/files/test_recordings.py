@@ -174,6 +174,34 @@ def test_a_rewritten_bag_holds_every_message_and_the_corrected_wrench(
     np.testing.assert_allclose(again.wrench, read_recording(source).wrench / 2)
 
 
+def every_other(_stamps_ns, wrench):
+    """An external wrench that is not known half of the time."""
+    return np.where(np.arange(len(wrench))[:, None] % 2, np.nan, wrench + 1)
+
+
+def test_an_external_wrench_has_a_topic_of_its_own_and_messages_where_it_is_known(make_bag):
+    source = make_bag(count=200)
+    target = source.with_name('out')
+    rewrite_recording(source, target, halve, external=every_other)
+    after = raw_messages(target)
+    assert len(after['/wrench']) == 200
+    stamps, values = cdr.decode_many([data for _, data in after['/wrench_external']], 6)
+    raw = cdr.decode_many([data for _, data in after['/wrench_raw']], 6)
+    np.testing.assert_array_equal(stamps, raw[0][::2])
+    np.testing.assert_array_equal(values, raw[1][::2] + 1)
+
+
+def test_an_external_wrench_has_columns_of_its_own_and_cells_where_it_is_known(make_csv):
+    source = make_csv(CSV)
+    target = source.with_name('out.csv')
+    rewrite_recording(source, target, halve, external=every_other)
+    lines = target.read_text().splitlines()
+    assert lines[0].endswith(';torque_x;external_force_z;external_torque_x')
+    assert [line.split(';')[-2:] for line in lines[1:]] == [['2.5', ''], ['', ''], ['', '']]
+    with pytest.raises(RecordingError, match='holds external_force_z already'):
+        rewrite_recording(target, source.with_name('again.csv'), halve, external=every_other)
+
+
 @pytest.mark.parametrize(('storage', 'suffix'), [('sqlite3', '.db3'), ('mcap', '.mcap')])
 def test_a_bare_file_may_be_rewritten_into_a_bare_file(make_bag, storage, suffix):
     source = make_bag(storage, count=200) / f'bag{suffix}'

@@ -181,9 +181,10 @@ def _doubts(recordings: Sequence[Recording], fits: dict[str, AxisFit]) -> list[s
 
 
 def summarise(calibration: Calibration) -> str:
-    """Say what was learnt: a line per axis, one on the recordings, then the warnings."""
+    """Say what was learnt: a line per axis and payload, one on the recordings, the warnings."""
     lines = [_axis_line(axis, fit) for axis, fit in calibration.fits.items()]
     ranges = ', '.join(f'{low:.1f} to {high:.1f}' for low, high in calibration.temperature_range_c)
+    lines += calibration.payloads.lines() if calibration.payloads else []
     lines.append(f'learnt from {calibration.duration_s / 3600:.2f} h at {ranges} °C')
     lines += [f'warning: {warning}' for warning in calibration.warnings]
     return '\n'.join(lines)

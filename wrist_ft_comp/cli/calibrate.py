@@ -15,7 +15,7 @@ from wrist_ft_comp.cli.calibration_job import (
     report_job,
     run_job,
 )
-from wrist_ft_comp.cli.tables import chamber_table_text, figures_json, verdict_text
+from wrist_ft_comp.cli.tables import chamber_table_text, figures_json, payloads_json, verdict_text
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.files.chamber_table import is_chamber_table
 from wrist_ft_comp.files.job_request import CalibrationJob
@@ -29,6 +29,7 @@ EXAMPLES = """\
 examples:
   wrist_ft_comp calibrate warm_up.mcap -o model.yaml
   wrist_ft_comp calibrate monday/ tuesday/ -o model.yaml --report report.html
+  wrist_ft_comp calibrate workday/ --imu-topic imu --reference payload -o model.yaml
   wrist_ft_comp calibrate loaded.csv --reference recorded -o model.yaml --json
   wrist_ft_comp calibrate data/keller_pa10/table2_sensor_b_raw.csv -o b.yaml
 """
@@ -183,6 +184,7 @@ def _as_json(
         },
         'temperature_range_c': calibration.temperature_range_c.tolist(),
         'duration_s': calibration.duration_s,
+        'payloads': payloads_json(calibration.payloads),
         'warnings': list(calibration.warnings),
         'chamber_tables': figures_json(tables),
     }

@@ -10,7 +10,7 @@ the node is killed, the process ends.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import json
 import os
 from pathlib import Path
@@ -30,11 +30,13 @@ from wrist_ft_comp.calibration.chamber import (
 )
 from wrist_ft_comp.calibration.result import Calibration
 from wrist_ft_comp.cli.options import part_of
+from wrist_ft_comp.cli.tables import payloads_json
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.job_request import CalibrationJob, decode_job, UNTIL_CLOSED
 from wrist_ft_comp.files.model_file import save_model
+from wrist_ft_comp.files.payload_file import add_payloads, PAYLOADS
 from wrist_ft_comp.files.recordings import BAG, hash_recording, kind_of, read_recording
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import Progress, Recording, Topics
@@ -57,7 +59,7 @@ class JobOutcome:
 
 def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome:
     """
-    Read, fit, and save the model; the report is left to report_job.
+    Read, fit, and save the model, and payloads beside it; the report is left to report_job.
 
     The progress is told the share that is done, 0 to 1. When a recording is unusable, the
     calibration is refused or the model cannot be saved, an error says why and nothing is changed.
@@ -67,6 +69,11 @@ def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome
     calibration = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
     sources = [{'path': str(path), 'sha256': hash_recording(path)} for path in used]
     provenance: dict[str, object] = {'recordings': sources}
+    if learnt := calibration.payloads:
+        path = job.output.with_name(PAYLOADS)
+        added = add_payloads(path, job.output.stem, learnt.payloads.values(), learnt.frame)
+        named = dict(zip(added, learnt.payloads.values(), strict=True))
+        calibration = replace(calibration, payloads=replace(learnt, payloads=named))
     if job.topics != Topics() or any(kind_of(path) == BAG for path in used):
         provenance['temperature_topics'] = list(job.topics.temperatures)
     stored = save_model(job.output, calibration, provenance)
@@ -185,6 +192,7 @@ def _answer(job: CalibrationJob) -> dict[str, Any]:
         'path': str(outcome.stored.path),
         'sha256': outcome.stored.sha256,
         'document': outcome.stored.document,
+        'payloads': payloads_json(outcome.calibration.payloads),
     }
 
 

@@ -7,19 +7,25 @@ import gc
 from pathlib import Path
 
 from wrist_ft_comp.calibration.chamber import table_tare
+from wrist_ft_comp.calibration.payload.at_work import learn_at_work
+from wrist_ft_comp.calibration.payload.external import external_correction
 from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.tables import print_warnings, range_warnings
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.files.recordings import read_recording, rewrite_recording
-from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.files.recordings import EXTERNAL_TOPIC, read_recording, rewrite_recording
+from wrist_ft_comp.model.drift_model import DriftModel, StoredModel
 from wrist_ft_comp.model.offline import correct_many, initial_tare, track_drift
-from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.model.signals import AXES, Correction, FloatArray, NANOSECONDS, Recording
 
+#: Specific force is taken off on cells of this length, s, or longer ones of a long recording.
+_FINE_S, _MOST_CELLS = 0.02, 2_000_000
 EXAMPLES = """\
 examples:
   wrist_ft_comp compensate model.yaml run.csv -o compensated.csv
   wrist_ft_comp compensate model.yaml bag/ -o bag_compensated/ --tare 60
+  wrist_ft_comp compensate model.yaml workday.csv -o free.csv --reference payload
 """
 
 
@@ -44,6 +50,13 @@ def add_parser(commands: options.Commands) -> None:
         metavar='SECONDS',
         help='tare on the first SECONDS, which must be unloaded (default: 0, no tare; a chamber '
         'table is tared without load at its reference temperature)',
+    )
+    parser.add_argument(
+        '--reference',
+        choices=('payload',),
+        help='add what the environment does to the tool: the payload that was mounted is found in '
+        'the recording by its specific force, and its weight is taken off, too (columns '
+        f'external_force_x …, or the topic {EXTERNAL_TOPIC})',
     )
     options.add_json(parser)
     group = options.add_topics(parser)
@@ -71,15 +84,17 @@ def run(arguments: argparse.Namespace) -> int:
         )
         track = track_drift(model, recording)
         tare = _tare(arguments, model, recording)
+        external, said = _external(arguments, stored, recording)
         warnings = rewrite_recording(
             arguments.recording,
             arguments.output,
             lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare),
             topics=topics,
             output_topic=arguments.output_topic,
+            external=external,
             progress=lambda done: progress((1 + 2 * done) / 3),
         )
-    warnings = (*recording.warnings, *warnings, *range_warnings(stored, recording))
+    warnings = (*recording.warnings, *warnings, *range_warnings(stored, recording), *said)
     if arguments.json:
         answer = {'output': arguments.output, 'tare': dict(zip(AXES, tare.tolist(), strict=True))}
         options.print_json({**answer, 'warnings': warnings})
@@ -87,6 +102,26 @@ def run(arguments: argparse.Namespace) -> int:
     print_warnings(warnings)
     print(f'wrote {arguments.output}')
     return 0
+
+
+def _external(
+    arguments: argparse.Namespace, stored: StoredModel, recording: Recording
+) -> tuple[Correction | None, tuple[str, ...]]:
+    """Find what is mounted and how to take its weight off, if asked, and what to doubt of it."""
+    if arguments.reference != 'payload':
+        return None, ()
+    work = learn_at_work([recording])
+    if work.separation is None:
+        raise RecordingError(
+            f'{recording.name} holds no specific force, which an external wrench needs. Name its '
+            '--imu-topic or --gravity-frame, or record linear_acceleration_x, _y and _z.'
+        )
+    fine = read_recording(
+        arguments.recording,
+        period_s=max(_FINE_S, recording.duration_s / _MOST_CELLS),
+        topics=options.topics_from(arguments),
+    )
+    return external_correction(work.separation, stored.model, fine), work.warnings
 
 
 @contextmanager

@@ -1,11 +1,12 @@
 """wrist_ft_comp evaluate: what a model leaves of the drift in other recordings."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
 from wrist_ft_comp.calibration.chamber import chamber_figures, compensate_table
+from wrist_ft_comp.calibration.payload.at_work import learn_at_work
 from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.tables import (
     chamber_table_text,
@@ -19,8 +20,10 @@ from wrist_ft_comp.cli.tables import (
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
 from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.model.drift_model import StoredModel
+from wrist_ft_comp.model.payload.learnt import LearntPayloads, same_payload
 from wrist_ft_comp.model.signals import NANOSECONDS, Progress, Reference
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors
 from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
@@ -29,6 +32,7 @@ from wrist_ft_comp.report.page import page
 EXAMPLES = """\
 examples:
   wrist_ft_comp evaluate model.yaml wednesday.mcap
+  wrist_ft_comp evaluate model.yaml workday.csv --reference payload
   wrist_ft_comp evaluate model.yaml loaded.csv --reference recorded --json
 """
 
@@ -104,14 +108,32 @@ def _judge(
     )
     is_table = path.is_file() and is_chamber_table(path)
     reference: Reference = arguments.reference or ('recorded' if is_table else 'unloaded')
-    errors = tared_errors(stored.model, recording, reference, arguments.tare)
     warnings = (*recording.warnings, *range_warnings(stored, recording))
+    compared, true = recording, reference
+    if reference == 'payload':
+        work = learn_at_work([recording])
+        compared, true = work.drift[0], 'recorded'
+        warnings += (*work.warnings, *_unknown_payloads(stored, recording.name, work.payloads))
+    errors = tared_errors(stored.model, compared, true, arguments.tare)
     figures = {}
     if is_table:
         table = read_chamber_table(path, keep_copied_columns=keep)
         figures['raw'] = chamber_figures(table)
         figures['compensated'] = chamber_figures(compensate_table(table, stored.model))
     return EvaluatedRecording(replace(recording, warnings=warnings), reference, errors, figures)
+
+
+def _unknown_payloads(
+    stored: StoredModel, name: str, found: LearntPayloads | None
+) -> Iterator[str]:
+    """Mark payloads that no calibration in the model's folder has seen."""
+    known = [payload for payload, _ in load_payloads(stored.path.with_name(PAYLOADS)).values()]
+    for payload in found.payloads.values() if found else ():
+        if not any(same_payload(payload, other) for other in known):
+            yield (
+                f'{name} holds a payload of {payload.mass_kg:.2f} kg that is not in {PAYLOADS} '
+                'beside the model; its weight was fitted to this recording.'
+            )
 
 
 def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from wrist_ft_comp.calibration.chamber import ChamberFigures, FIGURE_TITLES
 from wrist_ft_comp.model.drift_model import StoredModel
+from wrist_ft_comp.model.payload.learnt import LearntPayloads
 from wrist_ft_comp.model.signals import Recording
 from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
 
@@ -44,6 +45,23 @@ def _lines(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
             for i, (part, width) in enumerate(zip(parts, widths, strict=True))
         ]
         yield _GAP.join(aligned).rstrip()
+
+
+def payloads_json(learnt: LearntPayloads | None) -> list[dict[str, object]]:
+    """Put payloads into plain values, lightest first; what is not known is null."""
+    if learnt is None:
+        return []
+    return [
+        {
+            'name': name,
+            'mass_kg': payload.mass_kg,
+            'center_of_mass_m': payload.center_m.tolist(),
+            'mass_error_kg': payload.mass_error_kg,
+            'center_error_m': payload.center_error_m.tolist(),
+            'share': payload.share,
+        }
+        for name, payload in learnt.payloads.items()
+    ]
 
 
 def verdict_text(verdicts: Mapping[str, Verdict]) -> str:

@@ -245,18 +245,32 @@ def _numbers(cells: Sequence[str]) -> tuple[FloatArray, BoolArray]:
 
 
 def rewrite_csv(
-    source: Path, target: Path, correct: Correction, progress: Progress | None = None
+    source: Path,
+    target: Path,
+    correct: Correction,
+    external: Correction | None = None,
+    progress: Progress | None = None,
 ) -> tuple[str, ...]:
-    """Copy a recording, its wrench corrected and all else verbatim; says what was left out."""
+    """
+    Copy a recording, its wrench corrected and all else verbatim; says what was left out.
+
+    What ``external`` makes of the raw wrench comes in columns of its own.
+    """
     recording = CsvRecording(source)
     require_column(source.name, recording.columns, 'raw wrench', AXES)
+    added = [f'external_{axis}' for axis in AXES if external and axis in recording.columns]
+    if twice := set(added) & set(recording.columns):
+        raise RecordingError(f'{source.name} holds {min(twice)} already; remove that column.')
     with target.open('x', encoding='utf-8', newline='') as file:
-        file.write(f'{recording.header}\n')
+        file.write(f'{recording.delimiter.join((recording.header, *added))}\n')
         writer = csv.writer(file, delimiter=recording.delimiter, lineterminator='\n')
         for piece in recording.pieces(progress):
             corrected = _corrected(piece, correct)
             columns = zip(recording.columns, piece.cells, strict=True)
             cells = [corrected.get(column, verbatim) for column, verbatim in columns]
+            if external:
+                made = _corrected(piece, external).values()
+                cells += [['' if cell == 'nan' else cell for cell in each] for each in made]
             writer.writerows(zip(*cells, strict=True))
     return tuple(recording.warnings)
 

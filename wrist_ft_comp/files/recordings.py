@@ -42,6 +42,7 @@ from wrist_ft_comp.model.temperature_source import parse_source
 BAG, CSV, TABLE = 'rosbag2', 'CSV recording', 'chamber table'
 REFERENCE = 'reference'
 SPECIFIC_FORCE = 'specific force'
+EXTERNAL_TOPIC = '/wrench_external'
 _HASHED_AT_ONCE = 1 << 20
 
 
@@ -130,16 +131,19 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
     *,
     topics: Topics | None = None,
     output_topic: str = '/wrench',
+    external: Correction | None = None,
     progress: Progress | None = None,
 ) -> tuple[str, ...]:
     """
     Copy a recording with its wrench corrected, into the same kind of file.
 
     A CSV recording and a chamber table get their wrench columns replaced; a bag gets the
-    corrected wrench on a topic of its own, ``output_topic``. The target must not exist; for a bag
-    it is a folder, or, with the suffix of the source's storage, one file. ``correct`` gets
-    consecutive pieces, NaN for absent axes. Says what was left out; RecordingError when the source
-    cannot be read or the target cannot be made, and a failure leaves nothing behind.
+    corrected wrench on a topic of its own, ``output_topic``. What ``external`` makes of the raw
+    wrench comes beside it, in columns ``external_force_x`` … or on EXTERNAL_TOPIC. The target must
+    not exist; for a bag it is a folder, or, with the suffix of the source's storage, one file.
+    ``correct`` gets consecutive pieces, NaN for absent axes. Says what was left out;
+    RecordingError when the source cannot be read or the target cannot be made, and a failure
+    leaves nothing behind.
     """
     source, target = Path(source), Path(target)
     kind = kind_of(source)
@@ -149,10 +153,12 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
             made = Path(folder) / target.name
             if kind == BAG:
                 with open_bag(source) as bag:
-                    settings = topics or Topics(), output_topic, progress
-                    warnings = rewrite_bag(bag, made, correct, *settings)
+                    outputs = {output_topic: correct}
+                    if external:
+                        outputs[EXTERNAL_TOPIC] = external
+                    warnings = rewrite_bag(bag, made, outputs, topics or Topics(), progress)
             elif kind == CSV:
-                warnings = rewrite_csv(source, made, correct, progress)
+                warnings = rewrite_csv(source, made, correct, external, progress)
             else:
                 warnings = rewrite_table(source, made, correct)
             _check_target(source, target)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wrist_ft_comp.calibration.payload.at_work import learn_at_work
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.drift_model import correct, DriftModel, no_drift
 from wrist_ft_comp.model.offline import simulate_drift, tare_at_start
@@ -57,9 +58,12 @@ def tared_errors(
     Subtract the reference from raw and compensated means of cells, both tared.
 
     They are tared on the first seconds that hold wrenches; without a recorded reference they are
-    compared with zero. RecordingError when the recording does not fit the model, or holds nothing
-    to compare with.
+    compared with zero; with payload, in cells without contact, with the weight of what is found in
+    this recording. RecordingError when the recording does not fit the model, or holds nothing to
+    compare with.
     """
+    if reference == 'payload':
+        recording, reference = learn_at_work([recording]).drift[0], 'recorded'
     simulated = simulate_drift(model, recording)
     true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
     before, after = (

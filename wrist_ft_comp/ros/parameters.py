@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 import math
-from typing import Any, cast, TypeAlias
+from typing import Any, cast, get_args, TypeAlias
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -23,6 +23,7 @@ from rclpy.parameter import Parameter as RosParameter
 from wrist_ft_comp.calibration.settings import CalibrationSettings, METHODS
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.ranges import PERIODS_S
+from wrist_ft_comp.model.signals import Reference
 from wrist_ft_comp.stream.compensator import StreamSettings
 
 Value: TypeAlias = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
@@ -296,8 +297,9 @@ PARAMETERS = (
         'time, they must lie inside data_directory.', element=str),
     Parameter(
         'calibration.reference', _CALIBRATION.reference,
-        'What the true wrench was while recording: zero, an unknown constant, or recorded on '
-        'wrench_reference.', choices=('unloaded', 'constant', 'recorded')),
+        'What the true wrench was while recording: zero, an unknown constant, that of an '
+        'unknown payload whose specific force was recorded, or recorded on wrench_reference.',
+        choices=get_args(Reference)),
     Parameter(
         'calibration.method', _CALIBRATION.identification.method,
         'Identification method.', choices=METHODS),

@@ -6,7 +6,7 @@ where a temperature is a field of messages without a stamp.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 import pathlib
 
@@ -193,19 +193,19 @@ def _decode(bag: Bag, stream: _Stream, messages: list[bytes]) -> tuple[IntArray,
         raise RecordingError(f'A message on {topic} of {bag.name} is damaged. {error}') from error
 
 
-def rewrite_bag(  # noqa: PLR0913, PLR0917 - the front door's settings, passed through
+def rewrite_bag(
     bag: Bag,
     target: pathlib.Path,
-    correct: Correction,
+    outputs: Mapping[str, Correction],
     topics: Topics,
-    output_topic: str,
     progress: Progress | None = None,
 ) -> tuple[str, ...]:
     """
-    Copy a bag with every message, and add the corrected wrench at the raw one's times.
+    Copy a bag with every message, and add wrenches by topic at the raw one's times.
 
     Storage and compression are those of the source. The target is a folder or, where it is named
-    like one, the bare storage file. Says what was lost.
+    like one, the bare storage file. Where a raw one has none, none is added. Says
+    what was lost.
     """
     bare = target.suffix in SUFFIXES
     if bare and SUFFIXES[target.suffix] != bag.storage:
@@ -217,24 +217,40 @@ def rewrite_bag(  # noqa: PLR0913, PLR0917 - the front door's settings, passed t
     compression = '' if bare else bag.compression
     wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
     stream, raw = _Stream(wrenches[0], AXES), {connection.id for connection in wrenches}
-    if bag.named(output_topic):
-        raise RecordingError(
-            f'{bag.name} holds {output_topic} already; name another topic for the output.'
-        )
+    for topic in outputs:
+        if bag.named(topic):
+            raise RecordingError(
+                f'{bag.name} holds {topic} already; name another topic for the output.'
+            )
     with write_bag(folder, bag, compression) as writer:
         copies = {c.id: writer.add(c, c.topic) for c in bag.connections}
-        output = writer.add(wrenches[0], f'/{output_topic.strip("/")}')
+        added = [writer.add(wrenches[0], f'/{topic.strip("/")}') for topic in outputs]
         for batch in bag.batches(bag.connections, progress):
             messages = [data for connection, _, data in batch if connection.id in raw]
-            if messages:
-                stamps_ns, values = _decode(bag, stream, messages)
-                messages = cdr.encode_many(messages, correct(stamps_ns, values))
-            corrected = iter(messages)
+            corrected = iter(_corrected(bag, stream, messages, outputs.values()))
             for connection, stamp, data in batch:
                 writer.write(copies[connection.id], stamp, data)
                 if connection.id in raw:
-                    writer.write(output, stamp, next(corrected))
+                    for output, message in zip(added, next(corrected), strict=True):
+                        if message is not None:
+                            writer.write(output, stamp, message)
     if bare:
         (made,) = folder.glob(f'*{target.suffix}')
         made.rename(target)
     return bag.warnings
+
+
+def _corrected(
+    bag: Bag, stream: _Stream, messages: list[bytes], corrections: Iterable[Correction]
+) -> list[tuple[bytes | None, ...]]:
+    """Correct messages in several ways; None where one does not know what the raw one does."""
+    if not messages:
+        return []
+    stamps_ns, raw = _decode(bag, stream, messages)
+    columns = []
+    for correct in corrections:
+        wrench = correct(stamps_ns, raw)
+        lost = np.isnan(wrench).any(axis=1) & np.isfinite(raw).all(axis=1)
+        pairs = zip(cdr.encode_many(messages, wrench), np.asarray(lost).tolist(), strict=True)
+        columns.append([None if is_lost else message for message, is_lost in pairs])
+    return list(zip(*columns, strict=True))

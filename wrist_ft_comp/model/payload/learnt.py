@@ -1,28 +1,40 @@
-"""Payloads that were learnt, by name, and the frame that their specific force was measured in."""
+"""Payloads that were learnt together, and the frame that their specific force was measured in."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+import numpy as np
 
 from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
 
 
 @dataclass(frozen=True, eq=False)
 class LearntPayloads:
-    """
-    Payloads that were learnt together.
+    """What hung on the sensor."""
 
-    Attributes
-    ----------
-    frame : ForceFrame
-        How measured specific force leads to the wrench's frame.
-    payloads : dict
-        By name, lightest first.
-
-    """
-
+    #: How measured specific force leads to the wrench's frame.
     frame: ForceFrame
+    #: By name, lightest first.
     payloads: dict[str, Payload]
 
-    def named(self, stem: str) -> 'LearntPayloads':
-        """Name them for the model they belong to: stem-1, stem-2 …."""
-        numbered = enumerate(self.payloads.values(), 1)
-        return replace(self, payloads={f'{stem}-{n}': payload for n, payload in numbered})
+    def lines(self) -> list[str]:
+        """Describe each in a line, and the frame in another."""
+        said = [
+            f'payload {name}: {p.mass_kg:.3f} ± {p.mass_error_kg:.2g} kg, centre of mass at '
+            f'{", ".join(f"{1e3 * each:.1f}" for each in p.center_m)} mm (± '
+            f'{1e3 * float(np.max(p.center_error_m)):.2g}), on for {p.share:.0%} of the time'
+            for name, p in self.payloads.items()
+        ]
+        r = self.frame.rotation
+        roll, yaw = np.arctan2((r[2, 1], r[1, 0]), (r[2, 2], r[0, 0]))
+        angles = np.degrees([roll, -np.arcsin(np.clip(r[2, 0], -1, 1)), yaw])
+        turned = ', '.join(f'{each:.1f}' for each in np.round(angles, 1) + 0.0)
+        return [*said, f'specific force turned by roll, pitch, yaw of {turned} degrees']
+
+
+def same_payload(one: Payload, other: Payload) -> bool:
+    """Tell whether two findings may be of one payload: within 3 % and 5 mm, or their errors."""
+    errors_kg = np.nan_to_num([one.mass_error_kg, other.mass_error_kg])
+    errors_m = np.nan_to_num([one.center_error_m, other.center_error_m])
+    apart_kg, apart_m = abs(one.mass_kg - other.mass_kg), np.abs(one.center_m - other.center_m)
+    alike = apart_kg < max(0.03 * one.mass_kg, 3 * float(np.hypot(*errors_kg)))
+    return alike and bool((apart_m < np.maximum(0.005, 3 * np.hypot(*errors_m))).all())

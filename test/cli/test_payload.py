@@ -1,0 +1,100 @@
+"""The reference payload on the command line: learnt, judged on another day, taken off."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.cli.main import main
+from wrist_ft_comp.files.payload_file import load_payloads
+from wrist_ft_comp.model.signals import AXES, FORCE_CHANNELS
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp('work')
+
+
+@pytest.fixture(scope='module')
+def days(folder, make_working_day):
+    """Two days to learn from, and a third one in whose middle the driver tared."""
+    paths = []
+    for number, day in enumerate(
+        [make_working_day(0), make_working_day(1), make_working_day(2, tare_at=907)]
+    ):
+        columns = {
+            'stamp_s': np.arange(len(day)) + 0.5,
+            'temperature_c': day.temperature_c[:, 0],
+            **dict(zip(AXES, day.wrench.T, strict=True)),
+            **dict(zip(FORCE_CHANNELS, day.specific_force.T, strict=True)),
+            'rotation_speed': day.rotation_speed,
+        }
+        path = folder / f'day{number}.csv'
+        with path.open('w', newline='') as file:
+            writer = csv.writer(file)
+            writer.writerow(columns)
+            writer.writerows(zip(*(each.tolist() for each in columns.values()), strict=True))
+        paths.append(path)
+    return paths
+
+
+@pytest.fixture(scope='module')
+def model(folder, days):
+    path = folder / 'cell.yaml'
+    argv = ['calibrate', *days[:2], '--reference', 'payload', '--method', 'pls', '-o', path]
+    assert main([str(word) for word in argv]) == 0
+    return path
+
+
+def test_payloads_are_printed_and_kept_beside_the_model(days, done, tmp_path):
+    argv = 'calibrate', *days[:2], '--reference', 'payload', '--method', 'pls'
+    text = done(*argv, '-o', tmp_path / 'cell.yaml')
+    assert 'payload cell-1: 1.3' in text
+    assert 'mm' in text
+    assert 'roll, pitch, yaw of 0.0, 0.0, 90.0' in text
+    printed = json.loads(done(*argv, '-o', tmp_path / 'other.yaml', '--json'))['payloads']
+    assert [each['name'] for each in printed] == ['other-1', 'other-2']
+    assert [each['mass_kg'] for each in printed] == pytest.approx([1.3, 2.1], rel=0.005)
+    assert all(each['mass_error_kg'] > 0 for each in printed)
+    kept = load_payloads(tmp_path / 'payloads.json')
+    assert list(kept) == ['cell-1', 'cell-2', 'other-1', 'other-2']
+    assert kept['other-2'][0].mass_kg == printed[1]['mass_kg']
+
+
+def test_a_day_is_judged_on_what_is_quiet(days, done, model):
+    argv = 'evaluate', model, days[2], '--reference', 'payload', '--json'
+    judged = json.loads(done(*argv))
+    force = judged['axes']['force_z']
+    assert force['rms_after'] < 0.1 * force['rms_before']
+    assert not [each for each in judged['warnings'] if 'payload' in each]
+    assert judged['recordings'][0]['reference'] == 'payload'
+
+
+def test_a_payload_that_was_not_learnt_is_marked(days, done, model, tmp_path):
+    moved = tmp_path / 'cell.yaml'
+    moved.write_bytes(model.read_bytes())
+    said = json.loads(done('evaluate', moved, days[2], '--reference', 'payload', '--json'))
+    marks = [each for each in said['warnings'] if 'is not in payloads.json' in each]
+    assert ['1.30 kg' in marks[0], '2.10 kg' in marks[1]] == [True, True]
+
+
+def test_the_external_wrench_is_nothing_in_free_motion(days, done, model, tmp_path):
+    out = tmp_path / 'free.csv'
+    done('compensate', model, days[2], '-o', out, '--reference', 'payload')
+    with out.open() as file:
+        rows = list(csv.DictReader(file))
+    names = [f'external_{axis}' for axis in AXES]
+    assert list(rows[0])[-6:] == names
+    external = np.array([[float(row[name] or 'nan') for name in names] for row in rows])
+    assert np.isfinite(external).mean() > 0.99
+    size = np.abs(external[:, :3]).max(axis=1)
+    assert (size < 0.4).mean() > 0.75, 'weight, drift and the tare in the middle are taken off'
+    assert size.max() > 5, 'contacts stay'
+
+
+def test_an_external_wrench_needs_specific_force(run, make, model, tmp_path):
+    plain = make.csv(tmp_path / 'plain.csv', {**make.drifting(seed=4)})
+    outcome = run('compensate', model, plain, '-o', tmp_path / 'o.csv', '--reference', 'payload')
+    assert 'holds no specific force, which an external wrench needs' in outcome.sentence
+    assert not (tmp_path / 'o.csv').exists()
