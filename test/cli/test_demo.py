@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.cli import demo
+from wrist_ft_comp.cli.demos import result
+from wrist_ft_comp.cli.demos.plan import Plan
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import DemoLog
+from wrist_ft_comp.model.payload.weight import Payload
 
 SECOND = 10**9
 
@@ -26,6 +29,8 @@ def make_log(calibrated_s=100, seconds=300):
         raw=reference + ramp + 5,
         compensated=reference + 0.1 * ramp - 2,
         reference=reference,
+        external=np.full((seconds, 6), np.nan),
+        external_reference=np.full((seconds, 6), np.nan),
         temperature_stamps_ns=np.repeat(t, 2) * SECOND,
         thermometer=np.tile([0, 1], seconds),
         temperature_c=np.repeat(20.0 + t, 2),
@@ -34,7 +39,7 @@ def make_log(calibrated_s=100, seconds=300):
 
 
 def test_errors_are_tared_on_the_first_minute_after_the_calibration():
-    raw, compensated = demo.errors(make_log())
+    raw, compensated = result.errors(make_log())
     since = np.arange(1, 200)  # stamps 101 … 299 s; the first minute is 1 … 60
     expected = np.outer(since - since[:60].mean(), np.arange(1, 7))
     np.testing.assert_allclose(raw, expected, atol=1e-9)
@@ -43,7 +48,7 @@ def test_errors_are_tared_on_the_first_minute_after_the_calibration():
 
 def test_a_log_without_wrenches_after_the_calibration_is_told():
     with pytest.raises(RecordingError, match='No wrench was received'):
-        demo.errors(make_log(calibrated_s=1000))
+        result.errors(make_log(calibrated_s=1000))
 
 
 @pytest.mark.parametrize(('kept', 'code'), [(0.05, 0), (0.2, 1)])
@@ -149,13 +154,56 @@ def test_the_demonstration_keeps_out_of_the_user_s_domain(monkeypatch):
     assert environment['PATH'] == os.environ['PATH']
 
 
-def test_the_programs_that_are_started_exist(tmp_path):
-    commands = [
-        demo._compensator(tmp_path),
-        demo._operator(tmp_path / 'log.npz'),
-        demo._sensor(1, 450.0),
-    ]
+def at_work_log(payload_error_n):
+    """A tool of 1.4 kg hangs down for 200 s and holds a part for the rest; a push of 10 N on x."""
+    log = make_log()
+    pushed = np.zeros((len(log.stamps_ns), 6))
+    pushed[150:160, 0] = 10.0
+    weight = np.where(np.arange(len(pushed)) < 200, 1.4, 2.2) * 9.807
+    reference = pushed.copy()
+    reference[:, 2] -= weight
+    drift = log.raw - log.reference
+    external = pushed + 3.0
+    external[200:, 2] -= 0.8 * 9.807  # the part pushes on the tool: not judged
+    external[180:200, 1] += payload_error_n
+    return DemoLog(
+        **{
+            **vars(log),
+            'raw': reference + drift,
+            'reference': reference,
+            'compensated': reference + 0.1 * drift,
+            'external': external,
+            'external_reference': pushed,
+        }
+    )
+
+
+@pytest.mark.parametrize(('mass_kg', 'reached'), [(1.41, True), (1.3, False)])
+def test_at_work_the_mass_and_the_external_wrench_are_judged_too(mass_kg, reached):
+    center_m = np.zeros(3)
+    payloads = {'m-1': Payload(mass_kg, center_m), 'm-2': Payload(2.2, center_m)}
+    outcome = result.judge(at_work_log(payload_error_n=2.0), payloads)
+    assert outcome.reached is reached
+    assert f'found to be {mass_kg:.3f} kg' in outcome.sentence
+    # 20 of the 99 s that hold the tool alone are 2 N off; the first minute is the tare.
+    np.testing.assert_allclose(outcome.external['force_y'], 2.0 * np.sqrt(20 / 99), rtol=1e-6)
+    np.testing.assert_allclose(outcome.external['force_x'], 0.0, atol=1e-9)
+    assert 'wrench_external' in outcome.table()
+    assert outcome.as_json()['axes']['force_y']['external_rms'] == outcome.external['force_y']
+
+
+def test_at_work_without_a_payload_the_promise_is_not_kept():
+    assert not result.judge(at_work_log(0.0), {}).reached
+
+
+@pytest.mark.parametrize('at_work', [False, True])
+def test_the_programs_that_are_started_exist(at_work, tmp_path):
+    plan = Plan(1, 450.0, at_work)
+    commands = [plan.compensator(tmp_path), plan.operator(tmp_path / 'log.npz'), plan.sensor()]
     for module, *arguments in commands:
         assert (Path(demo.__file__).parents[1] / f'ros/{module}.py').exists()
         assert all(isinstance(word, str) for word in arguments)
-    assert json.loads(commands[2][-1].partition(':=')[2])
+    words = [word for command in commands for word in command]
+    assert any('payload' in word for word in words) is at_work
+    levels = next(word for word in words if word.startswith('duty_cycle.level'))
+    assert json.loads(levels.partition(':=')[2])

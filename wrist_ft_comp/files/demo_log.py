@@ -20,6 +20,9 @@ class DemoLog:
     raw: FloatArray
     compensated: FloatArray
     reference: FloatArray
+    #: The same of wrench_external and what pushed on the tool; NaN where it did not come.
+    external: FloatArray
+    external_reference: FloatArray
     #: Shape (m,): the thermometers' samples, of each in turn: stamp, which one, °C.
     temperature_stamps_ns: IntArray
     thermometer: IntArray

@@ -38,6 +38,7 @@ _POINTS = 300
 _GAP = 10.0
 # The PNG's, by Okabe and Ito: distinguishable with every common colour deficiency, and in grey.
 RAW_COLOUR, COMPENSATED_COLOUR = '#D55E00', '#0072B2'
+_EXTERNAL_COLOUR = '#999999'
 _TEMPERATURE_COLOURS = ('#009E73', '#CC79A7', '#E69F00', '#56B4E9')
 #: Points of one of its lines.
 _PNG_POINTS = 4000
@@ -202,6 +203,9 @@ class DriftSeries(NamedTuple):
     elapsed_s: FloatArray
     raw: FloatArray
     compensated: FloatArray
+    #: What is left in ``wrench_external``, at times of its own, shapes (m,); may be none.
+    external_s: FloatArray = np.zeros(0)
+    external: FloatArray = np.zeros(0)
 
 
 class TemperatureSeries(NamedTuple):
@@ -217,11 +221,15 @@ def draw_drift(axes: Sequence[DriftSeries], temperatures: Sequence[TemperatureSe
     rows = -(-len(axes) // 2) + 1
     figure = Figure(figsize=(10.0, 2.2 * rows), layout='constrained')
     grid = figure.add_gridspec(rows, 2)
-    for number, (title, elapsed_s, raw, compensated) in enumerate(axes):
+    for number, axis in enumerate(axes):
         panel = figure.add_subplot(grid[number // 2, number % 2])
-        _png_line(panel, elapsed_s, raw, color=RAW_COLOUR, lw=1.0, label='without')
-        _png_line(panel, elapsed_s, compensated, color=COMPENSATED_COLOUR, lw=1.0, label='with')
-        panel.set_title(title, fontsize=10)
+        _png_line(panel, axis.elapsed_s, axis.raw, color=RAW_COLOUR, lw=1.0, label='without')
+        if len(axis.external):
+            _png_line(panel, axis.external_s, axis.external, color=_EXTERNAL_COLOUR, lw=0.6,
+                      label='with, payload taken off')  # fmt: skip
+        _png_line(panel, axis.elapsed_s, axis.compensated, color=COMPENSATED_COLOUR, lw=1.0,
+                  label='with')  # fmt: skip
+        panel.set_title(axis.title, fontsize=10)
         panel.grid(alpha=0.3)
         if number == 0:
             panel.legend(title='compensation', fontsize=8, title_fontsize=8)

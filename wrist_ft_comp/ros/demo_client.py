@@ -5,16 +5,20 @@ It is a program of its own (``python -m wrist_ft_comp.ros.demo_client``) that wr
 object a line to standard output: what it does, how far it is. What it received goes into a file.
 """
 
+import argparse
 from collections.abc import Callable, Sequence
 from functools import partial
 import json
 import os
 from pathlib import Path
+import re
 import sys
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.node import Node
 from sensor_msgs.msg import Temperature
@@ -23,11 +27,14 @@ from std_srvs.srv import SetBool, Trigger
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.files.cdr import locate, TEMPERATURE_DOUBLES, WRENCH_DOUBLES
 from wrist_ft_comp.files.demo_log import DemoLog, save_demo_log
-from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.model.signals import AXES, NANOSECONDS
 from wrist_ft_comp.ros.messages import FAST_SENSOR, SLOW_SENSOR
 from wrist_ft_comp.ros.running import make_executor
 
 _WRENCH_TOPICS = ('wrench_raw', 'wrench', 'wrench_reference')
+_EXTERNAL_TOPICS = ('wrench_external', 'wrench_external_reference')
+#: How the answer of ~/calibrate names the payloads that it learnt, lightest first.
+_PAYLOAD = re.compile(r'^payload (\S+):', re.MULTILINE)
 _SERVICE_TIMEOUT_S = 60.0
 _SILENCE_TIMEOUT_S = 15.0
 
@@ -45,10 +52,11 @@ class DemoClient:
         self.node: Any = Node('demo_client', context=context)
         self._executor = make_executor('auto', context)
         self._executor.add_node(self.node)
-        self.wrenches: dict[str, dict[int, tuple[float, ...]]] = {t: {} for t in _WRENCH_TOPICS}
+        topics = (*_WRENCH_TOPICS, *_EXTERNAL_TOPICS)
+        self.wrenches: dict[str, dict[int, tuple[float, ...]]] = {topic: {} for topic in topics}
         self.temperatures: list[tuple[int, int, float]] = []
         self.latest_ns = 0
-        for topic in _WRENCH_TOPICS:
+        for topic in topics:
             self.node.create_subscription(
                 WrenchStamped, topic, partial(self._on_wrench, topic), FAST_SENSOR, raw=True
             )
@@ -76,16 +84,29 @@ class DemoClient:
                 raise RecordingError(f'{what} did not happen within {timeout_s:.0f} s.')
             self._executor.spin_once(timeout_sec=0.1)
 
-    def call(self, service_type: Any, name: str, request: Any) -> str:
-        """Call one of the compensator's services; a refusal is an error."""
+    def call(self, service_type: Any, name: str, request: Any) -> Any:
+        """Call one of the compensator's services."""
         client = self.node.create_client(service_type, f'wrist_ft_comp/{name}')
         self.spin_until(client.service_is_ready, f'The service {name}', _SERVICE_TIMEOUT_S)
         future = client.call_async(request)
         self.spin_until(future.done, f'The answer of {name}', _SERVICE_TIMEOUT_S)
-        response = future.result()
+        return future.result()
+
+    def ask(self, service_type: Any, name: str, request: Any) -> str:
+        """Call a service that answers in words, and tell them; a refusal is an error."""
+        response = self.call(service_type, name, request)
         if not response.success:
             raise RecordingError(f'{name} was refused: {response.message}')
+        tell('message', text=response.message)
         return str(response.message)
+
+    def hold(self, payload: str) -> None:
+        """Say which payload is held."""
+        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=payload)
+        request = SetParameters.Request(parameters=[Parameter('payload.active', value=value)])
+        (result,) = self.call(SetParameters, 'set_parameters', request).results
+        if not result.successful:
+            raise RecordingError(f'payload.active:={payload} was refused: {result.reason}')
 
     def listen_for(self, first_ns: int, seconds: float, what: str) -> None:
         """Listen until the stamps have moved on, telling how far they are."""
@@ -107,12 +128,19 @@ class DemoClient:
         raw, compensated, reference = (
             np.array([each[stamp] for stamp in stamps]) for each in by_stamp
         )
+        nothing = (np.nan,) * len(AXES)
+        external, external_reference = (
+            np.array([self.wrenches[topic].get(stamp, nothing) for stamp in stamps])
+            for topic in _EXTERNAL_TOPICS
+        )
         temperatures = np.array(self.temperatures).reshape(-1, 3)
         return DemoLog(
             stamps_ns=np.array(stamps, dtype=np.int64),
             raw=raw,
             compensated=compensated,
             reference=reference,
+            external=external,
+            external_reference=external_reference,
             temperature_stamps_ns=np.array([row[0] for row in self.temperatures], dtype=np.int64),
             thermometer=temperatures[:, 1].astype(np.int64),
             temperature_c=temperatures[:, 2],
@@ -125,29 +153,40 @@ class DemoClient:
         self.node.destroy_node()
 
 
-def play(client: DemoClient, target: Path, record_s: float, test_s: float) -> None:
-    """Record a warm-up, calibrate from it, and listen to what follows."""
-    tell('message', text=client.call(SetBool, 'record', SetBool.Request(data=True)))
+def play(client: DemoClient, wanted: argparse.Namespace) -> None:
+    """Record a day, calibrate from it, and listen to what follows."""
+    client.ask(SetBool, 'record', SetBool.Request(data=True))
     tell('recording')  # the sensor may start now, cold
     client.spin_until(lambda: client.latest_ns > 0, 'The first wrench', _SERVICE_TIMEOUT_S)
-    client.listen_for(client.latest_ns, record_s, 'recording a warm-up')
-    tell('message', text=client.call(SetBool, 'record', SetBool.Request(data=False)))
-    summary = client.call(Trigger, 'calibrate', Trigger.Request())
-    tell('message', text=summary)
+    what = 'at work' if wanted.at_work else 'warm-up'
+    client.listen_for(client.latest_ns, wanted.record_s, f'recording, {what}')
+    client.ask(SetBool, 'record', SetBool.Request(data=False))
+    summary = client.ask(Trigger, 'calibrate', Trigger.Request())
+    if wanted.at_work:
+        learnt = _PAYLOAD.search(summary)
+        if learnt is None:
+            raise RecordingError('No payload was learnt; see the answer of ~/calibrate above.')
+        client.hold(learnt[1])
     calibrated_ns = client.latest_ns
-    client.listen_for(calibrated_ns, test_s, 'cooling down and warming up differently')
-    save_demo_log(target, client.log(calibrated_ns))
+    client.listen_for(calibrated_ns, wanted.test_s, 'cooling down and warming up differently')
+    save_demo_log(wanted.log, client.log(calibrated_ns))
     tell('done')
 
 
 def main() -> int:
-    """Play the demonstration; arguments: target file, seconds to record, seconds to test."""
-    target, record_s, test_s, *topics = sys.argv[1:]
+    """Play the demonstration."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--at-work', action='store_true')
+    parser.add_argument('log', type=Path)
+    parser.add_argument('record_s', type=float)
+    parser.add_argument('test_s', type=float)
+    parser.add_argument('topics', nargs='+')
+    wanted = parser.parse_args()
     context = Context()
     context.init([])
-    client = DemoClient(context, topics)
+    client = DemoClient(context, wanted.topics)
     try:
-        play(client, Path(target), float(record_s), float(test_s))
+        play(client, wanted)
     except WristFtCompError as error:
         tell('failed', text=str(error))
         return 1

@@ -1,0 +1,1 @@
+"""The demonstration: ``plan`` says what runs, ``result`` what came of it."""

@@ -1,0 +1,162 @@
+"""What came of a demonstration: errors of what its topics brought, a verdict, and a picture."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+from matplotlib.figure import Figure
+import numpy as np
+
+from wrist_ft_comp.cli.demos.plan import PART_KG, TOOL_KG, TOPICS
+from wrist_ft_comp.cli.evaluate import evaluation_text
+from wrist_ft_comp.cli.tables import table_text
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.files.demo_log import DemoLog
+from wrist_ft_comp.model.payload.weight import Payload
+from wrist_ft_comp.model.signals import (
+    AXES,
+    axis_unit,
+    BoolArray,
+    FloatArray,
+    GRAVITY,
+    NANOSECONDS,
+)
+from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, TaredErrors
+from wrist_ft_comp.report.pictures import draw_drift, DriftSeries, TemperatureSeries
+
+_TARE_S = 60.0
+#: How many times the drift of force z has to fall, and how exact the tool's mass has to be.
+_RATIO, _RATIO_AT_WORK, _MASS = 10.0, 5.0, 0.05
+
+
+def errors(log: DemoLog) -> TaredErrors:
+    """Compare with the reference what came after the calibration, tared on its first minute."""
+    after, tare = _judged(log)
+    parts = (wrench[after] - log.reference[after] for wrench in (log.raw, log.compensated))
+    return TaredErrors(*(part - part[tare].mean(axis=0) for part in parts))
+
+
+def _judged(log: DemoLog) -> tuple[BoolArray, BoolArray]:
+    """Tell what came after the calibration, and which of that in the first minute."""
+    after = log.stamps_ns > log.calibrated_ns
+    tare = log.stamps_ns[after] - log.calibrated_ns <= _TARE_S * NANOSECONDS
+    if not tare.any():
+        raise RecordingError(
+            f'No wrench was received in the {_TARE_S:g} s after the calibration, so the '
+            'demonstration cannot be judged. Try a lower --speed.'
+        )
+    return after, tare
+
+
+def external_errors(log: DemoLog) -> tuple[FloatArray, FloatArray]:
+    """
+    Compare ``wrench_external`` with what pushed on the tool: hours (n,) and errors (n, 6).
+
+    Counted are the times in which it holds the tool alone, as the payload in use says.
+    """
+    after, _ = _judged(log)
+    error = (log.external - log.external_reference)[after]
+    hours = (log.stamps_ns[after] - log.calibrated_ns) / NANOSECONDS / 3600
+    weight = np.linalg.norm((log.reference - log.external_reference)[after, :3], axis=1)
+    held = weight < (TOOL_KG + PART_KG / 2) * GRAVITY
+    there = held & np.isfinite(error).all(axis=1)
+    tare = there & (hours <= _TARE_S / 3600)
+    if not tare.any():
+        raise RecordingError(
+            f'No wrench_external was received in the {_TARE_S:g} s after the calibration. Try a '
+            'lower --speed.'
+        )
+    return hours[there], (error - error[tare].mean(axis=0))[there]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """
+    What a demonstration showed.
+
+    Attributes
+    ----------
+    axes : dict
+        What is left of the drift in ``wrench``, by axis.
+    external : dict
+        Root mean square error of ``wrench_external`` by axis, N and N m; empty if not at work.
+    masses_kg : dict
+        Of the payloads that were learnt, by name.
+    wrenches : int
+        How many were compared.
+    reached : bool
+        Whether it does what it promises.
+    sentence : str
+        That, in words.
+
+    """
+
+    axes: dict[str, AxisEvaluation]
+    external: dict[str, float]
+    masses_kg: dict[str, float]
+    wrenches: int
+    reached: bool
+    sentence: str
+
+    def as_json(self) -> dict[str, object]:
+        """Everything a script may want."""
+        axes = {axis: asdict(each) for axis, each in self.axes.items()}
+        for axis, rms in self.external.items():
+            axes[axis]['external_rms'] = rms
+        return {'axes': axes, 'wrenches': self.wrenches, 'masses_kg': self.masses_kg}
+
+    def table(self) -> str:
+        """Put it into tables."""
+        units = {axis: axis_unit(axis) for axis in self.axes}
+        text = (
+            f'\nafter the calibration, over {self.wrenches} wrenches received from the topics:\n'
+            f'{evaluation_text(self.axes, units)}'
+        )
+        if self.external:
+            rows = [[axis, units[axis], f'{rms:.3g}'] for axis, rms in self.external.items()]
+            text += (
+                '\nwrench_external against what really pushed on the tool:\n'
+                f'{table_text(["axis", "unit", "RMS error"], rows)}'
+            )
+        return text
+
+
+def judge(log: DemoLog, payloads: Mapping[str, Payload] | None) -> Outcome:
+    """Judge a demonstration; at work by the payloads that were learnt, too."""
+    axes = judge_errors([errors(log)])
+    ratio = axes['force_z'].rms_before / axes['force_z'].rms_after
+    wanted = _RATIO if payloads is None else _RATIO_AT_WORK
+    sentence = f'drift of force z fell {ratio:.1f} times; at least {wanted:.0f} are wanted'
+    if payloads is None:
+        return Outcome(axes, {}, {}, len(log.stamps_ns), ratio >= wanted, sentence)
+    masses_kg = {name: each.mass_kg for name, each in payloads.items()}
+    tool_kg = min(masses_kg.values(), key=lambda mass: abs(mass - TOOL_KG), default=0.0)
+    off = abs(tool_kg - TOOL_KG) / TOOL_KG
+    sentence += (
+        f'\nthe tool of {TOOL_KG:g} kg was found to be {tool_kg:.3f} kg, {off:.1%} off; at most '
+        f'{_MASS:.0%} are wanted'
+    )
+    rms = np.sqrt(np.mean(external_errors(log)[1] ** 2, axis=0)).tolist()
+    external = dict(zip(AXES, rms, strict=True))
+    reached = ratio >= wanted and off <= _MASS
+    return Outcome(axes, external, masses_kg, len(log.stamps_ns), reached, sentence)
+
+
+def draw(log: DemoLog, *, external: bool) -> Figure:
+    """Draw what came after the calibration, and if asked for what wrench_external is off by."""
+    raw, compensated = errors(log)
+    after, _ = _judged(log)
+    elapsed_s = (log.stamps_ns[after] - log.calibrated_ns) / NANOSECONDS
+    temperatures = []
+    for number, topic in enumerate(TOPICS):
+        rows = (log.thermometer == number) & (log.temperature_stamps_ns > log.calibrated_ns)
+        times = (log.temperature_stamps_ns[rows] - log.calibrated_ns) / NANOSECONDS
+        temperatures.append(TemperatureSeries(topic, times, log.temperature_c[rows]))
+    hours, rest = external_errors(log) if external else (np.zeros(0), np.zeros((0, len(AXES))))
+    series = [
+        DriftSeries(
+            f'{axis}, {axis_unit(axis)}', elapsed_s, raw[:, i], compensated[:, i],
+            hours * 3600, rest[:, i],
+        )
+        for i, axis in enumerate(AXES)
+    ]  # fmt: skip
+    return draw_drift(series, temperatures)
