@@ -13,7 +13,6 @@ from wrist_ft_comp.cli.demos import result
 from wrist_ft_comp.cli.demos.plan import Plan
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import DemoLog
-from wrist_ft_comp.model.payload.weight import Payload
 
 SECOND = 10**9
 
@@ -180,9 +179,7 @@ def at_work_log(payload_error_n):
 
 @pytest.mark.parametrize(('mass_kg', 'reached'), [(1.41, True), (1.3, False)])
 def test_at_work_the_mass_and_the_external_wrench_are_judged_too(mass_kg, reached):
-    center_m = np.zeros(3)
-    payloads = {'m-1': Payload(mass_kg, center_m), 'm-2': Payload(2.2, center_m)}
-    outcome = result.judge(at_work_log(payload_error_n=2.0), payloads)
+    outcome = result.judge(at_work_log(payload_error_n=2.0), {'m-1': mass_kg, 'm-2': 2.2})
     assert outcome.reached is reached
     assert f'found to be {mass_kg:.3f} kg' in outcome.sentence
     # 20 of the 99 s that hold the tool alone are 2 N off; the first minute is the tare.

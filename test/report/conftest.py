@@ -81,7 +81,7 @@ def stored(tmp_path_factory):
 
 
 @pytest.fixture(scope='session')
-def view(tmp_path_factory, stored):
+def view(tmp_path_factory, stored, make_working_day):
     """Views by kind, each made once."""
 
     @cache
@@ -98,6 +98,10 @@ def view(tmp_path_factory, stored):
         if kind == 'evaluation':
             second = evaluated(stored, make_recording('second.csv', 1), 'constant')
             return evaluation_view(stored, [evaluated(stored, make_recording()), second], 60.0)
+        if kind == 'work':
+            recordings = [make_working_day(0), make_working_day(1)]
+            calibration, model = learn(recordings, folder, 'payload', method='pls')
+            return calibration_view(calibration, recordings, model, 'payload')
         drifts = {'good': (1.0, 0.0), 'weak': (0.05, 0.1), 'none': (0.0, 0.0)}
         slope, hidden = drifts[kind]
         recordings = [

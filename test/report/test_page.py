@@ -15,7 +15,7 @@ from wrist_ft_comp.report.of_evaluation import evaluation_view
 from wrist_ft_comp.report.page import headline, number, page
 
 VOID = {'meta', 'br', 'hr', 'img', 'link', 'input'}
-KINDS = ('good', 'weak', 'none', 'evaluation', 'chamber')
+KINDS = ('good', 'weak', 'none', 'evaluation', 'chamber', 'work')
 MAX_BYTES = 2_000_000
 every_kind = pytest.mark.parametrize('kind', KINDS)
 
@@ -61,7 +61,8 @@ def test_the_page_is_small_well_formed_and_steps_down_through_its_headings(kind,
     assert len(text(kind).encode()) < MAX_BYTES
     assert len(outline.ids) == len(set(outline.ids))
     responses = sum(axis.responses is not None for axis in view(kind).axes)
-    assert outline.seen.count('svg') == 2 + 2 * len(view(kind).axes) + responses
+    pictures = 2 + 2 * len(view(kind).axes) + responses + 2 * (kind == 'work')
+    assert outline.seen.count('svg') == pictures
     levels = [int(tag[1]) for tag in outline.seen if re.fullmatch(r'h\d', tag)]
     assert levels[0] == 1
     assert levels.count(1) == 1
@@ -245,3 +246,16 @@ def test_where_it_comes_from_is_said(text, view):
     assert view('good').provenance['SHA-256'] in whole
     for word in ('numpy', 'scipy', 'reference unloaded', 'method auto'):
         assert word in whole
+
+
+def test_a_robot_at_work_has_its_payloads_and_what_was_used_on_the_page(text, view):
+    whole, work = Outline(text('work')).whole, view('work').work
+    tool, both = work.payloads.values()
+    assert f'{tool.mass_kg:.3f} ± ' in whole
+    assert f'{1e3 * both.center_m[2]:.1f} ± ' in whole
+    np.testing.assert_allclose(np.linalg.norm(work.directions, axis=1), 1.0)
+    assert 0.5 < work.used.mean() < 1.0
+    assert 0.05 < work.pushed.mean() < 0.4
+    assert np.all(work.used + work.pushed <= 1.0 + 1e-9)
+    without = page(replace(view('work'), work=replace(work, payloads={})))
+    assert 'No payload is told' in Outline(without).whole

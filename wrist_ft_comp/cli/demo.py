@@ -22,7 +22,7 @@ from wrist_ft_comp.cli.demos.result import draw, judge
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import load_demo_log
 from wrist_ft_comp.files.documents import write_picture
-from wrist_ft_comp.files.payload_file import load_payloads
+from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
 from wrist_ft_comp.report.pictures import png_bytes
 
 _END_TIMEOUT_S = 10.0
@@ -200,8 +200,9 @@ def run(arguments: argparse.Namespace) -> int:
         plan = Plan(arguments.seed, arguments.speed, arguments.at_work)
         play(Path(folder), log_file, plan, messages)
         log = load_demo_log(log_file)
-        payloads = load_payloads(Path(folder, 'data', 'models')) if plan.at_work else None
-    outcome = judge(log, payloads)
+        learnt = load_payloads(Path(folder, 'data', 'models', PAYLOADS))
+    masses_kg = {name: payload.mass_kg for name, (payload, _) in learnt.items()}
+    outcome = judge(log, masses_kg if plan.at_work else None)
     picture = arguments.output / 'demo.png'
     write_picture(picture, png_bytes(draw(log, external=plan.at_work)))
     if arguments.json:

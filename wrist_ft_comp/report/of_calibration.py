@@ -11,6 +11,7 @@ from wrist_ft_comp.model.signals import IntArray, noise_level, Recording, Refere
 from wrist_ft_comp.report.advice import what_to_record_next
 from wrist_ft_comp.report.coverage import cover
 from wrist_ft_comp.report.evaluation import AxisEvaluation
+from wrist_ft_comp.report.of_payload import work_view
 from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
 from wrist_ft_comp.report.view import axis_view, ErrorSeries, recording_starts_h, ReportView
 
@@ -76,6 +77,7 @@ def calibration_view(
         advice=(*_hardest_day(fits, recordings), *advice),
         warnings=tuple(each for each in calibration.warnings if not each.startswith(refusals)),
         tables=tables or {},
+        work=work_view(calibration),
     )
 
 

@@ -9,6 +9,7 @@ import re
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from wrist_ft_comp.calibration.chamber import FIGURE_TITLES
+from wrist_ft_comp.model.payload.weight import Payload
 from wrist_ft_comp.report import GENERATOR, pictures
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
 from wrist_ft_comp.report.view import AxisView, ReportView
@@ -54,6 +55,7 @@ def _environment() -> Environment:
     )
     environment.filters.update(number=number, svg=pictures.svg_text)
     environment.globals.update(
+        centers=_centers,
         figure_titles=FIGURE_TITLES,
         generator=GENERATOR,
         learnt=_learnt,
@@ -62,6 +64,12 @@ def _environment() -> Environment:
         pictures=pictures,
     )
     return environment
+
+
+def _centers(payload: Payload) -> list[str]:
+    """Write a centre of mass, mm, with its standard errors."""
+    pairs = zip(1e3 * payload.center_m, 1e3 * payload.center_error_m, strict=True)
+    return [f'{value:.1f} ± {error:.1f}' for value, error in pairs]
 
 
 def _join_units(value: object) -> object:

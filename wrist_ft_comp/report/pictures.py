@@ -20,7 +20,7 @@ import numpy as np
 
 from wrist_ft_comp.model.signals import FloatArray, IntArray
 from wrist_ft_comp.report.coverage import Coverage, WORKING_RANGE_C
-from wrist_ft_comp.report.view import ErrorSeries, StepResponses, ThermometerSeries
+from wrist_ft_comp.report.view import ErrorSeries, StepResponses, ThermometerSeries, WorkView
 
 # Placeholders for the page's colours; the style sheet defines what they stand for.
 _INK, _GRID, _WITHOUT, _WITH = '#0a0b01', '#0a0b02', '#0a0b03', '#0a0b04'
@@ -109,6 +109,41 @@ def time_over_temperature(coverage: Coverage) -> Figure:
         np.diff(edges)[empty], align='edge', color='none', edgecolor=_GRID, hatch='////', lw=0,
         label='not seen',
     )  # fmt: skip
+    _legend(panel)
+    return figure
+
+
+def directions_seen(directions: FloatArray) -> Figure:
+    """Draw where gravity came from: both halves of the sphere, equal areas, z in their middles."""
+    figure = Figure(figsize=_SIZE, layout='constrained')
+    every = slice(None, None, max(-(-len(directions) // (2 * _POINTS)), 1))
+    angle = np.linspace(0, 2 * np.pi, 100)
+    for number, sign in enumerate((1, -1)):
+        panel = figure.add_subplot(1, 2, number + 1)
+        panel.set_aspect('equal')
+        panel.set_axis_off()
+        for tilt in (30, 60, 90):
+            radius = np.sqrt(2) * np.sin(np.deg2rad(tilt) / 2)
+            panel.plot(radius * np.cos(angle), radius * np.sin(angle), color=_GRID, lw=0.6)
+        x, y, z = directions[every][sign * directions[every, 2] > 0].T
+        shrink = 1 / np.sqrt(1 + np.abs(z))
+        panel.plot(x * shrink, y * shrink, ls='', marker='o', ms=2.2, mew=0, color=_WITH)
+        panel.annotate('x', (1.03, 0), color=_INK, va='center')
+        panel.annotate('y', (0, 1.03), color=_INK, ha='center')
+        panel.set_title('z up' if sign > 0 else 'z down', color=_INK, fontsize=9)
+    return figure
+
+
+def used_over_time(work: WorkView) -> Figure:
+    """Draw the shares of the time that counted, and that were taken for contact."""
+    figure, panel = _panel('time, h', 'share of the time, %')
+    for at in np.flatnonzero(np.diff(work.part)):
+        panel.axvline(work.hours[at : at + 2].mean(), color=_INK, lw=0.6, ls=':')
+    _line(panel, work.hours, 100 * work.used, work.part, color=_WITH, ls='-', lw=1.4,
+          label='learnt from')  # fmt: skip
+    _line(panel, work.hours, 100 * work.pushed, work.part, color=_WITHOUT, ls=(0, (4, 1.5)),
+          lw=1.2, label='taken for contact')  # fmt: skip
+    panel.set_ylim(0, 100)
     _legend(panel)
     return figure
 

@@ -11,6 +11,7 @@ from wrist_ft_comp.calibration.chamber import ChamberFigures
 from wrist_ft_comp.calibration.result import Candidate
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import StoredModel
+from wrist_ft_comp.model.payload.weight import Payload
 from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS, Recording
 from wrist_ft_comp.report.coverage import Coverage
 from wrist_ft_comp.report.evaluation import AxisEvaluation
@@ -94,6 +95,38 @@ class Source:
 
 
 @dataclass(frozen=True, eq=False)
+class WorkView:
+    """
+    What was learnt at work.
+
+    Attributes
+    ----------
+    payloads : mapping
+        By name, lightest first; empty where none could be told.
+    rotation_deg : ndarray, shape (3,), or None
+        Roll, pitch and yaw from the frame of the specific force to the wrench's.
+    directions : ndarray, shape (n, 3)
+        Unit vectors of the specific force, as it was measured, in cells that counted.
+    hours, part : ndarrays, shape (b,)
+        Middles of bins, all recordings one after the other, and which recording.
+    used, pushed : ndarrays, shape (b,)
+        Shares of them that counted, and that were taken for contact.
+    steps : int
+        Tares of the driver that were taken out.
+
+    """
+
+    payloads: Mapping[str, Payload]
+    rotation_deg: FloatArray | None
+    directions: FloatArray
+    hours: FloatArray
+    part: IntArray
+    used: FloatArray
+    pushed: FloatArray
+    steps: int
+
+
+@dataclass(frozen=True, eq=False)
 class ReportView:
     """A report's content."""
 
@@ -113,6 +146,8 @@ class ReportView:
     warnings: tuple[str, ...]
     #: Figures of chamber tables, by name, then by title.
     tables: Mapping[str, Mapping[str, ChamberFigures]] = field(default_factory=dict)
+    #: What was learnt at work, if it was.
+    work: WorkView | None = None
 
     @property
     def sources(self) -> tuple[Source, ...]:

@@ -11,7 +11,6 @@ from wrist_ft_comp.cli.evaluate import evaluation_text
 from wrist_ft_comp.cli.tables import table_text
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import DemoLog
-from wrist_ft_comp.model.payload.weight import Payload
 from wrist_ft_comp.model.signals import (
     AXES,
     axis_unit,
@@ -79,7 +78,7 @@ class Outcome:
         What is left of the drift in ``wrench``, by axis.
     external : dict
         Root mean square error of ``wrench_external`` by axis, N and N m; empty if not at work.
-    masses_kg : dict
+    masses_kg : mapping
         Of the payloads that were learnt, by name.
     wrenches : int
         How many were compared.
@@ -92,7 +91,7 @@ class Outcome:
 
     axes: dict[str, AxisEvaluation]
     external: dict[str, float]
-    masses_kg: dict[str, float]
+    masses_kg: Mapping[str, float]
     wrenches: int
     reached: bool
     sentence: str
@@ -102,7 +101,7 @@ class Outcome:
         axes = {axis: asdict(each) for axis, each in self.axes.items()}
         for axis, rms in self.external.items():
             axes[axis]['external_rms'] = rms
-        return {'axes': axes, 'wrenches': self.wrenches, 'masses_kg': self.masses_kg}
+        return {'axes': axes, 'wrenches': self.wrenches, 'masses_kg': {**self.masses_kg}}
 
     def table(self) -> str:
         """Put it into tables."""
@@ -120,15 +119,14 @@ class Outcome:
         return text
 
 
-def judge(log: DemoLog, payloads: Mapping[str, Payload] | None) -> Outcome:
-    """Judge a demonstration; at work by the payloads that were learnt, too."""
+def judge(log: DemoLog, masses_kg: Mapping[str, float] | None) -> Outcome:
+    """Judge a demonstration; at work by the masses that were learnt, too."""
     axes = judge_errors([errors(log)])
     ratio = axes['force_z'].rms_before / axes['force_z'].rms_after
-    wanted = _RATIO if payloads is None else _RATIO_AT_WORK
+    wanted = _RATIO if masses_kg is None else _RATIO_AT_WORK
     sentence = f'drift of force z fell {ratio:.1f} times; at least {wanted:.0f} are wanted'
-    if payloads is None:
+    if masses_kg is None:
         return Outcome(axes, {}, {}, len(log.stamps_ns), ratio >= wanted, sentence)
-    masses_kg = {name: each.mass_kg for name, each in payloads.items()}
     tool_kg = min(masses_kg.values(), key=lambda mass: abs(mass - TOOL_KG), default=0.0)
     off = abs(tool_kg - TOOL_KG) / TOOL_KG
     sentence += (
