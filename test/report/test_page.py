@@ -257,5 +257,7 @@ def test_a_robot_at_work_has_its_payloads_and_what_was_used_on_the_page(text, vi
     assert 0.5 < work.used.mean() < 1.0
     assert 0.05 < work.pushed.mean() < 0.4
     assert np.all(work.used + work.pushed <= 1.0 + 1e-9)
+    assert 'Loads by what was mounted' in whole
+    assert 'drift of the gain is not known' not in whole
     without = page(replace(view('work'), work=replace(work, payloads={})))
     assert 'No payload is told' in Outline(without).whole

@@ -39,7 +39,7 @@ def what_to_record_next(  # noqa: PLR0913 -- what a calibration knows, each a pl
         if missing := [axis for axis in AXES if axis not in levels]:
             names = _names(missing)
             advice.append(f'No recording holds {names}; what is not recorded is passed through.')
-    if reference != 'recorded' or not coverage.loads:
+    if reference not in {'recorded', 'payload'} or not coverage.loads:
         advice.append(
             'The drift of the gain is not known. If the sensor works under large loads, record '
             'changing loads with a reference beside them (reference "recorded").'

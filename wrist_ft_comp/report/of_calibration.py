@@ -36,7 +36,9 @@ def calibration_view(
 ) -> ReportView:
     """Fill a report's view; figures of chamber tables go by name, then by title."""
     fits = calibration.fits
-    coverage = cover(recordings)
+    work = calibration.separation
+    # At work, what a payload weighs is the load that was known.
+    coverage = cover(recordings if work is None else work.drift)
     durations_s = [recording.duration_s for recording in recordings]
     axes = tuple(
         axis_view(
