@@ -9,7 +9,7 @@ from scipy import signal
 
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.model.arx import Arx, free_run, relaxation, static_gain
-from wrist_ft_comp.model.arx_pls import ArxPls, from_gains, from_loadings
+from wrist_ft_comp.model.arx_pls import ArxPls, from_gains
 
 # The paper's section 4.2.
 PAPER_P = np.array(
@@ -39,7 +39,16 @@ def paper():
         Arx(np.array(below[1:]), np.array(above), first_lag=2 if delayed else 1)
         for above, below, delayed in PAPER_H
     ]
-    return from_loadings(PAPER_P, PAPER_Q, PAPER_W_X, PAPER_W_Y, latents)
+    # Without W: with as many latents as inputs, X = T Pᵀ alone determines the scores, T = X P⁻ᵀ.
+    return ArxPls(
+        input_mean=np.zeros(4),
+        input_weight=PAPER_W_X,
+        rotations=np.linalg.inv(PAPER_P).T,
+        latents=tuple(latents),
+        output_loadings=PAPER_Q,
+        output_weight=PAPER_W_Y,
+        output_mean=np.zeros(2),
+    )
 
 
 @pytest.fixture(scope='module')
@@ -140,13 +149,6 @@ def test_a_latent_that_would_grow_is_refused(general, a):
     unstable = (*general.latents[:3], Arx(np.array(a), np.ones(1)))
     with pytest.raises(ModelFileError, match=r'^Latent 4 has a pole of .* without bound\.$'):
         replace(general, latents=unstable)
-
-
-@pytest.mark.parametrize('loadings', [np.ones((4, 4)), np.eye(4)[:3], np.zeros((4, 4))])
-def test_loadings_that_do_not_determine_the_scores_are_refused(loadings):
-    latents = [static_gain()] * 4
-    with pytest.raises(ModelFileError, match='P must be square and invertible'):
-        from_loadings(loadings, PAPER_Q, PAPER_W_X, PAPER_W_Y, latents)
 
 
 @pytest.mark.parametrize('dead', [False, True], ids=['all inputs', 'one of weight 0'])

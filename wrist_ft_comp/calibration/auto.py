@@ -198,11 +198,7 @@ def identify_together(
     settings: IdentificationSettings,
     progress: Callable[[float], None] = lambda _: None,
 ) -> list[AxisFit]:
-    """
-    Learn the drift of all axes of a sensor from many fits, each as far as it holds unseen.
-
-    What is stated to be left is the mean over held-out recordings, tared in their first minute.
-    """
+    """Learn the drift of all axes of a sensor from many fits, each as far as it holds unseen."""
     body = _Body(axes, settings)
     gains, logs = body.fit(None, {})
     held_out: dict[int, list[FloatArray]] = {}

@@ -91,11 +91,7 @@ class ChamberTable:
 
     @property
     def reading_stamps_ns(self) -> IntArray:
-        """
-        Nominal time of each reading, ns, shape (S, P).
-
-        One step apart, the last one step before the end of a plateau, without breaks between.
-        """
+        """Nominal time of each reading, ns, (S, P): one step apart, at the end of its plateau."""
         ends = RESIDENCE_S * np.arange(1, len(self.temperatures_c) + 1)
         before_end = STEP_S * np.arange(len(self.load), 0, -1)
         stamps: IntArray = (ends[np.newaxis, :] - before_end[:, np.newaxis]).astype(np.int64)
@@ -122,12 +118,7 @@ class ChamberTable:
 
 
 def leave_out_copies(table: ChamberTable) -> ChamberTable:
-    """
-    Leave out columns which repeat an earlier one digit for digit: those were not measured.
-
-    Columns stand in the order of measuring, so of two equal ones the earlier can have been
-    measured and the later can only be the copy. ``left_out`` says which went, and why.
-    """
+    """Leave out columns which repeat an earlier one digit for digit, and say so in left_out."""
     keep: list[int] = []
     left_out = list(table.left_out)
     for column, temperature in enumerate(table.temperatures_c.tolist()):
@@ -196,11 +187,7 @@ def table_recording(
 
 
 def compensate_table(table: ChamberTable, model: DriftModel) -> ChamberTable:
-    """
-    Compensate every reading of a table by the model's free run over the course of the test.
-
-    The sensor is tared once, without load at the reference temperature, as a robot's would be.
-    """
+    """Compensate a table by the model's free run; tared at the reference, without load."""
     at_readings = _drift_at_readings(table, model)
     output = correct(table.output, at_readings, _tare(table, at_readings))
     return replace(table, output=output)
@@ -230,12 +217,7 @@ def _tare(table: ChamberTable, at_readings: Drift) -> float:
 def leave_one_temperature_out(
     table: ChamberTable, learn: Callable[[Recording], DriftModel], period_s: float
 ) -> ChamberTable | None:
-    """
-    Compensate every column by a model that was learnt from the others.
-
-    That is what a temperature between (or beyond) the calibrated ones may expect. None when the
-    columns that are left do not allow a fit.
-    """
+    """Compensate each column by a model of the others; None where these allow no fit."""
     output: FloatArray = np.empty_like(table.output)
     for column in range(len(table.temperatures_c)):
         kept = np.arange(len(table.temperatures_c)) != column

@@ -214,11 +214,7 @@ def refit_bins(data: AxisData, refit: Refit) -> list[FoldBins]:
 
 
 def unexplained(data: AxisData, model: AxisModel | None) -> list[FloatArray]:
-    """
-    Subtract a model's free run, from the steady state of the first cell, from r - w, (N_i,).
-
-    Up to the unknown constant of each recording; without a model, all of r - w.
-    """
+    """Subtract a model's free run from r - w, (N_i,), up to the constant of each recording."""
     if model is None:
         return list(data.residual)
     remainders = []

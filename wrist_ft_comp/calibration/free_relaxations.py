@@ -32,11 +32,7 @@ _AT_BOUND = 0.01
 
 
 def identify_free_relaxations(data: AxisData, settings: IdentificationSettings) -> AxisFit:
-    """
-    Let free time constants compete, fitted on the simulation error (eq. 16).
-
-    A drift slower than the recordings are long is refused.
-    """
+    """Let free time constants compete on the simulation error (eq. 16); refuse slow drift."""
     features = build_features(data.temperature_c, settings)
     candidate_data = build_candidate_data(data, features)
     scores = {

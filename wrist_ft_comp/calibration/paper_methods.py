@@ -32,11 +32,7 @@ _GAIN_WORTH = 0.5
 def identify_paper_method(
     data: AxisData, settings: IdentificationSettings, method: PaperMethod
 ) -> AxisFit:
-    """
-    Let held-out folds choose the number of latents of a method of the paper.
-
-    An ARX without enough consecutive samples is a TooShortError.
-    """
+    """Let held-out folds choose the number of latents; TooShortError where an ARX has no data."""
     refits: dict[str, Refit] = {
         f'{method}, {r} latent{"s" * (r > 1)}': partial(_fit, settings, method, r)
         for r in _latents_to_try(settings, _features(data, settings), method)

@@ -71,11 +71,7 @@ def finish(
 
 
 def anchor(data: AxisData, model: AxisModel) -> AxisModel:
-    """
-    Fix the constants: no zero drift when soaked at T_ref, and the gain error there, if loaded.
-
-    With load, the constant of the sensitivity drift is its least-squares value.
-    """
+    """Fix the constants: no zero drift when soaked at T_ref, and the gain error there, if any."""
     at_rest = [0.0] * model.outputs
     without_gain_error = anchored(model, at_rest)
     if data.load is None or model.outputs == 1:

@@ -17,31 +17,17 @@ METHODS: tuple[Method, ...] = get_args(Method)
 
 @dataclass(frozen=True)
 class IdentificationSettings:
-    """
-    What a person chose about the model's structure.
+    """What a person chose about the model's structure."""
 
-    Attributes
-    ----------
-    method : str
-        One of METHODS.
-    features : {'powers', 'hats'}
-        Kind of features.
-    degree : int or None
-        Highest power of temperature, 1 to 4; auto and arx_pls_oe also try the lower ones. None is
-        3 for auto, which shrinks the higher ones, and 2 for the others.
-    hat_temperatures_c : tuple of float
-        Knots of the hats, °C, for every thermometer; empty takes the plateaus that were seen.
-    latents : int or None
-        Number of latents of the paper's methods; None lets held-out folds choose.
-    orders : Orders
-        Orders of the paper's methods.
-
-    """
-
+    #: One of METHODS.
     method: Method = 'auto'
     features: FeatureKind = 'powers'
+    #: Highest power of temperature, 1 to 4; auto and arx_pls_oe also try the lower ones. None is
+    #: 3 for auto, which shrinks the higher ones, and 2 for the others.
     degree: int | None = None
+    #: Knots of the hats, °C, for every thermometer; empty takes the plateaus that were seen.
     hat_temperatures_c: tuple[float, ...] = ()
+    #: Number of latents, None lets held-out folds choose, and orders of the paper's methods.
     latents: int | None = None
     orders: Orders = field(default_factory=Orders)
 

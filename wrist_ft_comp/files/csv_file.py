@@ -295,11 +295,7 @@ def _corrected(piece: CsvPiece, correct: Correction) -> dict[str, list[str]]:
 
 
 class CsvRecordingWriter:
-    """
-    Writes a new CSV recording: ``stamp_ns``, then channels; what was appended survives a crash.
-
-    All methods raise RecordingError where the file exists, or cannot be written any more.
-    """
+    """Writes a CSV recording of channels, which survives a crash; RecordingError if it cannot."""
 
     def __init__(self, path: Path, channels: Sequence[str]) -> None:
         self._path = path

@@ -90,12 +90,7 @@ class AxisData:
 def build_axis_data(
     recordings: Sequence[Recording], axis: str, reference: Reference, folds: Sequence[IntArray]
 ) -> AxisData:
-    """
-    Take the reference off one axis of recordings of the same period and thermometers.
-
-    The result has a load where the reference was recorded and varied enough; folds are those of
-    ``assign_folds``.
-    """
+    """Take the reference off one axis; where it varied enough, the result has it as load."""
     column = AXES.index(axis)
     residual = [recording.wrench[:, column] for recording in recordings]
     load: list[FloatArray] | None = None
@@ -143,12 +138,7 @@ def _without_gain_error(residual: FloatArray, load: FloatArray) -> FloatArray:
 
 
 def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
-    """
-    Assign each cell, shapes (N_i,), to a fold; folds are held out in turn.
-
-    Whole recordings when there are several; the plateaus of a chamber test; else equal stretches
-    of time.
-    """
+    """Assign each cell, (N_i,), to a fold: recordings, plateaus, or else stretches of time."""
     if len(recordings) > 1:
         return [np.full(len(recording), i) for i, recording in enumerate(recordings)]
     plateaus = find_plateaus(recordings)

@@ -25,11 +25,7 @@ TRANSIENT_VARIANCE = 30.0
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """
-    Sums of w, r - w and their products over the samples of a recording's bins, shapes (n,).
-
-    A bin whose count is 0 takes no part, whatever the other sums hold.
-    """
+    """Sums of w, r - w and their products over a recording's bins, (n,); no part where 0 count."""
 
     count: FloatArray
     load: FloatArray
@@ -99,11 +95,7 @@ class BinnedData:
 
 
 def bin_axis_data(data: AxisData, cells: int, *, means: bool = False) -> BinnedData:
-    """
-    Sum an axis over bins of some cells; the last bin of a recording may hold fewer.
-
-    With means, the mean of each bin counts as one sample: what is judged is drift, not noise.
-    """
+    """Sum an axis over bins of some cells; with means, the mean of each counts as one sample."""
     sums = []
     for i, residual in enumerate(data.residual):
         w = np.zeros_like(residual) if data.load is None else data.load[i]

@@ -93,11 +93,7 @@ class Moments:
 def bank_inputs(
     data: BinnedData, features: Features, time_constants_s: FloatArray
 ) -> list[FloatArray]:
-    """
-    Compute the features of the temperatures behind every relaxation of a grid (eq. 11).
-
-    Of each recording, shape (n_i, K·F): by relaxation, then feature.
-    """
+    """Compute the features behind every relaxation of a grid (eq. 11), by these, (n_i, K·F)."""
     bank = [data.relaxation(float(tau)) for tau in time_constants_s]
     # A relaxation stays within the range of its input, from which the features were built.
     return [

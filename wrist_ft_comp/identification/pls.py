@@ -121,12 +121,7 @@ def _dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
 
 
 def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
-    """
-    Fit principal component regression, the paper's starting point, as ``fit_pls``.
-
-    Weights and loadings are the leading right singular vectors of x; there is one output direction
-    per latent, as in eq. 8.
-    """
+    """Fit principal component regression, the paper's starting point, as ``fit_pls``."""
     if latents < 1:
         raise SettingsError(f'PCR needs at least 1 latent; got {latents}.')
     _, singular, directions = np.linalg.svd(x, full_matrices=False)

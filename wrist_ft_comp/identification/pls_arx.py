@@ -51,12 +51,7 @@ class XyBlock:
 def identify(
     method: PaperMethod, data: AxisData, features: Features, orders: Orders
 ) -> tuple[ArxPls | None, tuple[str, ...]]:
-    """
-    Identify one axis by one of the paper's methods.
-
-    The model is None when the inputs explain nothing; sentences say what had to be mended. An ARX
-    without enough consecutive samples is a TooShortError.
-    """
+    """Identify an axis by one of the paper's methods; None where inputs explain nothing."""
     xy_block = _build_xy_block(data, features)
     if not any(valid.any() for valid in xy_block.valid):
         return None, ()

@@ -88,11 +88,7 @@ class ArxPls:
         return self._filters[2] * self._scores(x)[:, np.newaxis]
 
     def step(self, state: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """
-        Advance by one cell: inputs x, shape (F,), outputs, shape (M,).
-
-        The state, shape (R, L), is each latent's in transposed direct form II; it is not modified.
-        """
+        """Advance by a cell: inputs (F,), outputs (M,); state in transposed direct form II."""
         numerators, denominators, _ = self._filters
         t = self._scores(x)[:, np.newaxis]
         if not state.shape[1]:
@@ -166,35 +162,6 @@ def _relax(x: FloatArray, pole: float) -> FloatArray:
     ends = _relax(u[:, -1], pole**size)
     u[1:] += np.multiply.outer(ends[:-1], pole * decay[:, 0])
     return np.asarray(u.ravel()[: len(x)])
-
-
-def from_loadings(
-    loadings: FloatArray,
-    output_loadings: FloatArray,
-    input_weight: FloatArray,
-    output_weight: FloatArray,
-    latents: Sequence[Arx],
-) -> ArxPls:
-    """
-    Build a model as a paper publishes it: P, Q, W_x, W_y and H(z), without W and means.
-
-    With as many latents as inputs, X = T Pᵀ alone determines the scores: T = X P⁻ᵀ, for any W. So
-    P must be square, shape (F, F), and invertible; else ModelFileError is raised.
-    """
-    inputs = len(loadings)
-    if loadings.shape != (inputs, inputs) or np.linalg.matrix_rank(loadings) < inputs:
-        raise ModelFileError(
-            f'P must be square and invertible to determine the scores; got shape {loadings.shape}.'
-        )
-    return ArxPls(
-        input_mean=np.zeros(inputs),
-        input_weight=input_weight,
-        rotations=np.asarray(np.linalg.inv(loadings).T, dtype=float),
-        latents=tuple(latents),
-        output_loadings=output_loadings,
-        output_weight=output_weight,
-        output_mean=np.zeros(len(output_loadings)),
-    )
 
 
 def from_gains(

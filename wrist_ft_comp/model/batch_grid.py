@@ -48,12 +48,7 @@ class _Tally:
 
 
 class GridBuilder:
-    """
-    Reduces blocks of samples to means per thermal cell while a recording is being read.
-
-    Memory grows with the number of cells that hold samples, not with the number of samples.
-    Arguments are those of ``grid_samples``.
-    """
+    """Reduces blocks of samples to means per cell while they are read; as ``grid_samples``."""
 
     def __init__(self, name: str, period_s: float = 1.0, max_bad_share: float = 0.01) -> None:
         self._name = name

@@ -41,11 +41,7 @@ def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
 
 
 def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:
-    """
-    Lay ``simulate_drift`` out over time as the stream does: a cell's drift comes one cell later.
-
-    Before the first stamp the first value holds, after the last the last one.
-    """
+    """Lay ``simulate_drift`` out over time as the stream does: a cell's drift comes one later."""
     simulated = simulate_drift(model, recording)
     cells = recording.first_cell + 1 + np.arange(len(recording) + 1)
     first_twice = np.concatenate(([0], np.arange(len(recording))))

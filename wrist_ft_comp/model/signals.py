@@ -196,11 +196,7 @@ class Recording:
 
 
 def noise_level(series: Sequence[FloatArray]) -> float:
-    """
-    Estimate the noise of slowly moving series from the differences of neighbouring samples.
-
-    Robust against steps; NaN stands where there is no sample, and 0 comes of less than two.
-    """
+    """Estimate the noise of slow series, robust against steps, from neighbours; 0 of none."""
     steps = np.concatenate([np.diff(values[np.isfinite(values)]) for values in series])
     if not len(steps):
         return 0.0

@@ -28,11 +28,7 @@ class CompletedCells:
 
 
 class ThermalGrid:
-    """
-    Averages temperatures per cell, h = period_ns, as they arrive.
-
-    A silent thermometer may hold the others up for patience_s; then its last value is held.
-    """
+    """Averages temperatures per cell as they come; a silent one may hold others up patience_s."""
 
     def __init__(self, period_ns: int, thermometers: int, patience_s: float) -> None:
         self.period_ns = period_ns

@@ -110,11 +110,7 @@ def _parse_path(text: str, entry: str) -> Path:
 def parse_sources(
     entries: Sequence[str], resolve: Callable[[str], str] = str
 ) -> tuple[TemperatureSource, ...]:
-    """
-    Parse all entries; SettingsError when one is none, or two mean the same number.
-
-    Topics are compared as ``resolve`` has them, where two names may mean one topic.
-    """
+    """Parse all entries; SettingsError when one is none, or two mean one number once resolved."""
     sources = tuple(parse_source(entry) for entry in entries)
     seen: dict[tuple[str, Path], str] = {}
     for source in sources:
@@ -148,11 +144,7 @@ def may_be_temperature(path: Path) -> bool:
 
 
 def numbers_in(message: Any, path: Path = ()) -> Iterator[tuple[Path, float]]:
-    """
-    Find the numbers of a message, but not those of its header: path and value, in its order.
-
-    Of a long array it finds the first hundred.
-    """
+    """Find the numbers of a message, but for its header and what is far back in long arrays."""
     if _is_number(message):
         yield path, float(message)
     elif _is_array(message):

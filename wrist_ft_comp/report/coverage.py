@@ -48,11 +48,7 @@ class Coverage:
 
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
-    """
-    Count what recordings have seen, all together.
-
-    They have the same thermometers, and one of them holds a wrench.
-    """
+    """Count what recordings have seen together; one of them at least holds a wrench."""
     cells = [_cells_with_wrench(recording) for recording in recordings]
     pairs = list(zip(recordings, cells, strict=True))
     temperature_c = np.concatenate([each.temperature_c[at] for each, at in pairs])
@@ -76,11 +72,7 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
 
 
 def unseen_temperatures(coverage: Coverage) -> list[tuple[float, float]]:
-    """
-    List the parts of the working range that the leading thermometer has not seen.
-
-    From, to, °C, increasing; holes between what was seen are among them.
-    """
+    """List the parts of the working range that the leading thermometer has not seen, °C."""
     low, high = coverage.range_c[coverage.leading].tolist()
     empty = np.concatenate(([False], coverage.seconds[coverage.leading] == 0, [False]))
     edges = coverage.edges_c[np.flatnonzero(np.diff(empty))].tolist()

@@ -14,11 +14,7 @@ from wrist_ft_comp.model.signals import AXES, FloatArray, Recording, Reference
 
 
 class TaredErrors(NamedTuple):
-    """
-    Raw and compensated errors of every cell, tared and against the reference, shapes (N, 6).
-
-    N and N m, axis order AXES; NaN where there is nothing to compare.
-    """
+    """Tared errors of every cell against the reference, (N, 6); NaN where there is nothing."""
 
     before: FloatArray
     after: FloatArray
@@ -26,11 +22,7 @@ class TaredErrors(NamedTuple):
 
 @dataclass(frozen=True)
 class AxisEvaluation:
-    """
-    What is left of an axis' drift, raw and compensated, after taring, N or N m.
-
-    Root mean square over thermal cells, and largest deviation of one.
-    """
+    """What is left of an axis, tared, raw and compensated: RMS and largest of thermal cells."""
 
     rms_before: float
     rms_after: float

@@ -38,11 +38,7 @@ class EvaluatedRecording:
 def evaluation_view(
     stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float
 ) -> ReportView:
-    """
-    Fill a report's view from an evaluation, tared for some seconds.
-
-    RecordingError when a recording is in another unit than the others.
-    """
+    """Fill a report's view from an evaluation; RecordingError when units differ."""
     recordings = [each.recording for each in evaluated]
     if len({recording.unit for recording in recordings}) > 1:
         raise RecordingError(

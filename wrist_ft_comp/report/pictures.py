@@ -173,11 +173,7 @@ def svg_text(figure: Figure, name: str, description: str) -> str:
 
 
 def thin_out(x: FloatArray, y: FloatArray, buckets: int) -> tuple[FloatArray, FloatArray]:
-    """
-    Keep the lowest and the highest point of every stretch of a line, so that every peak is kept.
-
-    A line of at most twice as many points as there are stretches stays as it is.
-    """
+    """Keep the lowest and the highest point of every stretch of a line, so every peak is kept."""
     if len(x) <= 2 * buckets:
         return x, y
     edges = np.linspace(0, len(x), buckets + 1).astype(int)

@@ -31,11 +31,7 @@ class Counts:
 
 
 class InputHealth:
-    """
-    Remembers what is pushed to it; plain data, so a copy of it is a snapshot.
-
-    Times are those of a steady clock, s; thermometers are counted from 0.
-    """
+    """Remembers what is pushed to it; times are those of a steady clock, thermometers from 0."""
 
     def __init__(self, thermometers: int) -> None:
         self.counts = Counts()

@@ -117,11 +117,7 @@ def load_fitting(path: Path, thermometers: int) -> StoredModel:
 
 
 class LiveModel:
-    """
-    Owns the live model and the list of those before it, which the store remembers.
-
-    ``swap`` makes a model live; the old one stays when it raises.
-    """
+    """Owns the live model and those before it; ``swap`` makes one live, or raises and does not."""
 
     def __init__(
         self,

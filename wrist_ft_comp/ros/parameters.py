@@ -102,11 +102,7 @@ class Parameter:
 
 
 def declare(node: Node, table: Sequence[Parameter]) -> None:
-    """
-    Declare a table on a node, with the values that the user gave; later changes are checked.
-
-    SettingsError when a value given at start-up has the wrong type or is not allowed.
-    """
+    """Declare a table on a node, with what the user gave; SettingsError when that is wrong."""
     for row in table:
         # rclpy refuses an integer for a double and takes an empty array for bytes. So the given
         # value is read under a dynamic type, converted, and declared again under the static type.

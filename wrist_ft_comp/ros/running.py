@@ -140,11 +140,7 @@ def _create_and_spin(factory: NodesFactory, context: Context, stop: threading.Ev
 
 @contextmanager
 def _stop_flag() -> Iterator[threading.Event]:
-    """
-    Yield a flag that SIGINT and SIGTERM set; outside the main thread nothing sets it.
-
-    A repeated signal changes nothing: ``ros2 launch`` and the terminal both send one.
-    """
+    """Yield a flag that SIGINT and SIGTERM set, however often; only in the main thread."""
     stop = threading.Event()
 
     def set_flag(_number: int, _frame: FrameType | None) -> None:

@@ -68,11 +68,7 @@ def bridge_output(resistances: FloatArray, changes: FloatArray) -> FloatArray:
 def bridge_wrench(
     settings: FtSensorSettings, gauges: Gauges, nodes_c: FloatArray, wrench: ArrayLike
 ) -> FloatArray:
-    """
-    Compute what bridges show of wrenches, (..., 6), at node temperatures, °C, (..., M).
-
-    N and N m by the nominal gain at NOMINAL_C, without noise and quantisation.
-    """
+    """Compute what bridges show of wrenches, (..., 6), at nodes_c, °C, (..., M), without noise."""
     s = settings
     warm = np.einsum('agm,...m->...ag', gauges.weights, nodes_c) - NOMINAL_C
     resistances = 1.0 + gauges.per_k * warm + gauges.per_k2 * warm**2

@@ -29,30 +29,17 @@ _Reading = tuple[FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class StreamSettings:
-    """
-    What a person chose about the stream.
+    """What a person chose about the stream."""
 
-    Attributes
-    ----------
-    thermal_period_s : float
-        Cell length h while there is no model, s; a model brings its own.
-    temperature_timeout_s : float
-        How long a thermometer may be silent before its last value is held and a warning is due, s.
-    max_drift_n : float
-        Largest zero drift that is ever subtracted from a force, N; from a torque, a tenth of the
-        number in N m.
-    max_drift_rate_n_s : float
-        How fast the zero drift that is subtracted from a force may move, N/s; from a torque, a
-        tenth of the number in N m/s.
-    history_s : float
-        Temperatures kept for a model that goes live later, s.
-
-    """
-
+    #: Cell length h while there is no model, s; a model brings its own.
     thermal_period_s: float = 1.0
+    #: How long a thermometer may be silent before its last value is held and a warning is due, s.
     temperature_timeout_s: float = 5.0
+    #: Largest zero drift that is ever subtracted from a force, N, and how fast it may move, N/s;
+    #: of a torque, a tenth of the number in N m and N m/s.
     max_drift_n: float = 200.0
     max_drift_rate_n_s: float = 1.0
+    #: Temperatures kept for a model that goes live later, s.
     history_s: float = 6 * 3600.0
 
     def __post_init__(self) -> None:

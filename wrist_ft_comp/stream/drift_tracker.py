@@ -57,11 +57,7 @@ _NOT_YET = 'no temperatures yet'
 
 
 class DriftTracker:
-    """
-    Follows the temperatures with a model, cell by cell, as StreamSettings says.
-
-    A cell has period_ns while there is no model; a model brings its own.
-    """
+    """Follows the temperatures with a model, cell by cell; a model brings its own period."""
 
     def __init__(
         self, thermometers: int, period_ns: int, patience_s: float, history_s: float

@@ -40,11 +40,7 @@ class Limits:
         )
 
     def saturate(self, target: Drift) -> Drift:
-        """
-        Keep a drift from being too large.
-
-        What is not a number, as a model of absurd numbers can make it, becomes 0.
-        """
+        """Keep a drift from being too large; what is not a number becomes 0."""
         wanted = np.stack(target)
         allowed = np.clip(np.where(np.isnan(wanted), 0.0, wanted), -self._sizes, self._sizes)
         self.too_large = _differing(wanted, allowed)

@@ -37,12 +37,7 @@ class TimestampFilter:
         self._kept: list[list[Sample]] = [[] for _ in range(thermometers)]
 
     def expect(self, stamp_ns: int) -> None:
-        """
-        Say, before the first sample, where another stream ended.
-
-        A first sample far from there is kept back, too, but going on from it is no leap: the other
-        stream may have ended long ago.
-        """
+        """Say where another stream ended: a first sample far from there is kept back, too."""
         self._expected = stamp_ns
 
     def admit(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[Sample]:

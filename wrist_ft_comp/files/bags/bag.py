@@ -76,11 +76,7 @@ class Bag:
     def grouped(
         self, streams: Mapping[int, _Stream], progress: Progress | None = None
     ) -> Iterator[tuple[_Stream, list[int], list[bytes]]]:
-        """
-        Read batches by what each connection's number stands for, in the order of the mapping.
-
-        Gives times of arrival, ns, and bytes.
-        """
+        """Read by what connections stand for: that, times of arrival, ns, and bytes, by batch."""
         wanted = [c for c in self.connections if c.id in streams]
         for batch in self.batches(wanted, progress):
             groups: dict[int, tuple[list[int], list[bytes]]] = {c.id: ([], []) for c in wanted}
@@ -102,11 +98,7 @@ class Bag:
         return [c for c in self.connections if c.topic.strip('/') == topic.strip('/')]
 
     def find(self, topic: str, message_type: str | None, role: str) -> list[Connection]:
-        """
-        Find the connections of a topic that has messages of some type, or of any (None).
-
-        The role it is needed for is told, with what is there, when there is no such topic.
-        """
+        """Find connections of a type, or any (None); RecordingError with what there is."""
         named_so = self.named(topic)
         if not named_so:
             wanted = topic.strip('/')

@@ -126,11 +126,7 @@ class _Tally:
 def survey_bag(
     bag: Bag, progress: Progress | None = None
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
-    """
-    Read what may be used of a bag, and tell how good it is: candidates by role and topic.
-
-    The warnings say which topics could not be looked into.
-    """
+    """Tell how good what may be used of a bag is, by role and topic, and what is not known."""
     warnings: list[str] = []
     tallies = {
         each.id: tally for each in bag.connections if (tally := _tally(bag, each, warnings))

@@ -98,12 +98,7 @@ class CalibrationProcess:
 
 
 class CalibrateService:
-    """
-    Runs a calibration in a process of its own, and makes its model live.
-
-    ``make_request`` and ``go_live`` refuse by WristFtCompError; ``go_live`` returns a warning, or
-    nothing.
-    """
+    """Runs a calibration in a process of its own; ``go_live`` returns a warning, or nothing."""
 
     def __init__(
         self,

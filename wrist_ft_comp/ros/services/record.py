@@ -54,11 +54,7 @@ class OwnRecording:
 
 
 class RecordService:
-    """
-    Records what is pushed to it, while a recording runs.
-
-    What ``subscribe_reference`` returns ends the subscription to the reference wrench again.
-    """
+    """Records what is pushed to it; ``subscribe_reference`` returns what ends its subscription."""
 
     def __init__(
         self,
