@@ -16,14 +16,15 @@ from wrist_ft_comp.calibration.payload.cells import Cells
 from wrist_ft_comp.calibration.payload.gains import (
     contrast,
     Fit,
+    information,
     leveled,
     rescaled,
     residual_norms,
     solve,
     weight_of,
 )
-from wrist_ft_comp.model.payload.rigid_body import CONTRAST, LIGHTEST_KG
-from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
+from wrist_ft_comp.model.payload.rigid_body import CONTRAST, LIGHTEST_KG, MISFIT, rigid_bodies
+from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, IntArray
 
 TUNING, _START, _ROUNDS = 4.0, 40.0, 25
 #: Most payloads, and the share of cells not fitted to that another one has to explain.
@@ -42,7 +43,9 @@ def find_states(cells: Cells) -> Fit:
     while moved and len(fit.gains) < _MOST and (more := _one_more(learnt, fit)) is not None:
         noise = np.minimum(fit.noise, more.noise)
         gained = _unexplained(held, fit, noise) - _unexplained(held, more, noise)
-        if gained < _SHARE or _alike(more.gains):
+        # A press that comes again in the same pose is explained by a state, too, but by no body.
+        pressed = _misfit(learnt, more) > MISFIT >= _misfit(learnt, fit)
+        if gained < _SHARE or _alike(more.gains) or pressed:
             break
         fit = more
     states = explained(cells, fit.gains, fit.noise).states
@@ -145,6 +148,13 @@ def _unexplained(cells: Cells, fit: Fit, noise: FloatArray) -> float:
     fit = explained(cells, fit.gains, noise)
     norm = residual_norms(cells, fit, fit.levels).min(axis=0)
     return float(_loss(norm, cells.usable, TUNING).sum() / max(cells.usable.sum(), 1))
+
+
+def _misfit(cells: Cells, fit: Fit) -> float:
+    """Share of the weight that is no rigid body's; 0 without all six axes."""
+    if cells.axes < len(AXES):
+        return 0.0
+    return rigid_bodies(fit.gains, *information(cells, fit), float(fit.weights.sum())).misfit
 
 
 def _alike(gains: FloatArray) -> bool:
