@@ -168,5 +168,5 @@ def test_motion_that_does_not_tell_is_refused_with_what_is_missing(cells, senten
 
 def test_more_contact_than_motion_is_refused(everywhere):
     pushed = np.random.default_rng(5).normal(0, 20, (100, 6)) * (np.arange(100) < 70)[:, None]
-    with pytest.raises(CalibrationRefusedError, match='the wrench did not follow|no rigid body'):
+    with pytest.raises(CalibrationRefusedError, match=r'the wrench did not follow|no rigid body'):
         identify(everywhere._replace(wrench=everywhere.wrench + pushed), ForceFrame())

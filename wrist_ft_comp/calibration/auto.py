@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wrist_ft_comp.calibration.cross_validation import keep_errors
 from wrist_ft_comp.calibration.features import build_features
 from wrist_ft_comp.calibration.result import AxisFit, Candidate, HeldOut
 from wrist_ft_comp.calibration.settings import IdentificationSettings
@@ -299,7 +300,7 @@ def _held_out_errors(
     body: _Body, weights: Sequence[FloatArray], held_out: Mapping[int, Sequence[FloatArray]]
 ) -> list[HeldOut]:
     """Keep every axis' errors on every fold, without compensation and of the average."""
-    parts: list[list[tuple[FloatArray, ...]]] = [[] for _ in body.axes]
+    parts: list[list[FloatArray]] = [[] for _ in body.axes]
     cells = body.bins.cells
     for fold in body.folds:
         i = body.recording_of(fold)
@@ -311,24 +312,10 @@ def _held_out_errors(
             tared = tare(design, body.bins.period_s)
             remaining = -tared @ (weights[n] @ held_out[fold][n])
             same = np.ones(len(bins))
-            parts[n].append((i * same, fold * same, middle, tared[:, -1], remaining))
-    kept = []
-    for own in parts:
-        recording, fold_of, cell, before, after = (
-            np.concatenate(part) for part in zip(*own, strict=True)
-        )
-        kept.append(
-            HeldOut(
-                recording=recording.astype(np.int64),
-                fold=fold_of.astype(np.int64),
-                cell=cell,
-                before=before,
-                after=after,
-                bin_s=body.bins.period_s,
-                tared=True,
-            )
-        )
-    return kept
+            parts[n].append(np.stack((i * same, fold * same, middle, tared[:, -1], remaining)))
+    return [
+        keep_errors(np.concatenate(own, axis=1), body.bins.period_s, tared=True) for own in parts
+    ]
 
 
 class _Lags(NamedTuple):

@@ -262,13 +262,12 @@ def hold_out(data: AxisData, before: Sequence[FoldBins], after: Sequence[FoldBin
         for raw, compensated in zip(before, after, strict=True)
     ]
     table = np.concatenate(rows, axis=1)
-    recording, fold, cell, error, remaining = table[:, np.lexsort((table[2], table[0]))]
-    return HeldOut(
-        recording=recording.astype(np.int64),
-        fold=fold.astype(np.int64),
-        cell=cell,
-        before=error,
-        after=remaining,
-        bin_s=data.bin_cells[1] * data.period_s,
-        tared=data.tared,
-    )
+    sorted_ = table[:, np.lexsort((table[2], table[0]))]
+    return keep_errors(sorted_, data.bin_cells[1] * data.period_s, tared=data.tared)
+
+
+def keep_errors(table: FloatArray, bin_s: float, *, tared: bool) -> HeldOut:
+    """Name the rows of a table, (5, n): recording, fold, cell, and errors before and after."""
+    recording, fold = table[:2].astype(np.int64)
+    cell, before, after = table[2:]
+    return HeldOut(recording, fold, cell, before, after, bin_s, tared)

@@ -126,12 +126,7 @@ def _resolution(values: FloatArray) -> float:
 def drop_stuck_cells(
     recordings: Sequence[Recording], axes: Sequence[str]
 ) -> tuple[list[Recording], list[str]]:
-    """
-    Make cells in which the raw wrench is stuck NaN, and say so in sentences.
-
-    Refuse an axis that is stuck for more than a twentieth of a recording, and recordings in
-    which all axes are dead.
-    """
+    """Make cells in which a raw wrench is stuck NaN, and say so; refuse where it is too much."""
     sound = list(recordings)
     sentences: list[str] = []
     dead = [axis for axis in axes if _is_dead(recordings, AXES.index(axis))]

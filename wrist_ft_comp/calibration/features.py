@@ -19,12 +19,7 @@ def build_features(
     observed: Sequence[FloatArray] | None = None,
     beyond: Beyond = 'clamped',
 ) -> Features:
-    """
-    Choose reference, range and knots of the features from the recorded temperatures, (N_i, J).
-
-    T_ref is the mean temperature of each thermometer. Knots are laid where there are samples, at
-    the observed temperatures; at all by default.
-    """
+    """Choose reference, range and knots, where samples are, from temperatures, (N_i, J)."""
     everything = np.concatenate(list(temperature_c))
     knots: tuple[FloatArray, ...] = ()
     if settings.features == 'hats':

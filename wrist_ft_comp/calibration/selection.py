@@ -15,12 +15,7 @@ from wrist_ft_comp.model.signals import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """
-    A candidate, fitted up to constants; None is "no compensation".
-
-    Time constants are those that were searched, increasing, with their standard errors, s. Notes
-    say what had to be mended, doubts what a person should be warned of.
-    """
+    """A candidate, fitted up to constants; None is "no compensation". As AxisFit names them."""
 
     model: AxisModel | None
     time_constants_s: tuple[float, ...] = ()
@@ -37,12 +32,7 @@ def finish(
     errors: Mapping[str, FloatArray],
     competing: Sequence[str],
 ) -> AxisFit:
-    """
-    Fix what the fit of the chosen candidate leaves open, and collect the scores.
-
-    Errors are held-out mean squares by candidate, simplest first, "none" among them; competing are
-    those that could have been chosen.
-    """
+    """Fix what the fit leaves open, and collect mean squares, simplest candidate first."""
     notes = winner.notes
     if data.no_sensitivity:
         notes = (*notes, f'zero drift only: {data.no_sensitivity}')

@@ -58,12 +58,7 @@ class JobOutcome:
 
 
 def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome:
-    """
-    Read, fit, and save the model, and payloads beside it; the report is left to report_job.
-
-    The progress is told the share that is done, 0 to 1. When a recording is unusable, the
-    calibration is refused or the model cannot be saved, an error says why and nothing is changed.
-    """
+    """Read, fit, and save the model, or change nothing and say why; report_job is apart."""
     report = progress or (lambda _: None)
     recordings, used, left_out = _read(job, report)
     calibration = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))

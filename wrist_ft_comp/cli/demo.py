@@ -21,7 +21,7 @@ from wrist_ft_comp.cli.demos.plan import Plan
 from wrist_ft_comp.cli.demos.result import draw, judge
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import load_demo_log
-from wrist_ft_comp.files.documents import write_picture
+from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
 from wrist_ft_comp.report.pictures import png_bytes
 
@@ -204,7 +204,7 @@ def run(arguments: argparse.Namespace) -> int:
     masses_kg = {name: payload.mass_kg for name, (payload, _) in learnt.items()}
     outcome = judge(log, masses_kg if plan.at_work else None)
     picture = arguments.output / 'demo.png'
-    write_picture(picture, png_bytes(draw(log, external=plan.at_work)))
+    write_report(picture, png_bytes(draw(log, external=plan.at_work)), 'picture')
     if arguments.json:
         options.print_json({**outcome.as_json(), 'picture': picture})
     else:

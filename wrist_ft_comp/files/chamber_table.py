@@ -61,12 +61,7 @@ def _number(path: Path, rows: list[list[str]], row: int, column: int) -> float:
 
 
 def read_chamber_table(path: Path, *, keep_copied_columns: bool = False) -> ChamberTable:
-    """
-    Read a table, its columns in the file's order.
-
-    Columns which repeat an earlier one digit for digit cannot be measurements; unless they are to
-    be kept they are left out, and the table's left_out says so.
-    """
+    """Read a table; columns that repeat an earlier one are left out, unless they are to stay."""
     rows = _read_rows(path)
     loads = [c for c, name in enumerate(rows[0]) if _LOAD.fullmatch(name.strip())]
     outputs = _output_columns(rows[0])

@@ -80,23 +80,15 @@ def _sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def write_report(path: Path, page: str) -> None:
-    """Write a report, HTML; an existing one is replaced in one step."""
+def write_report(path: Path, content: str | bytes, what: str = 'report') -> None:
+    """Write a report, HTML, or a picture, PNG; an existing one is replaced in one step."""
     try:
-        replace_file(path, page)
+        replace_file(path, content)
     except OSError as error:
         raise RecordingError(
-            f'The report {path} cannot be written: {error.strerror}. Choose a folder that can be '
+            f'The {what} {path} cannot be written: {error.strerror}. Choose a folder that can be '
             'written to, or make room.'
         ) from error
-
-
-def write_picture(path: Path, png: bytes) -> None:
-    """Write a picture; an existing one is replaced in one step."""
-    try:
-        replace_file(path, png)
-    except OSError as error:
-        raise RecordingError(f'{path} cannot be written: {error.strerror}.') from error
 
 
 def refuse_constant(name: str) -> None:

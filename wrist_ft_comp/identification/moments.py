@@ -52,11 +52,7 @@ class Moments:
     def columns(
         self, grid: Sequence[int], inputs: int, gain_inputs: int | None = None
     ) -> IntArray:
-        """
-        Find the columns of the first inputs through relaxations at some positions of the grid.
-
-        Zero drift first, then sensitivity drift, of as many inputs unless told, then the load.
-        """
+        """Find the columns of the first inputs on the grid: zero, sensitivity drift, the load."""
         zero = [k * self.inputs + f for k in grid for f in range(inputs)]
         if not self.loaded:
             return np.array(zero)

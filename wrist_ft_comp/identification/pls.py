@@ -59,12 +59,7 @@ def fix_signs(weights: FloatArray) -> FloatArray:
 
 
 def fit_pls(x: FloatArray, y: FloatArray, latents: int) -> Pls:
-    """
-    Fit PLS by NIPALS (eq. 3 to 10) to x, shape (N, F), and y, (N, M), centred and scaled.
-
-    There are as many latents as asked for, or fewer when x or y is exhausted before. Less than one
-    is refused with a SettingsError.
-    """
+    """Fit PLS by NIPALS (eq. 3 to 10) to x, (N, F), and y, (N, M), until either is exhausted."""
     if latents < 1:
         raise SettingsError(f'PLS needs at least 1 latent; got {latents}.')
     e, f = x.copy(), y.copy()  # E_r and F_r of eq. 3 and 5

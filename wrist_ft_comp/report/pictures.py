@@ -149,12 +149,7 @@ def used_over_time(work: WorkView) -> Figure:
 
 
 def svg_text(figure: Figure, name: str, description: str) -> str:
-    """
-    Turn a picture into SVG that can stand inside a page, beside others, in the page's colours.
-
-    The name, letters and digits, is put before every id, so each picture of a page needs another
-    one; the description is for those who can't see it. The same figure gives the same text.
-    """
+    """Turn a picture into SVG in the page's colours, by a name that no other picture of it has."""
     FigureCanvasSVG(figure)
     buffer = StringIO()
     # Text stays text: sharper, smaller, and found by a search.

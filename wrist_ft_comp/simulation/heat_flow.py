@@ -152,12 +152,7 @@ def _one_step(
 
 
 def interpolation(cells: int, positions: FloatArray) -> FloatArray:
-    """
-    Weigh node temperatures so that they give those at positions along the body.
-
-    Positions, shape (...), run from 0 (motor side) to 1 (tool side). The weights, shape (..., M),
-    are linear between cell centres and constant beyond the outer ones; rows sum to 1.
-    """
+    """Weigh node temperatures, (..., M), so that they give those at places from 0 to 1, (...)."""
     centres = (np.arange(cells) + 0.5) / cells
     rows = np.zeros((*positions.shape, cells + 2))
     for cell in range(cells):

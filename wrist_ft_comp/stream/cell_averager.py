@@ -75,13 +75,7 @@ class CellAverager:
             self._waiting += [(cell, temperatures) for cell in self._raw.between(first + 1, end)]
 
     def rows(self, *, final: bool = False) -> list[Row]:
-        """
-        Take the rows that are complete: later wrenches have come, or they are overdue.
-
-        A temperature that comes later than its wrenches could wait gets a row of its own, whose
-        stamp may lie before those of rows that were taken. Cells without any sample are left out;
-        all others are taken when nothing more will come.
-        """
+        """Take rows that are complete or overdue, but not empty; all, when nothing more comes."""
         return [row for row in self._complete(final=final) if not all(map(isnan, row[1]))]
 
     def _complete(self, *, final: bool) -> Iterator[Row]:
