@@ -221,3 +221,58 @@ def test_a_damaged_topic_does_not_hide_the_others(done, drivers, messages, tmp_p
     out = done('show', messages.write(tmp_path / 'bag', [broken, damaged, whole]))
     assert 'warning: /damaged cannot be used: ' in out
     assert 'It holds no temperature, so nothing can be learnt from it.' in out
+
+
+def work(messages, by):
+    """A robot that tilts its tool about two axes for two minutes, with an IMU, or its TF."""
+    static = [('world', 'base', [0, 0, 0, 1]), ('tool', 'ft', [0, 0, 0, 1])]
+    yield '/tf_static', TF, T0, messages.transforms(T0, static) if by == 'tf' else None
+    for k in range(1200):
+        at, tilt = T0 + k * 10**8, (0.3 * np.sin(k / 100), 0.2 * np.cos(k / 130))
+        x, y = np.sin(tilt)
+        yield '/ft/wrench', messages.wrench_type, at, messages.wrench(at, [x, y, 0, 0, 0, 0], 'ft')
+        yield '/ft/heat', messages.temperature_type, at, messages.temperature(at, 25 + k / 100)
+        if by == 'imu':
+            yield '/cart/imu', IMU, at, messages.imu(at, [0, 0, 9.81], [0, 0, 0])
+            force = 9.6 * np.array([x, y, np.sqrt(1 - x * x - y * y)])
+            yield '/ft/imu', IMU, at, messages.imu(at, force, [0, 0, 0])
+        else:
+            turned = np.array([*tilt, 0, 2])
+            link = 'base', 'tool', turned / np.linalg.norm(turned)
+            yield '/tf', TF, at, messages.transforms(at, [link])
+
+
+@pytest.mark.parametrize(
+    ('by', 'words', 'parameters', 'said'),
+    [
+        ('imu', ['--imu-topic', '/ft/imu'], ['gravity.source:=imu', '-r', 'imu:=/ft/imu'],
+         'specific force of /ft/imu: norm 9.6 m/s²; along three'),
+        ('tf', ['--gravity-frame', 'world'], ['gravity.source:=tf', '-p', 'gravity.frame:=world'],
+         'specific force by TF, if z of world is up: norm 9.807 m/s²; along three'),
+    ],
+)  # fmt: skip
+def test_a_robot_at_work_is_learnt_from_by_its_gravity(  # noqa: PLR0913, PLR0917
+    done, messages, tmp_path, by, words, parameters, said
+):
+    bag = messages.write(tmp_path / 'day', work(messages, by), 'mcap')
+    out = done('show', bag)
+    assert said in out
+    assert 'two of them were seen' in out
+    calibrate, evaluate, node = commands(out)
+    for command in (calibrate, evaluate):
+        assert command[command.index('--reference') + 1] == 'payload'
+        assert command[-2:] == words
+    assert node[-len(parameters) :] == parameters
+    shown = json.loads(done('show', bag, *words, '--json'))
+    assert shown['specific_force']['spread'][1] > 0.7
+    used = {each['name']: each['role'] for each in shown['channels']}
+    assert [name for name in used if used[name] == 'specific force'] == [
+        '/ft/imu' if by == 'imu' else '/tf'
+    ]
+
+
+def test_a_gravity_frame_that_tf_lacks_is_a_warning_of_show(done, messages, tmp_path):
+    bag = messages.write(tmp_path / 'day', work(messages, 'tf'))
+    out = done('show', bag, '--gravity-frame', 'map')
+    assert 'warning: day: TF does not say how ft is turned against map: map is missing.' in out
+    assert '--reference payload' not in out

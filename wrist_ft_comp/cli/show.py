@@ -13,11 +13,11 @@ from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.files.model_file import is_model, load_model
 from wrist_ft_comp.files.recordings import (
     describe_recording,
-    ForceSummary,
     RecordingSummary,
     REFERENCE,
 )
 from wrist_ft_comp.model.drift_model import StoredModel
+from wrist_ft_comp.model.payload.directions import ForceSummary
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics
 from wrist_ft_comp.report.view import drifts_removed
 
@@ -26,8 +26,6 @@ _PURPOSE = (
     'It predicts from temperatures how a wrist force/torque sensor drifts. The node',
     '"compensator" runs it (parameter model_file); wrist_ft_comp evaluate judges it.',
 )
-#: A direction was seen where gravity moved by more along it, m/s² RMS: two degrees.
-_MOVED = 0.3
 EXAMPLES = """\
 examples:
   wrist_ft_comp show model.yaml
@@ -155,21 +153,22 @@ def _text(summary: RecordingSummary, path: Path) -> str:
             f'{summary.name}: {summary.kind}, {span}',
             table_text(['channel', 'type or unit', 'samples', 'per second', 'used as'], rows),
             *_quality(summary.candidates),
-            *_directions(summary.specific_force),
+            *_directions(summary.specific_force, summary.topics or Topics()),
             *_use(summary, path),
             *(f'warning: {warning}' for warning in summary.warnings),
         ]
     )
 
 
-def _directions(force: ForceSummary | None) -> Iterator[str]:
+def _directions(force: ForceSummary | None, topics: Topics) -> Iterator[str]:
     """Say how far gravity moved in the sensor's frame, which is what tells a payload."""
     if force is None:
         return
-    seen = sum(each > _MOVED for each in force.spread)
+    seen, of = force.seen, f' of {topics.imu}' if topics.imu else ''
+    of = f' by TF, if z of {topics.gravity_frame} is up' if topics.gravity_frame else of
     moved = ', '.join(f'{each:.2f}' for each in force.spread)
     yield (
-        f'specific force: norm {force.norm:.4g} m/s²; along three directions gravity moved by '
+        f'specific force{of}: norm {force.norm:.4g} m/s²; along three directions gravity moved by '
         f'{moved} m/s² (RMS), so {("none", "one", "two", "all")[seen]} of them '
         f'{"was" if seen == 1 else "were"} seen'
     )
@@ -224,7 +223,9 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     """Write the commands that learn from a recording; of a bag, those that judge and run, too."""
     topics = summary.topics or Topics()
     reference = any(each.role == REFERENCE and each.samples for each in summary.channels)
-    words = ['--reference', 'recorded'] if reference else []
+    force = summary.specific_force
+    at_work = force is not None and force.seen > 0 and not reference
+    words = ['--reference', 'recorded' if reference else 'payload'] if reference or at_work else []
     calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
     if not summary.candidates:
         return [shlex.join([*calibrate, *words])]
@@ -238,6 +239,12 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
         for entry in topics.temperatures:
             words += ['--temperature-topic', entry]
         run += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
+    if at_work and topics.imu:
+        words += ['--imu-topic', topics.imu]
+        run += ['-p', 'gravity.source:=imu', '-r', f'imu:={topics.imu}']
+    elif at_work:
+        words += ['--gravity-frame', topics.gravity_frame]
+        run += ['-p', 'gravity.source:=tf', '-p', f'gravity.frame:={topics.gravity_frame}']
     calibrate += ['--report', 'model.html']
     evaluate += ['--report', 'evaluation.html']
     return [shlex.join([*calibrate, *words]), shlex.join([*evaluate, *words]), shlex.join(run)]

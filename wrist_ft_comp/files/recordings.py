@@ -1,7 +1,7 @@
 """The front door to recordings of every kind: read, rewritten with another wrench, described."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 import hashlib
@@ -12,26 +12,27 @@ import numpy as np
 
 from wrist_ft_comp.calibration.chamber import OUTPUT_UNIT
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files.bags.bag import open_bag, SUFFIXES
+from wrist_ft_comp.files.bags.bag import Bag, open_bag, SUFFIXES
 from wrist_ft_comp.files.bags.bag_recording import read_bag, rewrite_bag
+from wrist_ft_comp.files.bags.gravity import gravity_samples, uppermost_frame
 from wrist_ft_comp.files.bags.survey import (
     Candidate,
     RAW_WRENCH,
     suggested_topics,
     survey_bag,
     TEMPERATURE,
+    TF,
 )
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
 from wrist_ft_comp.files.csv_file import CsvRecording, rewrite_csv
 from wrist_ft_comp.model.batch_grid import GridBuilder
 from wrist_ft_comp.model.columns import require_channels
+from wrist_ft_comp.model.payload.directions import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.model.signals import (
     AXES,
     axis_unit,
     Correction,
-    FloatArray,
     FORCE_CHANNELS,
-    GRAVITY,
     Progress,
     Recording,
     Samples,
@@ -202,17 +203,6 @@ class ChannelSummary:
 
 
 @dataclass(frozen=True)
-class ForceSummary:
-    """What a recording's specific force saw: its norm, and how gravity moved, m/s²."""
-
-    #: Root mean square over all samples.
-    norm: float
-    #: Standard deviations along the three directions in which it moved most, and less, as if the
-    #: norm were GRAVITY.
-    spread: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
 class RecordingSummary:
     """What a file or folder holds."""
 
@@ -259,7 +249,9 @@ def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> Reco
     with open_bag(path) as bag:
         candidates, warnings = survey_bag(bag, progress)
         topics = suggested_topics(candidates, topics)
+        topics, force, doubts = _survey_gravity(bag, candidates, topics)
         roles = {
+            (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
             topics.reference.strip('/'): REFERENCE,
             **{parse_source(entry).topic.strip('/'): TEMPERATURE for entry in topics.temperatures},
             topics.wrench.strip('/'): RAW_WRENCH,
@@ -274,9 +266,28 @@ def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> Reco
             for (topic, kind), count in sorted(counts.items())
         )
         kind = f'{BAG}, {bag.storage}{compressed}'
-        warnings = *bag.warnings, *warnings
-        ends = first, last
-        return RecordingSummary(path.name, kind, channels, *ends, warnings, candidates, topics)
+        warnings = *bag.warnings, *warnings, *doubts
+        known = first, last, warnings, candidates, topics, force
+        return RecordingSummary(path.name, kind, channels, *known)
+
+
+def _survey_gravity(
+    bag: Bag, candidates: Sequence[Candidate], topics: Topics
+) -> tuple[Topics, ForceSummary | None, tuple[str, ...]]:
+    """Tell what the specific force of a bag saw, of an IMU or, without one, by TF, and why not."""
+    if topics.imu:
+        named = (each for each in candidates if each.entry.strip('/') == topics.imu.strip('/'))
+        return topics, next((each.force for each in named), None), ()
+    asked, moments = topics.gravity_frame, np.zeros((4, 4))
+    if not topics.wrench or not (asked or any(each.role == TF for each in candidates)):
+        return topics, None, ()
+    try:
+        topics = replace(topics, gravity_frame=asked or uppermost_frame(bag, topics))
+        for block in gravity_samples(bag, topics):
+            moments += moments_of(block.values) if block.channels == FORCE_CHANNELS else 0
+    except RecordingError as error:
+        return replace(topics, gravity_frame=''), None, (str(error),) if asked else ()
+    return topics, describe_force(moments), ()
 
 
 def _describe_samples(
@@ -288,31 +299,17 @@ def _describe_samples(
     moments = np.zeros((4, 4))
     for block in blocks:
         if block.channels == FORCE_CHANNELS:
-            samples = block.values[np.isfinite(block.values).all(axis=1)]
-            samples = np.concatenate((samples, np.ones((len(samples), 1))), axis=1)
-            moments += samples.T @ samples
+            moments += moments_of(block.values)
         counts.update(dict.fromkeys(block.channels, len(block.stamps_ns)))
         if len(block.stamps_ns):
             ends += [int(block.stamps_ns.min()), int(block.stamps_ns.max())]
             ends = [min(ends), max(ends)]
     channels = tuple(_describe_channel(channel, n, kind) for channel, n in counts.items())
     first, last = ends or (None, None)
-    force = _describe_force(moments)
+    force = describe_force(moments)
     return RecordingSummary(
         name, kind, channels, first, last, tuple(warnings), specific_force=force
     )
-
-
-def _describe_force(moments: FloatArray) -> ForceSummary | None:
-    """Find norm and principal directions from the sum of products of [f, 1], shape (4, 4)."""
-    if not moments[3, 3]:
-        return None
-    moments = moments / moments[3, 3]
-    norm = float(np.sqrt(np.trace(moments[:3, :3])))
-    mean = moments[:3, 3]
-    moved = np.linalg.eigvalsh(moments[:3, :3] - np.outer(mean, mean))[::-1]
-    largest, middle, least = np.sqrt(np.maximum(moved, 0)) * (GRAVITY / norm if norm else 0.0)
-    return ForceSummary(norm, (float(largest), float(middle), float(least)))
 
 
 def _describe_channel(channel: str, samples: int, kind: str) -> ChannelSummary:

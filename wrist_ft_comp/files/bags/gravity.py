@@ -1,7 +1,7 @@
 """Specific force of a bag by its /tf and /tf_static."""
 
 from collections.abc import Iterator, Sequence
-from itertools import chain
+from itertools import chain, islice
 
 import numpy as np
 
@@ -31,10 +31,7 @@ def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
     RecordingError when TF tells it nowhere.
     """
     moving = bag.find('/tf', cdr.TF, 'gravity')
-    gravity = GravityByTf(topics.gravity_frame, _wrench_frame(bag, topics))
-    static = bag.named('/tf_static')
-    for batch in bag.batches(static) if static else ():
-        _take(bag, gravity, [data for _, _, data in batch], static=True)
+    gravity = _with_static(bag, topics)
     due: IntArray = np.empty(0, np.int64)
     done, found = 0, False
     for batch in chain(bag.batches(moving), [[]]):
@@ -59,8 +56,16 @@ def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
         )
 
 
-def _wrench_frame(bag: Bag, topics: Topics) -> str:
-    """Find the frame of the raw wrench."""
+def uppermost_frame(bag: Bag, topics: Topics) -> str:
+    """Find the frame that most probably has z upwards: the one above all that hold the sensor."""
+    gravity = _with_static(bag, topics)
+    for batch in islice(bag.batches(bag.find('/tf', cdr.TF, 'gravity')), 1):
+        _take(bag, gravity, [data for _, _, data in batch])
+    return gravity.root()
+
+
+def _with_static(bag: Bag, topics: Topics) -> GravityByTf:
+    """Begin with the frame of the raw wrench and the static transforms of all of the bag."""
     wrench = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')[0]
     data = bag.first(wrench)
     frame = cdr.locate(data, cdr.WRENCH_DOUBLES).frame_id(data) if data else ''
@@ -69,7 +74,11 @@ def _wrench_frame(bag: Bag, topics: Topics) -> str:
             f'{wrench.topic} of {bag.name} has no frame_id, so TF cannot say how the sensor is '
             'turned. Let the driver fill header.frame_id, or use an IMU.'
         )
-    return frame
+    gravity = GravityByTf(topics.gravity_frame, frame)
+    static = bag.named('/tf_static')
+    for batch in bag.batches(static) if static else ():
+        _take(bag, gravity, [data for _, _, data in batch], static=True)
+    return gravity
 
 
 def _take(

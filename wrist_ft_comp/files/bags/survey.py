@@ -12,6 +12,7 @@ from wrist_ft_comp.files import cdr
 from wrist_ft_comp.files.bags.bag import Bag, Connection
 from wrist_ft_comp.files.bags.bag_recording import temperatures_inside
 from wrist_ft_comp.files.cdr_fields import Definitions, read_numbers
+from wrist_ft_comp.model.payload.directions import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS, Progress, Topics
 from wrist_ft_comp.model.temperature_source import Path, path_text
 
@@ -19,8 +20,8 @@ RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
 _ROLES = {
     cdr.WRENCH: RAW_WRENCH,
     cdr.TEMPERATURE: TEMPERATURE,
-    'sensor_msgs/msg/Imu': IMU,
-    'tf2_msgs/msg/TFMessage': TF,
+    cdr.IMU: IMU,
+    cdr.TF: TF,
 }
 #: Wrenches that something was done to already are named like this.
 _TREATED = re.compile(r'compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE)
@@ -50,6 +51,8 @@ class Candidate:
     stamped: bool
     #: Lowest and highest reading, in the driver's unit; None but for temperatures.
     reads: tuple[float, float] | None = None
+    #: Of an IMU.
+    force: ForceSummary | None = None
 
     @property
     def rate_hz(self) -> float | None:
@@ -86,6 +89,8 @@ class _Tally:
     #: Of each temperature.
     low: FloatArray = field(default_factory=lambda: np.array([np.nan]))
     high: FloatArray = field(default_factory=lambda: np.array([np.nan]))
+    #: Of specific force.
+    moments: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
 
     def add(self, times_ns: list[int], messages: list[bytes]) -> None:
         """Take messages into account."""
@@ -105,9 +110,11 @@ class _Tally:
         """Read stamps, 0 where there are none, and temperatures, shape (n, P)."""
         if self.role == TF:
             return np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
-        if self.paths or self.role == IMU:
+        if self.paths:
             return read_numbers(self.definitions, self.connection.msgtype, messages, self.paths)
         stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[self.connection.msgtype])
+        if self.role == IMU:
+            self.moments += moments_of(values[:, cdr.ACCELERATION])
         return stamps_ns, values[:, : self.role == TEMPERATURE]
 
     def candidates(self) -> Iterator[Candidate]:
@@ -116,7 +123,7 @@ class _Tally:
         known = self.samples, span_ns / NANOSECONDS, self.gap_ns / NANOSECONDS, self.stamped
         topic = self.connection.topic
         if self.role != TEMPERATURE:
-            yield Candidate(self.role, topic, *known)
+            yield Candidate(self.role, topic, *known, force=describe_force(self.moments))
             return
         for path, low, high in zip(self.paths or [()], self.low, self.high, strict=True):
             entry = f'{topic}:{path_text(path)}' if path else topic
@@ -148,15 +155,13 @@ def survey_bag(
 def _tally(bag: Bag, connection: Connection, warnings: list[str]) -> _Tally | None:
     """Decide what to look for in a connection's messages."""
     role = _ROLES.get(connection.msgtype)
-    if not connection.msgcount or role in {RAW_WRENCH, TEMPERATURE, TF}:
+    if not connection.msgcount or role:
         return _Tally(connection, role) if role and connection.msgcount else None
     try:
         definitions = bag.define(connection)
     except RecordingError as error:
         warnings.append(f'Whether it holds temperatures is not known: {error}')
         return None
-    if role == IMU:
-        return _Tally(connection, IMU, definitions=definitions)
     paths = temperatures_inside(bag, connection)
     return _Tally(connection, TEMPERATURE, paths, definitions) if paths else None
 
@@ -167,15 +172,13 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
 
     The raw wrench is one that nothing was done to. The thermometer that has most of its name in
     common with it, or is named like something at the tool, is most probably inside the sensor and
-    comes first; of an array, the last element counts as nearest to the tool. Where there is no
-    candidate, the wrench is empty, or there are no temperatures.
+    comes first, and so it is with IMUs; of an array, the last element counts as nearest to the
+    tool. Where there is no candidate, the wrench is empty, or there are no temperatures.
     """
     wrenches = [each for each in candidates if each.role == RAW_WRENCH]
     wrenches.sort(key=lambda each: (bool(_TREATED.search(each.entry)), -each.samples))
     wrenches.sort(key=lambda each: each.entry.strip('/') != topics.wrench.strip('/'))
     wrench = wrenches[0].entry if wrenches else ''
-    if topics.temperatures != Topics().temperatures:
-        return replace(topics, wrench=wrench)
 
     def distance(each: Candidate) -> tuple[int, bool, int]:
         pairs = zip(each.entry.split('/'), wrench.split('/'), strict=False)
@@ -183,8 +186,12 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
         indices = re.findall(r'\[(\d+)\]', each.entry)
         return -len(common), not _NEAR.search(each.entry), -int(indices[-1] if indices else -1)
 
+    topics = replace(topics, wrench=wrench)
+    imus = sorted((each for each in candidates if each.role == IMU), key=distance)
+    if imus and not topics.imu and not topics.gravity_frame:
+        topics = replace(topics, imu=imus[0].entry)
+    if topics.temperatures != Topics().temperatures:
+        return topics
     found = [each for each in candidates if each.role == TEMPERATURE]
     found = sorted([each for each in found if each.usable] or found[:1], key=distance)
-    return replace(
-        topics, wrench=wrench, temperatures=tuple(each.entry for each in found[:_SUGGESTED])
-    )
+    return replace(topics, temperatures=tuple(each.entry for each in found[:_SUGGESTED]))

@@ -1,0 +1,45 @@
+"""What a specific force saw: its norm, and the directions along which gravity moved."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrist_ft_comp.model.signals import FloatArray, GRAVITY
+
+#: A direction was seen where gravity moved by more along it, m/s² RMS: two degrees.
+_MOVED = 0.3
+
+
+@dataclass(frozen=True)
+class ForceSummary:
+    """What a recording's specific force saw: its norm, and how gravity moved, m/s²."""
+
+    #: Root mean square over all samples.
+    norm: float
+    #: Standard deviations along the three directions in which it moved most, and less, as if the
+    #: norm were GRAVITY.
+    spread: tuple[float, float, float]
+
+    @property
+    def seen(self) -> int:
+        """How many directions were seen; a payload needs two."""
+        return sum(each > _MOVED for each in self.spread)
+
+
+def moments_of(force: FloatArray) -> FloatArray:
+    """Sum up products of [f, 1] of finite samples, shape (n, 3): (4, 4)."""
+    samples = force[np.isfinite(force).all(axis=1)]
+    samples = np.concatenate((samples, np.ones((len(samples), 1))), axis=1)
+    return np.asarray(samples.T @ samples)
+
+
+def describe_force(moments: FloatArray) -> ForceSummary | None:
+    """Find norm and principal directions from summed moments; None without samples."""
+    if not moments[3, 3]:
+        return None
+    moments = moments / moments[3, 3]
+    norm = float(np.sqrt(np.trace(moments[:3, :3])))
+    mean = moments[:3, 3]
+    moved = np.linalg.eigvalsh(moments[:3, :3] - np.outer(mean, mean))[::-1]
+    largest, middle, least = np.sqrt(np.maximum(moved, 0)) * (GRAVITY / norm if norm else 0.0)
+    return ForceSummary(norm, (float(largest), float(middle), float(least)))
