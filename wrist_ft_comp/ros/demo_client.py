@@ -103,7 +103,7 @@ class DemoClient:
     def hold(self, payload: str) -> None:
         """Say which payload is held."""
         value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=payload)
-        request = SetParameters.Request(parameters=[Parameter('payload.active', value=value)])
+        request = SetParameters.Request(parameters=[Parameter(name='payload.active', value=value)])
         (result,) = self.call(SetParameters, 'set_parameters', request).results
         if not result.successful:
             raise RecordingError(f'payload.active:={payload} was refused: {result.reason}')
