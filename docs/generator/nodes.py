@@ -36,13 +36,18 @@ PURPOSE = {
     'imu': 'with `gravity.source` imu only: specific force at the sensor; with tf it hears `/tf` '
     'and `/tf_static` (tf2_msgs/TFMessage) instead',
     'wrench': "compensated and tared wrench, with the input's header",
+    'wrench_external': 'the same without the payload, with a tare of its own: what the world does '
+    'to the tool; only while a payload is active and specific force is fresh',
     '~/drift': 'zero drift being subtracted, once per thermal cell',
     '/diagnostics': 'state of the node, once a second',
     'temperature_2': 'second thermometer, at the motor',
     '~/calibrate': 'fits the recordings, saves the model and makes it live; answers when done',
     '~/record': "starts (`data: true`) or ends (`data: false`) the node's own recording",
-    '~/tare': 'makes the present wrench zero; refused while the load moves',
-    '~/reset_tare': 'forgets the tare',
+    '~/identify_payload': 'learns what is mounted from a minute of motion, while the drift model '
+    'runs; answers with its name',
+    '~/tare': 'makes the present wrench zero, and `wrench_external` where a payload is active; '
+    'refused while the load moves',
+    '~/reset_tare': 'forgets both tares',
     '~/rollback': 'goes back to the model before the last calibration',
 }
 

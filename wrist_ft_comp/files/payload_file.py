@@ -39,11 +39,19 @@ def load_payloads(path: Path) -> Learnt:
 
 
 def add_payloads(
-    path: Path, stem: str, payloads: Iterable[Payload], frame: ForceFrame
+    path: Path,
+    stem: str,
+    payloads: Iterable[Payload],
+    frame: ForceFrame,
+    taken_too: Iterable[str] = (),
 ) -> list[str]:
-    """Add payloads as stem-1, stem-2 … or counting on from what is there; give their names."""
+    """
+    Add payloads as stem-1, stem-2 … or counting on from what is there; give their names.
+
+    Names that are taken elsewhere count, too.
+    """
     entries = _entries(path)
-    taken = [re.fullmatch(rf'{re.escape(stem)}-(\d+)', name) for name in entries]
+    taken = [re.fullmatch(rf'{re.escape(stem)}-(\d+)', name) for name in (*entries, *taken_too)]
     first = 1 + max((int(each[1]) for each in taken if each), default=0)
     added = {f'{stem}-{n}': _entry(each, frame) for n, each in enumerate(payloads, first)}
     document = {

@@ -40,6 +40,10 @@ from wrist_ft_comp.ros.inputs.topic_types import no_temperature, WRENCH, wrong_t
 from wrist_ft_comp.ros.live_model import choose_first_model, LiveModel
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.parameters import declare, NODE_NAME, PARAMETERS, values
+from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench
+from wrist_ft_comp.ros.payload.identify import IdentifyService
+from wrist_ft_comp.ros.payload.shelf import Shelf
+from wrist_ft_comp.ros.payload.status import PayloadReport
 from wrist_ft_comp.ros.running import node_per_sensor, run_nodes
 from wrist_ft_comp.ros.services.calibrate import CalibrateService
 from wrist_ft_comp.ros.services.deferred import DeferredService
@@ -89,7 +93,12 @@ class CompensatorNode(Node):
         self.recording = RecordService(
             compensator, store, self._subscribe_reference, log, with_force=with_force
         )
-        self.tare = TareService(compensator, self._settings, self.state_keeper.save, log)
+        shelf = Shelf(store.directory / 'models', self.live)
+        self.external = ExternalWrench(compensator, self._settings, shelf, log)
+        self.identification = IdentifyService(compensator, self.external, shelf, name, log)
+        self.tare = TareService(
+            compensator, self.external, self._settings, self.state_keeper.save, log
+        )
         self.calibration = CalibrateService(self.make_request, self.live.take, log)
         self._silent = chosen['uncalibrated'] == 'silent'
         self._newest: tuple[int, Sequence[float], bytes] | None = None
@@ -110,16 +119,26 @@ class CompensatorNode(Node):
         )
         self._fields = FieldInputs(self, fields, self._subscribe_unserved, self._take_temperature)
         self.gravity = GravitySource(
-            chosen, self._subscribe, lambda: self.frame_id, self._on_force
+            chosen,
+            self._subscribe,
+            self._subscribe_unserved,
+            lambda: self.frame_id,
+            self._on_force,
+        )
+        self.external.poll = self.gravity.poll
+        self._payload_report = PayloadReport(
+            compensator, self.external, self.identification, self.gravity.problem
         )
         self._offered = [
             DeferredService(self, Trigger, '~/calibrate', self.calibration.on_request),
             DeferredService(self, Trigger, '~/tare', self.tare.on_request),
             self._serve(Trigger, '~/reset_tare', self.tare.on_reset),
+            DeferredService(self, Trigger, '~/identify_payload', self.identification.on_request),
             self._serve(SetBool, '~/record', self.recording.on_request),
             self._serve(Trigger, '~/rollback', self.live.on_rollback),
         ]
         self.add_on_set_parameters_callback(self.live.validate_parameters)
+        self.add_on_set_parameters_callback(self.external.validate_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self._check_topics()
         later = [self.resolve_topic_name('wrench_reference'), *self._topics]
@@ -145,23 +164,28 @@ class CompensatorNode(Node):
 
     def _check_topics(self) -> None:
         """Refuse remaps that make the node hear itself."""
-        raw, output = self.own_topics
-        if raw == output:
-            raise SettingsError(
-                f'wrench_raw and wrench are both {raw}: the node would hear itself. Remap '
-                "wrench_raw to the driver's topic, and wrench to another."
-            )
+        raw, *outputs = self.own_topics
+        for name, output in zip(('wrench', 'wrench_external'), outputs, strict=True):
+            if raw == output:
+                raise SettingsError(
+                    f'wrench_raw and {name} are both {raw}: the node would hear itself. Remap '
+                    f"wrench_raw to the driver's topic, and {name} to another."
+                )
 
     def _create_publishers(self) -> None:
         """Create publishers; QoS of the output may be overridden by parameters."""
-        self._output = self._advertise(
-            WrenchStamped,
-            'wrench',
-            qos_overriding_options=messages.overridable(),
-            event_callbacks=messages.subscribers_deaf(
-                'wrench', self.health.incompatible, self._log
-            ),
+        self._output, self._external_output = (
+            self._advertise(
+                WrenchStamped,
+                topic,
+                qos_overriding_options=messages.overridable(),
+                event_callbacks=messages.subscribers_deaf(
+                    topic, self.health.incompatible, self._log
+                ),
+            )
+            for topic in ('wrench', 'wrench_external')
         )
+        self.external.publish = self._external_output.publish
         self._drift = self._advertise(WrenchStamped, '~/drift')
         self._diagnostics = self._advertise(DiagnosticArray, '/diagnostics')
 
@@ -191,9 +215,9 @@ class CompensatorNode(Node):
                 ),
             )
 
-    def _subscribe_unserved(self, kind: Any, topic: str) -> Any:
+    def _subscribe_unserved(self, kind: Any, topic: str, qos: Any = messages.NEWEST) -> Any:
         """Subscribe to messages that no executor takes."""
-        result = self._subscribe(kind, topic, lambda _: None, messages.NEWEST)
+        result = self._subscribe(kind, topic, lambda _: None, qos)
         # Executors serve what stands in this list, at once or at their next wake-up.
         self._subscriptions.remove(result)
         return result
@@ -227,6 +251,8 @@ class CompensatorNode(Node):
         if not self._silent or self.compensator.compensating:
             self._output.publish(layout.encode(data, corrected))
             counts.published += 1
+            if self.external.on_wrench is not None:
+                self.external.on_wrench(stamp_ns, raw, data, layout)
         counts.wrenches += 1
         self._newest = stamp_ns, raw, data
         self.recording.add_raw(stamp_ns, raw)
@@ -248,6 +274,7 @@ class CompensatorNode(Node):
             return
         at_ns, compensator = stamp_ns or self._now_ns(), self.compensator
         newest = self._newest and self._newest[:2]
+        self.gravity.poll()  # or what comes from it would be too late for the recording's cell
         cells = compensator.add_temperature(thermometer, at_ns, temperature_c, newest)
         self.recording.add_cells(cells)
         self.health.take_temperature(time.monotonic(), thermometer, at_ns, stamped=bool(stamp_ns))
@@ -272,16 +299,19 @@ class CompensatorNode(Node):
         self, stamp_ns: int, force: tuple[float, float, float], speed: float | None
     ) -> None:
         """Take one specific force, m/s², and the speed of rotation, rad/s, where it is known."""
-        self.recording.add_force(stamp_ns or self._now_ns(), force, speed)
+        at_ns = stamp_ns or self._now_ns()
+        self.external.add_force(at_ns, force, speed)
+        self.recording.add_force(at_ns, force, speed)
 
     def _now_ns(self) -> int:
         """Time for drivers that do not stamp."""
         return int(self.get_clock().now().nanoseconds)
 
     @property
-    def own_topics(self) -> tuple[str, str]:
+    def own_topics(self) -> tuple[str, str, str]:
         """Full names of the topics that no other sensor may use."""
-        return self._raw.topic_name, self._output.topic_name
+        outputs = self._output.topic_name, self._external_output.topic_name
+        return self._raw.topic_name, *outputs
 
     @property
     def frame_id(self) -> str:
@@ -335,6 +365,7 @@ class CompensatorNode(Node):
 
     def _apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Make parameters that changed take effect; the others are read when they are needed."""
+        self.external.apply_parameters(parameters)
         for parameter in parameters:
             if parameter.name == 'uncalibrated':
                 self._silent = parameter.value == 'silent'
@@ -346,6 +377,8 @@ class CompensatorNode(Node):
         self.calibration.poll()
         self.recording.poll()
         self.tare.poll()
+        self.gravity.poll()
+        self.identification.poll()
         self.state_keeper.poll()
         self._fields.poll()
         self._look()
@@ -405,7 +438,8 @@ class CompensatorNode(Node):
     def _diagnose(self) -> None:
         """Publish diagnostics."""
         self._fields.look()
-        statuses = diagnostics(self._snapshot())
+        payload = self._payload_report.status(self._newest and self._newest[0])
+        statuses = [*diagnostics(self._snapshot()), payload]
         self._log.tell(statuses)
         stamp = self.get_clock().now().to_msg()
         name = self.get_fully_qualified_name().lstrip('/')
@@ -413,10 +447,11 @@ class CompensatorNode(Node):
 
     def destroy_node(self) -> None:
         """End what runs beside the node; an open recording is closed, and who waits is told."""
-        waiting = [self.calibration.end(), self.tare.end()]
+        waiting = [each.end() for each in (self.calibration, self.tare, self.identification)]
         self.recording.end()
         self.state_keeper.end()
         self._fields.end()
+        self.gravity.end(self.destroy_subscription)
         if any(waiting):
             time.sleep(_FAREWELL_S)
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
@@ -442,8 +477,10 @@ Removes the temperature drift of a wrist force/torque sensor beside any driver:
 hears      wrench_raw (WrenchStamped), the topics in temperature_topics, imu or
            /tf (gravity.source) and, while recording, wrench_reference; -r maps
            them to the driver's own
-publishes  wrench (compensated), ~/drift, /diagnostics
-serves     ~/record, ~/calibrate, ~/tare, ~/reset_tare, ~/rollback
+publishes  wrench (compensated), wrench_external (without the payload, too),
+           ~/drift, /diagnostics
+serves     ~/record, ~/calibrate, ~/identify_payload, ~/tare, ~/reset_tare,
+           ~/rollback
 
 Without a model wrenches pass as they are: record a warm-up with ~/record, then
 call ~/calibrate. docs/tutorial.md of the package goes through it, and

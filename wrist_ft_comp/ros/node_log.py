@@ -12,7 +12,7 @@ _PATIENCE = 5
 #: Reports without trouble after which it is over; what comes and goes is told once.
 _PEACE = 10
 #: What these say is not logged elsewhere.
-_LOGGED = ('input', 'temperature', 'output')
+_LOGGED = ('input', 'temperature', 'payload', 'output')
 #: Numbers that change from report to report, but not those of thermometers, which are names.
 _NUMBERS = re.compile(r'(?<!thermometer )(?<!, )\b[\d.]+')
 

@@ -22,6 +22,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from wrist_ft_comp.calibration.settings import CalibrationSettings, METHODS
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.model.payload.weight import FARTHEST_M, MOST_KG
 from wrist_ft_comp.model.ranges import PERIODS_S
 from wrist_ft_comp.model.signals import Reference
 from wrist_ft_comp.stream.compensator import StreamSettings
@@ -287,6 +288,18 @@ PARAMETERS = (
         'gravity.timeout', 0.2,
         'Age of the specific force from which on no weight is subtracted by it.',
         's', 0.01, 10.0),
+    Parameter(
+        'payload.active', '',
+        'What is mounted, and subtracted on wrench_external: the name of a payload that was '
+        'learnt, manual for what payload.mass and payload.center_of_mass say, or empty for none.'),
+    Parameter(
+        'payload.mass', 0.0,
+        'With payload.active manual: mass of all that is mounted on the sensor.',
+        'kg', 0.0, MOST_KG),
+    Parameter(
+        'payload.center_of_mass', (0.0, 0.0, 0.0),
+        'With payload.active manual: its x, y and z in the frame of the wrench.',
+        'm', -FARTHEST_M, FARTHEST_M),
     Parameter(
         'calibration.recordings', (),
         "Recordings to calibrate from; empty takes the node's own, the newest ten. Set at run "

@@ -25,8 +25,8 @@ def test_statuses_are_published_named_after_the_node_and_the_frame(wired):
     node.diagnosis('input', lambda each: each.values['frame'] == 'wrist_3_link')
     name = f'{node.namespace.lstrip("/")}/wrist_ft_comp'
     statuses = [each for each in node._report() if each.name.startswith(f'{name}:')]
-    expected = [f'{name}: {c}' for c in ('input', 'temperature', 'model', 'calibration', 'output')]
-    assert [each.name for each in statuses] == expected
+    concerns = ('input', 'temperature', 'model', 'calibration', 'output', 'payload')
+    assert [each.name for each in statuses] == [f'{name}: {c}' for c in concerns]
     assert {each.hardware_id for each in statuses} == {'wrist_3_link'}
     assert all(each.message for each in statuses)
 

@@ -30,7 +30,10 @@ class GravitySource:
     """
     Hears what the parameters ``gravity.…`` say, and gives each specific force to a callback.
 
-    The frame, of which ``frame`` tells the name, is that of the wrench; '' before it is known.
+    An IMU may send at a kilohertz, and being woken for each message would cost as much as the
+    wrench does. So no executor waits for it: ``subscribe_unserved`` makes a subscription that only
+    keeps messages, and ``poll`` takes them. The frame, of which ``frame`` tells the name, is that
+    of the wrench; '' before it is known.
     SettingsError when TF is asked for and cannot be had.
     """
 
@@ -38,6 +41,7 @@ class GravitySource:
         self,
         chosen: dict[str, Any],
         subscribe: Subscribe,
+        subscribe_unserved: Callable[[Any, str, Any], Any],
         frame: Callable[[], str],
         on_force: OnForce,
     ) -> None:
@@ -46,8 +50,9 @@ class GravitySource:
         self._frame, self._on_force = frame, on_force
         self._told_ns: int | None = None
         self._by_tf: GravityByTf | None = None
+        self._imu: Any = None
         if chosen['gravity.source'] == 'imu':
-            subscribe(Imu, 'imu', self._on_imu, messages.FAST_SENSOR)
+            self._imu = subscribe_unserved(Imu, 'imu', messages.FAST_SENSOR)
         elif chosen['gravity.source'] == 'tf':
             if not chosen['gravity.frame']:
                 raise SettingsError(
@@ -59,6 +64,24 @@ class GravitySource:
             for topic, qos in ('/tf', messages.FAST_SENSOR), ('/tf_static', messages.LATCHED):
                 static = topic == '/tf_static'
                 subscribe(kind, topic, partial(self._on_tf, gravity, pieces, static=static), qos)
+
+    def poll(self) -> None:
+        """Take what an IMU has sent."""
+        if self._imu is None:
+            return
+        handle = self._imu.handle
+        with handle:
+            for _ in range(messages.FAST_SENSOR.depth):
+                taken = handle.take_message(Imu, True)  # as bytes
+                if taken is None:
+                    return
+                self._on_imu(taken[0])
+
+    def end(self, destroy: Callable[[Any], object]) -> None:
+        """End what no executor knows of."""
+        if self._imu is not None:
+            destroy(self._imu)
+            self._imu = None
 
     def _on_imu(self, data: bytes) -> None:
         """Take one sensor_msgs/Imu; a gyroscope that is not there leaves zeros."""

@@ -4,9 +4,12 @@ from collections.abc import Callable, Mapping, Sequence
 import time
 from typing import Any
 
+import numpy as np
+
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.model.signals import AXES, axis_unit
 from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench
 from wrist_ft_comp.ros.services.deferred import Reply
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector
@@ -16,20 +19,27 @@ _GRACE_S = 2.0
 
 
 class TareService:
-    """Takes a tare from the wrenches that are pushed to it; ``save`` keeps it over a restart."""
+    """
+    Takes a tare from the wrenches that are pushed to it; ``save`` keeps it over a restart.
+
+    Where a payload is held, the external wrench is tared, too.
+    """
 
     def __init__(
         self,
         compensator: Compensator,
+        external: ExternalWrench,
         settings: Callable[[], Mapping[str, Any]],
         save: Callable[[], None],
         log: NodeLog,
     ) -> None:
-        self._compensator = compensator
+        self._compensator, self._external = compensator, external
         self._settings = settings
         self._save = save
         self._log = log
         self._running: tuple[TareCollector, Reply, float] | None = None
+        #: Of the payload, N and N m; None where nobody knew.
+        self._weights: list[list[float] | None] = []
 
     def on_request(self, _request: Any, reply: Reply) -> None:
         """Start to collect wrenches; the answer comes when there are enough."""
@@ -41,7 +51,7 @@ class TareService:
         chosen = self._settings()
         collector = TareCollector(chosen['tare.duration'], chosen['tare.max_deviation'])
         deadline = time.monotonic() + chosen['tare.duration'] + _GRACE_S
-        self._running = collector, reply, deadline
+        self._running, self._weights = (collector, reply, deadline), []
 
     def on_reset(self, _request: Any, response: Any) -> Any:
         """Forget the tare."""
@@ -52,7 +62,10 @@ class TareService:
 
     def add(self, stamp_ns: int, raw: Sequence[float]) -> None:
         """Take one wrench, N and N m; answer when there are enough."""
-        if self._running is not None and self._running[0].add(stamp_ns, raw):
+        if self._running is None:
+            return
+        self._weights.append(self._external.weight_at(stamp_ns))
+        if self._running[0].add(stamp_ns, raw):
             self._finish()
 
     def poll(self) -> None:
@@ -71,11 +84,18 @@ class TareService:
         except WristFtCompError as error:
             self._refuse(str(error), reply)
             return
-        tare = self._compensator.set_tare(mean, stamp_ns)
+        known = [each for each in self._weights if each is not None]
+        whole = len(known) == len(self._weights)
+        weight = np.mean(known, axis=0) if whole else None
+        tare = self._compensator.set_tare(mean, stamp_ns, weight)
         self._save()
         offsets = ', '.join(
             f'{axis} {value:.4g} {axis_unit(axis)}' for axis, value in zip(AXES, tare, strict=True)
         )
+        if self._external.payload is not None:
+            offsets += '; wrench_external ' + (
+                'is tared, too' if whole else 'is not: specific force stayed away meanwhile'
+            )
         self._log.info(f'tared: {offsets}')
         reply(success=True, message=f'tared: {offsets}')
 

@@ -1,0 +1,172 @@
+"""The wrench without drift and payload, and the parameters that say which payload is held."""
+
+from collections.abc import Callable, Mapping, Sequence
+import math
+from typing import Any
+
+import numpy as np
+from rcl_interfaces.msg import SetParametersResult
+
+from wrist_ft_comp.errors import SettingsError, WristFtCompError
+from wrist_ft_comp.files.cdr import Layout
+from wrist_ft_comp.files.payload_file import Learnt
+from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.payload.shelf import Shelf
+from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.payload import Force, LivePayload, RecentForces
+
+#: What payload.active says for what payload.mass and payload.center_of_mass say.
+MANUAL = 'manual'
+_NAMES = {'payload.active', 'payload.mass', 'payload.center_of_mass'}
+#: Takes the stamp, ns, of a wrench, the wrench without drift, its specific force and the speed of
+#: rotation, rad/s, or NaN.
+Collect = Callable[[int, list[float], Force, float], None]
+
+
+class ExternalWrench:
+    """
+    Knows the payload that is held, and what it weighs at every wrench.
+
+    Parameters
+    ----------
+    compensator : Compensator
+        Takes off drift and tare.
+    settings : callable
+        Gives the present parameters.
+    shelf : Shelf
+        Knows the payloads that were learnt.
+    log : NodeLog
+        Told of payloads and refusals.
+
+    Raises
+    ------
+    WristFtCompError
+        When payload.active can't be had.
+
+    """
+
+    def __init__(
+        self,
+        compensator: Compensator,
+        settings: Callable[[], Mapping[str, Any]],
+        shelf: Shelf,
+        log: NodeLog,
+    ) -> None:
+        chosen = settings()
+        self.forces = RecentForces(chosen['gravity.timeout'])
+        #: Of the newest specific force, rad/s; NaN where nobody knows.
+        self.speed = math.nan
+        #: Wrenches that went, and that did not, because specific force was too old.
+        self.published = self.missed = 0
+        #: The payload that is held; None when none is active.
+        self.payload: LivePayload | None = None
+        #: What every wrench is given to; None when nobody wants it.
+        self.on_wrench: Callable[[int, Sequence[float], bytes, Layout], None] | None = None
+        self._collect: Collect | None = None
+        #: Lets specific force that has come be given to ``add_force``; sends a wrench. The node's.
+        self.poll: Callable[[], object] = lambda: None
+        self.publish: Callable[[bytes], object] = lambda _: None
+        self._compensator, self._settings, self._shelf = compensator, settings, shelf
+        self._log = log
+        self._hold(self._choose(chosen))
+
+    def add_force(self, stamp_ns: int, force: Force, speed: float | None) -> None:
+        """Take one specific force, m/s², and its speed of rotation, rad/s."""
+        self.forces.add(stamp_ns, force)
+        self.speed = math.nan if speed is None else speed
+
+    def collect(self, collect: Collect | None) -> None:
+        """Give wrenches to somebody, too; to nobody by None."""
+        self._collect = collect
+        wanted = self.payload is not None or collect is not None
+        self.on_wrench = self._take if wanted else None
+
+    def _take(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Layout) -> None:
+        """Take the payload off one wrench and send it on; the header passes through untouched."""
+        self.poll()
+        force = self.forces.at(stamp_ns)
+        if force is None:
+            self.missed += 1
+            return
+        external = self._compensator.correct(stamp_ns, raw, external=True)
+        if self.payload is not None:
+            self.publish(layout.encode(data, self.payload.taken_off(external, force)))
+            self.published += 1
+        if self._collect is not None:
+            self._collect(stamp_ns, external, force, self.speed)
+
+    def weight_at(self, stamp_ns: int) -> list[float] | None:
+        """Weigh the payload at a stamp, ns: N and N m; None where nobody knows."""
+        force = self.forces.at(stamp_ns)
+        return None if self.payload is None or force is None else self.payload.weight(force)
+
+    def validate_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
+        """Refuse payloads that can't be had; changes nothing that runs."""
+        changed = {each.name: each.value for each in parameters if each.name in _NAMES}
+        try:
+            if changed:
+                self._choose({**self._settings(), **changed})
+        except WristFtCompError as error:
+            self._log.note_refusal('set_parameters', str(error))
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def apply_parameters(self, parameters: Sequence[Any]) -> None:
+        """Hold another payload from the next wrench on; it was validated before."""
+        for each in parameters:
+            if each.name == 'gravity.timeout':
+                self.forces.timeout_ns = round(each.value * NANOSECONDS)
+        if not _NAMES.isdisjoint(each.name for each in parameters):
+            try:
+                self._hold(self._choose(self._settings()))
+            except WristFtCompError as error:
+                self._log.error(str(error))
+
+    def _hold(self, payload: LivePayload | None) -> None:
+        """Hold a payload."""
+        before, self.payload = self.payload, payload
+        self.collect(self._collect)
+        if payload is not None:
+            what = payload.payload
+            center = ', '.join(f'{each:.4f}' for each in what.center_m)
+            self._log.info(f'payload {payload.name}: {what.mass_kg:.3f} kg at ({center}) m')
+        elif before is not None:
+            self._log.info('no payload; wrench_external rests')
+
+    def _choose(self, chosen: Mapping[str, Any]) -> LivePayload | None:
+        """Find the payload that parameters name."""
+        name = chosen['payload.active']
+        if not name:
+            return None
+        if chosen['gravity.source'] == 'none':
+            raise SettingsError(
+                f'payload.active is {name}, but gravity.source is none, so nobody knows where '
+                'down is. Start the node with -p gravity.source:=imu, or tf.'
+            )
+        learnt = self._shelf.payloads()
+        if name == MANUAL:
+            center = np.array(chosen['payload.center_of_mass'], dtype=float)
+            payload = Payload(chosen['payload.mass'], center)
+            return LivePayload(name, payload, _newest_frame(learnt, chosen['gravity.source']))
+        if name not in learnt:
+            raise SettingsError(
+                f'payload.active must be empty, {MANUAL}, or the name of a payload that was '
+                f'learnt ({", ".join(learnt) or "there is none yet"}); got {name}. Learn it with '
+                '~/identify_payload.'
+            )
+        return LivePayload(name, *learnt[name])
+
+
+def _newest_frame(learnt: Learnt, source: str) -> ForceFrame:
+    """Find how specific force leads to the wrench's frame, for a payload that nobody learnt."""
+    if learnt:
+        return list(learnt.values())[-1][1]
+    if source == 'tf':
+        return ForceFrame()
+    raise SettingsError(
+        f'payload.active is {MANUAL}, but nobody knows how the IMU is turned in the sensor: no '
+        'payload has been learnt yet. Learn one with ~/identify_payload, or take gravity from /tf '
+        '(gravity.source tf).'
+    )

@@ -1,0 +1,101 @@
+"""What the diagnostics say of the payload: ``PayloadReport`` judges it once a second."""
+
+from collections.abc import Callable, Iterator
+import math
+import time
+
+from wrist_ft_comp.model.signals import AXES, axis_unit, GRAVITY, NANOSECONDS
+from wrist_ft_comp.ros.diagnostics import OK, Status, WARN
+from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench
+from wrist_ft_comp.ros.payload.identify import IdentifyService
+from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.payload import Force
+
+#: Specific force and wrench whose stamps differ by more come from different clocks, s.
+_SAME_CLOCK_S = 3600.0
+#: No unit but m/s² gives a norm between these at rest; and so many reports without a change of any
+#: bit are a frozen sensor.
+_NORMS, _FROZEN = (0.5 * GRAVITY, 2.0 * GRAVITY), 5
+
+
+class PayloadReport:
+    """
+    Judges the payload in operation.
+
+    ``problem`` tells why specific force can't come, where its source knows; or nothing.
+    """
+
+    def __init__(
+        self,
+        compensator: Compensator,
+        external: ExternalWrench,
+        identify: IdentifyService,
+        problem: Callable[[], str],
+    ) -> None:
+        self._compensator, self._external, self._identify = compensator, external, identify
+        self._problem = problem
+        self._before = time.monotonic(), 0, 0, 0
+        self._same: tuple[Force | None, int] = None, 0
+
+    def status(self, newest_ns: int | None) -> Status:
+        """Judge how it stands at the stamp of the newest wrench, ns."""
+        external, forces = self._external, self._external.forces
+        now = time.monotonic(), forces.count, external.published, external.missed
+        before = self._before
+        elapsed_s, heard, sent, missed = (
+            now[0] - before[0],
+            now[1] - before[1],
+            now[2] - before[2],
+            now[3] - before[3],
+        )
+        self._before = now
+        age_s = None
+        if newest_ns is not None and forces.newest is not None:
+            age_s = (newest_ns - forces.newest[0]) / NANOSECONDS
+        numbers = {
+            'active': 'none',
+            'force_rate_hz': f'{heard / max(elapsed_s, 1e-9):.1f}',
+            'force_age_s': 'never' if age_s is None else f'{age_s:.3f}',
+            'rate_hz': f'{sent / max(elapsed_s, 1e-9):.1f}',
+            'published': str(external.published),
+            'last_identification': self._identify.last_outcome or 'none yet',
+        }
+        if external.payload is not None:
+            held = external.payload.payload
+            center = ', '.join(f'{each:.4f}' for each in held.center_m)
+            numbers |= {
+                'active': external.payload.name,
+                'mass': f'{held.mass_kg:.4f} kg',
+                'center_of_mass': f'{center} m',
+            }
+        for axis, value in zip(AXES, self._compensator.external_tare, strict=True):
+            numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
+        trouble = next(self._troubles(age_s, heard, missed), '')
+        if trouble and external.on_wrench is not None:
+            return Status('payload', WARN, trouble, numbers)
+        return Status('payload', OK, self._well(), numbers)
+
+    def _well(self) -> str:
+        """Say what is done where nothing is wrong."""
+        progress, payload = self._identify.progress, self._external.payload
+        if progress is not None:
+            return f'identifying a payload: {progress:.0%} of a minute'
+        return 'no payload is active' if payload is None else f'subtracting {payload.name}'
+
+    def _troubles(self, age_s: float | None, heard: int, missed: int) -> Iterator[str]:
+        """Say what is wrong with specific force, the worst first."""
+        newest, rests = self._external.forces.newest, 'wrench_external rests'
+        if newest is None:
+            yield f'{self._problem() or "no specific force has come"}; {rests}'
+            return
+        force = newest[1]
+        self._same = force, self._same[1] + 1 if heard and force == self._same[0] else 0
+        if age_s is not None and abs(age_s) > _SAME_CLOCK_S:
+            yield f'wrench and specific force are {abs(age_s):.0f} s apart: two clocks; {rests}'
+        if missed:
+            yield f'specific force is older than gravity.timeout, or stays away; {rests}'
+        norm = math.hypot(*force)
+        if not _NORMS[0] < norm < _NORMS[1]:
+            yield f'specific force is {norm:.3g} m/s², and {GRAVITY} at rest; check its unit'
+        if self._same[1] >= _FROZEN:
+            yield 'specific force has not changed by a bit for seconds; is the IMU frozen?'
