@@ -57,7 +57,9 @@ def run(model, temperature_c):
 
 class TestWhatIsFound:
     def test_an_axis_that_never_changes_has_a_drift_of_0(self, pose):
-        (single,) = identify_together([pose(0.0, noise=0.0)], LINE)
+        still = pose(0.0, noise=0.0)
+        still = replace(still, residual=tuple(r + 0.1 for r in still.residual))  # no sum is exact
+        (single,) = identify_together([still], LINE)
         assert (single.chosen, single.rms_before, single.rms_after) == ('none', 0.0, 0.0)
 
     def test_a_single_lag_is_named_with_its_time_constant_and_error(self, pose):

@@ -45,6 +45,8 @@ _WORTH_RUNNING = 0.02
 #: A relaxation that is a mixture of the pool's has its time constant up to this share.
 _MIXED = 0.005
 _TINY = 1e-300
+#: What is told of an axis that never changes is rounding, up to this share of its readings.
+_ROUNDING = 1e-14
 _BANKS = {
     'bank to 3000 s': near(0, 30, 100, 300, 1000, 3000),
     'bank to 60 s': near(0, 20, 60),
@@ -344,8 +346,9 @@ def _axis_fit(
         total = float(weights[members].sum())
         inside = np.where(members, weights if total > 0 else 1.0, 0.0)
         rms = _root_mean_squares(inside / inside.sum(), tared).mean() * np.sqrt(longer)
-        return Candidate(name, float(rms), total)
+        return Candidate(name, float(rms) if rms > rounding else 0.0, total)
 
+    rounding = _ROUNDING * max(np.fmax.reduce(np.abs(each), initial=0.0) for each in data.residual)
     longer = _whole_over_parts(axis, tared)
     positions = np.arange(len(weights))
     none = state('none', positions == 0)
