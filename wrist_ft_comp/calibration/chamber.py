@@ -156,12 +156,7 @@ class ChamberFigures:
 
 
 def chamber_figures(table: ChamberTable) -> ChamberFigures:
-    """
-    Compute all figures of a table, raw or compensated.
-
-    Accuracy is counted from the straight line through zero and full load at the reference
-    temperature, so it holds drift, nonlinearity and hysteresis together.
-    """
+    """Compute all figures; accuracy holds drift, nonlinearity and hysteresis together."""
     full_scale = abs(table.full_scale)
     distance = table.temperatures_c - table.temperatures_c[table.reference_column]
     elsewhere = distance != 0

@@ -105,12 +105,7 @@ class CsvRecording:
         self.warnings += mistyped_columns(path.name, self.columns, self._expected)
 
     def pieces(self, progress: Progress | None = None) -> Iterator[CsvPiece]:
-        """
-        Read the rows piece by piece, in order, never an empty one.
-
-        A row that is longer or shorter than the header, a stamp that is no time, and a value that
-        is no number are refused, naming the line; so is a file without rows.
-        """
+        """Read rows piece by piece, never an empty one; refuse bad ones, naming the line."""
         rows = 0
         with self._open() as text:
             size = os.fstat(text.fileno()).st_size

@@ -148,11 +148,7 @@ def run_from_rest(model: DriftModel, temperature_c: FloatArray) -> tuple[DriftSt
 def step(
     model: DriftModel, state: DriftState, temperature_c: FloatArray
 ) -> tuple[DriftState, Drift]:
-    """
-    Advance the drift by one thermal cell of mean temperatures, °C, shape (J,).
-
-    The state is from start or the last step, and is not modified; arrays of the drift are (6,).
-    """
+    """Advance by one cell of mean temperatures, °C, (J,); the state is not modified."""
     after: dict[str, FloatArray] = {}
     drift = no_drift()
     for name, axis in model.axes.items():

@@ -51,12 +51,7 @@ class ThermalGrid:
         self._open: dict[int, tuple[list[float], list[int]]] = {}
 
     def add(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[CompletedCells]:
-        """
-        Take one sample of a thermometer, counted from 0; give the cells that it completed.
-
-        What is not finite or has a stamp that does not increase is dropped and counted; a stamp
-        that is behind by more than the patience restarts the grid there.
-        """
+        """Take a sample of a thermometer, from 0; give the cells that it completed."""
         if not math.isfinite(temperature_c):
             self.rejected += 1
             return []

@@ -24,12 +24,7 @@ def what_to_record_next(  # noqa: PLR0913 -- what a calibration knows, each a pl
     *,
     chamber: bool = False,
 ) -> list[str]:
-    """
-    Say what another recording should hold, after ones of some durations and levels by axis.
-
-    Without a time constant that was found the slowest is 0. In a chamber, temperatures were held
-    at plateaus, so that heat had but one source and no way.
-    """
+    """Say what another recording should hold; in a chamber, heat has but one source and no way."""
     advice = [*_temperatures(coverage)]
     if not chamber:
         advice += [

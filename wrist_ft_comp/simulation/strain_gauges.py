@@ -54,12 +54,7 @@ def _gauge_coefficients(settings: FtSensorSettings, rng: np.random.Generator) ->
 
 
 def bridge_output(resistances: FloatArray, changes: FloatArray) -> FloatArray:
-    """
-    Compute the output of Wheatstone bridges per supply voltage, V/V, shape (...) (eq. 1).
-
-    Resistances R1 to R4 without load, shape (..., 4), and their changes ΔR1 to ΔR4, positive under
-    positive strain: eq. 1 adds those of R1 and R3 and subtracts those of R2 and R4.
-    """
+    """Compute V/V of Wheatstone bridges of R1 to R4 and their changes, (..., 4), by eq. 1."""
     r1, r2, r3, r4 = np.moveaxis(resistances + GAUGE_SIGNS * changes, -1, 0)
     output: FloatArray = (r1 * r3 - r2 * r4) / ((r1 + r2) * (r3 + r4))  # eq. 1
     return output

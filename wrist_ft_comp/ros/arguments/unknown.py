@@ -16,12 +16,7 @@ _POLICIES = ('history', 'depth', 'reliability')
 
 
 def tell_unknown(node: Node, later: Iterable[str], log: Any) -> None:
-    """
-    Log what was given to a node that has declared its parameters, and that it does not have.
-
-    A name like one that it has is a warning. Others are no fault where nodes share a file. All
-    topics are open but those of ``later``, full names, to which it subscribes in time.
-    """
+    """Log what a node was given and has not declared; topics of ``later`` open in time."""
     # rclpy has no public name for it.
     given: Iterable[str] = getattr(node, '_parameter_overrides', {})
     known = set(node.list_parameters([], 0).names)
