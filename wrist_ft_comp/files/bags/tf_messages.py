@@ -19,8 +19,6 @@ from wrist_ft_comp.model.payload.tf_tree import Transforms
 from wrist_ft_comp.model.signals import NANOSECONDS
 
 _TRANSLATION, _ROTATION = 24, 32
-#: Parent, child, first byte of the stamp, and of the rotation.
-_Place = tuple[str, str, int, int]
 
 
 def decode_transforms(messages: Sequence[bytes]) -> Iterator[Transforms]:
@@ -31,43 +29,43 @@ def decode_transforms(messages: Sequence[bytes]) -> Iterator[Transforms]:
         rows: NDArray[np.uint8] = np.frombuffer(joined, np.uint8).reshape(-1, size)
         while len(rows):
             try:
-                order, places, texts = _follow(rows[0].tobytes())
-            except (struct.error, UnicodeDecodeError, IndexError) as error:
+                places, texts = _follow(rows[0].tobytes())
+            except (struct.error, UnicodeDecodeError) as error:
                 raise RecordingError(f'Expected a tf2_msgs/TFMessage; {error}.') from error
+            order = '<' if rows[0, 1] else '>'
             alike = (rows[:, texts] == rows[0, texts]).all(axis=1)
             some, rows = rows[alike], rows[~alike]
             for parent, child, stamp, rotation in places:
                 stamps = np.ascontiguousarray(some[:, stamp : stamp + 8]).view(f'{order}u4')
                 stamps_ns = stamps[:, 0].astype(np.int64) * NANOSECONDS + stamps[:, 1]
                 numbers = np.ascontiguousarray(some[:, rotation : rotation + _ROTATION])
-                turned = numbers.view(f'{order}f8').astype(float)
-                yield Transforms(parent, child, stamps_ns, turned)
+                quaternions = numbers.view(f'{order}f8').astype(float)
+                yield Transforms(parent, child, stamps_ns, quaternions)
 
 
-def _follow(data: bytes) -> tuple[str, list[_Place], NDArray[np.bool_]]:
-    """Find byte order, transforms, and the bytes that messages laid out alike share."""
-    order = '<' if data[1] else '>'
-    (count,) = struct.unpack_from(f'{order}I', data, 4)
+def _follow(data: bytes) -> tuple[list[tuple[str, str, int, int]], NDArray[np.bool_]]:
+    """
+    Find parent, child and first bytes of stamp and rotation of each transform of a message.
+
+    Tells also which bytes messages that are laid out alike share.
+    """
+    number = struct.Struct('<I' if data[1:2] == b'\1' else '>I')
     texts = np.zeros(len(data), bool)
     texts[:8] = True
-    places: list[_Place] = []
-    at = 8
-    while len(places) < count:
+    places, at = [], 8
+    for _ in range(*number.unpack_from(data, 4)):
         stamp = _aligned(at, 4)
-        at = stamp + 8
-        names = []
+        at, names = stamp + 8, []
         for _ in range(2):
             begin = _aligned(at, 4)
-            (length,) = struct.unpack_from(f'{order}I', data, begin)
-            at = begin + 4 + length
+            at = begin + 4 + sum(number.unpack_from(data, begin))
             texts[begin:at] = True
             names.append(data[begin + 4 : at].rstrip(b'\0').decode())
         rotation = _aligned(at, 8) + _TRANSLATION
         at = rotation + _ROTATION
-        if at > len(data):
-            raise IndexError(f'{len(data)} bytes end before transform {len(places) + 1}')
+        struct.unpack_from('4d', data, rotation)
         places.append((names[0], names[1], stamp, rotation))
-    return order, places, texts
+    return places, texts
 
 
 def _aligned(at: int, size: int) -> int:
