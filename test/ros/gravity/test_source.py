@@ -17,8 +17,24 @@ NO_TURN = [0.0, 0.0, 0.0, 1.0]
 TO_TOOL = 'arm', 'tool', NO_TURN
 
 
+class Kept:
+    """A subscription that only keeps messages."""
+
+    def __init__(self):
+        self.handle, self.messages = self, []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        return None
+
+    def take_message(self, *_):
+        return (self.messages.pop(0), None) if self.messages else None
+
+
 class Heard:
-    """A source, the callbacks of what it subscribed to, and what it told."""
+    """A source, what it subscribed to, and what it told."""
 
     def __init__(self, source='tf', upper='world', frame='tool'):
         self.on, self.told, self.frame = {}, [], frame
@@ -27,8 +43,12 @@ class Heard:
         def subscribe(_, topic, callback, __):
             self.on[topic] = callback
 
+        def keep(_, topic, __):
+            return self.on.setdefault(topic, Kept())
+
+        told = self.told
         self.source = GravitySource(
-            chosen, subscribe, lambda: self.frame, lambda *told: self.told.append(told)
+            chosen, subscribe, keep, lambda: self.frame, lambda *values: told.append(values)
         )
 
 
@@ -60,10 +80,13 @@ def true_force(seconds):
 def test_an_imu_is_told_as_it_comes_and_what_is_none_is_counted(messages):
     heard = Heard('imu')
     assert list(heard.on) == ['imu']
-    heard.on['imu'](messages.imu(START, [1, 2, 9], [0.3, 0, 0.4]))
-    heard.on['imu'](messages.imu(START + 1, [1, 2, 9], [0, 0, 0], little=False))
-    heard.on['imu'](messages.imu(START, [1, np.nan, 9], [0, 0, 0]))
-    heard.on['imu'](b'nonsense')
+    heard.on['imu'].messages += [
+        messages.imu(START, [1, 2, 9], [0.3, 0, 0.4]),
+        messages.imu(START + 1, [1, 2, 9], [0, 0, 0], little=False),
+        messages.imu(START, [1, np.nan, 9], [0, 0, 0]),
+        b'nonsense',
+    ]
+    heard.source.poll()
     assert heard.told == [(START, (1, 2, 9), 0.5), (START + 1, (1, 2, 9), None)]
     assert heard.source.unreadable == 2
 
