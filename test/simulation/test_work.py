@@ -64,7 +64,11 @@ def test_the_accelerometer_is_crooked_biased_scaled_and_drifts():
     motion = move(work, np.arange(0.0, 100.0))
     turned = Rotation.from_rotvec([0.0, 0.0, np.pi / 2])
     imu = Accelerometer(
-        turned, np.array([0.1, 0, 0]), np.array([1.0, 1.1, 1.0]), np.array([0, 0, 0.01]), 0.0, 0.0
+        turned,
+        np.array([0.1, 0, 0]),
+        np.array([1.0, 1.1, 1.0]),
+        np.array([0, 0, 0.01]),
+        (0.0, 0.0),
     )
     still = motion._replace(omega=0 * motion.omega, alpha=0 * motion.alpha)
     read = read_imu(imu, still, np.full(100, 20.0), np.random.default_rng(0))

@@ -96,33 +96,21 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class WorkView:
-    """
-    What was learnt at work.
+    """What was learnt at work."""
 
-    Attributes
-    ----------
-    payloads : mapping
-        By name, lightest first; empty where none could be told.
-    rotation_deg : ndarray, shape (3,), or None
-        Roll, pitch and yaw from the frame of the specific force to the wrench's.
-    directions : ndarray, shape (n, 3)
-        Unit vectors of the specific force, as it was measured, in cells that counted.
-    hours, part : ndarrays, shape (b,)
-        Middles of bins, all recordings one after the other, and which recording.
-    used, pushed : ndarrays, shape (b,)
-        Shares of them that counted, and that were taken for contact.
-    steps : int
-        Tares of the driver that were taken out.
-
-    """
-
+    #: By name, lightest first; empty where none could be told.
     payloads: Mapping[str, Payload]
+    #: Roll, pitch and yaw from the frame of the specific force to the wrench's.
     rotation_deg: FloatArray | None
+    #: Unit vectors of the specific force, as it was measured, in cells that counted, (n, 3).
     directions: FloatArray
+    #: Bins of time, (b,): their middles, which recording, and the shares of them that counted and
+    #: that were taken for contact.
     hours: FloatArray
     part: IntArray
     used: FloatArray
     pushed: FloatArray
+    #: Tares of the driver that were taken out.
     steps: int
 
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.model.payload.weight import Payload
 from wrist_ft_comp.model.ranges import check_range
-from wrist_ft_comp.model.signals import AXES, FloatArray, GRAVITY, IntArray
+from wrist_ft_comp.model.signals import FloatArray, GRAVITY, IntArray
 
 _LEGS = 200
 #: Legs in a row with a part in the gripper, and then without.
@@ -28,23 +28,14 @@ _IMU_M = np.array([0.005, 0.0, 0.026])
 
 @dataclass(frozen=True)
 class WorkSettings:
-    """
-    What a person chooses about a robot's work.
+    """What a person chooses about a robot's work."""
 
-    Attributes
-    ----------
-    tool_kg, part_kg : float
-        Mass of the tool, and of the part that it picks up and puts down again; 0 is none.
-    contacts : float
-        About the share of the time in which it presses on something, 0 to 0.6.
-    speed_rad_s : float
-        Largest speed of rotation.
-
-    """
-
+    #: Mass of the tool, and of the part that it picks up and puts down again; 0 is none.
     tool_kg: float = 1.4
     part_kg: float = 0.8
+    #: About the share of the time in which it presses on something, 0 to 0.6.
     contacts: float = 0.15
+    #: Largest speed of rotation.
     speed_rad_s: float = 1.0
 
     def __post_init__(self) -> None:
@@ -57,57 +48,32 @@ class WorkSettings:
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """
-    The program that a seed has drawn, L legs.
+    """The program that a seed has drawn, L legs, each a motion and a rest."""
 
-    Attributes
-    ----------
-    payloads : tuple of Payload
-        What can be mounted: the tool, and the tool with the part.
-    begins_s : ndarray, shape (L + 1,)
-        When each leg begins, and the program ends.
-    moves_s : ndarray, shape (L,)
-        How long it moves in each.
-    poses, turns : Rotation (L,) and ndarray (L, 3)
-        Where it begins, and by what it turns in the sensor's frame, rad.
-    ways_m : ndarray, shape (L, 3)
-        Where it goes, in the world's frame.
-    held : ndarray of int, shape (L,)
-        Which payload is on.
-    pressed : ndarray, shape (L, 6)
-        What it presses with at rest, N and N m.
-
-    """
-
+    #: What can be mounted: the tool, and the tool with the part; and which is, (L,).
     payloads: tuple[Payload, ...]
+    held: IntArray
+    #: When each leg begins, and the program ends, (L + 1,); how long it moves in each, (L,).
     begins_s: FloatArray
     moves_s: FloatArray
+    #: Where it begins, what it turns by in the sensor's frame, rad, and goes in the world's, m.
     poses: Rotation
     turns: FloatArray
     ways_m: FloatArray
-    held: IntArray
+    #: What it presses with at rest, N and N m, (L, 6).
     pressed: FloatArray
 
 
 class Motion(NamedTuple):
-    """
-    What happens at n times, in the sensor's frame.
+    """What happens at n times, in the sensor's frame."""
 
-    Attributes
-    ----------
-    pose : Rotation
-        Sensor's frame to the world's (n,).
-    force, omega, alpha : ndarrays, shape (n, 3)
-        Specific force, m/s², speed of rotation, rad/s, and its derivative.
-    weight, contact : ndarrays, shape (n, 6)
-        What the payload and what things push with, N and N m.
-
-    """
-
+    #: Sensor's frame to the world's (n,).
     pose: Rotation
+    #: Specific force, m/s², speed of rotation, rad/s, and its derivative, (n, 3).
     force: FloatArray
     omega: FloatArray
     alpha: FloatArray
+    #: What the payload and what things push with, N and N m, (n, 6).
     weight: FloatArray
     contact: FloatArray
 
@@ -198,26 +164,16 @@ def _press(work: Work, leg: IntArray, since_s: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Accelerometer:
-    """
-    A real one, mounted crooked beside the sensor.
+    """A real one, mounted crooked beside the sensor."""
 
-    Attributes
-    ----------
-    rotation : Rotation
-        Its frame to the sensor's.
-    bias, scale, per_kelvin : ndarrays, shape (3,)
-        In its own axes, m/s², 1, and m/s² per kelvin from the first temperature on.
-    noise, gyroscope_noise : float
-        Standard deviations, m/s² and rad/s.
-
-    """
-
+    #: Its frame to the sensor's.
     rotation: Rotation
+    #: In its own axes, m/s², 1, and m/s² per kelvin of warmth, (3,).
     bias: FloatArray
     scale: FloatArray
     per_kelvin: FloatArray
-    noise: float = 0.02
-    gyroscope_noise: float = 0.002
+    #: Standard deviations, m/s² and rad/s.
+    noise: tuple[float, float] = (0.02, 0.002)
 
 
 def draw_accelerometer(rng: np.random.Generator) -> Accelerometer:
@@ -238,6 +194,5 @@ def read_imu(
     felt = motion.force + lever(motion.omega, motion.alpha, _IMU_M)
     own = imu.rotation.inv()
     force = imu.scale * own.apply(felt) + imu.bias + warm_k[:, np.newaxis] * imu.per_kelvin
-    noise = np.repeat([imu.noise, imu.gyroscope_noise], 3)
     read = np.concatenate((force, own.apply(motion.omega)), axis=1)
-    return np.asarray(read + rng.normal(0, noise, (len(read), len(AXES))))
+    return np.asarray(read + rng.normal(0, np.repeat(imu.noise, 3), read.shape))

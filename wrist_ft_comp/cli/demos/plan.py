@@ -16,22 +16,12 @@ TOOL_KG, PART_KG = 1.4, 0.8
 
 @dataclass(frozen=True)
 class Plan:
-    """
-    A demonstration.
+    """A demonstration."""
 
-    Attributes
-    ----------
-    seed : int
-        Specimen of the simulated sensor.
-    speed : float
-        How many times faster than real time it runs.
-    at_work : bool
-        Whether the robot works, and never stands empty.
-
-    """
-
+    #: Specimen of the simulated sensor, and how many times faster than real time it runs.
     seed: int
     speed: float
+    #: Whether the robot works, and never stands empty.
     at_work: bool = False
 
     def compensator(self, folder: Path) -> list[str]:

@@ -69,30 +69,17 @@ def external_errors(log: DemoLog) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """
-    What a demonstration showed.
+    """What a demonstration showed; N and N m by axis."""
 
-    Attributes
-    ----------
-    axes : dict
-        What is left of the drift in ``wrench``, by axis.
-    external : dict
-        Root mean square error of ``wrench_external`` by axis, N and N m; empty if not at work.
-    masses_kg : mapping
-        Of the payloads that were learnt, by name.
-    wrenches : int
-        How many were compared.
-    reached : bool
-        Whether it does what it promises.
-    sentence : str
-        That, in words.
-
-    """
-
+    #: What is left of the drift in ``wrench``.
     axes: dict[str, AxisEvaluation]
+    #: Root mean square error of ``wrench_external``; empty if not at work.
     external: dict[str, float]
+    #: Of the payloads that were learnt, by name.
     masses_kg: Mapping[str, float]
+    #: How many were compared.
     wrenches: int
+    #: Whether it does what it promises, and that in words.
     reached: bool
     sentence: str
 

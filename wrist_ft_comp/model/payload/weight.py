@@ -15,31 +15,16 @@ from wrist_ft_comp.model.signals import FloatArray
 MOST_KG, FARTHEST_M = 1000.0, 10.0
 
 
-def _unknown() -> FloatArray:
-    """Errors that nobody knows."""
-    return np.full(3, np.nan)
-
-
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """
-    Everything that is mounted on the sensor.
+    """Everything that is mounted on the sensor; standard errors are NaN where nobody knows."""
 
-    Attributes
-    ----------
-    mass_kg, center_m : float and ndarray, shape (3,)
-        Mass and centre of mass in the wrench's frame.
-    mass_error_kg, center_error_m : float and ndarray, shape (3,)
-        Standard errors; NaN where nobody knows.
-    share : float
-        Share of the time in which it was on, where it was learnt; else NaN.
-
-    """
-
+    #: Mass, and centre of mass in the wrench's frame, shape (3,).
     mass_kg: float
     center_m: FloatArray
     mass_error_kg: float = np.nan
-    center_error_m: FloatArray = field(default_factory=_unknown)
+    center_error_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    #: Share of the time in which it was on, where it was learnt.
     share: float = np.nan
 
     def __post_init__(self) -> None:
@@ -66,19 +51,11 @@ class Payload:
 
 @dataclass(frozen=True, eq=False)
 class ForceFrame:
-    """
-    How measured specific force leads to that of the wrench's frame: R ((f - bias) / scale).
+    """How measured specific force leads to that of the wrench's frame: R ((f - bias) / scale)."""
 
-    Attributes
-    ----------
-    rotation : ndarray, shape (3, 3)
-        From the frame of the specific force into the wrench's.
-    bias, scale : ndarrays, shape (3,)
-        Of the accelerometer along its own axes, m/s² and 1.
-
-    """
-
+    #: From the frame of the specific force into the wrench's, shape (3, 3).
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    #: Of the accelerometer along its own axes, m/s² and 1, shape (3,).
     bias: FloatArray = field(default_factory=lambda: np.zeros(3))
     scale: FloatArray = field(default_factory=lambda: np.ones(3))
 
