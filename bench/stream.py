@@ -6,8 +6,9 @@ loopback: a sensor, a receiver, and between them by turns a plain typed relay on
 executor, a relay of bytes on the events executor, and the compensator with a model. All are up all
 the time and are used one after the other in short runs, so that a noisy machine is as noisy to
 each; figures are medians of the runs, losses are sums. Then: the compensator during a calibration,
-with a thermometer that is a field of another kilohertz message, and with 1, 2 and 5 sensors in one
-process; last, the computation alone.
+with a thermometer that is a field of another kilohertz message, with a payload and an IMU of
+1 kHz, and with 1, 2 and 5 sensors in one process; last, the computation alone. ``--payload``
+measures the payload only.
 
 Where a wrench was lost is known by counting: the sensor counts what it sends, the compensator's
 diagnostics tell what it received and published, and the receiver counts the different stamps that
@@ -28,12 +29,15 @@ import tempfile
 import time
 from typing import Any
 
+import numpy as np
 from stream_roles import STATE_ENTRY, wrench_bytes
 from stream_table import draw, print_header, print_row, Run, summary
 from warm_up import make_model, write_warm_up
 
 from wrist_ft_comp.files.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.files.model_file import load_model
+from wrist_ft_comp.files.payload_file import add_payloads, PAYLOADS
+from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0, 8000.0)
@@ -123,10 +127,10 @@ class Line:
         self._take(nodes)
 
     def _send(
-        self, group: str, rate_hz: float, seconds: float, *, states: bool = False
+        self, group: str, rate_hz: float, seconds: float, **beside: float
     ) -> dict[str, float]:
         """Let the sensor send."""
-        job = {'to': group.split(), 'rate_hz': rate_hz, 'seconds': seconds, 'states': states}
+        job = {'to': group.split(), 'rate_hz': rate_hz, 'seconds': seconds, **beside}
         result: dict[str, float] = ask(self._sensor, json.dumps(job))
         return result
 
@@ -142,11 +146,11 @@ class Line:
             self._counted[name] = counts
         return result
 
-    def measure(self, group: str, rate_hz: float, seconds: float, *, states: bool = False) -> Run:
-        """Send through one of the nodes, at a rate per sensor; states as stream_roles says."""
+    def measure(self, group: str, rate_hz: float, seconds: float, **beside: float) -> Run:
+        """Send through one of the nodes, at a rate per sensor; what beside, stream_roles says."""
         pid = self.nodes[group].pid
         before = processor_us(pid)
-        sent = self._send(group, rate_hz, seconds, states=states)
+        sent = self._send(group, rate_hz, seconds, **beside)
         time.sleep(0.2)
         used = processor_us(pid) - before
         counts = group not in RELAYS
@@ -239,6 +243,43 @@ def with_a_field(folder: Path, seconds: float, repeats: int) -> list[Any]:
     return rows
 
 
+def with_a_payload(
+    folder: Path, rates: Sequence[float], seconds: float, repeats: int
+) -> list[Any]:
+    """Compare a node that holds a payload, with an IMU of 1 kHz, with one that holds none."""
+    add_payloads(
+        folder / PAYLOADS, 'bench', [Payload(1.5, np.array([0.0, 0.0, 0.06]))], ForceFrame()
+    )
+    held = ('gravity.source:=imu', 'payload.active:=bench-1')
+    nodes: dict[str, Sequence[str]] = {
+        'bare': compensator(folder, 'bare'),
+        'payload': compensator(folder, 'payload', *held),
+    }
+    rows = []
+    with ExitStack() as stack:
+        line = Line(stack, nodes)
+        for rate_hz in rates:
+            runs: dict[str, list[Run]] = {name: [] for name in nodes}
+            external = 0
+            for _ in range(repeats):
+                runs['bare'].append(line.measure('bare', rate_hz, seconds))
+                every = max(round(rate_hz / 1000), 1)
+                runs['payload'].append(line.measure('payload', rate_hz, seconds, imu_every=every))
+                external += line.topics['payload']['external']
+            for name, measured in runs.items():
+                rows.append(summary(name, rate_hz, measured))
+                print_row(rows[-1])
+            pairs = zip(runs['payload'], runs['bare'], strict=True)
+            rows[-1]['cpu_to_bare'] = median(held.cpu_us / bare.cpu_us for held, bare in pairs)
+            rows[-1]['external_missing'] = sum(run.sent for run in runs['payload']) - external
+            print(
+                f'          with a payload: {rows[-1]["cpu_to_bare"]:.2f} of the CPU, '
+                f'{rows[-1]["p99_us"] / rows[-2]["p99_us"]:.2f} of the p99; '
+                f'{rows[-1]["external_missing"]} of wrench_external missing'
+            )
+    return rows
+
+
 def several_sensors(folder: Path, seconds: float, repeats: int) -> list[Any]:
     """Measure 1, 2 and 5 sensors in one process, each at 1 kHz."""
     rows = []
@@ -275,6 +316,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description='Cost of the stream.')
     parser.add_argument('--seconds', type=float, default=2.0, help='length of a run')
     parser.add_argument('--repeats', type=int, default=5)
+    parser.add_argument('--payload', action='store_true', help='measure the payload only')
     parser.add_argument('rates', nargs='*', type=float, default=RATES_HZ, metavar='RATE')
     arguments = parser.parse_args()
     seconds, repeats = arguments.seconds, arguments.repeats
@@ -287,6 +329,9 @@ def main() -> None:
         figures['compute_us'] = pure_compute(folder / 'model.yaml')
         print(f'computation alone, bytes in to bytes out: {figures["compute_us"]:.2f} µs')
         print_header()
+        if arguments.payload:
+            with_a_payload(folder, arguments.rates, seconds, repeats)
+            return
         with ExitStack() as stack:
             relays = {relay: [ROLES, 'relay', relay] for relay in RELAYS}
             line = Line(stack, {**relays, NODE: compensator(folder, NODE)})
@@ -296,6 +341,7 @@ def main() -> None:
             figures['long'] = long
             figures['calibration'] = during_calibration(line, folder, seconds)
         figures['field'] = with_a_field(folder, seconds, 2 * repeats)
+        figures['payload'] = with_a_payload(folder, (1000, 2000), seconds, repeats)
         figures['sensors'] = several_sensors(folder, seconds, repeats)
     out = Path('out')
     out.mkdir(exist_ok=True)

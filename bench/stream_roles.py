@@ -22,7 +22,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import JointState, Temperature
+from sensor_msgs.msg import Imu, JointState, Temperature
 from std_srvs.srv import Trigger
 
 from wrist_ft_comp.model.signals import NANOSECONDS
@@ -33,6 +33,8 @@ TEMPERATURE_HZ = 10
 _FRAME = b'wrist_ft\0'
 _HEAD = struct.Struct('<4siII12s')
 _DOUBLES = struct.pack('<6d', 1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
+#: Of an IMU at rest: 25 doubles before those of acceleration.
+_IMU = struct.pack('<37d', *[0.0] * 25, 0.1, 0.2, 9.8, *[0.0] * 9)
 #: Of six joints; the third one's effort is taken for a temperature.
 _STATE = serialize_message(
     JointState(
@@ -56,7 +58,8 @@ def sense(context: Any, namespaces: Sequence[str]) -> None:
     """
     Publish as told, ``{"to": […], "rate_hz": …, "seconds": …}``, with stamps of now.
 
-    ``"states": true`` sends the driver's whole state beside every wrench, temperature included.
+    ``"states": true`` sends the driver's whole state beside every wrench, temperature included;
+    ``"imu_every": n`` a message of the IMU beside every n-th.
     """
     node: Any = Node('bench_sensor', context=context)
     wrenches = {
@@ -71,19 +74,28 @@ def sense(context: Any, namespaces: Sequence[str]) -> None:
         name: node.create_publisher(JointState, f'/{name}/state', qos.FAST_SENSOR)
         for name in namespaces
     }
+    imus = {
+        name: node.create_publisher(Imu, f'/{name}/imu', qos.FAST_SENSOR) for name in namespaces
+    }
     for line in sys.stdin:
         order = json.loads(line)
         to = order.pop('to')
         told = [states[n] for n in to] if order.pop('states', False) else []
-        result = _publish([wrenches[n] for n in to], [thermometers[n] for n in to], told, **order)
+        every = order.pop('imu_every', 0)
+        beside = {'states': told, 'imus': [imus[n] for n in to] if every else []}
+        order |= {**beside, 'imu_every': every}
+        result = _publish([wrenches[n] for n in to], [thermometers[n] for n in to], **order)
         print(json.dumps(result), flush=True)
     node.destroy_node()
 
 
-def _publish(
+def _publish(  # noqa: PLR0913 -- as the order says
     wrenches: list[Any],
     thermometers: list[Any],
+    *,
     states: list[Any],
+    imus: list[Any],
+    imu_every: int,
     rate_hz: float,
     seconds: float,
 ) -> dict[str, float]:
@@ -101,6 +113,8 @@ def _publish(
             for publisher in thermometers:
                 publisher.publish(wrench_bytes(time.monotonic_ns(), degrees))
             next_temperature += 1 / TEMPERATURE_HZ
+        for publisher in imus if imu_every and k % imu_every == 0 else ():
+            publisher.publish(wrench_bytes(time.monotonic_ns(), _IMU))
         for publisher in wrenches:
             publisher.publish(wrench_bytes(time.monotonic_ns()))
         for publisher in states:
@@ -127,11 +141,17 @@ class Receiver:
         self._came: dict[str, list[tuple[bytes, int]]] = {name: [] for name in namespaces}
         self._counted: dict[str, dict[str, float]] = {name: {} for name in namespaces}
         self._calibrated: list[str] = []
+        #: Wrenches without the payload that were heard, by namespace.
+        self._external = dict.fromkeys(namespaces, 0)
         profile: Any = QoSProfile
         for name, came in self._came.items():
             hear = partial(_hear, came.append)
             self._node.create_subscription(
                 WrenchStamped, f'/{name}/wrench', hear, profile(depth=5000), raw=True
+            )
+            count = partial(self._count, name)
+            self._node.create_subscription(
+                WrenchStamped, f'/{name}/wrench_external', count, profile(depth=5000), raw=True
             )
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self._orders: list[str] = []
@@ -161,11 +181,17 @@ class Receiver:
             answer.add_done_callback(lambda done: self._calibrated.append(done.result().message))
             return
         received = {
-            name: {**latencies(came), **self._counted[name]} for name, came in self._came.items()
+            name: {**latencies(came), **self._counted[name], 'external': self._external[name]}
+            for name, came in self._came.items()
         }
         print(json.dumps({'topics': received, 'calibrated': self._calibrated}), flush=True)
-        for came in self._came.values():
+        for name, came in self._came.items():
             came.clear()
+            self._external[name] = 0
+
+    def _count(self, name: str, _data: bytes) -> None:
+        """Count a wrench without the payload."""
+        self._external[name] += 1
 
     def _on_diagnostics(self, array: Any) -> None:
         """Keep the compensators' own counts of wrenches in and out."""
