@@ -117,6 +117,9 @@ UR_WORDS = [
 ]  # fmt: skip
 
 
+LEARNT = {('bota_like', 'mcap', 'none'), ('ur_like', 'sqlite3', 'none')}
+
+
 def commands(out):
     return [shlex.split(line) for line in out.splitlines()[-3:]]
 
@@ -132,8 +135,6 @@ def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PL
     run, done, drivers, messages, tmp_path, monkeypatch, storage, compression, kind, words
 ):
     day = messages.write(tmp_path / 'a day', getattr(drivers, kind)(), storage, compression)
-    other = getattr(drivers, kind)(seed=1)
-    messages.write(tmp_path / 'another_day', other, storage, compression)
     calibrate, evaluate, node = commands(done('show', day))
     named = ['-o', 'model.yaml', '--report', 'model.html']
     assert calibrate == ['wrist_ft_comp', 'calibrate', str(day), *named, *words]
@@ -145,7 +146,10 @@ def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PL
     name, _, value = node[10].partition(':=')
     assert (name, yaml.safe_load(value)) == ('temperature_topics', [words[3], words[5]])
     monkeypatch.chdir(tmp_path)
-    if compression == 'none':
+    # What is read is the same from every storage (test_temperature_fields.py): learn from one each.
+    if (kind, storage, compression) in LEARNT:
+        other = getattr(drivers, kind)(seed=1)
+        messages.write(tmp_path / 'another_day', other, storage, compression)
         done(*calibrate[1:])
         assert 'force_z: good' in run(*evaluate[1:]).out
         kept = yaml.safe_load((tmp_path / 'model.yaml').read_text())['provenance']
