@@ -20,13 +20,13 @@ from wrist_ft_comp.model.signals import (
 )
 
 #: Length of a step; a transform is good for the steps until where a gap would begin.
-_STEP_NS = NANOSECONDS // 20
+_STEP_NS = NANOSECONDS // 50
 _STEPS = np.arange(GAP_NS // _STEP_NS)
 
 
 def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
     """
-    Tell specific force in the wrench's frame 20 times a second, where z of another frame is up.
+    Tell specific force in the wrench's frame 50 times a second, where z of another frame is up.
 
     RecordingError when TF tells it nowhere.
     """
