@@ -146,7 +146,7 @@ def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PL
     name, _, value = node[10].partition(':=')
     assert (name, yaml.safe_load(value)) == ('temperature_topics', [words[3], words[5]])
     monkeypatch.chdir(tmp_path)
-    # What is read is the same from every storage (test_temperature_fields.py): learn from one each.
+    # Every storage reads alike (test_temperature_fields.py): each driver is learnt from one.
     if (kind, storage, compression) in LEARNT:
         other = getattr(drivers, kind)(seed=1)
         messages.write(tmp_path / 'another_day', other, storage, compression)
