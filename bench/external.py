@@ -80,7 +80,7 @@ def live(seed: int, number: int, work: Work, *, tf: bool) -> Day:
     run = draw_run(RunSettings(tuple(map(float, starts_s)), levels, force_n=0, torque_nm=0), rng)
     sensor = build_sensor(FtSensorSettings(), seed)
     begun = start(sensor, float(room_temperature(run, 0.0)))
-    nodes_c = trajectory(sensor, begun, drive(run, np.arange(float(SECONDS))))[:-1]
+    nodes_c = trajectory(sensor, begun, drive(run, np.arange(SECONDS, dtype=np.float64)))[:-1]
     seconds = np.repeat(np.arange(SECONDS), RATE)
     motion = move(work, (np.arange(SECONDS * RATE) + 0.5) / RATE)
     true = motion.contact + motion.weight
@@ -130,8 +130,9 @@ def judge(seed: int, *, tf: bool) -> Judged:
     work = draw_work(settings, np.random.default_rng([seed, 4]))
     day = recorded(live(seed, 0, work, tf=tf))
     calibration = calibrate([day], CalibrationSettings('payload'))
-    assert calibration.payloads is not None
     learnt = calibration.payloads
+    if learnt is None:
+        raise RuntimeError(f'robot {seed}: {calibration.warnings}')
     tool = min(learnt.payloads.values(), key=lambda each: abs(each.mass_kg - settings.tool_kg))
     # The fastest moment of a smooth motion is 5.774 times its way over its time squared.
     quickest = 5.774 * np.linalg.norm(work.ways_m, axis=1) / work.moves_s**2
