@@ -86,6 +86,7 @@ def accelerated(make, tmp_path, force):
             'force_z': [0.0] * len(force),
             'temperature_c': [20.0] * len(force),
             **{f'linear_acceleration_{axis}': column for axis, column in columns.items()},
+            'rotation_speed': [0.1] * len(force),
         },
     )
 
@@ -94,6 +95,8 @@ def test_a_recording_says_which_directions_gravity_had(done, make, tmp_path):
     path = accelerated(make, tmp_path, np.repeat(9.8 * np.eye(3), 5, axis=0))
     out = done('show', path)
     assert re.search(r'linear_acceleration_x +m/s² .* specific force', out)
+    assert re.search(r'rotation_speed +rad/s .* specific force', out)
+    assert out.endswith('-o model.yaml --reference payload\n')
     assert 'norm 9.8 m/s²; along three directions gravity moved by 5.66, 5.66, 0.00' in out
     assert 'two of them were seen' in out
     assert 'A payload needs' not in out

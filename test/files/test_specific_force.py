@@ -169,6 +169,18 @@ def test_of_a_split_bag_the_first_file_alone_holds_what_is_static(robot):
     np.testing.assert_allclose(force[:END], means(range(END), true_force), atol=0.02)
 
 
+def test_tf_may_lie_in_one_namespace(robot):
+    parts = robot.still(), robot.moving(np.arange(0, END + 0.1, 0.05))
+    inside = [(f'/left{topic}', *rest) for part in parts for topic, *rest in part]
+    one = robot.write(inside, robot.wrenches())
+    force = read_recording(one, topics=BY_TF).specific_force
+    np.testing.assert_allclose(force[:END], means(range(END), true_force), atol=0.02)
+    others = [(topic.replace('left', 'right'), *rest) for topic, *rest in inside]
+    both = robot.write(inside, others, robot.wrenches(), name='both')
+    with pytest.raises(RecordingError, match='holds no topic /tf for the gravity'):
+        read_recording(both, topics=BY_TF)
+
+
 def test_a_chain_may_change(robot):
     """The tool hangs at another arm from the fifth second on, in the air between."""
     one = robot.moving(np.arange(0, 4.01, 0.05))

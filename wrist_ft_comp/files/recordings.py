@@ -35,6 +35,7 @@ from wrist_ft_comp.model.signals import (
     FORCE_CHANNELS,
     Progress,
     Recording,
+    ROTATION_CHANNEL,
     Samples,
     Topics,
 )
@@ -314,7 +315,7 @@ def _describe_samples(
 
 def _describe_channel(channel: str, samples: int, kind: str) -> ChannelSummary:
     """Name unit and role of a channel."""
-    if channel in FORCE_CHANNELS:
+    if channel in {*FORCE_CHANNELS, ROTATION_CHANNEL}:
         return ChannelSummary(channel, axis_unit(channel), samples, SPECIFIC_FORCE)
     axis = channel.removeprefix('reference_')
     if axis not in AXES:

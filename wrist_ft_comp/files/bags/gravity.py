@@ -30,7 +30,7 @@ def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
 
     RecordingError when TF tells it nowhere.
     """
-    moving = bag.find('/tf', cdr.TF, 'gravity')
+    moving = bag.find(_topic(bag, '/tf'), cdr.TF, 'gravity')
     gravity = _with_static(bag, topics)
     due: IntArray = np.empty(0, np.int64)
     done, found = 0, False
@@ -59,7 +59,7 @@ def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
 def uppermost_frame(bag: Bag, topics: Topics) -> str:
     """Find the frame that most probably has z upwards: the one above all that hold the sensor."""
     gravity = _with_static(bag, topics)
-    for batch in islice(bag.batches(bag.find('/tf', cdr.TF, 'gravity')), 1):
+    for batch in islice(bag.batches(bag.named(_topic(bag, '/tf'))), 1):
         _take(bag, gravity, [data for _, _, data in batch])
     return gravity.root()
 
@@ -75,10 +75,16 @@ def _with_static(bag: Bag, topics: Topics) -> GravityByTf:
             'turned. Let the driver fill header.frame_id, or use an IMU.'
         )
     gravity = GravityByTf(topics.gravity_frame, frame)
-    static = bag.named('/tf_static')
+    static = bag.named(_topic(bag, '/tf_static'))
     for batch in bag.batches(static) if static else ():
         _take(bag, gravity, [data for _, _, data in batch], static=True)
     return gravity
+
+
+def _topic(bag: Bag, name: str) -> str:
+    """Find a topic of TF, also in a namespace if there is one only."""
+    found = {each.topic for each in bag.connections if each.topic.endswith(name)}
+    return found.pop() if len(found) == 1 else name
 
 
 def _take(
