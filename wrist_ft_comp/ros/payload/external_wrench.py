@@ -20,8 +20,7 @@ from wrist_ft_comp.stream.payload import Force, LivePayload, RecentForces
 #: What payload.active says for what payload.mass and payload.center_of_mass say.
 MANUAL = 'manual'
 _NAMES = {'payload.active', 'payload.mass', 'payload.center_of_mass'}
-#: Takes the stamp, ns, of a wrench, the wrench without drift, its specific force and the speed of
-#: rotation, rad/s, or NaN.
+#: Takes a stamp, ns, the wrench without drift, specific force, and speed, rad/s, or NaN.
 Collect = Callable[[int, list[float], Force, float], None]
 
 
@@ -29,22 +28,8 @@ class ExternalWrench:
     """
     Knows the payload that is held, and what it weighs at every wrench.
 
-    Parameters
-    ----------
-    compensator : Compensator
-        Takes off drift and tare.
-    settings : callable
-        Gives the present parameters.
-    shelf : Shelf
-        Knows the payloads that were learnt.
-    log : NodeLog
-        Told of payloads and refusals.
-
-    Raises
-    ------
-    WristFtCompError
-        When payload.active can't be had.
-
+    WristFtCompError when payload.active can't be had. The node sets ``publish``, and ``poll``,
+    which lets specific force that has come be given to ``add_force``.
     """
 
     def __init__(
@@ -65,7 +50,6 @@ class ExternalWrench:
         #: What every wrench is given to; None when nobody wants it.
         self.on_wrench: Callable[[int, Sequence[float], bytes, Layout], None] | None = None
         self._collect: Collect | None = None
-        #: Lets specific force that has come be given to ``add_force``; sends a wrench. The node's.
         self.poll: Callable[[], object] = lambda: None
         self.publish: Callable[[bytes], object] = lambda _: None
         self._compensator, self._settings, self._shelf = compensator, settings, shelf

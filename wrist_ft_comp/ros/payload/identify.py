@@ -3,7 +3,7 @@
 import time
 from typing import Any
 
-from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
+from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench
 from wrist_ft_comp.ros.payload.shelf import Shelf
@@ -17,21 +17,7 @@ _PATIENCE_S = 10.0
 
 
 class IdentifyService:
-    """
-    Learns a payload from the wrenches of a minute.
-
-    Parameters
-    ----------
-    compensator, external : Compensator and ExternalWrench
-        Its drift model runs; gives wrenches and specific force while this runs.
-    shelf : Shelf
-        Knows the accelerometer, and keeps payloads.
-    node_name : str
-        In full, for the command in the answer.
-    log : NodeLog
-        Told of what was found or refused.
-
-    """
+    """Learns a payload from the wrenches of a minute; the shelf keeps it, the answer names it."""
 
     def __init__(
         self,
@@ -46,10 +32,9 @@ class IdentifyService:
         self._compensator, self._external, self._shelf = compensator, external, shelf
         self._node_name, self._log = node_name, log
         self._running: tuple[MotionCollector, Reply] | None = None
+        self._complete, self._heard_s = False, 0.0
         #: What must not change meanwhile: it would step the wrenches.
         self._tare: Any = None
-        self._heard_s = 0.0
-        self._complete = False
 
     @property
     def progress(self) -> float | None:
@@ -65,17 +50,21 @@ class IdentifyService:
                 message=f'A payload is being identified for {passed:.0f} of {DURATION_S:g} s; '
                 'wait for its answer, then call again.',
             )
-            return
-        if self._external.forces.newest is None:
-            why = 'No specific force has come. Set gravity.source to imu or tf, and look whether '
-            self._refuse(f'{why}that is published.', reply)
+        elif self._external.forces.newest is None:
+            self._refuse(
+                'No specific force has come. Set gravity.source to imu or tf, and look whether '
+                'that is published.',
+                reply,
+            )
         elif not self._compensator.compensating:
-            why = 'No drift model runs, and drift would be taken for weight. Calibrate first, or '
-            self._refuse(f'{why}wait for the first temperature.', reply)
+            self._refuse(
+                'No drift model runs, and drift would be taken for weight. Calibrate first, or '
+                'wait for the first temperature.',
+                reply,
+            )
         else:
-            self._running = MotionCollector(), reply
-            self._tare, self._complete = self._compensator.external_tare, False
-            self._heard_s = time.monotonic()
+            self._running, self._complete = (MotionCollector(), reply), False
+            self._tare, self._heard_s = self._compensator.external_tare, time.monotonic()
             self._external.collect(self._add)
 
     def _add(self, stamp_ns: int, wrench: list[float], force: Force, speed: float) -> None:
@@ -89,21 +78,21 @@ class IdentifyService:
         if self._running is None:
             return
         collector, reply = self._running
+        why = ''
         if self._compensator.external_tare is not self._tare:
             why = 'The tare or the model changed meanwhile. Call again.'
-        elif not self._complete and time.monotonic() - self._heard_s < _PATIENCE_S:
-            return
         elif not self._complete:
+            if time.monotonic() - self._heard_s < _PATIENCE_S:
+                return
             why = (
                 f'Wrenches with specific force have stayed away for {_PATIENCE_S:g} s. Look at '
                 'the diagnostics, input and payload, then call again.'
             )
-        else:
-            why = ''
         self._stop()
+        if why:
+            self._refuse(why, reply)
+            return
         try:
-            if why:
-                raise CalibrationRefusedError(why)
             self._answer(identify(collector.cells(), self._shelf.sensor()), reply)
         except WristFtCompError as error:
             self._refuse(str(error), reply)
