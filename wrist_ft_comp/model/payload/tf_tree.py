@@ -48,7 +48,7 @@ def _matrices(quaternions: FloatArray) -> FloatArray:
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    return np.moveaxis(np.array(rows), 2, 0)
+    return np.array(rows).transpose(2, 0, 1)
 
 
 class _Link:
@@ -72,9 +72,10 @@ class _Link:
         """Sort in what came; of transforms with one stamp the newest counts."""
         if self._new:
             every = [np.concatenate(each) for each in zip(self._columns, *self._new, strict=True)]
-            _, backwards = np.unique(every[0][::-1], return_index=True)
-            stamps_ns, parents, quaternions = (each[::-1][backwards] for each in every)
-            self._columns, self._new = (stamps_ns, parents, quaternions), []
+            if (np.diff(every[0]) <= 0).any():
+                _, backwards = np.unique(every[0][::-1], return_index=True)
+                every = [each[::-1][backwards] for each in every]
+            self._columns, self._new = (every[0], every[1], every[2]), []
         return self._columns
 
     def forget(self) -> None:
@@ -137,15 +138,19 @@ class GravityByTf:
 
     def settled_ns(self) -> int | None:
         """Tell up to when all is there that is to come; None where nothing moves."""
-        path = self._path(lambda frame: self._links[frame].parent)
+        path = self._path(self._newest_parent)
         links = [self._links[frame] for way in path or () for frame in way[:-1]]
         newest = [link.newest_ns for link in links if not link.static]
         return min((n for n in newest if n > max(newest) - _PATIENCE_NS), default=None)
 
     def root(self) -> str:
         """Tell the uppermost frame above the lower one."""
-        way = self._way(self.lower, lambda frame: self._links[frame].parent)
+        way = self._way(self.lower, self._newest_parent)
         return list(self._numbers)[way[-1]]
+
+    def _newest_parent(self, frame: int) -> int:
+        """Tell where a frame hangs now."""
+        return self._links[frame].parent
 
     def _way(self, frame: str, parent_of: Callable[[int], int]) -> list[int]:
         """Climb from a frame as far as possible."""
@@ -171,9 +176,11 @@ class GravityByTf:
         """Turn from the lower frame to the upper one, (n, 3, 3), NaN where it is not known."""
         found = np.full((len(times_ns), 3, 3), np.nan)
         left: IntArray = np.arange(len(times_ns))
+        guess = self._path(self._newest_parent)
         while len(left):
             first = times_ns[left[:1]]
-            path = self._path(lambda frame: int(self._links[frame].at(first)[0][0]))  # noqa: B023
+            path = guess or self._path(lambda frame: int(self._links[frame].at(first)[0][0]))  # noqa: B023
+            guess = None
             if path is None:
                 left = left[1:]
                 continue
