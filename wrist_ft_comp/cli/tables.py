@@ -116,8 +116,9 @@ def print_warnings(sentences: Iterable[str]) -> None:
 def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]:
     """Say of every thermometer where a recording leaves the range that a model was learnt from."""
     sentences = []
-    for number, column in enumerate(recording.temperature_c.T):
-        low, high = stored.document['thermometers'][number]['range_c']
+    pairs = zip(recording.temperature_c.T, stored.document['thermometers'], strict=False)
+    for number, (column, thermometer) in enumerate(pairs):
+        low, high = thermometer['range_c']
         share = float(np.mean((column < low) | (column > high)))
         if share > 0:
             sentences.append(
