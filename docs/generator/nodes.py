@@ -25,8 +25,9 @@ from wrist_ft_comp.ros.simulated_sensor_node import PARAMETERS as SIMULATED
 from wrist_ft_comp.ros.simulated_sensor_node import SimulatedSensor
 
 TIMEOUT_S = 20.0
-#: Every node has these; rclpy's own documentation describes them.
-COMMON = {'/rosout', '/parameter_events', '/clock'}
+#: Every node has these; rclpy's own documentation describes them. With an IMU the last is heard
+#: where the package tf2_msgs is, which is not everywhere that this runs.
+COMMON = {'/rosout', '/parameter_events', '/clock', '/tf_static'}
 COMMON_SERVICES = ('parameter', 'type_description')
 PURPOSE = {
     'wrench_raw': 'raw wrench of the driver',

@@ -125,7 +125,7 @@ class CompensatorNode(Node):
             lambda: self.frame_id,
             self._on_force,
         )
-        self.external.poll = self.gravity.poll
+        self.external.poll, self.external.mount = self.gravity.poll, self.gravity.mount
         self._payload_report = PayloadReport(
             compensator, self.external, self.identification, self.gravity.problem
         )
@@ -378,6 +378,7 @@ class CompensatorNode(Node):
         self.recording.poll()
         self.tare.poll()
         self.gravity.poll()
+        self.external.look()
         self.identification.poll()
         self.state_keeper.poll()
         self._fields.poll()

@@ -171,12 +171,28 @@ def test_what_is_mounted_can_be_said_by_hand_and_turns_as_a_calibration_found(ho
     [
         ({'payload.active': 'day-1'}, 'gravity.source is none, so nobody knows where down is'),
         ({**IMU, 'payload.active': 'nail'}, r'learnt \(there is none yet\); got nail'),
-        ({**IMU, 'payload.active': 'manual'}, 'nobody knows how the IMU is turned in the sensor'),
     ],
 )
 def test_a_payload_that_cannot_be_had_is_refused_at_the_start(rig, parameters, sentence):
     with pytest.raises(SettingsError, match=sentence):
         rig(parameters=parameters)
+
+
+def test_by_hand_it_waits_at_the_start_for_what_only_tf_can_tell(rig):
+    by_hand = {'payload.active': 'manual', 'payload.mass': 1.5}
+    node = rig(parameters={**IMU, **by_hand, 'payload.center_of_mass': TOOL.center_m.tolist()})
+    feel(node, START, UP)
+    node.ask_output(START, CONSTANT)
+    found = node.diagnosis('payload')
+    assert (found.level, node.node.external.published) == (WARN, 0)
+    assert 'nobody knows how specific force is turned' in found.message
+    refused = node.set('payload.mass', 2.5)
+    assert 'nobody knows how specific force is turned' in refused.reason
+    node.node.external.mount = lambda: FRAME
+    assert node.diagnosis('payload').message == 'subtracting manual'
+    feel(node, START, ASIDE)
+    weight = node.node.external.weight_at(START)
+    np.testing.assert_allclose(weight, TOOL.weight(ASIDE), atol=1e-12)
 
 
 def test_a_tare_zeroes_both_and_outlives_a_restart(holding):

@@ -77,6 +77,25 @@ def true_force(seconds):
     return Rotation.from_euler('x', seconds).inv().apply([0, 0, GRAVITY])
 
 
+@pytest.mark.usefixtures('with_tf2')
+def test_tf_tells_how_an_imu_is_mounted_once_both_frames_are_known(messages):
+    heard = Heard('imu', frame='')
+    assert list(heard.on) == ['imu', '/tf_static']
+    turned = Rotation.from_rotvec([0.1, -0.2, 1.0])
+    heard.on['/tf_static'](messages.transforms(0, [('tool', 'here', turned.as_quat())]))
+    heard.on['/tf_static'](b'nonsense')
+    assert heard.source.unreadable == 1
+    heard.frame = 'tool'
+    assert heard.source.mount() is None
+    heard.on['imu'].messages += [messages.imu(START, [1, 2, 9], [0, 0, 0]), b'nonsense']
+    heard.source.poll()
+    np.testing.assert_allclose(heard.source.mount().rotation, turned.as_matrix(), atol=1e-12)
+    for frame in ('', 'elsewhere'):
+        heard.frame = frame
+        assert heard.source.mount() is None
+    assert Heard('tf').source.mount().rotation.tolist() == np.eye(3).tolist()
+
+
 def test_an_imu_is_told_as_it_comes_and_what_is_none_is_counted(messages):
     heard = Heard('imu')
     assert list(heard.on) == ['imu']

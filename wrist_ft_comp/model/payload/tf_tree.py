@@ -172,7 +172,7 @@ class GravityByTf:
             else tuple(way[: way.index(shared) + 1] for way in (lower, upper))
         )
 
-    def _rotations(self, times_ns: IntArray) -> FloatArray:
+    def rotations(self, times_ns: IntArray) -> FloatArray:
         """Turn from the lower frame to the upper one, (n, 3, 3), NaN where it is not known."""
         found = np.full((len(times_ns), 3, 3), np.nan)
         left: IntArray = np.arange(len(times_ns))
@@ -202,7 +202,7 @@ class GravityByTf:
 
         The speed is the mean since the time before, also of the last call. NaN where not known.
         """
-        rotations = self._rotations(times_ns)
+        rotations = self.rotations(times_ns)
         known = np.isfinite(rotations[:, 0, 0])
         at = np.concatenate((self._last[0], times_ns[known]))
         turned = np.concatenate((self._last[1], rotations[known]))

@@ -1,6 +1,7 @@
 """Specific force, live: of an IMU, or by TF."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from itertools import count
 import math
@@ -13,6 +14,7 @@ from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.files.bags.tf_messages import decode_transforms
 from wrist_ft_comp.files.cdr import ACCELERATION, IMU_DOUBLES, locate, ROTATION, TF
 from wrist_ft_comp.model.payload.tf_tree import GravityByTf
+from wrist_ft_comp.model.payload.weight import ForceFrame
 from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.inputs.topic_types import load_type
 
@@ -51,8 +53,17 @@ class GravitySource:
         self._told_ns: int | None = None
         self._by_tf: GravityByTf | None = None
         self._imu: Any = None
+        #: How its frame, that of the newest message, is turned in the wrench's.
+        self._mount = GravityByTf('')
+        self._newest = b''
         if chosen['gravity.source'] == 'imu':
             self._imu = subscribe_unserved(Imu, 'imu', messages.FAST_SENSOR)
+            with suppress(SettingsError):  # no TF here; a payload that was learnt knows
+                kind, take = (
+                    load_type('/tf_static', TF),
+                    partial(self._add, self._mount, static=True),
+                )
+                subscribe(kind, '/tf_static', take, messages.LATCHED)
         elif chosen['gravity.source'] == 'tf':
             if not chosen['gravity.frame']:
                 raise SettingsError(
@@ -77,6 +88,17 @@ class GravitySource:
                     return
                 self._on_imu(taken[0])
 
+    def mount(self) -> ForceFrame | None:
+        """Tell how TF turns specific force into the wrench's frame; None where it does not."""
+        if self._by_tf is not None:
+            return ForceFrame()
+        if not self._newest or not self._frame():
+            return None
+        self._mount.upper = self._frame()
+        self._mount.lower = locate(self._newest, IMU_DOUBLES).frame_id(self._newest)
+        (rotation,) = self._mount.rotations(np.zeros(1, np.int64))
+        return ForceFrame(rotation) if np.isfinite(rotation).all() else None
+
     def end(self, destroy: Callable[[Any], object]) -> None:
         """End what no executor knows of."""
         if self._imu is not None:
@@ -90,6 +112,7 @@ class GravitySource:
         except RecordingError:
             self.unreadable += 1
             return
+        self._newest = data
         x, y, z = numbers[ACCELERATION]
         speed = math.hypot(*numbers[ROTATION])
         if math.isfinite(x + y + z):
@@ -101,12 +124,7 @@ class GravitySource:
         self, gravity: GravityByTf, pieces: 'count[int]', data: bytes, *, static: bool
     ) -> None:
         """Take one tf2_msgs/TFMessage; tells specific force of where all transforms are there."""
-        try:
-            for transforms in decode_transforms([data]):
-                gravity.add(transforms, static=static)
-        except RecordingError:
-            self.unreadable += 1
-            return
+        self._add(gravity, data, static=static)
         if next(pieces) % _TIDY == 0:
             gravity.forget()
         gravity.lower = self._frame()
@@ -120,6 +138,14 @@ class GravitySource:
         if math.isfinite(force[0, 0]):
             x, y, z = force[0].tolist()
             self._on_force(at_ns, (x, y, z), float(speed[0]) if math.isfinite(speed[0]) else None)
+
+    def _add(self, gravity: GravityByTf, data: bytes, *, static: bool) -> None:
+        """Take the transforms of one tf2_msgs/TFMessage."""
+        try:
+            for transforms in decode_transforms([data]):
+                gravity.add(transforms, static=static)
+        except RecordingError:
+            self.unreadable += 1
 
     def problem(self) -> str:
         """Say why TF tells nothing; empty where it tells something, or is not asked."""

@@ -24,12 +24,17 @@ _NAMES = {'payload.active', 'payload.mass', 'payload.center_of_mass'}
 Collect = Callable[[int, list[float], Force, float], None]
 
 
+class _UnknownTurnError(SettingsError):
+    """Nobody knows how the IMU is mounted."""
+
+
 class ExternalWrench:
     """
     Knows the payload that is held, and what it weighs at every wrench.
 
-    WristFtCompError when payload.active can't be had. The node sets ``publish``, and ``poll``,
-    which lets specific force that has come be given to ``add_force``.
+    WristFtCompError when payload.active can't be had. The node sets ``publish``; ``poll``, which
+    lets specific force that has come be given to ``add_force``; and ``mount``, which tells how TF
+    turns specific force into the wrench's frame, or None.
     """
 
     def __init__(
@@ -52,9 +57,15 @@ class ExternalWrench:
         self._collect: Collect | None = None
         self.poll: Callable[[], object] = lambda: None
         self.publish: Callable[[bytes], object] = lambda _: None
+        self.mount: Callable[[], ForceFrame | None] = lambda: None
         self._compensator, self._settings, self._shelf = compensator, settings, shelf
         self._log = log
-        self._hold(self._choose(chosen))
+        #: Why a payload is not held yet: TF may take its time.
+        self.waiting = ''
+        try:
+            self._hold(self._choose(chosen))
+        except _UnknownTurnError as error:
+            self.waiting = str(error)
 
     def add_force(self, stamp_ns: int, force: Force, speed: float | None) -> None:
         """Take one specific force, m/s², and its speed of rotation, rad/s."""
@@ -108,9 +119,14 @@ class ExternalWrench:
             except WristFtCompError as error:
                 self._log.error(str(error))
 
+    def look(self) -> None:
+        """Look whether TF tells now what a payload has waited for since the start."""
+        if self.waiting and self.mount() is not None:
+            self._hold(self._choose(self._settings()))
+
     def _hold(self, payload: LivePayload | None) -> None:
         """Hold a payload."""
-        before, self.payload = self.payload, payload
+        before, self.payload, self.waiting = self.payload, payload, ''
         self.collect(self._collect)
         if payload is not None:
             what = payload.payload
@@ -133,7 +149,7 @@ class ExternalWrench:
         if name == MANUAL:
             center = np.array(chosen['payload.center_of_mass'], dtype=float)
             payload = Payload(chosen['payload.mass'], center)
-            return LivePayload(name, payload, _newest_frame(learnt, chosen['gravity.source']))
+            return LivePayload(name, payload, self._turn(learnt))
         if name not in learnt:
             raise SettingsError(
                 f'payload.active must be empty, {MANUAL}, or the name of a payload that was '
@@ -142,15 +158,13 @@ class ExternalWrench:
             )
         return LivePayload(name, *learnt[name])
 
-
-def _newest_frame(learnt: Learnt, source: str) -> ForceFrame:
-    """Find how specific force leads to the wrench's frame, for a payload that nobody learnt."""
-    if learnt:
-        return list(learnt.values())[-1][1]
-    if source == 'tf':
-        return ForceFrame()
-    raise SettingsError(
-        f'payload.active is {MANUAL}, but nobody knows how the IMU is turned in the sensor: no '
-        'payload has been learnt yet. Learn one with ~/identify_payload, or take gravity from /tf '
-        '(gravity.source tf).'
-    )
+    def _turn(self, learnt: Learnt) -> ForceFrame:
+        """Find how specific force leads to the wrench's frame, for a payload nobody learnt."""
+        frame = list(learnt.values())[-1][1] if learnt else self.mount()
+        if frame is None:
+            raise _UnknownTurnError(
+                f'payload.active is {MANUAL}, but nobody knows how specific force is turned in '
+                "the wrench's frame: no payload has been learnt yet, and /tf_static has no way "
+                'from the frame of the IMU to it. Call ~/identify_payload, or publish the way.'
+            )
+        return frame

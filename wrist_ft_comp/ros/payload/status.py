@@ -71,7 +71,8 @@ class PayloadReport:
         for axis, value in zip(AXES, self._compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
         trouble = next(self._troubles(age_s, heard, missed), '')
-        if trouble and external.on_wrench is not None:
+        if external.waiting or (trouble and external.on_wrench is not None):
+            trouble = external.waiting or trouble
             return Status('payload', WARN, trouble, numbers)
         return Status('payload', OK, self._well(), numbers)
 
