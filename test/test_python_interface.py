@@ -39,10 +39,10 @@ METHODS = {
     Compensator.add_temperature: '(self, thermometer, stamp_ns, temperature_c, '
     'keep_output_of=None)',
     Compensator.compensation_at: '(self, stamp_ns)',
-    Compensator.correct: '(self, stamp_ns, raw)',
+    Compensator.correct: '(self, stamp_ns, raw, *, external=False)',
     Compensator.go_live: '(self, model, keep_output_of=None)',
     Compensator.reset_tare: '(self)',
-    Compensator.set_tare: '(self, raw, stamp_ns)',
+    Compensator.set_tare: '(self, raw, stamp_ns, weight=None)',
     TareCollector.add: '(self, stamp_ns, raw)',
     TareCollector.result: '(self)',
 }

@@ -8,7 +8,8 @@ from wrist_ft_comp.files.demo_log import DemoLog, load_demo_log, save_demo_log
 @pytest.fixture
 def log():
     rng = np.random.default_rng(0)
-    wrenches = {name: rng.normal(size=(4, 6)) for name in ('raw', 'compensated', 'reference')}
+    names = ('raw', 'compensated', 'reference', 'external', 'external_reference')
+    wrenches = {name: rng.normal(size=(4, 6)) for name in names}
     return DemoLog(
         stamps_ns=np.arange(4) * 10**9 + 1_700_000_000_123_456_789,
         **wrenches,

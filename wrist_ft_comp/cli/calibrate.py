@@ -29,7 +29,7 @@ EXAMPLES = """\
 examples:
   wrist_ft_comp calibrate warm_up.mcap -o model.yaml
   wrist_ft_comp calibrate monday/ tuesday/ -o model.yaml --report report.html
-  wrist_ft_comp calibrate workday/ --imu-topic imu --reference payload -o model.yaml
+  wrist_ft_comp calibrate day/ --imu-topic imu --reference payload -o tool.yaml
   wrist_ft_comp calibrate loaded.csv --reference recorded -o model.yaml --json
   wrist_ft_comp calibrate data/keller_pa10/table2_sensor_b_raw.csv -o b.yaml
 """

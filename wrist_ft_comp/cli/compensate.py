@@ -25,7 +25,7 @@ EXAMPLES = """\
 examples:
   wrist_ft_comp compensate model.yaml run.csv -o compensated.csv
   wrist_ft_comp compensate model.yaml bag/ -o bag_compensated/ --tare 60
-  wrist_ft_comp compensate model.yaml workday.csv -o free.csv --reference payload
+  wrist_ft_comp compensate tool.yaml day.csv -o free.csv --reference payload
 """
 
 

@@ -147,8 +147,8 @@ def add_parser(commands: options.Commands) -> None:
         description='Start a simulated sensor and the compensator as processes, record a\n'
         'warm-up, calibrate, let the robot cool down and warm up differently, and print\n'
         'what is left of the drift. With --at-work the robot never stands empty.\n'
-        'Exit code 0 when drift of force z fell at least 10 times; at work, 5 times, and the\n'
-        "tool's mass was found within 5 %%.",
+        'Exit code 0 when drift of force z fell at least 10 times; at work, 5 times, and\n'
+        "the tool's mass was found within 5 %.",
         epilog=EXAMPLES,
     )
     parser.set_defaults(run=run)

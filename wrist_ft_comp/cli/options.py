@@ -135,9 +135,10 @@ def add_reference(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--reference',
         choices=get_args(Reference),
-        help='what the true wrench was: zero, an unknown constant, that of an unknown payload '
-        'whose specific force was recorded, or recorded beside the raw one '
-        '(default: recorded for chamber tables, else unloaded)',
+        metavar='WHAT',
+        help='what the true wrench was: unloaded (zero), constant (unknown), payload (unknown, with '
+        'specific force recorded, contacts and all) or recorded (beside the raw one); default: '
+        'recorded for chamber tables, else unloaded',
     )
 
 
