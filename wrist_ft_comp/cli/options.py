@@ -136,8 +136,8 @@ def add_reference(parser: argparse.ArgumentParser) -> None:
         '--reference',
         choices=get_args(Reference),
         metavar='WHAT',
-        help='what the true wrench was: unloaded (zero), constant (unknown), payload (unknown, with '
-        'specific force recorded, contacts and all) or recorded (beside the raw one); default: '
+        help='what the true wrench was: unloaded (zero), constant (unknown), payload (what the '
+        'specific force tells, contacts and all) or recorded (beside the raw one); default: '
         'recorded for chamber tables, else unloaded',
     )
 
