@@ -8,6 +8,7 @@ ended. Quaternions are x, y, z, w as in messages.
 """
 
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -65,8 +66,8 @@ class _Link:
         if not self.static and stamps_ns[-1] < self.newest_ns - _KEPT_NS:
             self._new, self._columns, self.newest_ns = [], _NONE, -_KEPT_NS
         self._new.append((stamps_ns, np.full(len(stamps_ns), parent), quaternions))
-        if stamps_ns[-1] >= self.newest_ns:
-            self.newest_ns, self.parent = int(stamps_ns[-1]), parent
+        if stamps_ns.max() >= self.newest_ns:
+            self.newest_ns, self.parent = int(stamps_ns.max()), parent
 
     def _sorted(self) -> _Columns:
         """Sort in what came; of transforms with one stamp the newest counts."""
@@ -152,6 +153,10 @@ class GravityByTf:
         """Tell where a frame hangs now."""
         return self._links[frame].parent
 
+    def _parent_at(self, time_ns: IntArray, frame: int) -> int:
+        """Tell where a frame hangs at a time, shape (1,); -1 where that is not known."""
+        return int(self._links[frame].at(time_ns)[0][0])
+
     def _way(self, frame: str, parent_of: Callable[[int], int]) -> list[int]:
         """Climb from a frame as far as possible."""
         way = [self._number(frame)]
@@ -178,8 +183,7 @@ class GravityByTf:
         left: IntArray = np.arange(len(times_ns))
         guess = self._path(self._newest_parent)
         while len(left):
-            first = times_ns[left[:1]]
-            path = guess or self._path(lambda frame: int(self._links[frame].at(first)[0][0]))  # noqa: B023
+            path = guess or self._path(partial(self._parent_at, times_ns[left[:1]]))
             guess = None
             if path is None:
                 left = left[1:]
