@@ -14,7 +14,6 @@ import numpy as np
 from wrist_ft_comp.errors import ModelFileError, WristFtCompError
 from wrist_ft_comp.files.documents import Document, Kind, refuse_constant
 from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
-from wrist_ft_comp.model.signals import FloatArray
 
 #: Its name, in the folder of the models.
 PAYLOADS = 'payloads.json'
@@ -29,6 +28,8 @@ KIND = Kind(
     renewed_by='Remove it, calibrate',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another folder.',
 )
+#: Parts of a ForceFrame.
+_FRAME = ('rotation', 'bias', 'scale')
 #: By name, oldest first.
 Learnt = dict[str, tuple[Payload, ForceFrame]]
 
@@ -54,11 +55,7 @@ def add_payloads(
     taken = [re.fullmatch(rf'{re.escape(stem)}-(\d+)', name) for name in (*entries, *taken_too)]
     first = 1 + max((int(each[1]) for each in taken if each), default=0)
     added = {f'{stem}-{n}': _entry(each, frame) for n, each in enumerate(payloads, first)}
-    document = {
-        'format': KIND.says,
-        'version': KIND.version,
-        'payloads': {**entries, **added},
-    }
+    document = {'format': KIND.says, 'version': KIND.version, 'payloads': {**entries, **added}}
     KIND.write(path, json.dumps(document, indent=1, allow_nan=False))
     return list(added)
 
@@ -78,37 +75,27 @@ def _entries(path: Path) -> Document:
 
 def _entry(payload: Payload, frame: ForceFrame) -> Document:
     """Turn a payload into plain values; what is not known is null."""
-    return {
+    values = {
         'mass_kg': payload.mass_kg,
-        'center_of_mass_m': payload.center_m.tolist(),
-        'mass_error_kg': _known(payload.mass_error_kg),
-        'center_error_m': _known(payload.center_error_m),
-        'share': _known(payload.share),
-        'rotation': frame.rotation.tolist(),
-        'bias': frame.bias.tolist(),
-        'scale': frame.scale.tolist(),
+        'center_of_mass_m': payload.center_m,
+        'mass_error_kg': payload.mass_error_kg,
+        'center_error_m': payload.center_error_m,
+        'share': payload.share,
+        **{name: getattr(frame, name) for name in _FRAME},
     }
-
-
-def _known(value: float | FloatArray) -> float | list[float] | None:
-    """Turn a number, or several, into plain values; NaN into null."""
-    known: float | list[float] = np.asarray(value, dtype=float).tolist()
-    return known if np.isfinite(value).all() else None
+    arrays = {name: np.asarray(value, dtype=float) for name, value in values.items()}
+    return {name: a.tolist() if np.isfinite(a).all() else None for name, a in arrays.items()}
 
 
 def _payload(path: Path, name: str, entry: Document) -> tuple[Payload, ForceFrame]:
     """Build a payload from an entry that was checked."""
-    error, share = entry['mass_error_kg'], entry['share']
-    center_error = entry['center_error_m']
+    known = {key: np.nan if value is None else value for key, value in entry.items()}
+    center, error = (
+        np.broadcast_to(np.array(known[key], dtype=float), 3)
+        for key in ('center_of_mass_m', 'center_error_m')
+    )
     try:
-        payload = Payload(
-            entry['mass_kg'],
-            np.array(entry['center_of_mass_m'], dtype=float),
-            np.nan if error is None else error,
-            np.full(3, np.nan) if center_error is None else np.array(center_error, dtype=float),
-            np.nan if share is None else share,
-        )
+        payload = Payload(known['mass_kg'], center, known['mass_error_kg'], error, known['share'])
     except WristFtCompError as refusal:
         raise ModelFileError(f'{name} of {path} cannot be used: {refusal}') from refusal
-    parts = (np.array(entry[key], dtype=float) for key in ('rotation', 'bias', 'scale'))
-    return payload, ForceFrame(*parts)
+    return payload, ForceFrame(*(np.array(entry[part], dtype=float) for part in _FRAME))

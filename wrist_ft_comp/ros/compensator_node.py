@@ -15,6 +15,7 @@ from typing import Any, cast
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -22,7 +23,7 @@ from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.errors import RecordingError, SettingsError, WristFtCompError
 from wrist_ft_comp.files.cdr import locate, TEMPERATURE_DOUBLES, WRENCH_DOUBLES
 from wrist_ft_comp.files.job_request import CalibrationJob
 from wrist_ft_comp.files.model_store import default_directory, ModelStore, own_directory
@@ -137,8 +138,7 @@ class CompensatorNode(Node):
             self._serve(SetBool, '~/record', self.recording.on_request),
             self._serve(Trigger, '~/rollback', self.live.on_rollback),
         ]
-        self.add_on_set_parameters_callback(self.live.validate_parameters)
-        self.add_on_set_parameters_callback(self.external.validate_parameters)
+        self.add_on_set_parameters_callback(self._validate_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self._check_topics()
         later = [self.resolve_topic_name('wrench_reference'), *self._topics]
@@ -362,6 +362,16 @@ class CompensatorNode(Node):
             ),
             skip_unusable=not named,
         )
+
+    def _validate_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
+        """Allow or refuse parameters, changing nothing that runs."""
+        try:
+            for owner in (self.live, self.external):
+                owner.check_parameters(parameters)
+        except WristFtCompError as error:
+            self._log.note_refusal('set_parameters', str(error))
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
 
     def _apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Make parameters that changed take effect; the others are read when they are needed."""

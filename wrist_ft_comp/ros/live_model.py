@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
-
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore
@@ -159,15 +157,10 @@ class LiveModel:
         self.problem = _remember(self._store, history, self._log)
         return self.problem
 
-    def validate_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
+    def check_parameters(self, parameters: Sequence[Any]) -> None:
         """Refuse files outside data_directory and unusable models; changes nothing that runs."""
-        try:
-            for parameter in parameters:
-                self._validate(parameter.name, parameter.value)
-        except WristFtCompError as error:
-            self._log.note_refusal('set_parameters', str(error))
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+        for parameter in parameters:
+            self._validate(parameter.name, parameter.value)
 
     def _validate(self, name: str, value: Any) -> None:
         """Refuse one parameter, if there is a reason."""

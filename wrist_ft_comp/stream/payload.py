@@ -65,6 +65,11 @@ class LivePayload:
             zip(*gains.tolist(), still.tolist(), strict=True)
         )
 
+    def __str__(self) -> str:
+        """Say what it is."""
+        center = ', '.join(f'{each:.4f}' for each in self.payload.center_m)
+        return f'{self.name}, {self.payload.mass_kg:.4f} kg at ({center}) m'
+
     def weight(self, force: Force) -> list[float]:
         """Push at a specific force, m/s²: N and N m, axis order AXES."""
         x, y, z = force

@@ -94,11 +94,7 @@ def identify(cells: MotionCells, frame: ForceFrame | None) -> Identified:
     """
     Find the payload; bias and scale of the accelerometer are those of a frame, or found, too.
 
-    Raises
-    ------
-    CalibrationRefusedError
-        When the motion or the wrenches do not tell; it says what to do.
-
+    CalibrationRefusedError when the motion or the wrenches do not tell; it says what to do.
     """
     slow = speeds(cells) < FASTEST
     if slow.sum() < _LEAST_CELLS:
@@ -107,15 +103,13 @@ def identify(cells: MotionCells, frame: ForceFrame | None) -> Identified:
             f'at least {_LEAST_CELLS * CELL_S:.0f} s are needed. Move more slowly, or rest in '
             'every pose.'
         )
-    wrench, measured = cells.wrench[slow], cells.force[slow]
-    scale: FloatArray = np.zeros((3, 3))
-    sensor = frame
-    if sensor is None:
-        sensor, _, scale = fit_norm(measured, np.empty((len(measured), 0)))
-    sensor = ForceFrame(bias=sensor.bias, scale=sensor.scale)
-    force = sensor.turn(measured)
-    _refuse_rest(force)
-    gains, weights, rest = _fit(wrench, force)
+    fitted, _, scale = fit_norm(cells.force[slow], np.empty((slow.sum(), 0)))
+    sensor = fitted if frame is None else replace(frame, rotation=np.eye(3))
+    force = sensor.turn(cells.force[slow])
+    gains, weights, rest = _fit(cells.wrench[slow], force)
+    normal, spread = _information(force, weights, rest)
+    found = rigid_bodies(gains[np.newaxis], normal, spread, float(weights.sum()))
+    _refuse_directions(force, found.rotation)
     free = float((weights > 0.5).mean())
     if free < _LEAST_FREE:
         raise CalibrationRefusedError(
@@ -123,20 +117,14 @@ def identify(cells: MotionCells, frame: ForceFrame | None) -> Identified:
             f'{_LEAST_FREE:.0%} have to be free. Move without contact, and look whether gravity '
             'is of this sensor.'
         )
-    normal, spread = _information(force, weights, rest)
-    found = rigid_bodies(gains[np.newaxis], normal, spread, float(weights.sum()))
-    _refuse_one_direction(found.contrast, found.rotation, normal)
-    doubts = found.doubts()
-    if doubts:
+    if doubts := found.doubts():
         raise CalibrationRefusedError(doubts[0])
     payload, share = found.payload(0), np.diag(normal) / np.trace(normal)
-    error_kg = np.hypot(payload.mass_error_kg, payload.mass_kg * np.sqrt(share @ scale @ share))
-    return Identified(
-        replace(payload, mass_error_kg=float(error_kg)),
-        replace(sensor, rotation=found.rotation),
-        1 - free,
-        1 - float(slow.mean()),
-    )
+    if frame is None:
+        own_kg = payload.mass_kg * np.sqrt(share @ scale @ share)
+        payload = replace(payload, mass_error_kg=float(np.hypot(payload.mass_error_kg, own_kg)))
+    turned = replace(sensor, rotation=found.rotation)
+    return Identified(payload, turned, 1 - free, 1 - float(slow.mean()))
 
 
 def speeds(cells: MotionCells) -> FloatArray:
@@ -194,25 +182,20 @@ def _information(
     return normal, np.einsum('ij,aji->a', inverse, spread) / 3
 
 
-def _refuse_rest(force: FloatArray) -> None:
-    """Refuse where gravity stood still."""
-    moved = float(np.linalg.norm(force.std(axis=0)))
-    if moved < CONTRAST:
+def _refuse_directions(force: FloatArray, rotation: FloatArray) -> None:
+    """Refuse where gravity did not move, or to and fro only, and name the tilt that is missing."""
+    sizes, ways = np.linalg.eigh(np.cov(force.T))
+    least, most = np.sqrt(np.maximum(sizes[1:], 0))
+    if most < CONTRAST:
         raise CalibrationRefusedError(
-            f'Gravity moved by {moved:.2f} m/s² in the sensor, and {CONTRAST:g} are needed. Tilt '
+            f'Gravity moved by {most:.2f} m/s² in the sensor, and {CONTRAST:g} are needed. Tilt '
             'the tool by 20° or more about two of its axes while this runs.'
         )
-
-
-def _refuse_one_direction(contrast: FloatArray, rotation: FloatArray, normal: FloatArray) -> None:
-    """Refuse where gravity went to and fro along one direction only, and name the tilt."""
-    if contrast[1] >= CONTRAST:
-        return
-    # To move gravity across where it went, tilt about where it went.
-    along = rotation @ np.linalg.eigh(normal)[1][:, -1]
-    axis = 'xyz'[int(np.argmax(np.abs(along)))]
-    raise CalibrationRefusedError(
-        f'Gravity moved by {contrast[0]:.1f} m/s² along {axis} of the sensor, but across it by '
-        f'{contrast[1]:.2f} only, and {CONTRAST:g} are needed. Tilt the tool about its {axis} '
-        'axis, too, by 20° or more.'
-    )
+    if least < CONTRAST:
+        # To move gravity across where it went, tilt about where it went.
+        axis = 'xyz'[int(np.argmax(np.abs(rotation @ ways[:, 2])))]
+        raise CalibrationRefusedError(
+            f'Gravity moved by {most:.1f} m/s² along {axis} of the sensor, but across it by '
+            f'{least:.2f} only, and {CONTRAST:g} are needed. Tilt the tool about its {axis} '
+            'axis, too, by 20° or more.'
+        )

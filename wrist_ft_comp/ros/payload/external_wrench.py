@@ -5,7 +5,6 @@ import math
 from typing import Any
 
 import numpy as np
-from rcl_interfaces.msg import SetParametersResult
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.files.cdr import Layout
@@ -97,16 +96,11 @@ class ExternalWrench:
         force = self.forces.at(stamp_ns)
         return None if self.payload is None or force is None else self.payload.weight(force)
 
-    def validate_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
+    def check_parameters(self, parameters: Sequence[Any]) -> None:
         """Refuse payloads that can't be had; changes nothing that runs."""
         changed = {each.name: each.value for each in parameters if each.name in _NAMES}
-        try:
-            if changed:
-                self._choose({**self._settings(), **changed})
-        except WristFtCompError as error:
-            self._log.note_refusal('set_parameters', str(error))
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+        if changed:
+            self._choose({**self._settings(), **changed})
 
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Hold another payload from the next wrench on; it was validated before."""
@@ -126,14 +120,10 @@ class ExternalWrench:
 
     def _hold(self, payload: LivePayload | None) -> None:
         """Hold a payload."""
-        before, self.payload, self.waiting = self.payload, payload, ''
+        if payload is not None or self.payload is not None:
+            self._log.info(f'payload: {payload or "none; wrench_external rests"}')
+        self.payload, self.waiting = payload, ''
         self.collect(self._collect)
-        if payload is not None:
-            what = payload.payload
-            center = ', '.join(f'{each:.4f}' for each in what.center_m)
-            self._log.info(f'payload {payload.name}: {what.mass_kg:.3f} kg at ({center}) m')
-        elif before is not None:
-            self._log.info('no payload; wrench_external rests')
 
     def _choose(self, chosen: Mapping[str, Any]) -> LivePayload | None:
         """Find the payload that parameters name."""

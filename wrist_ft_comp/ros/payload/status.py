@@ -41,38 +41,23 @@ class PayloadReport:
         """Judge how it stands at the stamp of the newest wrench, ns."""
         external, forces = self._external, self._external.forces
         now = time.monotonic(), forces.count, external.published, external.missed
-        before = self._before
-        elapsed_s, heard, sent, missed = (
-            now[0] - before[0],
-            now[1] - before[1],
-            now[2] - before[2],
-            now[3] - before[3],
-        )
-        self._before = now
+        elapsed_s, *grown = (a - b for a, b in zip(now, self._before, strict=True))
+        (heard, sent, missed), self._before = grown, now
         age_s = None
         if newest_ns is not None and forces.newest is not None:
             age_s = (newest_ns - forces.newest[0]) / NANOSECONDS
         numbers = {
-            'active': 'none',
+            'active': str(external.payload or 'none'),
             'force_rate_hz': f'{heard / max(elapsed_s, 1e-9):.1f}',
             'force_age_s': 'never' if age_s is None else f'{age_s:.3f}',
             'rate_hz': f'{sent / max(elapsed_s, 1e-9):.1f}',
             'published': str(external.published),
             'last_identification': self._identify.last_outcome or 'none yet',
         }
-        if external.payload is not None:
-            held = external.payload.payload
-            center = ', '.join(f'{each:.4f}' for each in held.center_m)
-            numbers |= {
-                'active': external.payload.name,
-                'mass': f'{held.mass_kg:.4f} kg',
-                'center_of_mass': f'{center} m',
-            }
         for axis, value in zip(AXES, self._compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
-        trouble = next(self._troubles(age_s, heard, missed), '')
-        if external.waiting or (trouble and external.on_wrench is not None):
-            trouble = external.waiting or trouble
+        trouble = external.waiting or next(self._troubles(age_s, heard, missed), '')
+        if trouble:
             return Status('payload', WARN, trouble, numbers)
         return Status('payload', OK, self._well(), numbers)
 
@@ -83,9 +68,11 @@ class PayloadReport:
             return f'identifying a payload: {progress:.0%} of a minute'
         return 'no payload is active' if payload is None else f'subtracting {payload.name}'
 
-    def _troubles(self, age_s: float | None, heard: int, missed: int) -> Iterator[str]:
-        """Say what is wrong with specific force, the worst first."""
+    def _troubles(self, age_s: float | None, heard: float, missed: float) -> Iterator[str]:
+        """Say what is wrong with specific force that somebody wants, the worst first."""
         newest, rests = self._external.forces.newest, 'wrench_external rests'
+        if self._external.on_wrench is None:
+            return
         if newest is None:
             yield f'{self._problem() or "no specific force has come"}; {rests}'
             return
