@@ -60,6 +60,7 @@ bench: $(READY)
 	$(BIN)/python bench/practice.py
 	$(BIN)/python bench/identification.py
 	$(BIN)/python bench/stream.py
+	$(BIN)/python bench/identify.py
 	$(BIN)/python bench/memory.py
 	$(BIN)/python bench/footprint.py
 	$(BIN)/python bench/rewriting.py
