@@ -20,22 +20,13 @@ _STILL = 0.03
 
 @dataclass(frozen=True, eq=False)
 class Accelerometer:
-    """
-    What was found.
+    """What was found."""
 
-    Attributes
-    ----------
-    forces : list of ndarrays, shapes (N, 3)
-        Specific force of every recording, set right, m/s²; NaN where it is missing or frozen.
-    frame : ForceFrame
-        Bias and scale at the mean temperature, without rotation.
-    scale : ndarray, shape (3, 3)
-        Covariance of the scale that is left, relative.
-
-    """
-
+    #: Of every recording, set right, m/s² (N, 3); NaN where it is missing or frozen.
     forces: list[FloatArray]
+    #: Bias and scale at the mean temperature, without rotation.
     frame: ForceFrame
+    #: Covariance of the scale that is left, relative, (3, 3).
     scale: FloatArray
 
 

@@ -14,25 +14,15 @@ from wrist_ft_comp.model.signals import Recording
 
 @dataclass(frozen=True, eq=False)
 class AtWork:
-    """
-    What recordings at work say.
+    """What recordings at work say."""
 
-    Attributes
-    ----------
-    drift : list of Recording
-        All of them, with the weight as their reference; nothing where no specific force is.
-    separation : Separation or None
-        Of those that hold specific force.
-    payloads : LearntPayloads or None
-        By number; None where none can be told.
-    warnings : tuple of str
-        What to doubt.
-
-    """
-
+    #: All of them, with the weight as their reference; nothing where no specific force is.
     drift: list[Recording]
+    #: Of those that hold specific force.
     separation: Separation | None
+    #: By number; None where none can be told.
     payloads: LearntPayloads | None
+    #: What to doubt.
     warnings: tuple[str, ...]
 
 

@@ -17,20 +17,12 @@ _FASTEST = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """
-    All recordings in blocks of B cells, filled up with cells that are not usable.
+    """All recordings in n blocks of B cells, filled up with cells that are not usable."""
 
-    Attributes
-    ----------
-    wrench, force : ndarrays, shapes (n, B, A) and (n, B, 3)
-        Raw wrench of A axes, N and N m, and specific force, m/s².
-    usable : ndarray, shape (n, B)
-        Whether they are known and the sensor does not turn fast.
-
-    """
-
+    #: Raw wrench of A axes, N and N m, (n, B, A), and specific force, m/s², (n, B, 3).
     wrench: FloatArray
     force: FloatArray
+    #: Whether they are known and the sensor does not turn fast, (n, B).
     usable: BoolArray
 
     def part(self, blocks: BoolArray) -> 'Cells':

@@ -32,15 +32,7 @@ _FOLLOWS = 0.5
 
 
 def doubts(separation: Separation, bodies: RigidBodies | None) -> tuple[list[str], bool]:
-    """
-    Say all that is to be doubted, and whether payloads can be told.
-
-    Raises
-    ------
-    CalibrationRefusedError
-        When drift can't be learnt, either.
-
-    """
+    """Say all that is to be doubted, and whether payloads can be told; or refuse."""
     recordings = separation.recordings
     lag = _lag(recordings)
     said = [_missing(recordings), _contact(separation), lag, _tool_change(separation)]

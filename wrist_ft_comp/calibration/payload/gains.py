@@ -23,30 +23,23 @@ _SAYS_NOTHING = 0.001
 COUNTS = 0.5
 #: This share of cells is taken to be free of contact; a norm per axis of normal variables there.
 _QUIETER, _QUIETER_NORM = 0.3, 0.80
+#: … and a difference of two of them; cells are louder than their differences by this at most, or
+#: contacts would be taken for noise.
+_QUIETER_STEP, _LOUDEST = 0.545, 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """
-    Payload states of cells.
+    """Payload states of cells."""
 
-    Attributes
-    ----------
-    gains : ndarray, shape (K, 3, A)
-        Of specific force, kg and kg m.
-    states : ndarray, shape (n, B)
-        Which one holds in a cell.
-    weights, levels : ndarrays, shapes (n, B) and (n, B, A)
-        Of the cells, and the parabolas.
-    noise : ndarray, shape (A,)
-        σ of a cell that is not in contact, N and N m.
-
-    """
-
+    #: Of specific force, kg and kg m, (K, 3, A).
     gains: FloatArray
+    #: Which one holds in a cell, and its robust weight, (n, B).
     states: IntArray
     weights: FloatArray
+    #: The parabolas, (n, B, A).
     levels: FloatArray
+    #: σ of a cell that is not in contact, N and N m, (A,).
     noise: FloatArray
 
 
@@ -111,7 +104,15 @@ def rescaled(cells: Cells, fit: Fit) -> Fit:
     square = square + least**2
     norm = np.sqrt(np.sum(rest**2 / square, axis=2) / cells.axes)[cells.usable]
     noise = np.sqrt(square) * np.quantile(norm, _QUIETER) / _QUIETER_NORM
+    noise = np.minimum(noise, _LOUDEST * _neighbours_noise(cells, rest))
     return replace(fit, noise=np.maximum(noise, least))
+
+
+def _neighbours_noise(cells: Cells, rest: FloatArray) -> FloatArray:
+    """Estimate the noise by the quieter differences of neighbours, which no level spoils, (A,)."""
+    pairs = cells.usable[:, 1:] & cells.usable[:, :-1]
+    steps = np.abs(np.diff(rest, axis=1))[pairs]
+    return np.asarray(np.quantile(steps, _QUIETER, axis=0) / _QUIETER_STEP)
 
 
 def information(cells: Cells, fit: Fit) -> tuple[FloatArray, FloatArray]:

@@ -16,7 +16,7 @@ import numpy as np
 from wrist_ft_comp.calibration.payload.accelerometer import Accelerometer, set_right
 from wrist_ft_comp.calibration.payload.cells import axes_of, Cells, cut, joined, with_wrench
 from wrist_ft_comp.calibration.payload.gains import COUNTS, Fit, information
-from wrist_ft_comp.calibration.payload.states import find_states, fit_states
+from wrist_ft_comp.calibration.payload.states import find_states, fit_again
 from wrist_ft_comp.calibration.payload.steps import (
     locate,
     MEAN_S,
@@ -28,7 +28,8 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.model.payload.rigid_body import rigid_bodies, RigidBodies
 from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, IntArray, Recording
 
-_MOST_STEPS = 20
+#: Two steps that are nearer than this, cells, are no tares.
+_APART = 60
 #: Cells with both wrench and specific force that are needed.
 _FEWEST = 120
 
@@ -43,29 +44,17 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Separation:
-    """
-    What recordings at work say.
+    """What recordings at work say."""
 
-    Attributes
-    ----------
-    recordings : list of Recording
-        As they came.
-    drift : list of Recording
-        Wrench NaN where it does not count and without steps, the weight as reference.
-    accelerometer : Accelerometer
-        Set right.
-    cells, fit : Cells and Fit
-        The first layer.
-    steps : list of lists of Step
-        By recording.
-
-    """
-
+    #: As they came; and with the wrench NaN where it does not count and without steps, the weight
+    #: as reference.
     recordings: list[Recording]
     drift: list[Recording]
     accelerometer: Accelerometer
+    #: The first layer.
     cells: Cells
     fit: Fit
+    #: By recording.
     steps: list[list[Step]]
 
     @property
@@ -107,7 +96,9 @@ def separate(recordings: Sequence[Recording]) -> Separation:
             wrench = recording.wrench[:, axes]
             each = wrench - forces[n] @ fit.gains
             fresh = _steps_of(each, states[n], counts[n], fit.noise, recording.period_s)
-            for step in fresh[: _MOST_STEPS - len(steps[n])]:
+            for step in fresh:
+                if any(abs(step.cell - other.cell) < _APART for other in steps[n]):
+                    continue
                 wrench[step.cell :] -= step.jump
                 steps[n].append(step)
                 found += 1
@@ -115,7 +106,7 @@ def separate(recordings: Sequence[Recording]) -> Separation:
         cells = cut(stepless, forces)
         if not found:
             break
-        fit = fit_states(cells, fit.states, len(fit.gains), rounds=8)
+        fit = fit_again(cells, fit)
     drift = []
     for n, recording in enumerate(stepless):
         weight = _held((forces[n] @ fit.gains), states[n])

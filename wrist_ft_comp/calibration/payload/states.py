@@ -6,7 +6,7 @@ Contacts are outliers of all axes of a cell at once, and lose their weight by
 more is believed where it explains more of blocks that it was not fitted to.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import combinations
 
@@ -30,6 +30,8 @@ TUNING, _START, _ROUNDS = 4.0, 40.0, 25
 #: Most payloads, and the share of cells not fitted to that another one has to explain.
 #: Two states that weigh the same up to this share are one.
 _MOST, _SHARE, _ALIKE = 4, 0.02, 0.03
+#: Parts of a block whose medians are tried as levels.
+_WINDOWS = 8
 #: A state is cut in two only where it holds in so many cells.
 _FEWEST = 100
 
@@ -57,15 +59,31 @@ def fit_states(cells: Cells, states: IntArray, count: int, *, rounds: int = _ROU
     weights = cells.usable.astype(float)
     gains = solve(cells, states, weights, count)
     fit = Fit(gains, states, weights, np.zeros_like(cells.wrench), np.ones(cells.axes))
-    fit = _assign(cells, fit, 1e9, [states], 1)
+    fit = _assign(cells, fit, 1e9, [_followed(cells, fit)], 1)
     for step in range(rounds):
         fit = rescaled(cells, fit)
         width = max(TUNING, _START * 0.8**step)
-        fit = _assign(cells, fit, width, [fit.states], 2)
-        if count > 1 and step % 5 == 4:
-            fit = _assign(cells, fit, width, [fit.states, *_everywhere(cells, count)], 8)
+        fit = _assign(cells, fit, width, [_followed(cells, fit)], 2)
+        if step % 5 == 4:
+            starts = _anew(cells, fit, width) if step > 5 else _everywhere(cells, fit)
+            fit = _assign(cells, fit, width, [_followed(cells, fit), *starts], 6)
         fit = replace(fit, gains=solve(cells, fit.states, fit.weights, count))
     return fit
+
+
+def fit_again(cells: Cells, fit: Fit) -> Fit:
+    """Fit cells anew that have changed a little, from gains and weights that are about right."""
+    for step in range(4):
+        starts = _anew(cells, fit, TUNING) if step == 0 else []
+        fit = _assign(cells, fit, TUNING, [_followed(cells, fit), *starts], 4)
+        fit = replace(fit, gains=solve(cells, fit.states, fit.weights, len(fit.gains)))
+        fit = rescaled(cells, fit)
+    return fit
+
+
+def _anew(cells: Cells, fit: Fit, width: float) -> list[FloatArray]:
+    """Start from all levels that are worth a trial."""
+    return [*_everywhere(cells, fit), *_windows(cells, fit, width)]
 
 
 def explained(cells: Cells, gains: FloatArray, noise: FloatArray) -> Fit:
@@ -73,28 +91,46 @@ def explained(cells: Cells, gains: FloatArray, noise: FloatArray) -> Fit:
     nowhere = np.zeros(cells.usable.shape, dtype=np.int64)
     weights = cells.usable.astype(float)
     start = Fit(gains, nowhere, weights, np.zeros_like(cells.wrench), noise)
-    return _assign(cells, start, TUNING, _everywhere(cells, len(gains)), 8)
+    return _assign(cells, start, TUNING, _everywhere(cells, start), 8)
 
 
-def _everywhere(cells: Cells, count: int) -> list[IntArray]:
-    """Start with each state everywhere."""
-    return [np.full(cells.usable.shape, k) for k in range(count)]
+def _followed(cells: Cells, fit: Fit) -> FloatArray:
+    """Start from levels that the states and weights of a fit give."""
+    return leveled(cells.wrench - weight_of(cells, fit), fit.weights)
 
 
-def _assign(cells: Cells, fit: Fit, width: float, starts: Sequence[IntArray], turns: int) -> Fit:
-    """Give every cell the state that explains it best, in each block from the best start."""
+def _everywhere(cells: Cells, fit: Fit) -> list[FloatArray]:
+    """Start from the levels that each state gives if it is on everywhere."""
+    return [leveled(cells.wrench - cells.force @ a, cells.usable.astype(float)) for a in fit.gains]
+
+
+def _windows(cells: Cells, fit: Fit, width: float) -> Iterator[FloatArray]:
+    """Start from medians over parts of the blocks: contacts are not in all of them."""
+    for gains in fit.gains:
+        rest = np.where(cells.usable[..., None], cells.wrench - cells.force @ gains, np.nan)
+        for window in np.array_split(rest, _WINDOWS, axis=1):
+            some = np.isfinite(window[..., 0]).any(axis=1)
+            level = np.zeros((len(rest), 1, cells.axes))
+            level[some, 0] = np.nanmedian(window[some], axis=1)
+            yield _followed(cells, _turn(cells, fit, level, 4 * width))
+
+
+def _turn(cells: Cells, fit: Fit, levels: FloatArray, width: float) -> Fit:
+    """Give every cell the state that explains it best, and a weight."""
+    each = residual_norms(cells, fit, levels)
+    weights = _redescend(each.min(axis=0), cells.usable, width)
+    return replace(fit, states=each.argmin(axis=0), weights=weights, levels=levels)
+
+
+def _assign(cells: Cells, fit: Fit, width: float, starts: Iterable[FloatArray], turns: int) -> Fit:
+    """Give every cell the state that explains it best, in each block from the best levels."""
     best = fit
     cost: FloatArray = np.full(len(cells.wrench), np.inf)
-    for states in starts:
-        fresh = states is not fit.states
-        weights = cells.usable.astype(float) if fresh else fit.weights
-        found = replace(fit, states=states, weights=weights)
-        for _ in range(turns):
-            levels = leveled(cells.wrench - weight_of(cells, found), found.weights)
-            each = residual_norms(cells, fit, levels)
-            weights = _redescend(each.min(axis=0), cells.usable, width)
-            found = replace(found, states=each.argmin(axis=0), weights=weights, levels=levels)
-        lost = _loss(each.min(axis=0), cells.usable, width)
+    for levels in starts:
+        found = _turn(cells, fit, levels, width)
+        for _ in range(turns - 1):
+            found = _turn(cells, fit, _followed(cells, found), width)
+        lost = _loss(found.weights, cells.usable)
         better = (lost < cost - 1.0)[:, None]
         cost = np.where(better[:, 0], lost, cost)
         best = replace(
@@ -111,10 +147,9 @@ def _redescend(norm: FloatArray, usable: BoolArray, width: float) -> FloatArray:
     return np.asarray(usable / (1 + (norm / width) ** 2) ** 2)
 
 
-def _loss(norm: FloatArray, usable: BoolArray, width: float) -> FloatArray:
+def _loss(weights: FloatArray, usable: BoolArray) -> FloatArray:
     """Sum over the cells of a block what is not explained: 1 each far out, (n,)."""
-    square = (norm / width) ** 2
-    return np.asarray((usable * square / (1 + square)).sum(axis=1))
+    return np.asarray((usable * (1 - np.sqrt(weights))).sum(axis=1))
 
 
 def _one_more(cells: Cells, fit: Fit) -> Fit | None:
@@ -146,8 +181,7 @@ def _splits(cells: Cells, fit: Fit) -> list[IntArray]:
 def _unexplained(cells: Cells, fit: Fit, noise: FloatArray) -> float:
     """Share of usable cells that the states do not explain, the gains left as they are."""
     fit = explained(cells, fit.gains, noise)
-    norm = residual_norms(cells, fit, fit.levels).min(axis=0)
-    return float(_loss(norm, cells.usable, TUNING).sum() / max(cells.usable.sum(), 1))
+    return float(_loss(fit.weights, cells.usable).sum() / max(cells.usable.sum(), 1))
 
 
 def _misfit(cells: Cells, fit: Fit) -> float:

@@ -65,20 +65,10 @@ def locate(
     rest: FloatArray, before: FloatArray, jump: FloatArray, noise: FloatArray
 ) -> int | None:
     """
-    Find the first cell after a step, or None where heat would do: not at once.
+    Find the first cell after a step, counted in rest, or None where heat would do: not at once.
 
-    Parameters
-    ----------
-    rest : ndarray, shape (K, n, A)
-        What each payload leaves.
-    before, jump, noise : ndarrays, shape (A,)
-        Level before the step, how far it goes, and noise of a cell.
-
-    Returns
-    -------
-    int or None
-        Counted from the first cell of rest.
-
+    ``rest`` is what each payload leaves, (K, n, A); before, jump and noise (A,) are the level
+    before the step, how far it goes, and the noise of a cell.
     """
     size = np.sqrt(np.sum((jump / noise) ** 2))
     off = (rest - before) / noise

@@ -30,36 +30,22 @@ _ROUNDS, _SETTLED = 20, 1e-10
 
 @dataclass(frozen=True, eq=False)
 class RigidBodies:
-    """
-    Rigid bodies behind K gains.
-
-    Attributes
-    ----------
-    mass_kg, mass_error_kg : ndarrays, shape (K,)
-        With standard errors.
-    center_m, center_error_m : ndarrays, shape (K, 3)
-        In the wrench's frame.
-    rotation : ndarray, shape (3, 3)
-        From the frame of the specific force.
-    misfit : float
-        Share of the weight's contrasts, RMS, that no rigid body explains.
-    mirrored : bool
-        Whether the specific force has the wrong sign, or a frame that no rotation leads to.
-    contrast : ndarray, shape (3,)
-        Of the specific force, m/s², along its principal directions, largest first.
-    unseen : ndarray, shape (3,)
-        The direction that was seen least, in the wrench's frame.
-
-    """
+    """Rigid bodies behind K gains, with standard errors."""
 
     mass_kg: FloatArray
     mass_error_kg: FloatArray
+    #: In the wrench's frame, shape (K, 3).
     center_m: FloatArray
     center_error_m: FloatArray
+    #: From the frame of the specific force, (3, 3).
     rotation: FloatArray
+    #: Share of the weight's contrasts, RMS, that no rigid body explains.
     misfit: float
+    #: Whether the specific force has the wrong sign, or a frame that no rotation leads to.
     mirrored: bool
+    #: Of the specific force, m/s², along its principal directions, largest first.
     contrast: FloatArray
+    #: The direction that was seen least, in the wrench's frame.
     unseen: FloatArray
 
     @property
@@ -70,13 +56,9 @@ class RigidBodies:
 
     def payload(self, number: int, share: float = np.nan) -> Payload:
         """Take one body, and the share of the time in which it was on."""
-        return Payload(
-            float(self.mass_kg[number]),
-            self.center_m[number],
-            float(self.mass_error_kg[number]),
-            self.center_error_m[number],
-            share,
-        )
+        mass_kg, error_kg = float(self.mass_kg[number]), float(self.mass_error_kg[number])
+        center = self.center_m[number], error_kg, self.center_error_m[number]
+        return Payload(mass_kg, *center, share)
 
     def doubts(self) -> list[str]:
         """Say in sentences why no payload can be told; empty where all can."""
@@ -139,24 +121,10 @@ def rigid_bodies(
     gains: FloatArray, normal: FloatArray, spread: FloatArray, cells: float
 ) -> RigidBodies:
     """
-    Find the rigid bodies behind gains.
+    Find the rigid bodies behind gains (K, 3, 6) of specific force, kg and kg m.
 
-    Parameters
-    ----------
-    gains : ndarray, shape (K, 3, 6)
-        Of specific force, kg and kg m.
-    normal : ndarray, shape (3K, 3K)
-        Products of specific forces, levels taken out.
-    spread : ndarray, shape (6,)
-        Of the gains: their covariance is this times the inverse of normal.
-    cells : float
-        Sum of the weights.
-
-    Returns
-    -------
-    RigidBodies
-        In the order of the gains.
-
+    ``normal`` (3K, 3K) are products of specific forces, levels taken out, ``cells`` is the sum of
+    their weights; the covariance of gains is spread (6,) times the inverse of normal.
     """
     count = len(gains)
     by_body = normal.reshape(count, 3, count, 3)
@@ -179,17 +147,10 @@ def rigid_bodies(
     bodies = values[9:].reshape(count, 4)
     values[3:9] = 0.0  # what only gains of its own explain is no rigid body's, either
     left, whole = (problem.residual(each, rotation)[:-6] for each in (values, 0 * values))
-    return RigidBodies(
-        bodies[:, 0],
-        error[:, 0],
-        bodies[:, 1:],
-        error[:, 1:],
-        rotation,
-        float(np.linalg.norm(left) / np.linalg.norm(whole)),
-        mirrored,
-        np.sqrt(np.maximum(sizes[::-1], 0) / cells),
-        rotation @ directions[:, 0],
-    )
+    misfit = float(np.linalg.norm(left) / np.linalg.norm(whole))
+    found = bodies[:, 0], error[:, 0], bodies[:, 1:], error[:, 1:], rotation, misfit, mirrored
+    contrast = np.sqrt(np.maximum(sizes[::-1], 0) / cells)
+    return RigidBodies(*found, contrast, rotation @ directions[:, 0])
 
 
 def small_rotation(vector: FloatArray) -> FloatArray:
