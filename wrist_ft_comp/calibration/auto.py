@@ -262,12 +262,9 @@ def _root_mean_squares(weights: FloatArray, forms: FloatArray) -> FloatArray:
 
 
 def _weigh(errors: Sequence[FloatArray], days: int) -> list[FloatArray]:
-    """
-    Weigh none and all candidates by their held-out forms of every axis, (folds, C, C).
-
-    Weights are common to all axes, as their body is; how much is used is not. A logarithm's mean
-    over folds and axes is a geometric mean of errors: no day and no axis outvotes the others.
-    """
+    """Weigh none and all candidates by their held-out forms of every axis, (folds, C, C)."""
+    # Weights are common to all axes, as their body is; how much is used is not. A logarithm's mean
+    # over folds and axes is a geometric mean of errors: no day and no axis outvotes the others.
     logs = np.array(
         [np.log(np.maximum(np.einsum('fii->fi', each), _TINY)).mean(axis=0) / 2 for each in errors]
     )

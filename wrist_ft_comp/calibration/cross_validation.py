@@ -152,12 +152,9 @@ def _around_level(data: CandidateData, i: int, fold: int, errors: FloatArray) ->
 
 
 def _design(x: FloatArray, sums: Sums, *, loaded: bool) -> FloatArray:
-    """
-    Draw the regressors of the equation in ``regression``, without the constant.
-
-        [ x_f(H_τ T) … | w x_f(H_τ T) … | w ]     with load
-        [ x_f(H_τ T) … ]                          without
-    """
+    """Draw the regressors of the equation in ``regression``, without the constant."""
+    #   [ x_f(H_τ T) … | w x_f(H_τ T) … | w ]     with load
+    #   [ x_f(H_τ T) … ]                          without
     w = sums.load[:, np.newaxis]
     return np.concatenate((x, w * x, w), axis=1) if loaded else x
 
@@ -183,12 +180,10 @@ def part_errors(bins: Sequence[FoldBins]) -> FloatArray:
 
 
 def simplest_good(errors: Sequence[FloatArray]) -> int:
-    """
-    Find the simplest candidate within one standard error of the best, or within 15 % of it.
-
-    The standard error is that of the difference to the best, part by part: parts differ in
-    difficulty far more than candidates do. Mean square errors (parts,), simplest candidate first.
-    """
+    """Find the simplest candidate within one standard error of the best, or within 15 % of it."""
+    # The standard error is that of the difference to the best, part by part: parts differ in
+    # difficulty far more than candidates do. Mean square errors (parts,), simplest candidate
+    # first.
     means = [float(error.mean()) for error in errors]
     best = int(np.argmin(means))
     for position, error in enumerate(errors):

@@ -49,12 +49,8 @@ def add_parser(commands: options.Commands) -> None:
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='MODEL.yaml')
     options.add_reference(parser)
     parser.add_argument(
-        '--method',
-        choices=METHODS,
-        metavar='METHOD',
-        help=f'{", ".join(METHODS)} (default: %(default)s)',
-        default='auto',
-    )
+        '--method', choices=METHODS, metavar='METHOD',
+        help=f'{", ".join(METHODS)} (default: %(default)s)', default='auto')  # fmt: skip
     _add_structure(parser)
     options.add_topics(parser)
     options.add_output_forms(parser)
@@ -64,40 +60,25 @@ def _add_structure(parser: argparse.ArgumentParser) -> None:
     """Add what a person may choose about the model and the data."""
     defaults = CalibrationSettings()
     parser.add_argument(
-        '--features',
-        choices=get_args(FeatureKind),
+        '--features', choices=get_args(FeatureKind),
         help='powers of temperature, or hat functions at given temperatures '
-        '(default: hats for chamber tables, else powers)',
-    )
+        '(default: hats for chamber tables, else powers)')  # fmt: skip
     parser.add_argument(
-        '--degree',
-        type=int,
-        help='highest power of temperature, 1 to 4 (default: 3 for auto, else 2)',
-    )
+        '--degree', type=int,
+        help='highest power of temperature, 1 to 4 (default: 3 for auto, else 2)')  # fmt: skip
     parser.add_argument(
-        '--hat-temperatures',
-        type=_temperatures,
-        default=(),
-        metavar='T1,T2,…',
-        help='of hat functions, °C (default: the plateaus that were recorded)',
-    )
+        '--hat-temperatures', type=_temperatures, default=(), metavar='T1,T2,…',
+        help='of hat functions, °C (default: the plateaus that were recorded)')  # fmt: skip
     parser.add_argument(
         '--latents', type=int, metavar='N', help='(default: chosen on held-out blocks)'
     )
     parser.add_argument(
-        '--thermal-period',
-        type=options.number(*PERIODS_S),
-        default=1.0,
-        metavar='SECONDS',
-        help='length of a thermal cell (default: %(default)s)',
-    )
+        '--thermal-period', type=options.number(*PERIODS_S), default=1.0, metavar='SECONDS',
+        help='length of a thermal cell (default: %(default)s)')  # fmt: skip
     parser.add_argument(
-        '--min-temperature-span',
-        type=options.number(0.0),
-        default=defaults.min_temperature_span_k,
-        metavar='KELVIN',
-        help='refuse when no thermometer spans this much (default: %(default)s)',
-    )
+        '--min-temperature-span', type=options.number(0.0),
+        default=defaults.min_temperature_span_k, metavar='KELVIN',
+        help='refuse when no thermometer spans this much (default: %(default)s)')  # fmt: skip
     options.add_copied_columns(parser)
 
 

@@ -44,28 +44,19 @@ def add_parser(commands: options.Commands) -> None:
     parser.add_argument('recording', type=Path, metavar='REC', help=options.RECORDING_HELP)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='OUT')
     parser.add_argument(
-        '--tare',
-        type=options.number(0.0),
-        default=0.0,
-        metavar='SECONDS',
+        '--tare', type=options.number(0.0), default=0.0, metavar='SECONDS',
         help='tare on the first SECONDS, which must be unloaded (default: 0, no tare; a chamber '
-        'table is tared without load at its reference temperature)',
-    )
+        'table is tared without load at its reference temperature)')  # fmt: skip
     parser.add_argument(
-        '--reference',
-        choices=('payload',),
+        '--reference', choices=('payload',),
         help='add what the environment does to the tool: the payload that was mounted is found in '
         'the recording by its specific force, and its weight is taken off, too (columns '
-        f'external_force_x …, or the topic {EXTERNAL_TOPIC})',
-    )
+        f'external_force_x …, or the topic {EXTERNAL_TOPIC})')  # fmt: skip
     options.add_json(parser)
     group = options.add_topics(parser)
     group.add_argument(
-        '--output-topic',
-        default='/wrench',
-        metavar='TOPIC',
-        help='of compensated wrenches (default: %(default)s)',
-    )
+        '--output-topic', default='/wrench', metavar='TOPIC',
+        help='of compensated wrenches (default: %(default)s)')  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:

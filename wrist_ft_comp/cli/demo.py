@@ -153,31 +153,18 @@ def add_parser(commands: options.Commands) -> None:
     )
     parser.set_defaults(run=run)
     parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('out'),
-        metavar='FOLDER',
-        help='for the picture, demo.png (default: %(default)s)',
-    )
+        '--output', type=Path, default=Path('out'), metavar='FOLDER',
+        help='for the picture, demo.png (default: %(default)s)')  # fmt: skip
     parser.add_argument(
-        '--seed',
-        type=int,
-        default=1,
-        metavar='N',
-        help='specimen of the simulated sensor (default: %(default)s)',
-    )
+        '--seed', type=int, default=1, metavar='N',
+        help='specimen of the simulated sensor (default: %(default)s)')  # fmt: skip
     parser.add_argument(
-        '--speed',
-        type=options.number(0.01, 10_000.0),
-        default=450.0,
-        metavar='TIMES',
-        help='how many times faster than real time (default: %(default)g)',
-    )
+        '--speed', type=options.number(0.01, 10_000.0), default=450.0, metavar='TIMES',
+        help='how many times faster than real time (default: %(default)g)')  # fmt: skip
     parser.add_argument(
-        '--at-work',
-        action='store_true',
+        '--at-work', action='store_true',
         help='learn drift and tool from a robot that moves, picks up parts and presses on things',
-    )
+    )  # fmt: skip
     options.add_json(parser)
 
 

@@ -50,12 +50,8 @@ def add_parser(commands: options.Commands) -> None:
     options.add_recordings(parser)
     options.add_reference(parser)
     parser.add_argument(
-        '--tare',
-        type=options.number(0.0),
-        default=60.0,
-        metavar='SECONDS',
-        help='tare on the first SECONDS (default: 60)',
-    )
+        '--tare', type=options.number(0.0), default=60.0, metavar='SECONDS',
+        help='tare on the first SECONDS (default: 60)')  # fmt: skip
     options.add_copied_columns(parser)
     options.add_topics(parser)
     options.add_output_forms(parser)

@@ -88,32 +88,21 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         '--wrench-topic', default=defaults.wrench, metavar='TOPIC', help='(default: %(default)s)'
     )
     group.add_argument(
-        '--temperature-topic',
-        action='append',
-        metavar='TOPIC[:FIELD[:UNIT]]',
+        '--temperature-topic', action='append', metavar='TOPIC[:FIELD[:UNIT]]',
         help='once per thermometer, the one inside the sensor first: a topic of '
         'sensor_msgs/Temperature, or a number in other messages and its unit, C (default), K or '
         f"F: '/driver/state:joints[2].temp:K' (default: {', '.join(defaults.temperatures)})",
-    )
+    )  # fmt: skip
     group.add_argument(
-        '--reference-topic',
-        default=defaults.reference,
-        metavar='TOPIC',
-        help='(default: %(default)s)',
-    )
+        '--reference-topic', default=defaults.reference, metavar='TOPIC',
+        help='(default: %(default)s)')  # fmt: skip
     group.add_argument(
-        '--imu-topic',
-        default='',
-        metavar='TOPIC',
-        help='a sensor_msgs/Imu at the sensor, which tells gravity in its frame',
-    )
+        '--imu-topic', default='', metavar='TOPIC',
+        help='a sensor_msgs/Imu at the sensor, which tells gravity in its frame')  # fmt: skip
     group.add_argument(
-        '--gravity-frame',
-        default='',
-        metavar='FRAME',
+        '--gravity-frame', default='', metavar='FRAME',
         help='without an IMU, gravity by /tf: z of FRAME is up, against which the frame_id of the '
-        'wrench turns',
-    )
+        'wrench turns')  # fmt: skip
     return group
 
 
@@ -133,22 +122,17 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
 def add_reference(parser: argparse.ArgumentParser) -> None:
     """Add what the true wrench was."""
     parser.add_argument(
-        '--reference',
-        choices=get_args(Reference),
-        metavar='WHAT',
+        '--reference', choices=get_args(Reference), metavar='WHAT',
         help='what the true wrench was: unloaded (zero), constant (unknown), payload (what the '
         'specific force tells, contacts and all) or recorded (beside the raw one); default: '
-        'recorded for chamber tables, else unloaded',
-    )
+        'recorded for chamber tables, else unloaded')  # fmt: skip
 
 
 def add_copied_columns(parser: argparse.ArgumentParser) -> None:
     """Add whether to use columns that cannot have been measured."""
     parser.add_argument(
-        '--keep-copied-columns',
-        action='store_true',
-        help='use columns of a chamber table that repeat another one, too',
-    )
+        '--keep-copied-columns', action='store_true',
+        help='use columns of a chamber table that repeat another one, too')  # fmt: skip
 
 
 def add_output_forms(parser: argparse.ArgumentParser) -> None:

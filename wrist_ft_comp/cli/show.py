@@ -11,11 +11,7 @@ from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.tables import table_text
 from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.files.model_file import is_model, load_model
-from wrist_ft_comp.files.recordings import (
-    describe_recording,
-    RecordingSummary,
-    REFERENCE,
-)
+from wrist_ft_comp.files.recordings import describe_recording, RecordingSummary, REFERENCE
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.directions import ForceSummary
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics

@@ -167,13 +167,10 @@ def _follow(definitions: Definitions, kind: str, data: bytes) -> tuple[_Layout, 
 def read_numbers(
     definitions: Definitions, kind: str, messages: Sequence[bytes], paths: Sequence[Path]
 ) -> tuple[IntArray, FloatArray]:
-    """
-    Read P numbers out of n messages of some type.
-
-    Gives the stamps of their headers, ns, shape (n,), 0 where there is none, and the numbers,
-    shape (n, P), NaN where a message has no number at a path. RecordingError, which names neither
-    file nor topic, when a message is none of this type.
-    """
+    """Read P numbers out of n messages of some type."""
+    # Gives the stamps of their headers, ns, shape (n,), 0 where there is none, and the numbers,
+    # shape (n, P), NaN where a message has no number at a path. RecordingError, which names
+    # neither file nor topic, when a message is none of this type.
     stamps_ns = np.zeros(len(messages), np.int64)
     values = np.full((len(messages), len(paths)), np.nan)
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))

@@ -246,11 +246,8 @@ def rewrite_csv(
     external: Correction | None = None,
     progress: Progress | None = None,
 ) -> tuple[str, ...]:
-    """
-    Copy a recording, its wrench corrected and all else verbatim; says what was left out.
-
-    What ``external`` makes of the raw wrench comes in columns of its own.
-    """
+    """Copy a recording, its wrench corrected and all else verbatim; says what was left out."""
+    # What ``external`` makes of the raw wrench comes in columns of its own.
     recording = CsvRecording(source)
     require_column(source.name, recording.columns, 'raw wrench', AXES)
     added = [f'external_{axis}' for axis in AXES if external and axis in recording.columns]

@@ -26,12 +26,9 @@ _BEGINNING = 4096
 
 
 def replace_file(target: Path, content: str | bytes) -> None:
-    """
-    Write a file; an existing one is replaced in one step, when the new one is on the disk.
-
-    Devices and pipes are not replaced. Where it raises OSError, what was there before stays. File
-    names in the text may hold bytes that are no text; they become "?".
-    """
+    """Write a file; an existing one is replaced in one step, when the new one is on the disk."""
+    # Devices and pipes are not replaced. Where it raises OSError, what was there before stays.
+    # File names in the text may hold bytes that are no text; they become "?".
     if target.exists() and not (target.is_file() or target.is_dir()):
         raise FileExistsError(errno.EEXIST, 'It is no regular file', str(target))
     data = content.encode(errors='replace') if isinstance(content, str) else content

@@ -112,12 +112,10 @@ def restore_model(path: Path, sha256: str, document: Document) -> StoredModel:
 
 
 def _parse(content: bytes) -> Any:
-    """
-    Read safe YAML: plain values only.
-
-    Aliases, which no model file needs, can blow up when they are expanded, deep nesting exhausts
-    the stack, and many values take long; so all are looked for in the events, which build nothing.
-    """
+    """Read safe YAML: plain values only."""
+    # Aliases, which no model file needs, can blow up when they are expanded, deep nesting exhausts
+    # the stack, and many values take long; so all are looked for in the events, which build
+    # nothing.
     depth = 0
     for number, event in enumerate(yaml.parse(content, Loader=_LOADER)):
         problem = 'aliases are not allowed' if isinstance(event, yaml.AliasEvent) else ''

@@ -66,13 +66,10 @@ class BinnedData:
         return replace(self, sums=sums)
 
     def nuisances(self, recording: int) -> FloatArray:
-        """
-        Draw what no temperature has to explain in a recording, shape (n, N).
-
-        A constant; where a fold has one of its own, also a random walk in cosines, so that slow
-        errors are not taken for many independent witnesses, and the transients of a start that
-        was not soaked.
-        """
+        """Draw what no temperature has to explain in a recording, shape (n, N)."""
+        # A constant; where a fold has one of its own, also a random walk in cosines, so that slow
+        # errors are not taken for many independent witnesses, and the transients of a start that
+        # was not soaked.
         bins = len(self.sums[recording].count)
         middle = (np.arange(bins) + 0.5)[:, np.newaxis]
         if not self.tared:

@@ -127,12 +127,9 @@ def accumulate(
 def _sum_rows(
     x: FloatArray, sums: Sums, rows: IntArray, phi: FloatArray, *, loaded: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """
-    Sum products, nuisance products and nuisance gram of some bins, x (n, C) and phi (n, N).
-
-        [ x_f(H_τ T) … | w x_f(H_τ T) … | w | y ]     with load, y = r - w
-        [ x_f(H_τ T) … | y ]                          without
-    """
+    """Sum products, nuisance products and nuisance gram of some bins, x (n, C) and phi (n, N)."""
+    #   [ x_f(H_τ T) … | w x_f(H_τ T) … | w | y ]     with load, y = r - w
+    #   [ x_f(H_τ T) … | y ]                          without
     count, w, ww = sums.count[rows], sums.load[rows], sums.load_square[rows]
     y, yy, wy = sums.residual[rows], sums.residual_square[rows], sums.product[rows]
     counted = phi.T * count

@@ -80,13 +80,10 @@ def identify(
 
 
 def observe_drift(data: AxisData) -> list[FloatArray]:
-    """
-    Observe zero drift and, when there is load, sensitivity drift directly in r - w.
-
-    Sensitivity is a least-squares slope over windows of at most OBSERVATION_WINDOW_S that do not
-    cross gaps: "coefficients recorded at discrete temperatures" (the paper's 3.2). Shapes
-    (N_i, M), up to a constant; NaN where either is not known.
-    """
+    """Observe zero drift and, when there is load, sensitivity drift directly in r - w."""
+    # Sensitivity is a least-squares slope over windows of at most OBSERVATION_WINDOW_S that do not
+    # cross gaps: "coefficients recorded at discrete temperatures" (the paper's 3.2). Shapes (N_i,
+    # M), up to a constant; NaN where either is not known.
     if data.load is None:
         return [residual[:, np.newaxis] for residual in data.residual]
     deviation = np.std(np.concatenate([w[np.isfinite(w)] for w in data.load]))

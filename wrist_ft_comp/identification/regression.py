@@ -24,13 +24,10 @@ TINY_RIDGE = 1e-9
 
 
 def _correlations(products: FloatArray, columns: IntArray) -> tuple[FloatArray, FloatArray]:
-    """
-    Scale centred products so that each column, by the positions (…, p), has variance one.
-
-    Return correlations with the target behind the columns, (…, p + 1, p + 1), and what turns
-    coefficients of scaled columns into those of columns, for a target that is not scaled, (…, p).
-
-    """
+    """Scale centred products so that each column, by the positions (…, p), has variance one."""
+    # Return correlations with the target behind the columns, (…, p + 1, p + 1), and what turns
+    # coefficients of scaled columns into those of columns, for a target that is not scaled, (…,
+    # p).
     diagonal = np.diagonal(products)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     scale[-1] = 1.0

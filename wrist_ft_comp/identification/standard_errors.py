@@ -61,12 +61,8 @@ def _clusters(data: BinnedData) -> tuple[IntArray, ...]:
 
 
 def _standard_errors(projection: VarPro, free: BoolArray) -> FloatArray:
-    """
-    Sandwich estimate over clusters, shape (p + free time constants,).
-
-        V = B (Σ_c u_c u_cᵀ) B · C / (C - p),   B = (JᵀJ)⁻¹,   u_c = Σ_{k in c} J_kᵀ e_k
-
-    """
+    """Sandwich estimate over clusters, shape (p + free time constants,)."""
+    #   V = B (Σ_c u_c u_cᵀ) B · C / (C - p),   B = (JᵀJ)⁻¹,   u_c = Σ_{k in c} J_kᵀ e_k
     moments = projection.moments
     size = moments.products.shape[1]
     # Columns of J as combinations of the columns that were summed, shape (P + 1, p + K').

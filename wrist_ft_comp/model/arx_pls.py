@@ -123,11 +123,9 @@ class ArxPls:
 def _filter(
     numerator: FloatArray, denominator: FloatArray, t: FloatArray, state: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """
-    Filter a series as scipy.signal.lfilter does; return it and the state.
-
-    lfilter itself would bring most of scipy into the node, which runs this when a model goes live.
-    """
+    """Filter a series as scipy.signal.lfilter does; return it and the state."""
+    # lfilter itself would bring most of scipy into the node, which runs this when a model goes
+    # live.
     direct = numerator[0] * t
     if len(state) == 1 and not numerator[1]:
         # A relaxation, as nearly all are: u(k) = b_0 t(k) - a_1 u(k-1).

@@ -206,12 +206,9 @@ class GridBuilder:
 
 
 def _scale_to_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, tuple[str, ...]]:
-    """
-    Scale specific force by its norm at rest, because accelerometers are off by some percent.
-
-    Shape (N, 3), NaN in cells without a sample of all three; None where it can't be gravity. The
-    sentences are doubts.
-    """
+    """Scale specific force by its norm at rest, because accelerometers are off by some percent."""
+    # Shape (N, 3), NaN in cells without a sample of all three; None where it can't be gravity. The
+    # sentences are doubts.
     # At rest a cell is like its neighbour; where it hardly ever is, the quietest half has to do.
     change = np.linalg.norm(np.diff(force, axis=0, prepend=force[:1]), axis=1)
     steps = change[np.isfinite(change)]

@@ -27,10 +27,7 @@ def what_to_record_next(  # noqa: PLR0913 -- what a calibration knows, each a pl
     """Say what another recording should hold; in a chamber, heat has but one source and no way."""
     advice = [*_temperatures(coverage)]
     if not chamber:
-        advice += [
-            *_thermometers_and_ways(coverage, levels),
-            *_lengths(durations_s, slowest_s),
-        ]
+        advice += [*_thermometers_and_ways(coverage, levels), *_lengths(durations_s, slowest_s)]
         if missing := [axis for axis in AXES if axis not in levels]:
             names = _names(missing)
             advice.append(f'No recording holds {names}; what is not recorded is passed through.')

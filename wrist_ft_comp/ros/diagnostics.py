@@ -274,10 +274,7 @@ def _outside(now: Snapshot) -> Iterator[str]:
 def _model(now: Snapshot) -> Status:
     """Tell which model is live."""
     stored = now.model
-    numbers = {
-        'state_saves': str(now.saves),
-        'state_save_took_ms': f'{1e3 * now.save_took_s:.1f}',
-    }
+    numbers = {'state_saves': str(now.saves), 'state_save_took_ms': f'{1e3 * now.save_took_s:.1f}'}
     if stored is None:
         why = now.model_problem or 'no model; record a warm-up and call ~/calibrate'
         why = f'{why}; {now.save_problem}' if now.save_problem else why

@@ -28,13 +28,10 @@ class Choice:
 def choose_first_model(
     store: ModelStore, model_file: str, thermometers: int, node_log: NodeLog
 ) -> Choice:
-    """
-    Choose the model to start with: the newest decision counts; a given one must be usable.
-
-    A model_file that differs from the one of the last start, in name or in content, is a new
-    decision of the operator's. One that does not is as old as that start, an empty one is none:
-    what a calibration or a rollback made live since goes on.
-    """
+    """Choose the model to start with: the newest decision counts; a given one must be usable."""
+    # A model_file that differs from the one of the last start, in name or in content, is a new
+    # decision of the operator's. One that does not is as old as that start, an empty one is none:
+    # what a calibration or a rollback made live since goes on.
     store.sweep()
     given = load_fitting(store.locate(model_file), thermometers) if model_file else None
     choice = _last_choice(store, thermometers, node_log)

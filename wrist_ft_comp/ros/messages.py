@@ -36,9 +36,7 @@ SLOW_SENSOR: QoSProfile = _profile(depth=100, reliability=ReliabilityPolicy.BEST
 NEWEST: QoSProfile = _profile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: What is sent once and kept for those who come later: static transforms.
 LATCHED: QoSProfile = _profile(
-    depth=100,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 #: Reliable, so that every tool receives it; a controller wants the newest values, not old ones.
 OUTPUT: QoSProfile = _profile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
@@ -68,12 +66,7 @@ def opening(topic: str) -> Iterator[None]:
     """Turn what rclpy says of a topic that it can't subscribe to or publish on into a sentence."""
     try:
         yield
-    except (
-        RuntimeError,
-        ValueError,
-        NameValidationException,
-        InvalidQosOverridesError,
-    ) as error:
+    except (RuntimeError, ValueError, NameValidationException, InvalidQosOverridesError) as error:
         # rcl ends its message with ", at FILE:LINE" of its sources; rclpy draws below its own.
         reason = str(error).split(', at /')[0].split('\n')[0].rstrip(':')
         raise SettingsError(

@@ -47,11 +47,8 @@ def _judged(log: DemoLog) -> tuple[BoolArray, BoolArray]:
 
 
 def external_errors(log: DemoLog) -> tuple[FloatArray, FloatArray]:
-    """
-    Compare ``wrench_external`` with what pushed on the tool: hours (n,) and errors (n, 6).
-
-    Counted are the times in which it holds the tool alone, as the payload in use says.
-    """
+    """Compare ``wrench_external`` with what pushed on the tool: hours (n,) and errors (n, 6)."""
+    # Counted are the times in which it holds the tool alone, as the payload in use says.
     after, _ = _judged(log)
     error = (log.external - log.external_reference)[after]
     hours = (log.stamps_ns[after] - log.calibrated_ns) / NANOSECONDS / 3600

@@ -200,13 +200,9 @@ def rewrite_bag(
     topics: Topics,
     progress: Progress | None = None,
 ) -> tuple[str, ...]:
-    """
-    Copy a bag with every message, and add wrenches by topic at the raw one's times.
-
-    Storage and compression are those of the source. The target is a folder or, where it is named
-    like one, the bare storage file. Where a raw one has none, none is added. Says
-    what was lost.
-    """
+    """Copy a bag with every message, and add wrenches by topic at the raw one's times."""
+    # Storage and compression are those of the source. The target is a folder or, where it is named
+    # like one, the bare storage file. Where a raw one has none, none is added. Says what was lost.
     bare = target.suffix in SUFFIXES
     if bare and SUFFIXES[target.suffix] != bag.storage:
         raise RecordingError(

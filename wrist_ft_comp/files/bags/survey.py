@@ -17,12 +17,7 @@ from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS, Progr
 from wrist_ft_comp.model.temperature_source import Path, path_text
 
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
-_ROLES = {
-    cdr.WRENCH: RAW_WRENCH,
-    cdr.TEMPERATURE: TEMPERATURE,
-    cdr.IMU: IMU,
-    cdr.TF: TF,
-}
+_ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}
 #: Wrenches that something was done to already are named like this.
 _TREATED = re.compile(r'compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE)
 #: Temperatures of the sensor, or beside it, are named like this.
@@ -167,14 +162,11 @@ def _tally(bag: Bag, connection: Connection, warnings: list[str]) -> _Tally | No
 
 
 def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
-    """
-    Decide what to use of a bag: what was named and is there, else what looks right.
-
-    The raw wrench is one that nothing was done to. The thermometer that has most of its name in
-    common with it, or is named like something at the tool, is most probably inside the sensor and
-    comes first, and so it is with IMUs; of an array, the last element counts as nearest to the
-    tool. Where there is no candidate, the wrench is empty, or there are no temperatures.
-    """
+    """Decide what to use of a bag: what was named and is there, else what looks right."""
+    # The raw wrench is one that nothing was done to. The thermometer that has most of its name in
+    # common with it, or is named like something at the tool, is most probably inside the sensor
+    # and comes first, and so it is with IMUs; of an array, the last element counts as nearest to
+    # the tool. Where there is no candidate, the wrench is empty, or there are no temperatures.
     wrenches = [each for each in candidates if each.role == RAW_WRENCH]
     wrenches.sort(key=lambda each: (bool(_TREATED.search(each.entry)), -each.samples))
     wrenches.sort(key=lambda each: each.entry.strip('/') != topics.wrench.strip('/'))

@@ -54,11 +54,8 @@ class SimulatedRobot:
         self._to_tf: Any = self._tf and advertise(self._tf, '/tf')
 
     def move(self, elapsed_s: FloatArray, near_c: FloatArray, load: FloatArray) -> FloatArray:
-        """
-        Go on, at times and temperatures (n,): all that pushes on the sensor, (n, 6).
-
-        The load (n, 6), N and N m, comes from without, as contacts do.
-        """
+        """Go on, at times and temperatures (n,): all that pushes on the sensor, (n, 6)."""
+        # The load (n, 6), N and N m, comes from without, as contacts do.
         motion = move(self._work, elapsed_s)
         readings = read_imu(self._accelerometer, motion, near_c - NOMINAL_C, self._rng)
         contact = load + motion.contact
