@@ -45,7 +45,7 @@ def test_a_name_is_never_given_to_another_payload(path):
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
-        (lambda _: 'no JSON', 'it is no JSON'),
+        (lambda _: 'no JSON', 'expected JSON'),
         (lambda text: text.replace('wrist_ft_comp payloads', 'other'), 'not a file of payloads'),
         (lambda text: text.replace('"version": 1', '"version": 2'), 'of version 2'),
         (
@@ -54,7 +54,7 @@ def test_a_name_is_never_given_to_another_payload(path):
         ),
         (lambda text: text.replace('0.06', '60.0'), 'day-1 of .* within 10 m of the sensor'),
         (lambda text: text.replace('0.9', '0'), 'payloads/day-1/scale/1'),
-        (lambda text: text.replace('0.1,', 'NaN,'), 'it is no JSON'),
+        (lambda text: text.replace('0.1,', 'NaN,'), 'expected JSON'),
     ],
 )
 def test_a_broken_file_is_refused_with_a_sentence_and_stays(path, change, sentence):

@@ -30,7 +30,6 @@ from wrist_ft_comp.calibration.chamber import (
 )
 from wrist_ft_comp.calibration.result import Calibration
 from wrist_ft_comp.cli.options import part_of
-from wrist_ft_comp.cli.tables import payloads_json
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.documents import write_report
@@ -187,7 +186,6 @@ def _answer(job: CalibrationJob) -> dict[str, Any]:
         'path': str(outcome.stored.path),
         'sha256': outcome.stored.sha256,
         'document': outcome.stored.document,
-        'payloads': payloads_json(outcome.calibration.payloads),
     }
 
 

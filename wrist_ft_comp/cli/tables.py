@@ -9,6 +9,7 @@ import textwrap
 import numpy as np
 
 from wrist_ft_comp.calibration.chamber import ChamberFigures, FIGURE_TITLES
+from wrist_ft_comp.files.payload_file import payload_figures
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.learnt import LearntPayloads
 from wrist_ft_comp.model.signals import Recording
@@ -49,19 +50,8 @@ def _lines(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
 
 def payloads_json(learnt: LearntPayloads | None) -> list[dict[str, object]]:
     """Put payloads into plain values, lightest first; what is not known is null."""
-    if learnt is None:
-        return []
-    return [
-        {
-            'name': name,
-            'mass_kg': payload.mass_kg,
-            'center_of_mass_m': payload.center_m.tolist(),
-            'mass_error_kg': payload.mass_error_kg,
-            'center_error_m': payload.center_error_m.tolist(),
-            'share': payload.share,
-        }
-        for name, payload in learnt.payloads.items()
-    ]
+    payloads = learnt.payloads if learnt else {}
+    return [{'name': name, **payload_figures(each)} for name, each in payloads.items()]
 
 
 def verdict_text(verdicts: Mapping[str, Verdict]) -> str:

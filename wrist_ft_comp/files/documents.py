@@ -88,7 +88,7 @@ def write_report(path: Path, content: str | bytes, what: str = 'report') -> None
         ) from error
 
 
-def refuse_constant(name: str) -> None:
+def _refuse_constant(name: str) -> None:
     """Refuse NaN and infinities, which Python's JSON would take."""
     raise ValueError(f'{name} stands in it')
 
@@ -146,6 +146,19 @@ class Kind:
         except OSError as error:
             reason = self.unwritable.format(path=path, reason=error.strerror)
             raise self.error(reason) from error
+
+    def load_json(self, path: Path) -> Document | None:
+        """Read and check a JSON file; None when there is none."""
+        if not path.exists():
+            return None
+        try:
+            document: Document = json.loads(self.read(path), parse_constant=_refuse_constant)
+        except (ValueError, RecursionError) as error:
+            raise self.error(
+                f'{path} is not a {self.name}: expected JSON, but {error}.'
+            ) from error
+        self.check(path, document)
+        return document
 
     def check(self, path: Path, document: Any) -> None:
         """Refuse other formats, other versions, and whatever breaks the schema."""

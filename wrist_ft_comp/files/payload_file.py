@@ -12,7 +12,7 @@ import re
 import numpy as np
 
 from wrist_ft_comp.errors import ModelFileError, WristFtCompError
-from wrist_ft_comp.files.documents import Document, Kind, refuse_constant
+from wrist_ft_comp.files.documents import Document, Kind
 from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
 
 #: Its name, in the folder of the models.
@@ -28,8 +28,6 @@ KIND = Kind(
     renewed_by='Remove it, calibrate',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another folder.',
 )
-#: Parts of a ForceFrame.
-_FRAME = ('rotation', 'bias', 'scale')
 #: By name, oldest first.
 Learnt = dict[str, tuple[Payload, ForceFrame]]
 
@@ -54,7 +52,11 @@ def add_payloads(
     entries = _entries(path)
     taken = [re.fullmatch(rf'{re.escape(stem)}-(\d+)', name) for name in (*entries, *taken_too)]
     first = 1 + max((int(each[1]) for each in taken if each), default=0)
-    added = {f'{stem}-{n}': _entry(each, frame) for n, each in enumerate(payloads, first)}
+    turned = {key: value.tolist() for key, value in vars(frame).items()}
+    added = {
+        f'{stem}-{n}': {**payload_figures(each), **turned}
+        for n, each in enumerate(payloads, first)
+    }
     document = {'format': KIND.says, 'version': KIND.version, 'payloads': {**entries, **added}}
     KIND.write(path, json.dumps(document, indent=1, allow_nan=False))
     return list(added)
@@ -62,18 +64,11 @@ def add_payloads(
 
 def _entries(path: Path) -> Document:
     """Read and check what a file holds."""
-    if not path.exists():
-        return {}
-    try:
-        document = json.loads(KIND.read(path), parse_constant=refuse_constant)
-    except (ValueError, RecursionError) as error:
-        raise ModelFileError(f'{path} cannot be read: it is no JSON ({error}).') from error
-    KIND.check(path, document)
-    entries: Document = document['payloads']
+    entries: Document = (KIND.load_json(path) or {'payloads': {}})['payloads']
     return entries
 
 
-def _entry(payload: Payload, frame: ForceFrame) -> Document:
+def payload_figures(payload: Payload) -> Document:
     """Turn a payload into plain values; what is not known is null."""
     values = {
         'mass_kg': payload.mass_kg,
@@ -81,7 +76,6 @@ def _entry(payload: Payload, frame: ForceFrame) -> Document:
         'mass_error_kg': payload.mass_error_kg,
         'center_error_m': payload.center_error_m,
         'share': payload.share,
-        **{name: getattr(frame, name) for name in _FRAME},
     }
     arrays = {name: np.asarray(value, dtype=float) for name, value in values.items()}
     return {name: a.tolist() if np.isfinite(a).all() else None for name, a in arrays.items()}
@@ -89,13 +83,11 @@ def _entry(payload: Payload, frame: ForceFrame) -> Document:
 
 def _payload(path: Path, name: str, entry: Document) -> tuple[Payload, ForceFrame]:
     """Build a payload from an entry that was checked."""
-    known = {key: np.nan if value is None else value for key, value in entry.items()}
-    center, error = (
-        np.broadcast_to(np.array(known[key], dtype=float), 3)
-        for key in ('center_of_mass_m', 'center_error_m')
-    )
+    known = {key: np.array(value, dtype=float) for key, value in entry.items()}  # null is NaN
+    error_kg, errors_m = float(known['mass_error_kg']), np.zeros(3) + known['center_error_m']
+    mass_kg, share = entry['mass_kg'], float(known['share'])
     try:
-        payload = Payload(known['mass_kg'], center, known['mass_error_kg'], error, known['share'])
+        payload = Payload(mass_kg, known['center_of_mass_m'], error_kg, errors_m, share)
     except WristFtCompError as refusal:
         raise ModelFileError(f'{name} of {path} cannot be used: {refusal}') from refusal
-    return payload, ForceFrame(*(np.array(entry[part], dtype=float) for part in _FRAME))
+    return payload, ForceFrame(known['rotation'], known['bias'], known['scale'])

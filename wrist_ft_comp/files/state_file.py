@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp.errors import StateFileError
-from wrist_ft_comp.files.documents import Document, Kind, refuse_constant
+from wrist_ft_comp.files.documents import Document, Kind
 from wrist_ft_comp.model.drift_model import Drift
 from wrist_ft_comp.model.signals import AXES, FloatArray
 from wrist_ft_comp.stream.warm_restart import ThermalMemory
@@ -58,15 +58,8 @@ def save_state(path: Path, state: SavedState) -> None:
 
 def load_state(path: Path) -> SavedState | None:
     """Read a state file, of this version and whole; None when there is none."""
-    if not path.exists():
-        return None
-    content = KIND.read(path)
-    try:
-        document = json.loads(content, parse_constant=refuse_constant)
-    except (ValueError, RecursionError) as error:
-        raise StateFileError(f'{path} is not a state file: expected JSON, but {error}.') from error
-    KIND.check(path, document)
-    return _state(document)
+    document = KIND.load_json(path)
+    return None if document is None else _state(document)
 
 
 def _document(state: SavedState) -> Document:

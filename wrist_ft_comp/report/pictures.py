@@ -229,9 +229,8 @@ class DriftSeries(NamedTuple):
     elapsed_s: FloatArray
     raw: FloatArray
     compensated: FloatArray
-    #: What is left in ``wrench_external``, at times of its own, shapes (m,); may be none.
-    external_s: FloatArray = np.zeros(0)
-    external: FloatArray = np.zeros(0)
+    #: What is left in ``wrench_external``, NaN where nothing is known.
+    external: FloatArray | None = None
 
 
 class TemperatureSeries(NamedTuple):
@@ -250,8 +249,8 @@ def draw_drift(axes: Sequence[DriftSeries], temperatures: Sequence[TemperatureSe
     for number, axis in enumerate(axes):
         panel = figure.add_subplot(grid[number // 2, number % 2])
         _png_line(panel, axis.elapsed_s, axis.raw, color=RAW_COLOUR, lw=1.0, label='without')
-        if len(axis.external):
-            _png_line(panel, axis.external_s, axis.external, color=_EXTERNAL_COLOUR, lw=0.6,
+        if axis.external is not None:
+            _png_line(panel, axis.elapsed_s, axis.external, color=_EXTERNAL_COLOUR, lw=0.6,
                       label='with, payload taken off')  # fmt: skip
         _png_line(panel, axis.elapsed_s, axis.compensated, color=COMPENSATED_COLOUR, lw=1.0,
                   label='with')  # fmt: skip

@@ -112,30 +112,23 @@ class DemoClient:
         """Listen until the stamps have moved on, telling how far they are."""
         while self.latest_ns < first_ns + int(seconds * NANOSECONDS):
             target_ns = self.latest_ns + int(seconds / 40 * NANOSECONDS)
-            reached = partial(self._reached, target_ns)
+            reached = partial(lambda at_ns: self.latest_ns > at_ns, target_ns)
             self.spin_until(reached, 'The next message', _SILENCE_TIMEOUT_S)
             done = (self.latest_ns - first_ns) / (seconds * NANOSECONDS)
             tell('progress', what=what, share=min(done, 1.0))
-
-    def _reached(self, stamp_ns: int) -> bool:
-        """Tell whether the stamps have passed a time."""
-        return self.latest_ns > stamp_ns
 
     def log(self, calibrated_ns: int) -> DemoLog:
         """Put together what came on all three wrench topics."""
         by_stamp = [self.wrenches[topic] for topic in _WRENCH_TOPICS]
         stamps = sorted(set.intersection(*map(set, by_stamp)))
-        raw, compensated, reference = (
-            np.array([each[stamp] for stamp in stamps]) for each in by_stamp
-        )
         nothing = (np.nan,) * len(AXES)
-        external, external_reference = (
-            np.array([self.wrenches[topic].get(stamp, nothing) for stamp in stamps])
-            for topic in _EXTERNAL_TOPICS
+        raw, compensated, reference, external, external_reference = (
+            np.array([each.get(stamp, nothing) for stamp in stamps])
+            for each in self.wrenches.values()
         )
         temperatures = np.array(self.temperatures).reshape(-1, 3)
         return DemoLog(
-            stamps_ns=np.array(stamps, dtype=np.int64),
+            stamps_ns=np.array(stamps, np.int64),
             raw=raw,
             compensated=compensated,
             reference=reference,

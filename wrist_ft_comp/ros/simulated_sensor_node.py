@@ -93,28 +93,19 @@ PARAMETERS = (
 
 def run_settings(chosen: dict[str, Any]) -> RunSettings:
     """Translate the parameters of a run; SettingsError when its duty cannot be followed."""
-    return RunSettings(
-        duty_start_s=chosen['duty_cycle.start_s'],
-        duty_level=chosen['duty_cycle.level'],
-        room_c=chosen['room_temperature_c'],
-        room_swing_k=chosen['room_swing_k'],
-        room_swing_period_s=chosen['room_swing_period_s'],
-        force_n=chosen['load.force_n'],
-        torque_nm=chosen['load.torque_nm'],
-        load_period_s=chosen['load.period_s'],
-    )
+    names = (
+        'duty_cycle.start_s', 'duty_cycle.level', 'room_temperature_c', 'room_swing_k',
+        'room_swing_period_s', 'load.force_n', 'load.torque_nm', 'load.period_s',
+    )  # fmt: skip
+    return RunSettings(*(chosen[name] for name in names))
 
 
 def work_settings(chosen: dict[str, Any]) -> WorkSettings | None:
     """Translate the parameters of work; None for a robot that stands still."""
     if chosen['work.tool_mass'] == 0:
         return None
-    return WorkSettings(
-        tool_kg=chosen['work.tool_mass'],
-        part_kg=chosen['work.part_mass'],
-        contacts=chosen['work.contacts'],
-        speed_rad_s=chosen['work.speed'],
-    )
+    names = ('tool_mass', 'part_mass', 'contacts', 'speed')
+    return WorkSettings(*(chosen[f'work.{name}'] for name in names))
 
 
 #: Messages due within this time leave in one wake-up, which costs less than a wake-up for each.

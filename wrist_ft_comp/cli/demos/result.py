@@ -46,22 +46,19 @@ def _judged(log: DemoLog) -> tuple[BoolArray, BoolArray]:
     return after, tare
 
 
-def external_errors(log: DemoLog) -> tuple[FloatArray, FloatArray]:
-    """Compare ``wrench_external`` with what pushed on the tool: hours (n,) and errors (n, 6)."""
-    # Counted are the times in which it holds the tool alone, as the payload in use says.
-    after, _ = _judged(log)
+def external_errors(log: DemoLog) -> FloatArray:
+    """Compare ``wrench_external`` with what pushed on the tool, as ``errors``, (n, 6)."""
+    after, tare = _judged(log)
     error = (log.external - log.external_reference)[after]
-    hours = (log.stamps_ns[after] - log.calibrated_ns) / NANOSECONDS / 3600
     weight = np.linalg.norm((log.reference - log.external_reference)[after, :3], axis=1)
-    held = weight < (TOOL_KG + PART_KG / 2) * GRAVITY
-    there = held & np.isfinite(error).all(axis=1)
-    tare = there & (hours <= _TARE_S / 3600)
-    if not tare.any():
+    # The payload in use is the tool alone: what it is with a part in it does not count.
+    error[~(weight < (TOOL_KG + PART_KG / 2) * GRAVITY)] = np.nan
+    if not np.isfinite(error[tare]).any():
         raise RecordingError(
             f'No wrench_external was received in the {_TARE_S:g} s after the calibration. Try a '
             'lower --speed.'
         )
-    return hours[there], (error - error[tare].mean(axis=0))[there]
+    return np.asarray(error - np.nanmean(error[tare], axis=0))
 
 
 @dataclass(frozen=True)
@@ -108,19 +105,19 @@ def judge(log: DemoLog, masses_kg: Mapping[str, float] | None) -> Outcome:
     axes = judge_errors([errors(log)])
     ratio = axes['force_z'].rms_before / axes['force_z'].rms_after
     wanted = _RATIO if masses_kg is None else _RATIO_AT_WORK
+    reached, external = ratio >= wanted, {}
     sentence = f'drift of force z fell {ratio:.1f} times; at least {wanted:.0f} are wanted'
-    if masses_kg is None:
-        return Outcome(axes, {}, {}, len(log.stamps_ns), ratio >= wanted, sentence)
-    tool_kg = min(masses_kg.values(), key=lambda mass: abs(mass - TOOL_KG), default=0.0)
-    off = abs(tool_kg - TOOL_KG) / TOOL_KG
-    sentence += (
-        f'\nthe tool of {TOOL_KG:g} kg was found to be {tool_kg:.3f} kg, {off:.1%} off; at most '
-        f'{_MASS:.0%} are wanted'
-    )
-    rms = np.sqrt(np.mean(external_errors(log)[1] ** 2, axis=0)).tolist()
-    external = dict(zip(AXES, rms, strict=True))
-    reached = ratio >= wanted and off <= _MASS
-    return Outcome(axes, external, masses_kg, len(log.stamps_ns), reached, sentence)
+    if masses_kg is not None:
+        tool_kg = min(masses_kg.values(), key=lambda mass: abs(mass - TOOL_KG), default=0.0)
+        off = abs(tool_kg - TOOL_KG) / TOOL_KG
+        sentence += (
+            f'\nthe tool of {TOOL_KG:g} kg was found to be {tool_kg:.3f} kg, {off:.1%} off; at '
+            f'most {_MASS:.0%} are wanted'
+        )
+        rms = np.sqrt(np.nanmean(external_errors(log) ** 2, axis=0)).tolist()
+        external = dict(zip(AXES, rms, strict=True))
+        reached &= off <= _MASS
+    return Outcome(axes, external, masses_kg or {}, len(log.stamps_ns), reached, sentence)
 
 
 def draw(log: DemoLog, *, external: bool) -> Figure:
@@ -133,12 +130,9 @@ def draw(log: DemoLog, *, external: bool) -> Figure:
         rows = (log.thermometer == number) & (log.temperature_stamps_ns > log.calibrated_ns)
         times = (log.temperature_stamps_ns[rows] - log.calibrated_ns) / NANOSECONDS
         temperatures.append(TemperatureSeries(topic, times, log.temperature_c[rows]))
-    hours, rest = external_errors(log) if external else (np.zeros(0), np.zeros((0, len(AXES))))
+    left = [raw, compensated, *([external_errors(log)] if external else [])]
     series = [
-        DriftSeries(
-            f'{axis}, {axis_unit(axis)}', elapsed_s, raw[:, i], compensated[:, i],
-            hours * 3600, rest[:, i],
-        )
+        DriftSeries(f'{axis}, {axis_unit(axis)}', elapsed_s, *(each[:, i] for each in left))
         for i, axis in enumerate(AXES)
-    ]  # fmt: skip
+    ]
     return draw_drift(series, temperatures)
