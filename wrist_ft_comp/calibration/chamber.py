@@ -75,8 +75,7 @@ class ChamberTable:
     @property
     def spans(self) -> FloatArray:
         """Y_f(T_i) - Y_0(T_i) of eq. 23 at every temperature, shape (P,)."""
-        spans: FloatArray = self.output[int(np.argmax(self.load))] - self.output[0]
-        return spans
+        return np.asarray(self.output[int(np.argmax(self.load))] - self.output[0])
 
     @property
     def full_scale(self) -> float:
@@ -86,8 +85,7 @@ class ChamberTable:
     @property
     def reference(self) -> FloatArray:
         """Load in units of output by the reference column's zero and full load, shape (S,)."""
-        reference: FloatArray = self.load * self.full_scale / (self.load.max() - self.load[0])
-        return reference
+        return np.asarray(self.load * self.full_scale / (self.load.max() - self.load[0]))
 
     @property
     def reading_stamps_ns(self) -> IntArray:

@@ -160,8 +160,7 @@ def drop_stuck_cells(
 
 def _present(values: FloatArray) -> FloatArray:
     """Take the finite values."""
-    finite: FloatArray = values[np.isfinite(values)]
-    return finite
+    return np.asarray(values[np.isfinite(values)])
 
 
 def _is_dead(recordings: Sequence[Recording], column: int) -> bool:

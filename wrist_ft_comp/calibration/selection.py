@@ -42,7 +42,9 @@ def finish(
     model = None if winner.model is None else anchor(data, winner.model)
     time_constants_s, stated_errors_s = winner.time_constants_s, winner.time_constant_errors_s
     if model is not None and not time_constants_s:
-        time_constants_s = _lasting_time_constants(model, data.period_s)
+        # of the real positive poles
+        lasting = model.poles.real[(np.abs(model.poles.imag) < 1e-9) & (model.poles.real > 0)]
+        time_constants_s = tuple(np.unique(np.round(-data.period_s / np.log(lasting), 6)).tolist())
         stated_errors_s = (float('nan'),) * len(time_constants_s)
     return AxisFit(
         model=model,
@@ -77,13 +79,6 @@ def anchor(data: AxisData, model: AxisModel) -> AxisModel:
     # A load that is constant within each recording leaves the gain error at T_ref open.
     gain_error = above / below if below > 1e-12 * whole else 0.0
     return anchored(model, [0.0, gain_error])
-
-
-def _lasting_time_constants(model: AxisModel, period_s: float) -> tuple[float, ...]:
-    """Turn the real positive poles of a model into time constants, increasing, s."""
-    poles = model.poles
-    lasting = poles.real[(np.abs(poles.imag) < 1e-9) & (poles.real > 0)]
-    return tuple(float(tau) for tau in np.unique(np.round(-period_s / np.log(lasting), 6)))
 
 
 def _reason(

@@ -34,11 +34,9 @@ _Event = dict[str, object]
 
 
 def play(folder: Path, log_file: Path, plan: Plan, messages: TextIO) -> None:
-    """
-    Run the three processes until the operator is done, and end them.
-
-    The operator puts what it received into the log file; what it says is printed to the messages.
-    """
+    """Run the three processes until the operator is done, and end them."""
+    # The operator puts what it received into the log file; what it says is printed to the
+    # messages.
     with ExitStack() as stack:
         running = {'compensator': stack.enter_context(_process(*plan.compensator(folder)))}
         operator = stack.enter_context(_process(*plan.operator(log_file), stdout=subprocess.PIPE))

@@ -25,16 +25,10 @@ _FORMS = {'max_sensitivity_drift': '.4f'}
 def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Align a table of at most 80 columns: the first to the left, the others to the right."""
     table = [list(header), *(list(row) for row in rows)]
-    widths = _fitting([max(len(row[i]) for row in table) for i in range(len(header))])
+    widths = [max(len(row[i]) for row in table) for i in range(len(header))]
+    while sum(widths) + len(_GAP) * (len(widths) - 1) > WIDTH:
+        widths[widths.index(max(widths))] -= 1
     return '\n'.join(line for row in table for line in _lines(row, widths))
-
-
-def _fitting(widths: list[int]) -> list[int]:
-    """Narrow the widest columns until the table fits."""
-    fitting = list(widths)
-    while sum(fitting) + len(_GAP) * (len(fitting) - 1) > WIDTH:
-        fitting[fitting.index(max(fitting))] -= 1
-    return fitting
 
 
 def _lines(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:

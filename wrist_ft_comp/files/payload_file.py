@@ -44,11 +44,7 @@ def add_payloads(
     frame: ForceFrame,
     taken_too: Iterable[str] = (),
 ) -> list[str]:
-    """
-    Add payloads as stem-1, stem-2 … or counting on from what is there; give their names.
-
-    Names that are taken elsewhere count, too.
-    """
+    """Add payloads as stem-1, stem-2 …, or on from names that are taken; give their names."""
     entries = _entries(path)
     taken = [re.fullmatch(rf'{re.escape(stem)}-(\d+)', name) for name in (*entries, *taken_too)]
     first = 1 + max((int(each[1]) for each in taken if each), default=0)

@@ -132,12 +132,10 @@ def _sum_bins(values: FloatArray, cells: int) -> FloatArray:
     """Sum over bins, shapes (N, …) to (n, …)."""
     if cells == 1:
         return values
-    sums: FloatArray = np.add.reduceat(values, np.arange(0, len(values), cells), axis=0)
-    return sums
+    return np.asarray(np.add.reduceat(values, np.arange(0, len(values), cells), axis=0))
 
 
 def _mean_bins(values: FloatArray, cells: int) -> FloatArray:
     """Average over bins, shapes (N, J) to (n, J)."""
     counts = np.diff(np.arange(0, len(values), cells), append=len(values))
-    means: FloatArray = _sum_bins(values, cells) / counts[:, np.newaxis]
-    return means
+    return np.asarray(_sum_bins(values, cells) / counts[:, np.newaxis])

@@ -82,8 +82,7 @@ class Moments:
     def fit_nuisances(self, inside: BoolArray, thetas: FloatArray) -> FloatArray:
         """Fit a recording's nuisances, (N, S), to combinations of columns, (S, P + 1)."""
         crossed = self.nuisance_products[inside].sum(axis=0)
-        fitted: FloatArray = np.linalg.solve(self._penalised(inside), crossed @ thetas.T)
-        return fitted
+        return np.asarray(np.linalg.solve(self._penalised(inside), crossed @ thetas.T))
 
 
 def bank_inputs(

@@ -8,7 +8,7 @@ from wrist_ft_comp.identification.bins import BinnedData
 from wrist_ft_comp.identification.gains import by_relaxation
 from wrist_ft_comp.identification.time_constants import residual_and_gradient, VarPro
 from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
+from wrist_ft_comp.model.signals import BoolArray, FloatArray
 
 #: What is left is correlated over about this time; standard errors count it as one sample, s.
 _CLUSTER_S = 600.0
@@ -31,13 +31,13 @@ class GainFit:
 
 
 def fit_gains(data: BinnedData, features: Features, time_constants_s: FloatArray) -> GainFit:
-    """
-    Fit all gains for time constants at their optimum, with standard errors of both.
-
-    The errors allow for what is left being correlated in time: they are those of the sandwich
-    estimator, with stretches of ten minutes as the independent samples.
-    """
-    clustered = replace(data, folds=_clusters(data))
+    """Fit all gains for time constants at their optimum, with standard errors of both."""
+    # The errors allow for what is left being correlated in time: they are those of the sandwich
+    # estimator, with stretches of ten minutes as the independent samples.
+    whole_s = sum(map(len, data.temperature_c)) * data.period_s
+    bins = max(round(min(_CLUSTER_S, whole_s / _MIN_CLUSTERS) / data.period_s), 1)
+    clusters = tuple(np.arange(len(each)) // bins for each in data.temperature_c)
+    clustered = replace(data, folds=clusters)
     projection = residual_and_gradient(clustered, features, time_constants_s)
     free = time_constants_s > 0
     deviations = _standard_errors(projection, free)
@@ -51,13 +51,6 @@ def fit_gains(data: BinnedData, features: Features, time_constants_s: FloatArray
         errors,
         by_relaxation(deviations[:explaining], count, inputs, loaded=projection.moments.loaded),
     )
-
-
-def _clusters(data: BinnedData) -> tuple[IntArray, ...]:
-    """Divide into stretches that count as one independent sample each, shapes (N_i,)."""
-    whole_s = sum(len(temperature_c) for temperature_c in data.temperature_c) * data.period_s
-    bins = max(round(min(_CLUSTER_S, whole_s / _MIN_CLUSTERS) / data.period_s), 1)
-    return tuple(np.arange(len(temperature_c)) // bins for temperature_c in data.temperature_c)
 
 
 def _standard_errors(projection: VarPro, free: BoolArray) -> FloatArray:

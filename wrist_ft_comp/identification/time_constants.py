@@ -26,11 +26,8 @@ _APART = 1.5
 def search_time_constants(
     data: BinnedData, features: Features, start_s: FloatArray, tolerance: float = 1e-9
 ) -> FloatArray:
-    """
-    Search the time constants around a start, all gains solved inside; increasing, s.
-
-    It ends when what is left falls by less than a share, the tolerance, of it.
-    """
+    """Search the time constants around a start, all gains solved inside; increasing, s."""
+    # It ends when what is left falls by less than a share, the tolerance, of it.
     # Slower than its longest recording cannot be told from a trend.
     lower, upper = np.log((data.period_s, data.longest_s))
     start = np.clip(np.log(start_s), lower, upper)

@@ -84,8 +84,7 @@ class Arx:
         numerator, denominator = self.polynomials(order)
         # z_i = Σ_{j > i} (b_j t - a_j u) with t = 1 and u = gain
         remainder = numerator[1:] - denominator[1:] * self.gain
-        state: FloatArray = np.cumsum(remainder[::-1])[::-1]
-        return state
+        return np.asarray(np.cumsum(remainder[::-1])[::-1])
 
 
 def static_gain(gain: float = 1.0) -> Arx:
@@ -94,11 +93,8 @@ def static_gain(gain: float = 1.0) -> Arx:
 
 
 def relaxation(time_constant_s: float, period_s: float, gain: float = 1.0) -> Arx:
-    """
-    Build a first-order lag: pole exp(-h/τ), with a direct term; without memory for τ = 0.
-
-    Exact for an input that is constant over each cell of length h.
-    """
+    """Build a first-order lag: pole exp(-h/τ), with a direct term; without memory for τ = 0."""
+    # Exact for an input that is constant over each cell of length h.
     if time_constant_s == 0:
         return static_gain(gain)
     pole = np.exp(-period_s / time_constant_s)
@@ -106,11 +102,8 @@ def relaxation(time_constant_s: float, period_s: float, gain: float = 1.0) -> Ar
 
 
 def mean_relaxation(time_constant_s: float, period_s: float, cells: int) -> Arx:
-    """
-    Build what ``relaxation`` gives on average over bins of m cells, one step per bin.
-
-    Pole exp(-m h/τ), static gain 1; exact for an input that is constant over each bin.
-    """
+    """Build what ``relaxation`` gives on average over bins of m cells, one step per bin."""
+    # Pole exp(-m h/τ), static gain 1; exact for an input that is constant over each bin.
     if time_constant_s == 0:
         return static_gain()
     ratio = np.exp(-period_s / time_constant_s)
@@ -134,8 +127,7 @@ def free_run(arx: Arx, t: FloatArray) -> FloatArray:
     if not order:
         return np.asarray(numerator[0] * t)
     start = arx.resting_state(order).reshape((order,) + (1,) * (t.ndim - 1)) * t[:1]
-    outputs: FloatArray = lfilter(numerator, denominator, t, axis=0, zi=start)[0]
-    return outputs
+    return np.asarray(lfilter(numerator, denominator, t, axis=0, zi=start)[0])
 
 
 def regressors(
@@ -165,14 +157,11 @@ def regressors(
 def fit_one_step(
     segments: Sequence[tuple[FloatArray, FloatArray]], order: int, inputs: int, first_lag: int
 ) -> Arx:
-    """
-    Least squares on the one-step error over one or several recordings (eq. 21 and 22).
-
-    A segment is score t_r and output u_r of a recording, shape (N_i,), each with its own unknown
-    constant in u; rows that touch a NaN are left out. Measurement noise biases it, and its poles
-    may lie outside the unit circle; see ``stabilise``. Raises TooShortError when a segment is
-    shorter than the longest lag, or too few rows are complete.
-    """
+    """Least squares on the one-step error over one or several recordings (eq. 21 and 22)."""
+    # A segment is score t_r and output u_r of a recording, shape (N_i,), each with its own unknown
+    # constant in u; rows that touch a NaN are left out. Measurement noise biases it, and its poles
+    # may lie outside the unit circle; see ``stabilise``. Raises TooShortError when a segment is
+    # shorter than the longest lag, or too few rows are complete.
     parts = []
     for t, u in segments:
         rows, outputs = regressors(t, u, order, inputs, first_lag)

@@ -111,13 +111,11 @@ class ArxPls:
 
     def _scores(self, x: FloatArray) -> FloatArray:
         """Compute t from inputs x, shapes (..., F) to (..., R) (eq. 4)."""
-        t: FloatArray = ((x - self.input_mean) * self.input_weight) @ self.rotations
-        return t
+        return np.asarray(((x - self.input_mean) * self.input_weight) @ self.rotations)
 
     def _outputs(self, u: FloatArray) -> FloatArray:
         """Compute y from u, shapes (..., R) to (..., M) (eq. 15)."""
-        y: FloatArray = self.output_mean + (u @ self.output_loadings.T) / self.output_weight
-        return y
+        return np.asarray(self.output_mean + (u @ self.output_loadings.T) / self.output_weight)
 
 
 def _filter(
@@ -169,14 +167,11 @@ def from_gains(
     input_weight: FloatArray,
     output_weight: FloatArray,
 ) -> ArxPls | None:
-    """
-    Write a sum of filtered linear maps as an ARX-PLS model, exactly (eq. 15).
-
-    y ∘ W_y = Σ_k G_kᵀ H_k(x): the singular vectors of W_x⁻¹ G_k are latents with the dynamics H_k.
-
-    G_k, of shape (K, F, M), go from inputs in their own unit to outputs times output_weight.
-    Inputs of weight 0 must have no gain. The output mean is zero; all gains zero give None.
-    """
+    """Write a sum of filtered linear maps as an ARX-PLS model, exactly (eq. 15)."""
+    # y ∘ W_y = Σ_k G_kᵀ H_k(x): the singular vectors of W_x⁻¹ G_k are latents with the dynamics
+    # H_k.
+    # G_k, of shape (K, F, M), go from inputs in their own unit to outputs times output_weight.
+    # Inputs of weight 0 must have no gain. The output mean is zero; all gains zero give None.
     rotations: list[FloatArray] = []
     loadings: list[FloatArray] = []
     latents: list[Arx] = []

@@ -173,5 +173,4 @@ def run(
 
 def correct(raw: FloatArray, drift: Drift, tare: FloatArray | float = 0.0) -> FloatArray:
     """Remove drift and tare from raw wrenches, shapes (..., 6), N and N m."""
-    corrected: FloatArray = (raw - drift.zero - tare) / (1.0 + drift.sensitivity)
-    return corrected
+    return np.asarray((raw - drift.zero - tare) / (1.0 + drift.sensitivity))

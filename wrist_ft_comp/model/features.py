@@ -99,8 +99,7 @@ class Features:
         """Hold temperatures, °C, shape (..., J), within a margin of the calibrated range."""
         share = MARGIN if self.beyond == 'clamped' else _FAR_MARGIN
         margin = share * (self.upper_c - self.lower_c)
-        clamped: FloatArray = np.clip(temperature_c, self.lower_c - margin, self.upper_c + margin)
-        return clamped
+        return np.asarray(np.clip(temperature_c, self.lower_c - margin, self.upper_c + margin))
 
     def expand(self, temperature_c: FloatArray) -> FloatArray:
         """

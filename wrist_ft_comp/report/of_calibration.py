@@ -111,8 +111,7 @@ def _hardest_day(fits: Mapping[str, AxisFit], recordings: Sequence[Recording]) -
 
 def _parts(held_out: HeldOut) -> IntArray:
     """Give every fold of every recording a number, shape (n,)."""
-    parts: IntArray = held_out.recording * (held_out.fold.max() + 1) + held_out.fold
-    return parts
+    return np.asarray(held_out.recording * (held_out.fold.max() + 1) + held_out.fold)
 
 
 def _slowest_s(fit: AxisFit) -> float:

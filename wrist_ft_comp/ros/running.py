@@ -13,7 +13,6 @@ import re
 import signal
 import sys
 import threading
-from types import FrameType
 from typing import Any, TypeVar
 
 from rclpy.context import Context
@@ -143,14 +142,12 @@ def _stop_flag() -> Iterator[threading.Event]:
     """Yield a flag that SIGINT and SIGTERM set, however often; only in the main thread."""
     stop = threading.Event()
 
-    def set_flag(_number: int, _frame: FrameType | None) -> None:
-        stop.set()
-
     if threading.current_thread() is not threading.main_thread():
         yield stop
         return
     before: dict[int, Any] = {
-        number: signal.signal(number, set_flag) for number in (signal.SIGINT, signal.SIGTERM)
+        number: signal.signal(number, lambda *_: stop.set())
+        for number in (signal.SIGINT, signal.SIGTERM)
     }
     try:
         yield stop

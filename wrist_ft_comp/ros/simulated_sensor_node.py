@@ -270,8 +270,7 @@ class _Ticks:
         total = int(ran_s * self.rate) + 1
         ticks = np.arange(self._sent, total)
         self._sent = max(total, self._sent)
-        elapsed_ns: IntArray = np.rint(ticks * self._step_ns).astype(np.int64)
-        return elapsed_ns
+        return np.asarray(np.rint(ticks * self._step_ns).astype(np.int64))
 
 
 #: What --help says, between the first line and the parameters.

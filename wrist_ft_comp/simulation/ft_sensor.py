@@ -57,8 +57,7 @@ def build_sensor(settings: FtSensorSettings, seed: int) -> FtSensor:
 def steady_state(sensor: FtSensor, duty_cycle: float, room_c: float) -> FloatArray:
     """Find the node temperatures that duty cycle and room temperature end in, °C, shape (M,)."""
     drive = sensor.heat.inputs @ np.array([duty_cycle, room_c])
-    nodes_c: FloatArray = np.linalg.solve(sensor.heat.rates, -drive)
-    return nodes_c
+    return np.asarray(np.linalg.solve(sensor.heat.rates, -drive))
 
 
 def start(sensor: FtSensor, room_c: float) -> FloatArray:
@@ -82,8 +81,7 @@ def trajectory(sensor: FtSensor, nodes_c: FloatArray, drive: FloatArray) -> Floa
 
 def thermometer_temperatures(sensor: FtSensor, nodes_c: FloatArray) -> FloatArray:
     """Temperature where the thermometers sit, °C, shape (..., 2), from nodes_c, (..., M)."""
-    temperatures: FloatArray = np.einsum('jm,...m->...j', sensor.thermometer_weights, nodes_c)
-    return temperatures
+    return np.asarray(np.einsum('jm,...m->...j', sensor.thermometer_weights, nodes_c))
 
 
 def measured_wrench(sensor: FtSensor, nodes_c: FloatArray, wrench: ArrayLike) -> FloatArray:

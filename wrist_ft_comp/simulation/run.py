@@ -99,8 +99,7 @@ def room_temperature(run: Run, elapsed_s: ArrayLike) -> FloatArray:
     """Compute the room temperature, °C, in the shape of elapsed_s."""
     s = run.settings
     angle = 2 * np.pi / s.room_swing_period_s * np.asarray(elapsed_s) + run.room_phase
-    temperature: FloatArray = s.room_c + s.room_swing_k * np.sin(angle)
-    return temperature
+    return np.asarray(s.room_c + s.room_swing_k * np.sin(angle))
 
 
 def drive(run: Run, elapsed_s: FloatArray) -> FloatArray:
@@ -113,5 +112,4 @@ def true_wrench(run: Run, elapsed_s: ArrayLike) -> FloatArray:
     s = run.settings
     largest = np.array([s.force_n if axis_unit(axis) == 'N' else s.torque_nm for axis in AXES])
     angles = np.asarray(elapsed_s)[..., None, None] * run.load_rates + run.load_phases
-    wrench: FloatArray = largest * (run.load_shares * np.sin(angles)).sum(axis=-1)
-    return wrench
+    return np.asarray(largest * (run.load_shares * np.sin(angles)).sum(axis=-1))

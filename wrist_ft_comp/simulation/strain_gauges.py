@@ -49,15 +49,13 @@ def _gauge_coefficients(settings: FtSensorSettings, rng: np.random.Generator) ->
     wanted = rng.uniform(smallest, largest, 6) * rng.choice((-1.0, 1.0), 6)
     # Near balance, eq. 1 is V = (δ1 - δ2 + δ3 - δ4) / 4, δ the relative changes of resistance.
     excess = wanted - drawn @ GAUGE_SIGNS / 4
-    per_k: FloatArray = settings.gauge_coefficient_per_k + drawn + excess[:, None] * GAUGE_SIGNS
-    return per_k
+    return np.asarray(settings.gauge_coefficient_per_k + drawn + excess[:, None] * GAUGE_SIGNS)
 
 
 def bridge_output(resistances: FloatArray, changes: FloatArray) -> FloatArray:
     """Compute V/V of Wheatstone bridges of R1 to R4 and their changes, (..., 4), by eq. 1."""
     r1, r2, r3, r4 = np.moveaxis(resistances + GAUGE_SIGNS * changes, -1, 0)
-    output: FloatArray = (r1 * r3 - r2 * r4) / ((r1 + r2) * (r3 + r4))  # eq. 1
-    return output
+    return np.asarray((r1 * r3 - r2 * r4) / ((r1 + r2) * (r3 + r4)))  # eq. 1
 
 
 def bridge_wrench(

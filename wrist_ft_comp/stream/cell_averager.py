@@ -87,7 +87,7 @@ class CellAverager:
             self._silent = True
             yield self._row(cell, absent)
             for means in self._all:
-                means.end_at(cell)
+                means.begin = cell + 1
 
     def _complete_with_temperatures(self, *, final: bool) -> Iterator[Row]:
         """Take cells whose temperatures are complete, too."""
@@ -120,12 +120,12 @@ class _CellMeans:
         self.latest = -1
         self._cells: dict[int, list[float]] = {}
         #: Cells before it have their row; what comes for them is too late.
-        self._begin: int | None = None
+        self.begin: int | None = None
 
     def add(self, cell: int, wrench: Sequence[float]) -> None:
         """Add one wrench to its cell."""
         self.latest = max(self.latest, cell)
-        if self._begin is not None and cell < self._begin:
+        if self.begin is not None and cell < self.begin:
             return
         sums = self._cells.get(cell)
         if sums is None:
@@ -138,10 +138,6 @@ class _CellMeans:
     def overdue(self, held: int) -> list[int]:
         """List the oldest cells, those that are more than may be held."""
         return sorted(self._cells)[: max(len(self._cells) - held, 0)]
-
-    def end_at(self, cell: int) -> None:
-        """Take nothing more for a cell and those before it."""
-        self._begin = cell + 1
 
     def between(self, first: int, end: int) -> list[int]:
         """List the cells from first to end, end excluded, that have a wrench."""

@@ -36,11 +36,9 @@ class SensorWatch:
         self._same_stamps = 0
 
     def look(self, received: int, stamp_ns: int, raw: Sequence[float]) -> None:
-        """
-        Look at the newest wrench, N and N m, and its stamp, ns; 0 when it has none.
-
-        Without a new one since the last look, by how many were received, there is nothing to see.
-        """
+        """Look at the newest wrench, N and N m, and its stamp, ns; 0 when it has none."""
+        # Without a new one since the last look, by how many were received, there is nothing to
+        # see.
         if received == self._received:
             return
         self._received = received
