@@ -21,19 +21,12 @@ def work_view(calibration: Calibration) -> WorkView | None:
         return None
     weights = joined(separation.recordings, separation.fit.weights)
     forces = np.concatenate(separation.accelerometer.forces)[np.concatenate(weights) > COUNTS]
-    hours, part, used, pushed = _shares(separation)
-    return WorkView(
-        payloads={} if learnt is None else learnt.payloads,
-        rotation_deg=None
-        if learnt is None
-        else Rotation.from_matrix(learnt.frame.rotation).as_euler('xyz', degrees=True),
-        directions=forces / np.linalg.norm(forces, axis=1, keepdims=True),
-        hours=hours,
-        part=part,
-        used=used,
-        pushed=pushed,
-        steps=sum(map(len, separation.steps)),
-    )
+    turned = None
+    if learnt is not None:
+        turned = Rotation.from_matrix(learnt.frame.rotation).as_euler('xyz', degrees=True)
+    directions = forces / np.linalg.norm(forces, axis=1, keepdims=True)
+    payloads, steps = learnt.payloads if learnt else {}, sum(map(len, separation.steps))
+    return WorkView(payloads, turned, directions, *_shares(separation), steps)
 
 
 def _shares(separation: Separation) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:

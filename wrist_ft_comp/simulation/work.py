@@ -108,12 +108,9 @@ def _draw_payloads(settings: WorkSettings, rng: np.random.Generator) -> tuple[Pa
     """Draw where the centres of mass are: a tool, and the same with a part in it."""
     tool = np.append(rng.normal(0, 0.02, 2), rng.uniform(0.04, 0.12))
     part = np.append(rng.normal(0, 0.02, 2), rng.uniform(0.12, 0.2))
-    payloads = [Payload(settings.tool_kg, tool)]
-    if settings.part_kg:
-        both = settings.tool_kg + settings.part_kg
-        center = (settings.tool_kg * tool + settings.part_kg * part) / both
-        payloads.append(Payload(both, center))
-    return tuple(payloads)
+    both = settings.tool_kg + settings.part_kg
+    center = (settings.tool_kg * tool + settings.part_kg * part) / (both or 1.0)
+    return (Payload(settings.tool_kg, tool), Payload(both, center))[: 1 + (settings.part_kg > 0)]
 
 
 def move(work: Work, elapsed_s: FloatArray) -> Motion:
@@ -128,24 +125,15 @@ def move(work: Work, elapsed_s: FloatArray) -> Motion:
     pushed = work.ways_m[leg] * bend / moves_s**2 + [0.0, 0.0, GRAVITY]
     force = pose.inv().apply(pushed)
     weights = [each.weight(force + lever(omega, alpha, each.center_m)) for each in work.payloads]
-    return Motion(
-        pose,
-        force,
-        omega,
-        alpha,
-        np.choose(work.held[leg, np.newaxis], weights),
-        _press(work, leg, since_s),
-    )
+    weight = np.choose(work.held[leg, np.newaxis], weights)
+    return Motion(pose, force, omega, alpha, weight, _press(work, leg, since_s))
 
 
 def _smooth(share: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Go from 0 to 1 without a jerk: the way, and its first and second derivatives."""
     back = 1 - share
-    return (
-        share**3 * (10 - 15 * share + 6 * share**2),
-        30 * (share * back) ** 2,
-        60 * share * back * (1 - 2 * share),
-    )
+    way = share**3 * (10 - 15 * share + 6 * share**2)
+    return way, 30 * (share * back) ** 2, 60 * share * back * (1 - 2 * share)
 
 
 def lever(omega: FloatArray, alpha: FloatArray, at_m: FloatArray) -> FloatArray:

@@ -139,7 +139,7 @@ def test_tf_at_a_kilohertz_is_looked_at_a_hundred_times_a_second_in_bounded_memo
         heard.frame = 'tool' if milliseconds > 999 else ''
         moving(heard, milliseconds)
     assert len(heard.told) == 350
-    kept = heard.source._by_tf._links.values()
+    kept = heard.source._tree._links.values()
     assert max(len(link._columns[0]) + len(link._new) for link in kept) < 3300
 
 

@@ -13,18 +13,10 @@ _NORM_NOISE = 0.2
 
 def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArray, FloatArray]:
     """
-    Fit bias, scale and bias per kelvin to the norm at rest.
+    Fit bias, scale and bias per kelvin to the norm at rest, in a frame without rotation.
 
-    Parameters
-    ----------
-    force, theta : ndarrays, shapes (n, 3) and (n, J)
-        Specific force as it was measured, m/s², and temperatures less their mean, K.
-
-    Returns
-    -------
-    tuple of ForceFrame and ndarrays, shapes (J, 3) and (3, 3)
-        Bias and scale without rotation; bias per kelvin; covariance of the scale that is left.
-
+    Specific force as it was measured, m/s², (n, 3), and temperatures less their mean, K, (n, J),
+    give the frame, the bias per kelvin, (J, 3), and the covariance of the scale that is left.
     """
     common = float(np.median(np.linalg.norm(force, axis=1))) / GRAVITY if len(force) else 1.0
     thermometers = theta.shape[1]

@@ -7,8 +7,6 @@ of a frame orientations are interpolated; nothing is known where these are too f
 ended. Quaternions are x, y, z, w as in messages.
 """
 
-from collections.abc import Callable
-from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -139,51 +137,38 @@ class GravityByTf:
 
     def settled_ns(self) -> int | None:
         """Tell up to when all is there that is to come; None where nothing moves."""
-        path = self._path(self._newest_parent)
+        path = self._path()
         links = [self._links[frame] for way in path or () for frame in way[:-1]]
         newest = [link.newest_ns for link in links if not link.static]
         return min((n for n in newest if n > max(newest) - _PATIENCE_NS), default=None)
 
     def root(self) -> str:
         """Tell the uppermost frame above the lower one."""
-        way = self._way(self.lower, self._newest_parent)
-        return list(self._numbers)[way[-1]]
+        return list(self._numbers)[self._way(self.lower)[-1]]
 
-    def _newest_parent(self, frame: int) -> int:
-        """Tell where a frame hangs now."""
-        return self._links[frame].parent
-
-    def _parent_at(self, time_ns: IntArray, frame: int) -> int:
-        """Tell where a frame hangs at a time, shape (1,); -1 where that is not known."""
-        return int(self._links[frame].at(time_ns)[0][0])
-
-    def _way(self, frame: str, parent_of: Callable[[int], int]) -> list[int]:
-        """Climb from a frame as far as possible."""
+    def _way(self, frame: str, at_ns: IntArray | None = None) -> list[int]:
+        """Climb from a frame as far as possible, as frames hang now or at a time, shape (1,)."""
         way = [self._number(frame)]
-        while way[-1] in self._links:
-            parent = parent_of(way[-1])
+        while link := self._links.get(way[-1]):
+            parent = link.parent if at_ns is None else int(link.at(at_ns)[0][0])
             if parent < 0 or parent in way:
                 break
             way.append(parent)
         return way
 
-    def _path(self, parent_of: Callable[[int], int]) -> tuple[list[int], ...] | None:
+    def _path(self, at_ns: IntArray | None = None) -> list[list[int]] | None:
         """Find the ways from the lower and the upper frame to one above both; None if none is."""
-        lower, upper = (self._way(frame, parent_of) for frame in (self.lower, self.upper))
-        shared = next((frame for frame in lower if frame in upper), None)
-        return (
-            shared
-            if shared is None
-            else tuple(way[: way.index(shared) + 1] for way in (lower, upper))
-        )
+        ways = [self._way(frame, at_ns) for frame in (self.lower, self.upper)]
+        shared = next((frame for frame in ways[0] if frame in ways[1]), None)
+        return None if shared is None else [way[: way.index(shared) + 1] for way in ways]
 
     def rotations(self, times_ns: IntArray) -> FloatArray:
         """Turn from the lower frame to the upper one, (n, 3, 3), NaN where it is not known."""
         found = np.full((len(times_ns), 3, 3), np.nan)
         left: IntArray = np.arange(len(times_ns))
-        guess = self._path(self._newest_parent)
+        guess = self._path()
         while len(left):
-            path = guess or self._path(partial(self._parent_at, times_ns[left[:1]]))
+            path = guess or self._path(times_ns[left[:1]])
             guess = None
             if path is None:
                 left = left[1:]

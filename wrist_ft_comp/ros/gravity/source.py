@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from itertools import count
 import math
 from typing import Any
 
@@ -51,30 +50,26 @@ class GravitySource:
         self.unreadable = 0
         self._frame, self._on_force = frame, on_force
         self._told_ns: int | None = None
-        self._by_tf: GravityByTf | None = None
+        self._pieces = 0
+        self._by_tf = chosen['gravity.source'] == 'tf'
+        #: Of an IMU: how its frame, that of the newest message, is turned in the wrench's.
+        self._tree = GravityByTf(chosen['gravity.frame'], frame())
         self._imu: Any = None
-        #: How its frame, that of the newest message, is turned in the wrench's.
-        self._mount = GravityByTf('')
         self._newest = b''
+        static = partial(self._on_tf, static=True)
         if chosen['gravity.source'] == 'imu':
             self._imu = subscribe_unserved(Imu, 'imu', messages.FAST_SENSOR)
             with suppress(SettingsError):  # no TF here; a payload that was learnt knows
-                kind, take = (
-                    load_type('/tf_static', TF),
-                    partial(self._add, self._mount, static=True),
-                )
-                subscribe(kind, '/tf_static', take, messages.LATCHED)
-        elif chosen['gravity.source'] == 'tf':
+                subscribe(load_type('/tf_static', TF), '/tf_static', static, messages.LATCHED)
+        elif self._by_tf:
             if not chosen['gravity.frame']:
                 raise SettingsError(
                     'gravity.source is tf, and gravity.frame is empty; expected the frame whose z '
                     'is up. Set it at start-up with -p gravity.frame:=base_link or the like.'
                 )
-            gravity = self._by_tf = GravityByTf(chosen['gravity.frame'], frame())
-            kind, pieces = load_type('/tf', TF), count()
-            for topic, qos in ('/tf', messages.FAST_SENSOR), ('/tf_static', messages.LATCHED):
-                static = topic == '/tf_static'
-                subscribe(kind, topic, partial(self._on_tf, gravity, pieces, static=static), qos)
+            kind = load_type('/tf', TF)
+            subscribe(kind, '/tf', partial(self._on_tf, static=False), messages.FAST_SENSOR)
+            subscribe(kind, '/tf_static', static, messages.LATCHED)
 
     def poll(self) -> None:
         """Take what an IMU has sent."""
@@ -90,13 +85,13 @@ class GravitySource:
 
     def mount(self) -> ForceFrame | None:
         """Tell how TF turns specific force into the wrench's frame; None where it does not."""
-        if self._by_tf is not None:
+        if self._by_tf:
             return ForceFrame()
         if not self._newest or not self._frame():
             return None
-        self._mount.upper = self._frame()
-        self._mount.lower = locate(self._newest, IMU_DOUBLES).frame_id(self._newest)
-        (rotation,) = self._mount.rotations(np.zeros(1, np.int64))
+        self._tree.upper = self._frame()
+        self._tree.lower = locate(self._newest, IMU_DOUBLES).frame_id(self._newest)
+        (rotation,) = self._tree.rotations(np.zeros(1, np.int64))
         return ForceFrame(rotation) if np.isfinite(rotation).all() else None
 
     def end(self, destroy: Callable[[Any], object]) -> None:
@@ -120,35 +115,32 @@ class GravitySource:
         else:
             self.unreadable += 1
 
-    def _on_tf(
-        self, gravity: GravityByTf, pieces: 'count[int]', data: bytes, *, static: bool
-    ) -> None:
+    def _on_tf(self, data: bytes, *, static: bool) -> None:
         """Take one tf2_msgs/TFMessage; tells specific force of where all transforms are there."""
-        self._add(gravity, data, static=static)
-        if next(pieces) % _TIDY == 0:
-            gravity.forget()
-        gravity.lower = self._frame()
-        at_ns = gravity.settled_ns()
+        try:
+            for transforms in decode_transforms([data]):
+                self._tree.add(transforms, static=static)
+        except RecordingError:
+            self.unreadable += 1
+        if not self._by_tf:
+            return
+        self._pieces += 1
+        if self._pieces % _TIDY == 0:
+            self._tree.forget()
+        self._tree.lower = self._frame()
+        at_ns = self._tree.settled_ns()
         told_ns = self._told_ns
         # Stamps that ran back are a simulation begun anew.
         if at_ns is None or (told_ns is not None and 0 <= at_ns - told_ns < _STEP_NS):
             return
         self._told_ns = at_ns
-        force, speed = gravity.read(np.array([at_ns]))
+        force, speed = self._tree.read(np.array([at_ns]))
         if math.isfinite(force[0, 0]):
             x, y, z = force[0].tolist()
             self._on_force(at_ns, (x, y, z), float(speed[0]) if math.isfinite(speed[0]) else None)
 
-    def _add(self, gravity: GravityByTf, data: bytes, *, static: bool) -> None:
-        """Take the transforms of one tf2_msgs/TFMessage."""
-        try:
-            for transforms in decode_transforms([data]):
-                gravity.add(transforms, static=static)
-        except RecordingError:
-            self.unreadable += 1
-
     def problem(self) -> str:
         """Say why TF tells nothing; empty where it tells something, or is not asked."""
-        if self._by_tf is None or self._told_ns is not None or not self._frame():
+        if not self._by_tf or self._told_ns is not None or not self._frame():
             return ''
-        return self._by_tf.missing()
+        return self._tree.missing()
