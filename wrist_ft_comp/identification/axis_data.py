@@ -120,7 +120,8 @@ def _why_no_sensitivity(residual: Sequence[FloatArray], load: Sequence[FloatArra
         return 'no reference wrench was recorded for this axis'
     deviation = float(np.std(loads))
     noise = noise_level([_without_gain_error(r, w) for r, w in zip(residual, load, strict=True)])
-    if deviation == 0 or deviation < MIN_LOAD_TO_NOISE * noise:
+    rounding = 1e-9 * float(np.abs(loads).max())
+    if deviation <= rounding or deviation < MIN_LOAD_TO_NOISE * noise:
         return (
             f'its load varied by {deviation:.3g} (standard deviation), less than '
             f'{MIN_LOAD_TO_NOISE:g} times the noise of {noise:.3g}'

@@ -80,10 +80,9 @@ def _unexplained(separation: Separation, lag: str) -> str:
         'cable pulls.'
     )
     if share > _NOTHING_LEARNT:
-        raise CalibrationRefusedError(
-            f'{what} {lag} Neither payload nor drift can be learnt. Record the specific force of '
-            "a frame that is fixed to the sensor, by the same clock as the sensor's."
-        )
+        remedy = 'Record the specific force of a frame fixed to the sensor, by its clock.'
+        nothing = f'{what} Neither payload nor drift can be learnt.'
+        raise CalibrationRefusedError(' '.join(each for each in (nothing, lag, remedy) if each))
     return f'{what} No payload is told.'
 
 

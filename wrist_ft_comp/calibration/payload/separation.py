@@ -16,7 +16,7 @@ import numpy as np
 from wrist_ft_comp.calibration.payload.accelerometer import Accelerometer, set_right
 from wrist_ft_comp.calibration.payload.cells import axes_of, Cells, cut, joined, with_wrench
 from wrist_ft_comp.calibration.payload.gains import COUNTS, Fit, information
-from wrist_ft_comp.calibration.payload.states import find_states, fit_again
+from wrist_ft_comp.calibration.payload.states import find_states, fit_again, follow_closely
 from wrist_ft_comp.calibration.payload.steps import (
     locate,
     MEAN_S,
@@ -90,7 +90,8 @@ def separate(recordings: Sequence[Recording]) -> Separation:
         )
     fit = find_states(cells)
     while True:
-        states, counts = joined(recordings, fit.states), _counts(recordings, fit)
+        close = follow_closely(cells, fit)
+        states, counts = joined(recordings, close.states), _counts(recordings, close)
         found = 0
         for n, recording in enumerate(stepless):
             wrench = recording.wrench[:, axes]
@@ -114,7 +115,7 @@ def separate(recordings: Sequence[Recording]) -> Separation:
         for step in steps[n]:
             wrench[step.cell :] -= step_size(wrench - weight, counts[n], step.cell)
         drift.append(_loaded(recording, wrench, weight, axes))
-    return Separation(list(recordings), drift, accelerometer, cells, fit, steps)
+    return Separation(list(recordings), drift, accelerometer, cells, close, steps)
 
 
 def _counts(recordings: Sequence[Recording], fit: Fit) -> list[BoolArray]:

@@ -9,8 +9,10 @@ more is believed where it explains more of blocks that it was not fitted to.
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrist_ft_comp.calibration.payload.cells import Cells
 from wrist_ft_comp.calibration.payload.gains import (
@@ -30,6 +32,8 @@ TUNING, _START, _ROUNDS = 4.0, 40.0, 25
 #: Most payloads, and the share of cells not fitted to that another one has to explain.
 #: Two states that weigh the same up to this share are one.
 _MOST, _SHARE, _ALIKE = 4, 0.02, 0.03
+#: A block is cut into the first of these that it can be cut into, to follow sudden heat.
+_PARTS = (4, 3, 2, 1)
 #: Parts of a block whose medians are tried as levels.
 _WINDOWS = 8
 #: A state is cut in two only where it holds in so many cells.
@@ -79,6 +83,25 @@ def fit_again(cells: Cells, fit: Fit) -> Fit:
         fit = replace(fit, gains=solve(cells, fit.states, fit.weights, len(fit.gains)))
         fit = rescaled(cells, fit)
     return fit
+
+
+def follow_closely(cells: Cells, fit: Fit) -> Fit:
+    """Give states and weights anew along shorter parabolas: sudden heat is no contact."""
+    blocks, length = cells.usable.shape
+    parts = next(p for p in _PARTS if length % p == 0)
+
+    def cut(values: NDArray[Any]) -> NDArray[Any]:
+        return values.reshape(blocks * parts, length // parts, *values.shape[2:])
+
+    short = Cells(cut(cells.wrench), cut(cells.force), cut(cells.usable))
+    found = _turn(short, replace(fit, states=cut(fit.states)), cut(fit.levels), 4 * TUNING)
+    for width in (2 * TUNING, TUNING, TUNING):
+        found = _turn(short, found, _followed(short, found), width)
+    return replace(
+        fit,
+        states=found.states.reshape(blocks, length),
+        weights=found.weights.reshape(blocks, length),
+    )
 
 
 def _anew(cells: Cells, fit: Fit, width: float) -> list[FloatArray]:
