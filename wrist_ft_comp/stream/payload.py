@@ -25,8 +25,8 @@ class RecentForces:
     def __init__(self, timeout_s: float) -> None:
         #: A sample farther from a wrench than this is none of its time, ns.
         self.timeout_ns = round(timeout_s * NANOSECONDS)
-        #: Samples since the start.
-        self.count = 0
+        #: Samples since the start, and the stamp of the newest, ns.
+        self.count = self.newest_ns = 0
         self._kept: deque[tuple[int, Force]] = deque(maxlen=_KEPT)
 
     @property
@@ -41,6 +41,7 @@ class RecentForces:
             if self._kept[-1][0] - stamp_ns <= self.timeout_ns:
                 return
             self._kept.clear()
+        self.newest_ns = stamp_ns
         self._kept.append((stamp_ns, force))
 
     def at(self, stamp_ns: int) -> Force | None:
@@ -72,9 +73,12 @@ class LivePayload:
 
     def weight(self, force: Force) -> list[float]:
         """Push at a specific force, m/s²: N and N m, axis order AXES."""
-        x, y, z = force
-        return [a * x + b * y + c * z + d for a, b, c, d in self._rows]
+        return [-left for left in self.taken_off([0.0] * 6, force)]
 
     def taken_off(self, wrench: Sequence[float], force: Force) -> list[float]:
         """Take the weight at a specific force off a wrench, N and N m."""
-        return [w - p for w, p in zip(wrench, self.weight(force))]  # noqa: B905 -- as Compensator
+        x, y, z = force
+        return [
+            w - (a * x + b * y + c * z + d)
+            for w, (a, b, c, d) in zip(wrench, self._rows)  # noqa: B905 -- as in Compensator
+        ]
