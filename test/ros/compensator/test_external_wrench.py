@@ -130,6 +130,19 @@ def test_without_fresh_specific_force_it_rests_and_the_wrench_goes_on(holding):
     assert found.values['active'] == 'day-1, 1.5000 kg at (0.0100, -0.0200, 0.0600) m'
 
 
+def test_an_imu_is_asked_when_its_newest_sample_is_behind_the_wrench(holding):
+    node = holding()
+    asked = []
+    node.node.external.poll = lambda: asked.append(True)
+    for stamp, times in ((START, 1), (START, 2)):
+        ask(node, stamp, CONSTANT)
+        assert len(asked) == times
+    feel(node, START, UP)
+    for late_ns, times in ((-SECOND // 100, 2), (0, 2), (2_000_000, 2), (2_000_001, 3)):
+        ask(node, START + late_ns, CONSTANT)
+        assert len(asked) == times
+
+
 def test_a_payload_changes_with_the_next_wrench_and_refusals_change_nothing(holding):
     node = holding()
     feel(node, START, UP)
