@@ -134,6 +134,15 @@ def test_cells_are_means_over_a_quarter_of_a_second_of_stamps():
     assert collector.add(START + round(DURATION_S * SECOND), [0.0] * 6, (1.0, 2.0, 3.0), 0.0)
 
 
+def test_a_time_that_begins_anew_is_a_minute_that_begins_anew():
+    collector = MotionCollector()
+    for first in (START, START - 1000 * SECOND):
+        for k in range(3):
+            assert not collector.add(first + k * SECOND // 4, [float(k)] * 6, (1.0, 2.0, 3.0), 0.0)
+        assert collector.cells().wrench[:, 0].tolist() == [0.0, 1.0]
+        assert collector.share == pytest.approx(0.5 / DURATION_S)
+
+
 ANGLES = np.linspace(-30, 30, 60)
 LEVEL = ForceFrame()
 

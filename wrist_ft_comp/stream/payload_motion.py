@@ -64,8 +64,8 @@ class MotionCollector:
         self, stamp_ns: int, wrench: Sequence[float], force: Sequence[float], speed: float
     ) -> bool:
         """Take a wrench and its specific force; tell whether it is enough. Speed may be NaN."""
-        if not self._rows:
-            self._first_ns = stamp_ns
+        if not self._rows or stamp_ns < self._first_ns:  # at first, or in a time begun anew
+            self._cells, self._rows, self._first_ns, self._cell = [], [], stamp_ns, 0
         cell = int((stamp_ns - self._first_ns) / (CELL_S * NANOSECONDS))
         if cell != self._cell:
             self._cells.append(np.mean(self._rows, axis=0))
