@@ -112,17 +112,9 @@ def calibrate(
         *_doubts(recordings, fits),
     ]
     sources = tuple(recording.name for recording in recordings)
-    return Calibration(
-        model,
-        fits,
-        ranges,
-        duration_s,
-        tuple(warnings),
-        sources,
-        settings,
-        work.payloads if work else None,
-        work.separation if work else None,
-    )
+    at_work = (work.payloads, work.separation) if work else (None, None)
+    known = model, fits, ranges, duration_s, tuple(warnings), sources, settings
+    return Calibration(*known, *at_work)
 
 
 def identify(

@@ -35,12 +35,10 @@ _GRID_POINTS, _SHORTEST_TAU_S, _LONGEST_TAU_S = 13, 20.0, 7200.0
 
 @dataclass(frozen=True, eq=False)
 class CandidateData:
-    """
-    What all candidates of an axis are fitted from and scored on.
+    """What all candidates of an axis are fitted from and scored on."""
 
-    Features are those of one relaxation's temperatures, of the highest degree; moments hold all
-    of them behind a grid of time constants.
-    """
+    # Features are those of one relaxation's temperatures, of the highest degree; moments hold all
+    # of them behind a grid of time constants.
 
     axis_data: AxisData
     features: Features

@@ -37,12 +37,10 @@ class Sums:
 
 @dataclass(frozen=True, eq=False)
 class BinnedData:
-    """
-    One axis over several recordings, in bins; as AxisData, with the sums of each recording.
+    """One axis over several recordings, in bins; as AxisData, with the sums of each recording."""
 
-    The period is that of a bin, s, of so many cells; with one, relaxations are those of the
-    running model. Temperatures are the means of each bin, °C, shape (n_i, J).
-    """
+    # The period is that of a bin, s, of so many cells; with one, relaxations are those of the
+    # running model. Temperatures are the means of each bin, °C, shape (n_i, J).
 
     period_s: float
     cells: int

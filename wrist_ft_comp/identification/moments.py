@@ -20,11 +20,9 @@ _SILENT = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """
-    Sums over the samples of every fold: B entries, of P columns and, last, r - w.
+    """Sums over the samples of every fold: B entries, of P columns and, last, r - w."""
 
-    What no temperature has to explain are N nuisances with a prior, the first of them a one.
-    """
+    # What no temperature has to explain are N nuisances with a prior, the first of them a one.
 
     #: Grid of τ, s, shape (K,); the first is 0 (static).
     time_constants_s: FloatArray
@@ -107,20 +105,12 @@ def accumulate(
         for fold in np.unique(data.folds[i]):
             rows = np.flatnonzero((data.folds[i] == fold) & (sums.count > 0))
             if len(rows):
-                products = _sum_rows(x[rows], sums, rows, nuisances[rows], loaded=data.loaded)
-                entries.append((*products, i, int(fold)))
-    products, nuisance_products, nuisance_gram, recording, folds = zip(*entries, strict=True)
-    return Moments(
-        time_constants_s=time_constants_s,
-        products=np.stack(products),
-        nuisance_products=np.stack(nuisance_products),
-        nuisance_gram=np.stack(nuisance_gram),
-        precision=data.nuisance_precision(),
-        recording=np.array(recording),
-        fold=np.array(folds),
-        inputs=banked[0].shape[1] // len(time_constants_s),
-        loaded=data.loaded,
-    )
+                summed = _sum_rows(x[rows], sums, rows, nuisances[rows], loaded=data.loaded)
+                entries.append((*summed, i, int(fold)))
+    products, explained, gram, recording, fold = map(np.array, zip(*entries, strict=True))
+    inputs = banked[0].shape[1] // len(time_constants_s)
+    known = products, explained, gram, data.nuisance_precision(), recording, fold
+    return Moments(time_constants_s, *known, inputs, data.loaded)
 
 
 def _sum_rows(

@@ -35,12 +35,10 @@ PaperMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']
 
 @dataclass(frozen=True, eq=False)
 class XyBlock:
-    """
-    Input and output block of one axis, recording by recording.
+    """Input and output block of one axis, recording by recording."""
 
-    Features of every cell, (N_i, F), neither centred nor scaled; what is observed of the outputs,
-    (N_i, M), and where; and the diagonal of W_y.
-    """
+    # Features of every cell, (N_i, F), neither centred nor scaled; what is observed of the
+    # outputs, (N_i, M), and where; and the diagonal of W_y.
 
     inputs: tuple[FloatArray, ...]
     valid: tuple[BoolArray, ...]

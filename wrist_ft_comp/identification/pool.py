@@ -35,11 +35,9 @@ def near(*taus_s: float) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class RidgeBank:
-    """
-    A bank on the grid in ridge, at some strengths relative to the diagonal.
+    """A bank on the grid in ridge, at some strengths relative to the diagonal."""
 
-    Powers up to the degree explain zero drift, the first one gain drift.
-    """
+    # Powers up to the degree explain zero drift, the first one gain drift.
 
     degree: int
     thermometers: int
@@ -68,11 +66,9 @@ class RidgeBank:
 
 @dataclass(frozen=True)
 class FreeTimeConstants:
-    """
-    Some free time constants, shared by axes whose moments are alike but for the load.
+    """Some free time constants, shared by axes whose moments are alike but for the load."""
 
-    Powers up to the degree explain zero drift, the first one gain drift.
-    """
+    # Powers up to the degree explain zero drift, the first one gain drift.
 
     degree: int
     thermometers: int

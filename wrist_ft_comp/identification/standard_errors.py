@@ -17,12 +17,10 @@ _MIN_CLUSTERS = 20
 
 @dataclass(frozen=True, eq=False)
 class GainFit:
-    """
-    Gains for given time constants, (K,), s, of which 0 is static, with standard errors.
+    """Gains for given time constants, (K,), s, of which 0 is static, with standard errors."""
 
-    Gains, (K, F, M), lead from features of each relaxation's temperatures to zero and sensitivity
-    drift. What has no error holds NaN.
-    """
+    # Gains, (K, F, M), lead from features of each relaxation's temperatures to zero and
+    # sensitivity drift. What has no error holds NaN.
 
     time_constants_s: FloatArray
     gains: FloatArray

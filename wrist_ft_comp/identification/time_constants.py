@@ -59,12 +59,10 @@ def search_time_constants(
 
 @dataclass(frozen=True, eq=False)
 class VarPro:
-    """
-    A fit of the gains at given time constants, and its derivatives by log τ.
+    """A fit of the gains at given time constants, and its derivatives by log τ."""
 
-        columns of moments: [ X_1 … X_K | D_1 … D_K | w X … | w D … | w | r - w ]
-        seen as:            [ the p columns that explain | X's change with each log τ | r - w ]
-    """
+    #   columns of moments: [ X_1 … X_K | D_1 … D_K | w X … | w D … | w | r - w ]
+    #   seen as:            [ the p columns that explain | X's change with each log τ | r - w ]
 
     moments: Moments
     #: Those that explain, and their coefficients, shape (p,).

@@ -29,14 +29,11 @@ Beyond = Literal['clamped', 'tangents']
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """
-    How J temperatures become F features.
+    """How J temperatures become F features."""
 
-    Outside [lower_c, upper_c], the range that was calibrated, temperatures are clamped from MARGIN
-    on; or powers go on for three ranges, as tangents at its edge, squares curved for a third.
-    Hats, which have no slope beyond their last knot, stay constant from there.
-
-    """
+    # Outside [lower_c, upper_c], the range that was calibrated, temperatures are clamped from
+    # MARGIN on; or powers go on for three ranges, as tangents at its edge, squares curved for a
+    # third. Hats, which have no slope beyond their last knot, stay constant from there.
 
     #: Powers of θ_j up to ``degree``, or one hat function per knot.
     kind: FeatureKind

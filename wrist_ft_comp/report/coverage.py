@@ -60,15 +60,9 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
     seconds = [np.histogram(column, edges, weights=period_s)[0] for column in temperature_c.T]
     leading = int(np.argmax(np.ptp(range_c, axis=1)))
     moves = np.concatenate([_moves(each, at, leading) for each, at in pairs])
-    return Coverage(
-        edges_c=edges,
-        seconds=np.array(seconds),
-        range_c=range_c,
-        leading=leading,
-        risen_k=float(moves[moves > 0].sum()),
-        fallen_k=float(np.abs(moves[moves < 0]).sum()),
-        loads=_loads(recordings),
-    )
+    up_k, down_k = (float(np.abs(moves[way]).sum()) for way in (moves > 0, moves < 0))
+    seen = np.array(seconds), range_c, leading
+    return Coverage(edges, *seen, up_k, down_k, _loads(recordings))
 
 
 def unseen_temperatures(coverage: Coverage) -> list[tuple[float, float]]:

@@ -148,13 +148,9 @@ def _series(held_out: HeldOut, recordings: Sequence[Recording], leading: int) ->
         recordings[number].temperature_c[round(cell), leading]
         for number, cell in zip(held_out.recording, held_out.cell, strict=True)
     ]
-    return ErrorSeries(
-        hours=starts[held_out.recording] + (held_out.cell + 0.5) * period_h,
-        temperature_c=np.array(temperature_c),
-        before=held_out.before,
-        after=held_out.after,
-        part=_parts(held_out),
-    )
+    hours = starts[held_out.recording] + (held_out.cell + 0.5) * period_h
+    errors = held_out.before, held_out.after
+    return ErrorSeries(hours, np.array(temperature_c), *errors, _parts(held_out))
 
 
 def _explanation(

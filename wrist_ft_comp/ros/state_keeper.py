@@ -20,12 +20,10 @@ _SOAKED = 'the drift starts at the steady state of the first temperatures'
 
 
 class StateKeeper:
-    """
-    Goes on from the state of the node before, and saves this one's.
+    """Goes on from the state of the node before, and saves this one's."""
 
-    The compensator's first model is live and no temperature has come. Settings are save_period,
-    and use_sim_time, with which the system's clock tells nothing of gaps.
-    """
+    # The compensator's first model is live and no temperature has come. Settings are save_period,
+    # and use_sim_time, with which the system's clock tells nothing of gaps.
 
     def __init__(
         self,

@@ -19,11 +19,9 @@ _GRACE_S = 2.0
 
 
 class TareService:
-    """
-    Takes a tare from the wrenches that are pushed to it; ``save`` keeps it over a restart.
+    """Takes a tare from the wrenches that are pushed to it; ``save`` keeps it over a restart."""
 
-    Where a payload is held, the external wrench is tared, too.
-    """
+    # Where a payload is held, the external wrench is tared, too.
 
     def __init__(
         self,

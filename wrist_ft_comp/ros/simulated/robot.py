@@ -21,11 +21,9 @@ from wrist_ft_comp.simulation.work import (
 
 
 class SimulatedRobot:
-    """
-    Moves, holds and presses; its messages take their stamps from those of a wrench.
+    """Moves, holds and presses; its messages take their stamps from those of a wrench."""
 
-    The seeds are the specimen's and the run's; ``advertise`` makes a publisher of a topic.
-    """
+    # The seeds are the specimen's and the run's; ``advertise`` makes a publisher of a topic.
 
     def __init__(
         self,
