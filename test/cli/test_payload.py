@@ -1,6 +1,8 @@
 """The reference payload on the command line: learnt, judged on another day, taken off."""
 
+from contextlib import redirect_stdout
 import csv
+import io
 import json
 
 import numpy as np
@@ -40,24 +42,31 @@ def days(folder, make_working_day):
 
 
 @pytest.fixture(scope='module')
-def model(folder, days):
-    path = folder / 'cell.yaml'
+def learnt(folder, days):
+    """A model that was learnt from both days, and what was printed."""
+    path, said = folder / 'cell.yaml', io.StringIO()
     argv = ['calibrate', *days[:2], '--reference', 'payload', '--method', 'pls', '-o', path]
-    assert main([str(word) for word in argv]) == 0
-    return path
+    with redirect_stdout(said):
+        assert main([str(word) for word in argv]) == 0
+    return path, said.getvalue()
 
 
-def test_payloads_are_printed_and_kept_beside_the_model(days, done, tmp_path):
+@pytest.fixture(scope='module')
+def model(learnt):
+    return learnt[0]
+
+
+def test_payloads_are_printed_and_kept_beside_the_model(days, done, learnt):
+    path, text = learnt
     argv = 'calibrate', *days[:2], '--reference', 'payload', '--method', 'pls'
-    text = done(*argv, '-o', tmp_path / 'cell.yaml')
     assert 'payload cell-1: 1.3' in text
     assert 'mm' in text
     assert 'roll, pitch, yaw of 0.0, 0.0, 90.0' in text
-    printed = json.loads(done(*argv, '-o', tmp_path / 'other.yaml', '--json'))['payloads']
+    printed = json.loads(done(*argv, '-o', path.with_name('other.yaml'), '--json'))['payloads']
     assert [each['name'] for each in printed] == ['other-1', 'other-2']
     assert [each['mass_kg'] for each in printed] == pytest.approx([1.3, 2.1], rel=0.005)
     assert all(each['mass_error_kg'] > 0 for each in printed)
-    kept = load_payloads(tmp_path / 'payloads.json')
+    kept = load_payloads(path.with_name('payloads.json'))
     assert list(kept) == ['cell-1', 'cell-2', 'other-1', 'other-2']
     assert kept['other-2'][0].mass_kg == printed[1]['mass_kg']
 

@@ -96,12 +96,9 @@ class ChamberTable:
         return stamps * NANOSECONDS
 
     def samples(self, reference: FloatArray | None = None) -> tuple[Samples, ...]:
-        """
-        Lay the table out in time, as force_z in the table's unit and its reference.
-
-        Temperatures come every 30 s along all plateaus. Loads are in units of output: the table's
-        own ``reference`` by default, so that the gain is 1 at the reference temperature.
-        """
+        """Lay the table out in time, as force_z in the table's unit and its reference."""
+        # Temperatures come every 30 s along all plateaus. Loads are in units of output: the
+        # table's own ``reference`` by default, so that the gain is 1 at the reference temperature.
         steps = RESIDENCE_S // STEP_S
         temperature_c = np.repeat(self.temperatures_c, steps)
         temperature_stamps = np.arange(len(temperature_c), dtype=np.int64) * STEP_S * NANOSECONDS

@@ -140,10 +140,7 @@ def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]
             [
                 axis,
                 units[axis],
-                f'{e.rms_before:.4g}',
-                f'{e.rms_after:.4g}',
-                f'{e.max_before:.4g}',
-                f'{e.max_after:.4g}',
+                *(f'{figure:.4g}' for figure in vars(e).values()),
                 f'{e.rms_before / e.rms_after:.1f}' if e.rms_after > 0 else '-',
             ]
             for axis, e in axes.items()

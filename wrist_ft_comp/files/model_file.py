@@ -33,19 +33,13 @@ _MAX_DEPTH = 30
 _MAX_EVENTS = 100_000
 #: libyaml's, where PyYAML was built with it, is six times as fast.
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+# A model of six axes with hats and banks takes some tens of kilobytes.
 KIND = Kind(
-    name='model file',
-    says='wrist_ft_comp drift model',
-    version=1,
-    schema='model.schema.json',
-    # A model of six axes with hats and banks takes some tens of kilobytes.
-    max_bytes=4_000_000,
-    error=ModelFileError,
-    made_by='Make one with wrist_ft_comp calibrate.',
+    name='model file', says='wrist_ft_comp drift model', version=1, schema='model.schema.json',
+    max_bytes=4_000_000, error=ModelFileError, made_by='Make one with wrist_ft_comp calibrate.',
     renewed_by='Calibrate again',
     unwritable='{path} cannot be written: {reason}. Choose a folder that can be written to, or '
-    'make room; no file was changed.',
-)
+    'make room; no file was changed.')  # fmt: skip
 
 
 def is_model(path: Path) -> bool:

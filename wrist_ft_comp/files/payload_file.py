@@ -18,16 +18,11 @@ from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
 #: Its name, in the folder of the models.
 PAYLOADS = 'payloads.json'
 KIND = Kind(
-    name='file of payloads',
-    says='wrist_ft_comp payloads',
-    version=1,
-    schema='payloads.schema.json',
-    max_bytes=10_000_000,
-    error=ModelFileError,
-    made_by='A calibration with --reference payload makes one.',
-    renewed_by='Remove it, calibrate',
+    name='file of payloads', says='wrist_ft_comp payloads', version=1,
+    schema='payloads.schema.json', max_bytes=10_000_000, error=ModelFileError,
+    made_by='A calibration with --reference payload makes one.', renewed_by='Remove it, calibrate',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another folder.',
-)
+)  # fmt: skip
 #: By name, oldest first.
 Learnt = dict[str, tuple[Payload, ForceFrame]]
 

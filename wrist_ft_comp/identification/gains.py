@@ -26,12 +26,9 @@ def build_axis_model(
     inputs: Sequence[FloatArray],
     period_s: float,
 ) -> AxisModel | None:
-    """
-    Write gains (K, F, M) of the features of K relaxed temperatures in the form that runs.
-
-    Relaxations become filters, K·J filtered temperatures one set of features, and ``inputs``, of
-    ``bank_inputs``, say how far each moves. None without gains; constants stay open.
-    """
+    """Write gains (K, F, M) of the features of K relaxed temperatures in the form that runs."""
+    # Relaxations become filters, K·J filtered temperatures one set of features, and ``inputs``, of
+    # ``bank_inputs``, say how far each moves. None without gains; constants stay open.
     count = len(time_constants_s)
     joined = replace(
         features,

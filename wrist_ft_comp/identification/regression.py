@@ -38,11 +38,8 @@ def _correlations(products: FloatArray, columns: IntArray) -> tuple[FloatArray, 
 
 
 def least_squares(products: FloatArray, columns: IntArray) -> tuple[FloatArray, FloatArray]:
-    """
-    Regress the target on columns, shape (…, p), with just enough ridge to be solvable.
-
-    Return coefficients, (…, p), and the residual sum of squares, (…).
-    """
+    """Regress the target on columns, shape (…, p), with just enough ridge to be solvable."""
+    # Return coefficients, (…, p), and the residual sum of squares, (…).
     both, scale = _correlations(products, columns)
     matrix, target = both[..., :-1, :-1], both[..., :-1, -1]
     damped = matrix + TINY_RIDGE * np.eye(columns.shape[-1])

@@ -114,11 +114,8 @@ def mean_relaxation(time_constant_s: float, period_s: float, cells: int) -> Arx:
 
 
 def free_run(arx: Arx, t: FloatArray) -> FloatArray:
-    """
-    Run a model on its own past outputs, from the steady state of the first input.
-
-    Its static gain must exist. Scores t have shape (N,) or (N, K), one column per series.
-    """
+    """Run a model on its own past outputs, from the steady state of the first input."""
+    # Its static gain must exist. Scores t have shape (N,) or (N, K), one column per series.
     # Here, because only fits call this: what runs live is light.
     from scipy.signal import lfilter  # noqa: PLC0415
 
@@ -133,15 +130,11 @@ def free_run(arx: Arx, t: FloatArray) -> FloatArray:
 def regressors(
     t: FloatArray, u: FloatArray, order: int, inputs: int, first_lag: int
 ) -> tuple[FloatArray, FloatArray]:
-    """
-    Stack the rows φ(k) of eq. 20 and 22, one per predicted sample, and the outputs u(k).
-
-        k = L:  u(L-1) … u(L-n) | t(L-g) … t(L-g-m+1)
-        …                       |
-        k = N-1:                |
-
-    Score t and measured output u have shape (N,); when N <= L, TooShortError is raised.
-    """
+    """Stack the rows φ(k) of eq. 20 and 22, one per predicted sample, and the outputs u(k)."""
+    #   k = L:  u(L-1) … u(L-n) | t(L-g) … t(L-g-m+1)
+    #   …                       |
+    #   k = N-1:                |
+    # Score t and measured output u have shape (N,); when N <= L, TooShortError is raised.
     longest = max(order, first_lag + inputs - 1)
     rows = len(t) - longest
     if rows <= 0:

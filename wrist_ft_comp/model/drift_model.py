@@ -69,13 +69,10 @@ class DriftModel:
         return [j for j in range(self.thermometers) if any(axis[j] for axis in beyond)]
 
     def uncertainty(self, temperature_c: FloatArray) -> FloatArray:
-        """
-        Estimate how far the zero drift that is subtracted may be from the true one.
-
-        It grows by √(1 + d²) at d calibrated ranges beyond the calibrated temperatures: nobody saw
-        how the drift goes on. A standard deviation, N and N m, shape (..., 6), from temperatures,
-        °C, shape (..., J); NaN for axes that were not calibrated.
-        """
+        """Estimate how far the zero drift that is subtracted may be from the true one."""
+        # It grows by √(1 + d²) at d calibrated ranges beyond the calibrated temperatures: nobody
+        # saw how the drift goes on. A standard deviation, N and N m, shape (..., 6), from
+        # temperatures, °C, shape (..., J); NaN for axes that were not calibrated.
         deviations = np.full((*temperature_c.shape[:-1], len(AXES)), np.nan)
         for name, deviation in self.deviation.items():
             axis = self.axes.get(name)

@@ -99,12 +99,9 @@ class Features:
         return np.asarray(np.clip(temperature_c, self.lower_c - margin, self.upper_c + margin))
 
     def expand(self, temperature_c: FloatArray) -> FloatArray:
-        """
-        Compute the features, shape (..., F), of temperatures, °C, shape (..., J).
-
-        Powers: θ_1 … θ_J, then their squares, and so on (K, K² …). Hats: those of thermometer 1,
-        then of 2, and so on, each between 0 and 1.
-        """
+        """Compute the features, shape (..., F), of temperatures, °C, shape (..., J)."""
+        # Powers: θ_1 … θ_J, then their squares, and so on (K, K² …). Hats: those of thermometer 1,
+        # then of 2, and so on, each between 0 and 1.
         return self.expand_within(self.clamp(temperature_c))
 
     def expand_within(self, temperature_c: FloatArray) -> FloatArray:

@@ -45,12 +45,7 @@ def calibration_view(
             stored,
             axis,
             _evidence(fit, max(durations_s)),
-            AxisEvaluation(
-                fit.rms_before,
-                fit.rms_after,
-                float(np.abs(_held_out(fit).before).max()),
-                float(np.abs(_held_out(fit).after).max()),
-            ),
+            _errors(fit),
             _series(_held_out(fit), recordings, coverage.leading),
         )
         for axis, fit in fits.items()
@@ -81,6 +76,12 @@ def calibration_view(
         tables=tables or {},
         work=work_view(calibration),
     )
+
+
+def _errors(fit: AxisFit) -> AxisEvaluation:
+    """Put held-out errors into figures."""
+    before, after = (np.abs(each).max() for each in (_held_out(fit).before, _held_out(fit).after))
+    return AxisEvaluation(fit.rms_before, fit.rms_after, float(before), float(after))
 
 
 def _held_out(fit: AxisFit) -> HeldOut:

@@ -46,23 +46,12 @@ def number(value: float) -> str:
 def _environment() -> Environment:
     """Prepare the templates, which lie beside this module."""
     environment = Environment(
-        loader=PackageLoader('wrist_ft_comp.report'),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=_join_units,
-    )
+        loader=PackageLoader('wrist_ft_comp.report'), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, finalize=_join_units)  # fmt: skip
     environment.filters.update(number=number, svg=pictures.svg_text)
     environment.globals.update(
-        centers=_centers,
-        figure_titles=FIGURE_TITLES,
-        generator=GENERATOR,
-        learnt=_learnt,
-        levels=LEVEL_NAMES,
-        number=number,
-        pictures=pictures,
-    )
+        centers=_centers, figure_titles=FIGURE_TITLES, generator=GENERATOR, learnt=_learnt,
+        levels=LEVEL_NAMES, number=number, pictures=pictures)  # fmt: skip
     return environment
 
 
