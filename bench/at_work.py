@@ -26,15 +26,15 @@ contacts  3.77   5.2 %  4.6 mm   90 %
 
 That was the prototype of this bench. Since then noise is bounded by the quieter differences of
 neighbours, levels also start from medians over parts of a block, fits go on from where they were
-after a tare was taken out, and shorter parabolas follow sudden heat. Seen so far in eight of these
-worlds (1000 to 1007; not yet all twelve, nor the other scenarios): medians of the worlds 0.026 in
-contacts and 0.021 in a cone, where an empty flange leaves 0.020; no world's fit takes contacts for
-noise any more (0.198 fell to 0.031, 0.332 to 0.237 where an empty flange leaves 0.233), the driver's
-four tares were found in both and no others; masses within 0.6 % and 0.8 %, centres within 1.5 and
-1.8 mm. What is left costs axes that hardly drift, and worlds with the least drift: 0.018 in contacts
-where an empty flange leaves 0.006. By TF the last that was seen (twelve worlds, before this) was
-0.031 for 0.021; its gravity stands on a base that is not level, which no recording tells. Two tares
-a day [tares] were not measured.
+after a tare was taken out, and shorter parabolas follow sudden heat. Seen so far in eight of
+these worlds (1000 to 1007; not yet all twelve, nor the other scenarios): medians of the worlds
+0.026 in contacts and 0.021 in a cone, where an empty flange leaves 0.020; no world's fit takes
+contacts for noise any more (0.198 fell to 0.031, 0.332 to 0.237 where an empty flange leaves
+0.233), the driver's four tares were found in both and no others; masses within 0.6 % and 0.8 %,
+centres within 1.5 and 1.8 mm. What is left costs axes that hardly drift, and worlds with the
+least drift: 0.018 in contacts where an empty flange leaves 0.006. By TF the last that was seen
+(twelve worlds, before this) was 0.031 for 0.021; its gravity stands on a base that is not level,
+which no recording tells. Two tares a day [tares] were not measured.
 
 With tool and part, in six worlds: 1.33 without forces set right by their norm at rest (no tares),
 1.20 with them, 1.07 with gain drift, too. Standard errors are wider than they need be, because a
