@@ -371,17 +371,11 @@ def _axis_fit(
         f'{none.rms:.3g} {data.unit} RMS.'
     )
     return AxisFit(
-        model=None,
-        chosen=COMBINATION if used else 'none',
-        candidates=(none, *candidates),
-        rms_before=none.rms,
-        rms_after=after.rms,
+        model=None, chosen=COMBINATION if used else 'none', candidates=(none, *candidates),
+        rms_before=none.rms, rms_after=after.rms,
         notes=(f'zero drift only: {data.no_sensitivity}',) if data.no_sensitivity else (),
-        reason=reason,
-        time_constants_s=tuple(tau_s.tolist()),
-        time_constant_errors_s=tuple(tau_errors_s.tolist()),
-        unit=data.unit,
-    )
+        reason=reason, time_constants_s=tuple(tau_s.tolist()),
+        time_constant_errors_s=tuple(tau_errors_s.tolist()), unit=data.unit)  # fmt: skip
 
 
 def _whole_over_parts(axis: _Axis, tared: FloatArray) -> float:

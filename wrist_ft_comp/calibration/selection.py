@@ -47,19 +47,12 @@ def finish(
         time_constants_s = tuple(np.unique(np.round(-data.period_s / np.log(lasting), 6)).tolist())
         stated_errors_s = (float('nan'),) * len(time_constants_s)
     return AxisFit(
-        model=model,
-        chosen=chosen,
+        model=model, chosen=chosen,
         candidates=tuple(Candidate(name, value) for name, value in rms.items()),
-        rms_before=rms['none'],
-        rms_after=rms[chosen],
-        reason=_reason(data.unit, chosen, errors, competing),
-        time_constants_s=time_constants_s,
-        time_constant_errors_s=stated_errors_s,
-        terms=winner.terms,
-        notes=notes,
-        doubts=winner.doubts,
-        unit=data.unit,
-    )
+        rms_before=rms['none'], rms_after=rms[chosen],
+        reason=_reason(data.unit, chosen, errors, competing), time_constants_s=time_constants_s,
+        time_constant_errors_s=stated_errors_s, terms=winner.terms, notes=notes,
+        doubts=winner.doubts, unit=data.unit)  # fmt: skip
 
 
 def anchor(data: AxisData, model: AxisModel) -> AxisModel:

@@ -99,18 +99,13 @@ def build_axis_data(
         load = [recording.reference[:, column] for recording in recordings]
         residual = [raw - true for raw, true in zip(residual, load, strict=True)]
         why = _why_no_sensitivity(residual, load)
+    # What is left out of a working day leaves gaps, but no plateaus.
     return AxisData(
-        axis=axis,
-        unit=recordings[0].unit_of(axis),
-        period_s=recordings[0].period_s,
+        axis=axis, unit=recordings[0].unit_of(axis), period_s=recordings[0].period_s,
         temperature_c=tuple(recording.temperature_c for recording in recordings),
-        residual=tuple(residual),
-        load=None if why or load is None else tuple(load),
-        folds=tuple(folds),
-        no_sensitivity=why,
-        # What is left out of a working day leaves gaps, but no plateaus.
-        tared=reference == 'payload' or find_plateaus(recordings) is None,
-    )
+        residual=tuple(residual), load=None if why or load is None else tuple(load),
+        folds=tuple(folds), no_sensitivity=why,
+        tared=reference == 'payload' or find_plateaus(recordings) is None)  # fmt: skip
 
 
 def _why_no_sensitivity(residual: Sequence[FloatArray], load: Sequence[FloatArray]) -> str:

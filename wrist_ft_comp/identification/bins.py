@@ -106,14 +106,10 @@ def bin_axis_data(data: AxisData, cells: int, *, means: bool = False) -> BinnedD
             rows = [_sum_bins(row, cells) for row in rows]
         sums.append(Sums(*rows))
     return BinnedData(
-        period_s=cells * data.period_s,
-        cells=cells,
+        period_s=cells * data.period_s, cells=cells,
         temperature_c=tuple(_mean_bins(values, cells) for values in data.temperature_c),
-        sums=tuple(sums),
-        folds=tuple(folds[::cells] for folds in data.folds),
-        loaded=data.load is not None,
-        tared=data.tared,
-    )
+        sums=tuple(sums), folds=tuple(folds[::cells] for folds in data.folds),
+        loaded=data.load is not None, tared=data.tared)  # fmt: skip
 
 
 def start_transients(time_s: NDArray[np.floating[Any]]) -> FloatArray:

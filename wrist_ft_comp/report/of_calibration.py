@@ -65,17 +65,11 @@ def calibration_view(
     # Refusals are verdicts here.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportView(
-        kind='calibration',
-        stored=stored,
-        recordings=recordings,
-        coverage=coverage,
-        explanation=_explanation(calibration, recordings, reference),
-        axes=axes,
+        kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
+        explanation=_explanation(calibration, recordings, reference), axes=axes,
         advice=(*_hardest_day(fits, recordings), *advice),
         warnings=tuple(each for each in calibration.warnings if not each.startswith(refusals)),
-        tables=tables or {},
-        work=work_view(calibration),
-    )
+        tables=tables or {}, work=work_view(calibration))  # fmt: skip
 
 
 def _errors(fit: AxisFit) -> AxisEvaluation:
@@ -127,18 +121,12 @@ def _evidence(fit: AxisFit, longest_s: float) -> Evidence:
     parts = _parts(held_out)
     tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
     return Evidence(
-        unit=fit.unit,
-        before=fit.rms_before,
-        after=fit.rms_after,
+        unit=fit.unit, before=fit.rms_before, after=fit.rms_after,
         noise=noise_level([held_out.after[parts == part] for part in np.unique(parts)]),
-        compensated=fit.model is not None,
-        best_candidate=min(tried, default=None),
+        compensated=fit.model is not None, best_candidate=min(tried, default=None),
         blocks=rms_by_fold(held_out),
         recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
-        slowest_s=_slowest_s(fit),
-        longest_s=longest_s,
-        refusal=fit.refusal,
-    )
+        slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal)  # fmt: skip
 
 
 def _series(held_out: HeldOut, recordings: Sequence[Recording], leading: int) -> ErrorSeries:

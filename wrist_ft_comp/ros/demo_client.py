@@ -128,17 +128,11 @@ class DemoClient:
         )
         temperatures = np.array(self.temperatures).reshape(-1, 3)
         return DemoLog(
-            stamps_ns=np.array(stamps, np.int64),
-            raw=raw,
-            compensated=compensated,
-            reference=reference,
-            external=external,
-            external_reference=external_reference,
+            stamps_ns=np.array(stamps, np.int64), raw=raw, compensated=compensated,
+            reference=reference, external=external, external_reference=external_reference,
             temperature_stamps_ns=np.array([row[0] for row in self.temperatures], dtype=np.int64),
-            thermometer=temperatures[:, 1].astype(np.int64),
-            temperature_c=temperatures[:, 2],
-            calibrated_ns=calibrated_ns,
-        )
+            thermometer=temperatures[:, 1].astype(np.int64), temperature_c=temperatures[:, 2],
+            calibrated_ns=calibrated_ns)  # fmt: skip
 
     def close(self) -> None:
         """End node and executor."""

@@ -94,14 +94,10 @@ def draw_work(settings: WorkSettings, rng: np.random.Generator) -> Work:
     part = settings.part_kg > 0
     return Work(
         payloads=_draw_payloads(settings, rng),
-        begins_s=np.concatenate(([0.0], np.cumsum(moves_s + rests_s))),
-        moves_s=moves_s,
-        poses=poses,
-        turns=turns,
-        ways_m=rng.normal(0, _REACH_M, (_LEGS, 3)),
+        begins_s=np.concatenate(([0.0], np.cumsum(moves_s + rests_s))), moves_s=moves_s,
+        poses=poses, turns=turns, ways_m=rng.normal(0, _REACH_M, (_LEGS, 3)),
         held=np.arange(_LEGS) // _HELD_LEGS % 2 * part,
-        pressed=touched * np.concatenate((force, np.cross(lever, force)), axis=1),
-    )
+        pressed=touched * np.concatenate((force, np.cross(lever, force)), axis=1))  # fmt: skip
 
 
 def _draw_payloads(settings: WorkSettings, rng: np.random.Generator) -> tuple[Payload, ...]:

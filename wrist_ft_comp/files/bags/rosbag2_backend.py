@@ -32,14 +32,10 @@ def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
     }
     begin_ns = metadata.starting_time.nanoseconds
     return Bag(
-        name=name,
-        storage=metadata.storage_identifier,
-        compression=compression,
+        name=name, storage=metadata.storage_identifier, compression=compression,
         connections=tuple(topics.values()),
         span_ns=(begin_ns, begin_ns + metadata.duration.nanoseconds),
-        read=partial(_read, chosen, compression, topics),
-        define=define_installed,
-    )
+        read=partial(_read, chosen, compression, topics), define=define_installed)  # fmt: skip
 
 
 def _compression(chosen: Path) -> str:

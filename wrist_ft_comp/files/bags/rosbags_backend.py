@@ -45,15 +45,12 @@ def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
             raise
         return _salvage(name, cut, stack)
     storages = getattr(reader.storage, 'storages', [reader.storage])
+    # rosbags' end is exclusive
     return Bag(
-        name=name,
-        storage='mcap' if isinstance(storages[0], McapReader) else 'sqlite3',
-        compression=reader.compression_mode or '',
-        connections=_connections(reader.connections),
-        span_ns=(reader.start_time, reader.end_time - 1),  # rosbags' end is exclusive
-        read=partial(_read, reader.messages),
-        define=_define,
-    )
+        name=name, storage='mcap' if isinstance(storages[0], McapReader) else 'sqlite3',
+        compression=reader.compression_mode or '', connections=_connections(reader.connections),
+        span_ns=(reader.start_time, reader.end_time - 1), read=partial(_read, reader.messages),
+        define=_define)  # fmt: skip
 
 
 def _connections(found: Iterable[Any]) -> tuple[Connection, ...]:
@@ -99,15 +96,9 @@ def _salvage(name: str, path: Path, stack: ExitStack) -> Bag:
         'killed.'
     )
     return Bag(
-        name=name,
-        storage='mcap',
-        compression='',
-        connections=_connections(counted),
+        name=name, storage='mcap', compression='', connections=_connections(counted),
         span_ns=(statistics.start_time, statistics.end_time),
-        read=partial(_read, reader.messages_scan),
-        define=_define,
-        warnings=(lost,),
-    )
+        read=partial(_read, reader.messages_scan), define=_define, warnings=(lost,))  # fmt: skip
 
 
 def _end_of_last_record(file: BinaryIO) -> int:
