@@ -110,12 +110,7 @@ class HeatFlow:
 
 def build_heat_flow(settings: FtSensorSettings) -> HeatFlow:
     """Build the matrices of heat flow, continuous and exact for one time step."""
-    rates, inputs = _balance(settings)
-    return HeatFlow(rates, inputs, *_one_step(rates, inputs, settings.step_s))
-
-
-def _balance(settings: FtSensorSettings) -> tuple[FloatArray, FloatArray]:
-    """Balance the heat of every node: capacity · dT/dt = conduction + convection + motor."""
+    # capacity · dT/dt = conduction + convection + motor, of every node
     s, n = settings, settings.cells
     half_cell = 2 * n * s.body_w_per_k  # from a cell's centre to its border
 
@@ -135,7 +130,8 @@ def _balance(settings: FtSensorSettings) -> tuple[FloatArray, FloatArray]:
     rates = -(conduction + np.diag(convection)) / capacity[:, None]
     motor = np.zeros(n + 2)
     motor[0] = s.max_motor_power_w
-    return rates, np.column_stack((motor, convection)) / capacity[:, None]
+    inputs = np.column_stack((motor, convection)) / capacity[:, None]
+    return HeatFlow(rates, inputs, *_one_step(rates, inputs, settings.step_s))
 
 
 def _one_step(

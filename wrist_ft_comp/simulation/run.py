@@ -89,10 +89,8 @@ def draw_run(settings: RunSettings, rng: np.random.Generator) -> Run:
 def duty_cycle(run: Run, elapsed_s: ArrayLike) -> FloatArray:
     """Look the duty cycle up, 0 to 1, in the shape of elapsed_s."""
     levels = np.array((0.0, *run.settings.duty_level))
-    current: FloatArray = levels[
-        np.searchsorted(np.array(run.settings.duty_start_s), elapsed_s, side='right')
-    ]
-    return current
+    at = np.searchsorted(np.array(run.settings.duty_start_s), elapsed_s, side='right')
+    return np.asarray(levels[at])
 
 
 def room_temperature(run: Run, elapsed_s: ArrayLike) -> FloatArray:

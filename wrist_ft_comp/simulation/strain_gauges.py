@@ -69,10 +69,8 @@ def bridge_wrench(
     stiffness = per_axis(s.force_stiffness_n, s.torque_stiffness_nm)
     strain = (np.asarray(wrench) / stiffness)[..., None]
     changes = resistances * s.piezoresistive_coefficient * falling * strain  # ΔR/R = πσ, eq. 2
-    shown: FloatArray = bridge_output(resistances, changes) * (
-        stiffness / s.piezoresistive_coefficient
-    )
-    return shown
+    shown = stiffness / s.piezoresistive_coefficient
+    return np.asarray(bridge_output(resistances, changes) * shown)
 
 
 def per_axis(force: float, torque: float) -> FloatArray:

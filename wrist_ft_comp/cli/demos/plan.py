@@ -1,6 +1,6 @@
 """What the demonstration's three programs are told: modules of ``ros``, and their arguments."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,12 +29,8 @@ class Plan:
         learns: dict[str, object] = {'calibration.reference': 'recorded'}
         if self.at_work:
             learns = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
-        return [
-            'compensator_node',
-            *_ros_arguments(
-                data_directory=folder / 'data', temperature_topics=_array(TOPICS), **learns
-            ),
-        ]
+        where = {'data_directory': folder / 'data', 'temperature_topics': _array(TOPICS)}
+        return _program('compensator_node', where | learns)
 
     def operator(self, log_file: Path) -> list[str]:
         """Tell the operator what to do."""
@@ -47,28 +43,23 @@ class Plan:
         days = range(_RECORD_S, _RECORD_S + 6 * _TEST_S, _TEST_S)
         test = [(day + start, level) for day in days for start, level in _TEST_DUTY]
         duty = [*_RECORD_DUTY, *test]
-        works = {'work.tool_mass': TOOL_KG, 'work.part_mass': PART_KG, 'load.force_n': 0.0,
-                 'load.torque_nm': 0.0}  # fmt: skip
-        return [
-            'simulated_sensor_node',
-            *_ros_arguments(
-                seed=self.seed,
-                speed=self.speed,
-                wrench_rate=500.0,
-                temperature_rate=self.speed,
-                **{
-                    'duty_cycle.start_s': _array([float(start) for start, _ in duty]),
-                    'duty_cycle.level': _array([float(level) for _, level in duty]),
-                },
-                **(works if self.at_work else {}),
-            ),
-        ]
+        works = {
+            'work.tool_mass': TOOL_KG, 'work.part_mass': PART_KG, 'load.force_n': 0.0,
+            'load.torque_nm': 0.0,
+        }  # fmt: skip
+        parameters = {
+            'seed': self.seed, 'speed': self.speed, 'wrench_rate': 500.0,
+            'temperature_rate': self.speed,
+            'duty_cycle.start_s': _array([float(start) for start, _ in duty]),
+            'duty_cycle.level': _array([float(level) for _, level in duty]),
+        }  # fmt: skip
+        return _program('simulated_sensor_node', parameters | (works if self.at_work else {}))
 
 
-def _ros_arguments(**parameters: object) -> list[str]:
-    """Write parameters as a ROS command line."""
+def _program(module: str, parameters: Mapping[str, object]) -> list[str]:
+    """Name a program and its parameters, as a ROS command line."""
     pairs = (['-p', f'{name}:={value}'] for name, value in parameters.items())
-    return ['--ros-args', *(word for pair in pairs for word in pair)]
+    return [module, '--ros-args', *(word for pair in pairs for word in pair)]
 
 
 def _array(values: Sequence[object]) -> str:
