@@ -123,3 +123,7 @@ def test_directions_count_where_gravity_moved():
     np.testing.assert_allclose(found.spread, spread, atol=1e-6)
     assert found.seen == 2
     assert describe_force(moments_of(np.full((3, 3), np.nan))) is None
+
+
+def test_a_frame_that_nobody_named_is_its_own_root():
+    assert GravityByTf('', 'flange').root() == 'flange'

@@ -144,7 +144,8 @@ class GravityByTf:
 
     def root(self) -> str:
         """Tell the uppermost frame above the lower one."""
-        return list(self._numbers)[self._way(self.lower)[-1]]
+        top = self._way(self.lower)[-1]  # which may number the lower one
+        return list(self._numbers)[top]
 
     def _way(self, frame: str, at_ns: IntArray | None = None) -> list[int]:
         """Climb from a frame as far as possible, as frames hang now or at a time, shape (1,)."""
@@ -186,11 +187,8 @@ class GravityByTf:
         return found
 
     def read(self, times_ns: IntArray) -> tuple[FloatArray, FloatArray]:
-        """
-        Tell specific force, m/s², shape (n, 3), and speed of rotation, rad/s, at ascending times.
-
-        The speed is the mean since the time before, also of the last call. NaN where not known.
-        """
+        """Tell specific force, m/s², (n, 3), and speed of rotation, rad/s, at ascending times."""
+        # The speed is the mean since the time before, also of the last call. NaN where not known.
         rotations = self.rotations(times_ns)
         known = np.isfinite(rotations[:, 0, 0])
         at = np.concatenate((self._last[0], times_ns[known]))
