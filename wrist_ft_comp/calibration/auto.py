@@ -141,11 +141,8 @@ class _Body:
         return next(i for i, folds in enumerate(self.bins.folds) if (folds == fold).any())
 
     def designs(self, fold: int) -> Iterator[tuple[FloatArray, '_Axis']]:
-        """
-        Draw columns and r - w of a fold, as a fit to the others knows their range, (n, P + 1).
-
-            [ x_f(H_τ T) … | w x_f(H_τ T) … | w | r - w ]     with load
-        """
+        """Draw columns and r - w of a fold, in the range that the others know, (n, P + 1)."""
+        #   [ x_f(H_τ T) … | w x_f(H_τ T) … | w | r - w ]     with load
         i = self.recording_of(fold)
         others = np.concatenate(
             [
@@ -168,11 +165,8 @@ class _Body:
     def fit(
         self, skip: int | None, starts: Mapping[_Kind, FloatArray]
     ) -> tuple[list[FloatArray], dict[_Kind, FloatArray]]:
-        """
-        Fit none and all candidates to all folds but one, time constants from a start if known.
-
-        Gains of the pool for every axis, (C, P + 1), -1 for r - w, and the ln τ that were found.
-        """
+        """Fit none and all candidates to all folds but one, lags from a start if known."""
+        # Gains of the pool for every axis, (C, P + 1), -1 for r - w, and the ln τ that were found.
         moments = [axis.moments for axis in self.axes]
         normals = {}
         for soaked in (True, False):

@@ -99,11 +99,8 @@ class ModelStore:
         return {'given': '', **document}
 
     def activate(self, history: list[Path | None], given: str | None = None) -> None:
-        """
-        Remember the models that were active, newest last; paths inside the folder stay relative.
-
-        Which model the operator gave, a SHA-256, stays as it was when left out.
-        """
+        """Remember models that were active, newest last; paths in the folder stay relative."""
+        # Which model the operator gave, a SHA-256, stays as it was when left out.
         path = self.directory / 'active.json'
         entries = [None if entry is None else self._written(entry) for entry in history]
         document = {

@@ -141,12 +141,9 @@ def _filter(
 
 
 def _relax(x: FloatArray, pole: float) -> FloatArray:
-    """
-    Compute u(k) = x(k) + p u(k-1) from rest: in blocks, then from block to block the same way.
-
-    Within a block u = P x, with P_kj = p^(k-j) for j <= k; the block before adds p^(k+1) times its
-    last u, and these last ones relax by p^B from block to block.
-    """
+    """Compute u(k) = x(k) + p u(k-1) from rest: in blocks, then from block to block as well."""
+    # Within a block u = P x, with P_kj = p^(k-j) for j <= k; the block before adds p^(k+1) times
+    # its last u, and these last ones relax by p^B from block to block.
     size = min(len(x), _BLOCK)
     lags = np.subtract.outer(np.arange(size), np.arange(size))
     decay = np.tril(pole ** np.abs(lags))

@@ -127,12 +127,9 @@ def start(model: DriftModel, temperature_c: FloatArray) -> DriftState:
 
 
 def run_from_rest(model: DriftModel, temperature_c: FloatArray) -> tuple[DriftState, Drift]:
-    """
-    Run a sensor that has soaked through its first N cells, temperatures (N, J), drift (N, 6).
-
-    A start looks at the mean of ``start_cells``, and in each of these at those that have come: one
-    noisy temperature must not be remembered for an hour.
-    """
+    """Run a soaked sensor through its first N cells, temperatures (N, J), drift (N, 6)."""
+    # A start looks at the mean of ``start_cells``, and in each of these at those that have come:
+    # one noisy temperature must not be remembered for an hour.
     cells = min(model.start_cells, len(temperature_c))
     parts = []
     for end in [*range(1, cells), len(temperature_c)]:

@@ -66,11 +66,8 @@ def start(sensor: FtSensor, room_c: float) -> FloatArray:
 
 
 def trajectory(sensor: FtSensor, nodes_c: FloatArray, drive: FloatArray) -> FloatArray:
-    """
-    Let heat flow from node temperatures, (M,), step by step: (N + 1, M), °C, the first included.
-
-    What drives it, (N, 2), is duty cycle, 0 to 1, and room temperature, °C, during each step.
-    """
+    """Let heat flow from node temperatures, (M,), step by step: (N + 1, M), °C, the first too."""
+    # What drives it, (N, 2), is duty cycle, 0 to 1, and room temperature, °C, during each step.
     warming = drive @ sensor.heat.step_inputs.T
     states_c = np.empty((len(drive) + 1, len(nodes_c)))
     states_c[0] = nodes_c
@@ -114,12 +111,9 @@ def simulate(
     wrench: FloatArray,
     noise: tuple[np.random.Generator, np.random.Generator],
 ) -> SimulatedRun:
-    """
-    Let heat flow as ``trajectory``, and read the sensor under true wrenches, (N, 6), at each step.
-
-    Noise comes from two sources, the wrench's and the thermometers', so that both streams equal
-    those of single steps.
-    """
+    """Let heat flow as ``trajectory``, and read the sensor under true wrenches, (N, 6)."""
+    # Noise comes from two sources, the wrench's and the thermometers', so that both streams equal
+    # those of single steps.
     states_c = trajectory(sensor, nodes_c, drive)
     wrench_rng, thermometer_rng = noise
     return SimulatedRun(

@@ -186,13 +186,10 @@ class DriftTracker:
         )
 
     def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
-        """
-        Go on from what another stream left, as if its last temperature had been held until now.
-
-        The memory is of the model that is followed (``belongs_to``); by another clock the gap is
-        ``at_least_s`` long, 0 without one. The first completed cell tells how long it was, and
-        what the temperature did.
-        """
+        """Go on from what another stream left, as if its last temperature had been held."""
+        # The memory is of the model that is followed (``belongs_to``); by another clock the gap is
+        # ``at_least_s`` long, 0 without one. The first completed cell tells how long it was, and
+        # what the temperature did.
         if self.model is None:
             return
         self._awaited = memory, at_least_s

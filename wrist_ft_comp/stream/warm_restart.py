@@ -90,12 +90,9 @@ def fill_gap(
     temperature_c: FloatArray,
     at_least_s: float,
 ) -> GapFill:
-    """
-    Judge the gap between a memory and the first thermal cell, at some temperatures, after it.
-
-    By another clock it was ``at_least_s`` long, 0 without one: stamps that moved on by much less
-    belong to a clock that was set or stood still.
-    """
+    """Judge the gap from a memory to the first thermal cell, at temperatures after it."""
+    # By another clock it was ``at_least_s`` long, 0 without one: stamps that moved on by much less
+    # belong to a clock that was set or stood still.
     cells = first_cell - memory.end_ns // model.period_ns
     gap_s = cells * model.period_ns / NANOSECONDS
     problem = ''

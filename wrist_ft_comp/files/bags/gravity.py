@@ -25,11 +25,7 @@ _STEPS = np.arange(GAP_NS // _STEP_NS)
 
 
 def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
-    """
-    Tell specific force in the wrench's frame 50 times a second, where z of another frame is up.
-
-    RecordingError when TF tells it nowhere.
-    """
+    """Tell specific force in the wrench's frame 50 times a second; refused where TF tells none."""
     moving = bag.find(_topic(bag, '/tf'), cdr.TF, 'gravity')
     gravity = _with_static(bag, topics)
     due: IntArray = np.empty(0, np.int64)

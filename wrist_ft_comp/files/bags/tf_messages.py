@@ -44,11 +44,7 @@ def decode_transforms(messages: Sequence[bytes]) -> Iterator[Transforms]:
 
 
 def _follow(data: bytes) -> tuple[list[tuple[str, str, int, int]], NDArray[np.bool_]]:
-    """
-    Find parent, child and first bytes of stamp and rotation of each transform of a message.
-
-    Tells also which bytes messages that are laid out alike share.
-    """
+    """Find names, and first bytes of stamp and rotation, of each transform; and shared bytes."""
     number = struct.Struct('<I' if data[1:2] == b'\1' else '>I')
     texts = np.zeros(len(data), bool)
     texts[:8] = True
