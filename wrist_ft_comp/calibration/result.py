@@ -54,12 +54,10 @@ class FoldErrors(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """
-    Errors of one axis on held-out folds, averaged over bins, by recording and time, arrays (n,).
+    """Errors of one axis on held-out folds, means of bins by recording and time, (n,)."""
 
-    Both errors are counted from the first minute of the fold, as if the sensor had been tared in
-    it, or, for plateaus of a chamber test, from the mean of the other plateaus.
-    """
+    # Both errors are counted from the first minute of the fold, as if the sensor had been tared in
+    # it, or, for plateaus of a chamber test, from the mean of the other plateaus.
 
     #: Which recording, counted from 0, and which fold was held out.
     recording: IntArray

@@ -137,15 +137,11 @@ def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]
     return table_text(
         ['axis', 'unit', 'RMS before', 'after', 'peak before', 'after', 'RMS ratio'],
         [
-            [
-                axis,
-                units[axis],
-                *(f'{figure:.4g}' for figure in vars(e).values()),
-                f'{e.rms_before / e.rms_after:.1f}' if e.rms_after > 0 else '-',
-            ]
+            [axis, units[axis], *(f'{figure:.4g}' for figure in vars(e).values()),
+             f'{e.rms_before / e.rms_after:.1f}' if e.rms_after > 0 else '-']
             for axis, e in axes.items()
         ],
-    )
+    )  # fmt: skip
 
 
 def _as_json(

@@ -117,17 +117,12 @@ def _axes_text(stored: StoredModel) -> str:
     return table_text(
         ['axis', 'unit', 'RMS before', 'after (held out)', 'drift', 'time constants, s'],
         [
-            [
-                axis,
-                entry['unit'],
-                f'{entry["rms_before"]:.4g}',
-                f'{entry["rms_after"]:.4g}',
-                drifts_removed(stored.model.axes.get(axis)),
-                ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-',
-            ]
+            [axis, entry['unit'], f'{entry["rms_before"]:.4g}', f'{entry["rms_after"]:.4g}',
+             drifts_removed(stored.model.axes.get(axis)),
+             ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-']
             for axis, entry in stored.document['axes'].items()
         ],
-    )
+    )  # fmt: skip
 
 
 def _text(summary: RecordingSummary, path: Path) -> str:
@@ -135,15 +130,10 @@ def _text(summary: RecordingSummary, path: Path) -> str:
     span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
     rows = [
-        [
-            each.name,
-            each.kind,
-            str(each.samples),
-            f'{(each.samples - 1) / span_s:.4g}' if span_s else '-',
-            each.role or '-',
-        ]
+        [each.name, each.kind, str(each.samples),
+         f'{(each.samples - 1) / span_s:.4g}' if span_s else '-', each.role or '-']
         for each in summary.channels
-    ]
+    ]  # fmt: skip
     return '\n'.join(
         [
             f'{summary.name}: {summary.kind}, {span}',

@@ -33,15 +33,11 @@ def load_payloads(path: Path) -> Learnt:
 
 
 def add_payloads(
-    path: Path,
-    stem: str,
-    payloads: Iterable[Payload],
-    frame: ForceFrame,
-    taken_too: Iterable[str] = (),
+    path: Path, stem: str, payloads: Iterable[Payload], frame: ForceFrame, more: Iterable[str] = ()
 ) -> list[str]:
     """Add payloads as stem-1, stem-2 …, or on from names that are taken; give their names."""
     entries = _entries(path)
-    taken = [re.fullmatch(rf'{re.escape(stem)}-(\d+)', name) for name in (*entries, *taken_too)]
+    taken = [re.fullmatch(rf'{re.escape(stem)}-(\d+)', name) for name in (*entries, *more)]
     first = 1 + max((int(each[1]) for each in taken if each), default=0)
     turned = {key: value.tolist() for key, value in vars(frame).items()}
     added = {
