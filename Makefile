@@ -4,8 +4,8 @@ BIN := .venv/bin
 READY := .venv/.ready
 
 PYTHON312 ?= python3.12
-# Some tests wait for others' processes, so two workers pay even on two cores; a file stays with one.
-PYTEST := python -m pytest -n auto --maxprocesses=4 --dist loadfile --no-loadscope-reorder
+# Some tests wait for other processes, so three workers pay on two cores; a file stays with one.
+PYTEST := python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 .PHONY: setup demo test test-noble colcon mutants lint docs bench reliability lock clean
 

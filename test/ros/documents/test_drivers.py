@@ -18,7 +18,7 @@ def test_a_driver_s_topics_are_taken(commands, ros_domain, tmp_path, number):
     try:
         node = CompensatorNode(context=context)
         (raw,) = (word.partition(':=')[2] for word in given if word.startswith('wrench_raw'))
-        assert node.own_topics == (raw, '/wrench')
+        assert node.own_topics[:2] == (raw, '/wrench')
         assert list(node.get_parameter('temperature_topics').value)
         node.destroy_node()
     finally:
