@@ -4,7 +4,10 @@ BIN := .venv/bin
 READY := .venv/.ready
 
 PYTHON312 ?= python3.12
-# Some tests wait for other processes, so three workers pay on two cores; a file stays with one.
+# Some tests wait for other processes, so three workers pay on two cores; a file stays with one. Small
+# matrices in several threads each would only wait for one another.
+export OPENBLAS_NUM_THREADS = 1
+export OMP_NUM_THREADS = 1
 PYTEST := python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 .PHONY: setup demo test test-noble colcon mutants lint docs bench reliability lock clean
