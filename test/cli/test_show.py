@@ -4,6 +4,9 @@ import re
 import numpy as np
 import yaml
 
+from wrist_ft_comp.files.payload_file import add_payloads, PAYLOADS
+from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
+
 
 def test_a_model_says_what_it_is_and_what_it_is_for(done, model):
     out = done('show', model)
@@ -108,3 +111,16 @@ def test_a_recording_of_one_pose_says_that_no_payload_can_be_told(done, make, tm
     out = done('show', accelerated(make, tmp_path, np.repeat([[0.0, 0.0, 9.8]], 9, axis=0)))
     assert 'none of them were seen' in out
     assert 'let the robot tilt the tool about two axes' in out
+
+
+def test_payloads_are_listed_by_name_and_an_error_that_is_unknown_is_null(run, tmp_path):
+    file = tmp_path / PAYLOADS
+    known = Payload(1.4, np.array([0.0, 0.01, 0.1]), 0.01, np.full(3, 0.001), 0.5)
+    add_payloads(file, 'tool', [known, Payload(2.0, np.zeros(3))], ForceFrame())
+    shown = run('show', file).out
+    assert (
+        'tool-1: 1.400 ± 0.01 kg, centre of mass at 0.0, 10.0, 100.0 mm (± 1), on for 50%' in shown
+    )
+    assert 'of the time' not in shown.partition('tool-2')[2]
+    one, two = json.loads(run('show', file, '--json').out)['payloads']
+    assert (one['name'], one['mass_kg'], two['mass_error_kg']) == ('tool-1', 1.4, None)

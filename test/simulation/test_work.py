@@ -15,7 +15,7 @@ from wrist_ft_comp.simulation.work import (
 
 
 def program(**chosen):
-    return draw_work(WorkSettings(**chosen), np.random.default_rng(5))
+    return draw_work(WorkSettings(**chosen), *map(np.random.default_rng, (5, 6)))
 
 
 def a_cycle(work, count=40_000):

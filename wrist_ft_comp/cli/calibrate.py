@@ -165,7 +165,7 @@ def _as_json(
         },
         'temperature_range_c': calibration.temperature_range_c.tolist(),
         'duration_s': calibration.duration_s,
-        'payloads': payloads_json(calibration.payloads),
+        'payloads': payloads_json(calibration.payloads.payloads if calibration.payloads else {}),
         'warnings': list(calibration.warnings),
         'chamber_tables': figures_json(tables),
     }

@@ -8,12 +8,14 @@ from pathlib import Path
 import shlex
 
 from wrist_ft_comp.cli import options, paths
-from wrist_ft_comp.cli.tables import table_text
+from wrist_ft_comp.cli.tables import payloads_json, table_text
 from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.files.model_file import is_model, load_model
+from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
 from wrist_ft_comp.files.recordings import describe_recording, RecordingSummary, REFERENCE
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.directions import ForceSummary
+from wrist_ft_comp.model.payload.learnt import payload_line
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics
 from wrist_ft_comp.report.view import drifts_removed
 
@@ -33,14 +35,14 @@ def add_parser(commands: options.Commands) -> None:
     """Add the command."""
     parser = commands.add_parser(
         'show',
-        help='say what a model or a recording holds',
+        help='say what a model, a recording or payloads.json holds',
         description='Say what a model file or a recording holds. Of a bag, which topics could be\n'
         'wrench, temperature (also inside other messages), IMU and TF, how good they\n'
         'are, and the commands that learn from them, judge the model and run it.',
         epilog=EXAMPLES,
     )
     parser.set_defaults(run=run)
-    parser.add_argument('file', type=Path, metavar='FILE', help='MODEL.yaml or REC')
+    parser.add_argument('file', type=Path, metavar='FILE', help='MODEL.yaml, REC or payloads.json')
     options.add_topics(parser)
     options.add_json(parser)
 
@@ -56,6 +58,11 @@ def run(arguments: argparse.Namespace) -> int:
         stored = load_model(path)
         document = {'sha256': stored.sha256, **stored.document}
         text = _model_text(stored)
+    elif path.name == PAYLOADS and path.exists():
+        learnt = {name: payload for name, (payload, _) in load_payloads(path).items()}
+        document = {'payloads': payloads_json(learnt)}
+        lines = (f'  {payload_line(*each)}' for each in learnt.items())
+        text = '\n'.join((f'{path}: payloads, by the names that payload.active takes', *lines))
     else:
         with options.progress_bar('reading') as progress:
             summary = describe_recording(path, options.topics_from(arguments), progress)

@@ -11,7 +11,7 @@ import numpy as np
 from wrist_ft_comp.calibration.chamber import ChamberFigures, FIGURE_TITLES
 from wrist_ft_comp.files.payload_file import payload_figures
 from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.payload.learnt import LearntPayloads
+from wrist_ft_comp.model.payload.weight import Payload
 from wrist_ft_comp.model.signals import Recording
 from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
 
@@ -42,9 +42,8 @@ def _lines(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
         yield _GAP.join(aligned).rstrip()
 
 
-def payloads_json(learnt: LearntPayloads | None) -> list[dict[str, object]]:
-    """Put payloads into plain values, lightest first; what is not known is null."""
-    payloads = learnt.payloads if learnt else {}
+def payloads_json(payloads: Mapping[str, Payload]) -> list[dict[str, object]]:
+    """Put payloads into plain values; what is not known is null."""
     return [{'name': name, **payload_figures(each)} for name, each in payloads.items()]
 
 

@@ -78,8 +78,10 @@ class Motion(NamedTuple):
     contact: FloatArray
 
 
-def draw_work(settings: WorkSettings, rng: np.random.Generator) -> Work:
-    """Draw payloads and a program."""
+def draw_work(
+    settings: WorkSettings, rng: np.random.Generator, tools: np.random.Generator | None = None
+) -> Work:
+    """Draw a program, and payloads from a source of their own if they last for other programs."""
     poses = Rotation.random(_LEGS, random_state=int(rng.integers(2**31)))
     turns = (poses.inv() * poses[np.r_[1:_LEGS, 0]]).as_rotvec()
     # The fastest moment of a smooth motion is 1.875 times its mean.
@@ -93,7 +95,7 @@ def draw_work(settings: WorkSettings, rng: np.random.Generator) -> Work:
     touched = rng.random((_LEGS, 1)) < settings.contacts / pressing
     part = settings.part_kg > 0
     return Work(
-        payloads=_draw_payloads(settings, rng),
+        payloads=_draw_payloads(settings, tools or rng),
         begins_s=np.concatenate(([0.0], np.cumsum(moves_s + rests_s))), moves_s=moves_s,
         poses=poses, turns=turns, ways_m=rng.normal(0, _REACH_M, (_LEGS, 3)),
         held=np.arange(_LEGS) // _HELD_LEGS % 2 * part,

@@ -18,17 +18,22 @@ class LearntPayloads:
 
     def lines(self) -> list[str]:
         """Describe each in a line, and the frame in another."""
-        said = [
-            f'payload {name}: {p.mass_kg:.3f} ± {p.mass_error_kg:.2g} kg, centre of mass at '
-            f'{", ".join(f"{1e3 * each:.1f}" for each in p.center_m)} mm (± '
-            f'{1e3 * float(np.max(p.center_error_m)):.2g}), on for {p.share:.0%} of the time'
-            for name, p in self.payloads.items()
-        ]
+        said = [f'payload {payload_line(*each)}' for each in self.payloads.items()]
         r = self.frame.rotation
         roll, yaw = np.arctan2((r[2, 1], r[1, 0]), (r[2, 2], r[0, 0]))
         angles = np.degrees([roll, -np.arcsin(np.clip(r[2, 0], -1, 1)), yaw])
         turned = ', '.join(f'{each:.1f}' for each in np.round(angles, 1) + 0.0)
         return [*said, f'specific force turned by roll, pitch, yaw of {turned} degrees']
+
+
+def payload_line(name: str, payload: Payload) -> str:
+    """Describe a payload in a line; how long it was on only where that is known."""
+    center = ', '.join(f'{1e3 * each:.1f}' for each in payload.center_m)
+    line = (
+        f'{name}: {payload.mass_kg:.3f} ± {payload.mass_error_kg:.2g} kg, centre of mass at '
+        f'{center} mm (± {1e3 * float(np.max(payload.center_error_m)):.2g})'
+    )
+    return line if np.isnan(payload.share) else f'{line}, on for {payload.share:.0%} of the time'
 
 
 def same_payload(one: Payload, other: Payload) -> bool:

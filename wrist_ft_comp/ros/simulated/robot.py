@@ -33,7 +33,8 @@ class SimulatedRobot:
         advertise: Callable[[Any, str], Any],
     ) -> None:
         self._accelerometer = draw_accelerometer(np.random.default_rng([seeds[0], 1]))
-        self._work = draw_work(settings, np.random.default_rng([*seeds, 2]))
+        tools = np.random.default_rng([seeds[0], 4])
+        self._work = draw_work(settings, np.random.default_rng([*seeds, 2]), tools)
         self._rng = np.random.default_rng([*seeds, 3])
         #: Readings (n, 6), quaternions (n, 4), and contacts (n, 6) of the last call of move.
         self._moved: tuple[list[list[float]], ...] = ()
