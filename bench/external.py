@@ -132,7 +132,9 @@ def judge(seed: int, *, tf: bool) -> Judged:
     calibration = calibrate([day], CalibrationSettings('payload'))
     learnt = calibration.payloads
     if learnt is None:
-        raise RuntimeError(f'robot {seed}: {calibration.warnings}')
+        print(f'  robot {seed}: {calibration.warnings}')
+        nothing = np.full(len(AXES), np.nan)
+        return Judged(nothing, nothing, (np.nan, np.nan), (np.nan, np.nan))
     tool = min(learnt.payloads.values(), key=lambda each: abs(each.mass_kg - settings.tool_kg))
     # The fastest moment of a smooth motion is 5.774 times its way over its time squared.
     quickest = 5.774 * np.linalg.norm(work.ways_m, axis=1) / work.moves_s**2
@@ -208,9 +210,13 @@ def print_kind(title: str, judged: Sequence[Judged]) -> None:
     external = np.stack([each.external for each in judged])
     print(f'\n{title}, {len(judged)} robots')
     print('  ' + ''.join(f'{axis:>12}' for axis in AXES))
-    print('  ' + ''.join(f'{each:12.4f}' for each in np.median(external, axis=0)) + '  median RMS')
     print(
-        '  ' + ''.join(f'{each:12.2f}' for each in share.max(axis=0)) + '  worst, by what is '
+        '  ' + ''.join(f'{each:12.4f}' for each in np.nanmedian(external, axis=0)) + '  median RMS'
+    )
+    print(
+        '  '
+        + ''.join(f'{each:12.2f}' for each in np.nanmax(share, axis=0))
+        + '  worst, by what is '
         f'allowed; {np.mean(share <= 1):.0%} of axes within'
     )
     for name in ('learnt', 'minute'):
