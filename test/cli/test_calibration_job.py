@@ -12,7 +12,13 @@ import pytest
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.cli.calibration_job import run_job
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
-from wrist_ft_comp.files.job_request import CalibrationJob, decode_job, encode_job, UNTIL_CLOSED
+from wrist_ft_comp.files.job_request import (
+    CalibrationJob,
+    decode_job,
+    encode_job,
+    Learning,
+    UNTIL_CLOSED,
+)
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import hash_recording
 from wrist_ft_comp.model.arx import Orders
@@ -39,6 +45,7 @@ OTHER = CalibrationJob(
     skip_unusable=True,
     keep_copied_columns=True,
     report=Path('out/report.html'),
+    learning=Learning(Path('models/live.yaml'), 'day_3.csv', 7, 12.5),
 )
 
 
@@ -57,7 +64,7 @@ def job(tmp_path, *recordings, **more):
 
 
 def test_every_setting_of_the_example_differs_from_its_default():
-    default = leaves(CalibrationJob((), Path()))
+    default = leaves(CalibrationJob((), Path(), learning=Learning()))
     alike = [name for name, value in leaves(OTHER).items() if default[name] == value]
     assert alike == ['job.topics.gravity_frame'], 'an IMU has its place'
 

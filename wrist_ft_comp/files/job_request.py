@@ -14,6 +14,21 @@ UNTIL_CLOSED = '--until-closed'
 
 
 @dataclass(frozen=True)
+class Learning:
+    """What makes a job one of a node that learns by itself: its recordings are days."""
+
+    #: Model that is live; None when there is none.
+    champion: Path | None = None
+    #: Name of the newest day that a person decided after; it and older ones are no evidence for a
+    #: change any more. Empty when nobody decided.
+    since: str = ''
+    #: How many recordings of days are kept, and how large they may be together, MB; of all but the
+    #: newest, those go first that know no temperatures that others do not know.
+    keep_days: int = 30
+    max_mb: float = 500.0
+
+
+@dataclass(frozen=True)
 class CalibrationJob:
     """What to calibrate from, how, and where the model goes."""
 
@@ -33,6 +48,8 @@ class CalibrationJob:
     keep_copied_columns: bool = False
     #: Where a report goes, if one is wanted.
     report: Path | None = None
+    #: If a node learns by itself: recordings are all days that have ended, oldest first.
+    learning: Learning | None = None
 
 
 def encode_job(job: CalibrationJob) -> str:
@@ -47,6 +64,10 @@ def decode_job(text: str) -> CalibrationJob:
     identification = settings['identification']
     identification['orders'] = Orders(**identification['orders'])
     settings['identification'] = IdentificationSettings(**identification)
+    learning = job['learning']
+    if learning is not None:
+        champion = learning['champion']
+        learning = Learning(**{**learning, 'champion': champion and Path(champion)})
     return CalibrationJob(
         **{
             **job,
@@ -55,6 +76,7 @@ def decode_job(text: str) -> CalibrationJob:
             'report': None if job['report'] is None else Path(job['report']),
             'settings': CalibrationSettings(**settings),
             'topics': Topics(**job['topics']),
+            'learning': learning,
         }
     )
 

@@ -1,0 +1,1 @@
+"""Learning from one day after another: recordings and models in, verdicts out."""
