@@ -63,3 +63,13 @@ def test_errors_are_as_large_as_they_say():
 def test_what_is_no_payload_is_said(gains, normal, said):
     found = rigid_bodies(gains, normal, np.full(6, 1e-4), 1000.0)
     assert any(said in doubt for doubt in found.doubts())
+
+
+def test_a_press_that_comes_again_is_no_body_however_rarely_it_comes():
+    press = np.random.default_rng(0).normal(0, 2, (1, 3, 6))
+    gains = np.concatenate((gains_of(np.eye(3)), press))
+    normal = 500.0 * np.kron(np.diag([1.0, 1.0, 0.003]), np.eye(3))
+    found = rigid_bodies(gains, normal, np.full(6, 1e-4), 1000.0)
+    assert any("no rigid body's" in doubt for doubt in found.doubts())
+    empty = np.concatenate((gains[:2], 1e-3 * press))  # an empty gripper is nobody's misfit
+    assert not rigid_bodies(empty, normal, np.full(6, 1e-4), 1000.0).doubts()

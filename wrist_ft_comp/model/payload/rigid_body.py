@@ -39,7 +39,7 @@ class RigidBodies:
     center_error_m: FloatArray
     #: From the frame of the specific force, (3, 3).
     rotation: FloatArray
-    #: Share of the weight's contrasts, RMS, that no rigid body explains.
+    #: Share of the heaviest's contrasts, RMS, that the worst one's has beside a rigid body's.
     misfit: float
     #: Whether the specific force has the wrong sign, or a frame that no rotation leads to.
     mirrored: bool
@@ -145,9 +145,14 @@ def rigid_bodies(
     covariance = np.linalg.pinv(slopes.T @ slopes, rcond=1e-12, hermitian=True)
     error = np.sqrt(np.diag(covariance))[9:].reshape(count, 4)
     bodies = values[9:].reshape(count, 4)
-    values[3:9] = 0.0  # what only gains of its own explain is no rigid body's, either
-    left, whole = (problem.residual(each, rotation)[:-6] for each in (values, 0 * values))
-    misfit = float(np.linalg.norm(left) / np.linalg.norm(whole))
+    # Without the axes' gains: what only they explain is no rigid body's, either.
+    strange = gains - sign * _gains_of(values[9:], rotation)
+    own = np.einsum('kikj->kij', by_body)
+    own = own / np.maximum(np.trace(own, axis1=1, axis2=2), 1e-30)[:, None, None]
+    left, whole = (
+        np.einsum('kia,kij,kja,a->k', each, own, each, 1 / spread) for each in (strange, gains)
+    )
+    misfit = float(np.sqrt(left.max() / whole.max()))
     found = bodies[:, 0], error[:, 0], bodies[:, 1:], error[:, 1:], rotation, misfit, mirrored
     contrast = np.sqrt(np.maximum(sizes[::-1], 0) / cells)
     return RigidBodies(*found, contrast, rotation @ directions[:, 0])
