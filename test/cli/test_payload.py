@@ -62,13 +62,15 @@ def test_payloads_are_printed_and_kept_beside_the_model(days, done, learnt):
     assert 'payload cell-1: 1.3' in text
     assert 'mm' in text
     assert 'roll, pitch, yaw of 0.0, 0.0, 90.0' in text
-    printed = json.loads(done(*argv, '-o', path.with_name('other.yaml'), '--json'))['payloads']
+    other = '-o', path.with_name('other.yaml'), '--imu-topic', 'imu', '--json'
+    printed = json.loads(done(*argv, *other))['payloads']
     assert [each['name'] for each in printed] == ['other-1', 'other-2']
     assert [each['mass_kg'] for each in printed] == pytest.approx([1.3, 2.1], rel=0.005)
     assert all(each['mass_error_kg'] > 0 for each in printed)
     kept = load_payloads(path.with_name('payloads.json'))
     assert list(kept) == ['cell-1', 'cell-2', 'other-1', 'other-2']
     assert kept['other-2'][0].mass_kg == printed[1]['mass_kg']
+    assert [frame.source for _, frame in kept.values()] == ['', '', 'imu', 'imu']
 
 
 def test_a_day_is_judged_on_what_is_quiet(days, done, model):

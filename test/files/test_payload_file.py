@@ -9,7 +9,9 @@ from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.files.payload_file import add_payloads, load_payloads, PAYLOADS
 from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
 
-FRAME = ForceFrame(np.eye(3)[[1, 2, 0]], np.array([0.1, 0.2, 0.3]), np.array([1.0, 0.9, 1.1]))
+FRAME = ForceFrame(
+    np.eye(3)[[1, 2, 0]], np.array([0.1, 0.2, 0.3]), np.array([1.0, 0.9, 1.1]), 'imu'
+)
 TOOL = Payload(1.25, np.array([0.01, 0.02, 0.06]), 0.01, np.array([1e-3, 2e-3, 3e-3]), 0.5)
 BARE = Payload(2.5, np.zeros(3))
 
@@ -27,7 +29,7 @@ def test_payloads_come_back_to_the_last_bit_with_what_nobody_knows(path):
     for (payload, frame), given in zip(back.values(), (TOOL, BARE), strict=True):
         for name in ('mass_kg', 'center_m', 'mass_error_kg', 'center_error_m', 'share'):
             np.testing.assert_array_equal(getattr(payload, name), getattr(given, name))
-        for name in ('rotation', 'bias', 'scale'):
+        for name in ('rotation', 'bias', 'scale', 'source'):
             np.testing.assert_array_equal(getattr(frame, name), getattr(FRAME, name))
 
 
@@ -40,6 +42,14 @@ def test_a_name_is_never_given_to_another_payload(path):
     assert list(back) == ['day-1', 'day-2', 'day-3', 'identified-1']
     first = json.loads(before)['payloads']
     assert {name: json.loads(path.read_text('utf-8'))['payloads'][name] for name in first} == first
+
+
+def test_a_file_of_before_sources_were_kept_is_read(path):
+    add_payloads(path, 'day', [TOOL], FRAME)
+    document = json.loads(path.read_text('utf-8'))
+    del document['payloads']['day-1']['source']
+    path.write_text(json.dumps(document), 'utf-8')
+    assert load_payloads(path)['day-1'][1].source == ''
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,8 @@ def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome
     provenance: dict[str, object] = {'recordings': sources}
     if learnt := calibration.payloads:
         path = job.output.with_name(PAYLOADS)
-        added = add_payloads(path, job.output.stem, learnt.payloads.values(), learnt.frame)
+        frame = replace(learnt.frame, source=job.topics.force_source)
+        added = add_payloads(path, job.output.stem, learnt.payloads.values(), frame)
         named = dict(zip(added, learnt.payloads.values(), strict=True))
         calibration = replace(calibration, payloads=replace(learnt, payloads=named))
     if job.topics != Topics() or any(kind_of(path) == BAG for path in used):

@@ -39,7 +39,7 @@ def add_payloads(
     entries = _entries(path)
     taken = [re.fullmatch(rf'{re.escape(stem)}-(\d+)', name) for name in (*entries, *more)]
     first = 1 + max((int(each[1]) for each in taken if each), default=0)
-    turned = {key: value.tolist() for key, value in vars(frame).items()}
+    turned = {key: np.asarray(value).tolist() for key, value in vars(frame).items()}
     added = {
         f'{stem}-{n}': {**payload_figures(each), **turned}
         for n, each in enumerate(payloads, first)
@@ -70,11 +70,13 @@ def payload_figures(payload: Payload) -> Document:
 
 def _payload(path: Path, name: str, entry: Document) -> tuple[Payload, ForceFrame]:
     """Build a payload from an entry that was checked."""
-    known = {key: np.array(value, dtype=float) for key, value in entry.items()}  # null is NaN
+    figures = {key: value for key, value in entry.items() if key != 'source'}
+    known = {key: np.array(value, dtype=float) for key, value in figures.items()}  # null is NaN
     error_kg, errors_m = float(known['mass_error_kg']), np.zeros(3) + known['center_error_m']
     mass_kg, share = entry['mass_kg'], float(known['share'])
     try:
         payload = Payload(mass_kg, known['center_of_mass_m'], error_kg, errors_m, share)
     except WristFtCompError as refusal:
         raise ModelFileError(f'{name} of {path} cannot be used: {refusal}') from refusal
-    return payload, ForceFrame(known['rotation'], known['bias'], known['scale'])
+    frame = known['rotation'], known['bias'], known['scale']
+    return payload, ForceFrame(*frame, entry.get('source', ''))

@@ -53,6 +53,11 @@ class Topics:
     imu: str = ''
     gravity_frame: str = ''
 
+    @property
+    def force_source(self) -> str:
+        """What tells specific force: imu, tf, or nothing."""
+        return 'imu' if self.imu else 'tf' if self.gravity_frame else ''
+
     def __post_init__(self) -> None:
         """Refuse one name in the place of several: its letters would be topics."""
         names: object = self.temperatures

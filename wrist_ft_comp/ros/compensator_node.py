@@ -94,7 +94,7 @@ class CompensatorNode(Node):
         self.recording = RecordService(
             compensator, store, self._subscribe_reference, log, with_force=with_force
         )
-        shelf = Shelf(store.directory / 'models', self.live)
+        shelf = Shelf(store.directory / 'models', self.live, chosen['gravity.source'])
         self.external = ExternalWrench(compensator, self._settings, shelf, log)
         self.identification = IdentifyService(compensator, self.external, shelf, name, log)
         self.tare = TareService(

@@ -1,5 +1,6 @@
 """The wrench without the payload: when it comes, what it says, and who may change what is held."""
 
+from dataclasses import replace
 import queue
 
 from geometry_msgs.msg import WrenchStamped
@@ -184,6 +185,13 @@ def test_what_is_mounted_can_be_said_by_hand_and_turns_as_a_calibration_found(ho
 def test_a_payload_that_cannot_be_had_is_refused_at_the_start(rig, parameters, sentence):
     with pytest.raises(SettingsError, match=sentence):
         rig(parameters=parameters)
+
+
+def test_a_payload_that_another_source_told_is_refused(rig, tmp_path):
+    path = tmp_path / 'data/models/payloads.json'
+    add_payloads(path, 'day', [TOOL], replace(FRAME, source='tf'))
+    with pytest.raises(SettingsError, match='day-1, which was learnt by tf, and'):
+        rig(parameters={**IMU, 'payload.active': 'day-1'})
 
 
 def test_by_hand_it_waits_at_the_start_for_what_only_tf_can_tell(rig):

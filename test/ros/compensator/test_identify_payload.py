@@ -73,7 +73,7 @@ def test_a_minute_of_work_tells_what_is_mounted_and_how_to_use_it(working, minut
     assert answer.success, answer.message
     path = working.directory / 'models/payloads.json'
     (kept,) = json.loads(path.read_text('utf-8'))['payloads'].items()
-    assert kept[0] == 'identified-1'
+    assert (kept[0], kept[1]['source']) == ('identified-1', 'imu')
     assert kept[1]['mass_kg'] == pytest.approx(tool.mass_kg, rel=0.03)
     np.testing.assert_allclose(kept[1]['center_of_mass_m'], tool.center_m, atol=5e-3)
     assert answer.message.startswith(f'identified-1: {kept[1]["mass_kg"]:.3f} ± 0.0')

@@ -58,6 +58,8 @@ class ForceFrame:
     #: Of the accelerometer along its own axes, m/s² and 1, shape (3,).
     bias: FloatArray = field(default_factory=lambda: np.zeros(3))
     scale: FloatArray = field(default_factory=lambda: np.ones(3))
+    #: What tells specific force, imu or tf; empty where nobody knows.
+    source: str = ''
 
     def turn(self, specific_force: FloatArray) -> FloatArray:
         """Turn measured specific forces (…, 3) into the wrench's frame."""

@@ -8,7 +8,6 @@ import numpy as np
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.files.cdr import Layout
-from wrist_ft_comp.files.payload_file import Learnt
 from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.model.signals import NANOSECONDS
 from wrist_ft_comp.ros.node_log import NodeLog
@@ -143,18 +142,25 @@ class ExternalWrench:
         if name == MANUAL:
             center = np.array(chosen['payload.center_of_mass'], dtype=float)
             payload = Payload(chosen['payload.mass'], center)
-            return LivePayload(name, payload, self._turn(learnt))
+            return LivePayload(name, payload, self._turn())
         if name not in learnt:
             raise SettingsError(
                 f'payload.active must be empty, {MANUAL}, or the name of a payload that was '
                 f'learnt ({", ".join(learnt) or "there is none yet"}); got {name}. Learn it with '
                 '~/identify_payload.'
             )
+        if name not in self._shelf.frames():
+            raise SettingsError(
+                f'payload.active is {name}, which was learnt by {learnt[name][1].source}, and '
+                f'gravity.source is {self._shelf.source}: another frame. Learn it again with '
+                '~/identify_payload, or start the node with the source of then.'
+            )
         return LivePayload(name, *learnt[name])
 
-    def _turn(self, learnt: Learnt) -> ForceFrame:
+    def _turn(self) -> ForceFrame:
         """Find how specific force leads to the wrench's frame, for a payload nobody learnt."""
-        frame = list(learnt.values())[-1][1] if learnt else self.mount()
+        frames = list(self._shelf.frames().values())
+        frame = frames[-1] if frames else self.mount()
         if frame is None:
             raise _UnknownTurnError(
                 f'payload.active is {MANUAL}, but nobody knows how specific force is turned in '
