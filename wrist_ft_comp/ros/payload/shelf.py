@@ -31,9 +31,7 @@ class Shelf:
     def sensor(self) -> ForceFrame | None:
         """Tell what the last calibration found of the accelerometer: it saw more than a minute."""
         calibrated = [
-            each
-            for name, each in self.frames().items()
-            if not name.startswith(f'{_IDENTIFIED}-')
+            each for name, each in self.frames().items() if not name.startswith(f'{_IDENTIFIED}-')
         ]
         return calibrated[-1] if calibrated else None
 
