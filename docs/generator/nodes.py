@@ -29,6 +29,10 @@ TIMEOUT_S = 20.0
 #: where the package tf2_msgs is, which is not everywhere that this runs.
 COMMON = {'/rosout', '/parameter_events', '/clock', '/tf_static'}
 COMMON_SERVICES = ('parameter', 'type_description')
+#: So that whatever it may say is said.
+_LEARNING = {
+    'learning': 'propose', 'calibration.reference': 'payload', 'gravity.source': 'imu',
+}  # fmt: skip
 PURPOSE = {
     'wrench_raw': 'raw wrench of the driver',
     'temperature': 'one per entry of `temperature_topics`; `topic:field` hears messages of any '
@@ -49,7 +53,8 @@ PURPOSE = {
     '~/tare': 'makes the present wrench zero, and `wrench_external` where a payload is active; '
     'refused while the load moves',
     '~/reset_tare': 'forgets both tares',
-    '~/rollback': 'goes back to the model before the last calibration',
+    '~/rollback': 'goes back to the model before the last calibration or adoption',
+    '~/adopt': 'makes the better model live that `learning` offers; refused when there is none',
 }
 
 
@@ -148,11 +153,7 @@ def compensator() -> Iterator[str]:
     """Describe the node, while a recording runs."""
     with (
         tempfile.TemporaryDirectory() as folder,
-        running(CompensatorNode, **{'data_directory': folder, 'gravity.source': 'imu'}) as (
-            node,
-            asker,
-            executor,
-        ),
+        running(CompensatorNode, data_directory=folder, **_LEARNING) as (node, asker, executor),
     ):
         client = asker.create_client(SetBool, f'/{node.get_name()}/record')
         if not client.wait_for_service(TIMEOUT_S):

@@ -40,7 +40,7 @@ from wrist_ft_comp.model.signals import (
 CHUNK = 1_000_000
 
 
-def _nanoseconds(text: str) -> int:
+def nanoseconds(text: str) -> int:
     """Convert decimal seconds to nanoseconds exactly."""
     return round(Decimal(text) * NANOSECONDS)
 
@@ -48,7 +48,7 @@ def _nanoseconds(text: str) -> int:
 #: How a stamp is converted, and what its column is expected to hold.
 _STAMPS: dict[str, tuple[Callable[[str], int], str]] = {
     'stamp_ns': (int, 'a whole number of nanoseconds'),
-    'stamp_s': (_nanoseconds, 'a decimal number of seconds'),
+    'stamp_s': (nanoseconds, 'a decimal number of seconds'),
 }
 
 
@@ -289,14 +289,19 @@ def _corrected(piece: CsvPiece, correct: Correction) -> dict[str, list[str]]:
 class CsvRecordingWriter:
     """Writes a CSV recording of channels, which survives a crash; RecordingError if it cannot."""
 
-    def __init__(self, path: Path, channels: Sequence[str]) -> None:
+    #: Column of the stamps.
+    stamp = 'stamp_ns'
+
+    def __init__(self, path: Path, channels: Sequence[str], *, go_on: bool = False) -> None:
         self._path = path
         self._width = len(channels)
         with self._translated():
-            self._file = path.open('x', encoding='utf-8', newline='')
+            self._file = path.open('a' if go_on else 'x', encoding='utf-8', newline='')
         self._rows = csv.writer(self._file, lineterminator='\n')
+        if go_on:
+            return
         try:
-            self._write(('stamp_ns', *channels))
+            self._write((self.stamp, *channels))
         except RecordingError:
             with suppress(OSError):
                 self._file.close()
@@ -308,7 +313,11 @@ class CsvRecordingWriter:
             raise RecordingError(
                 f'A row of {self._path.name} has {self._width} values; got {len(values)}.'
             )
-        self._write((int(stamp_ns), *('' if isnan(value) else float(value) for value in values)))
+        self._write(self._cells(stamp_ns, values))
+
+    def _cells(self, stamp_ns: int, values: Sequence[float]) -> tuple[object, ...]:
+        """Lay out a row."""
+        return (int(stamp_ns), *('' if isnan(value) else float(value) for value in values))
 
     def sync(self) -> None:
         """Wait until the disk holds everything, so that a power failure takes nothing of it."""

@@ -11,6 +11,23 @@ from wrist_ft_comp.model.signals import Topics
 
 #: Argument of the program: end when standard input is closed.
 UNTIL_CLOSED = '--until-closed'
+#: Part of what a learning job says that has to be asked again later.
+ANOTHER_LEARNS = 'another sensor is learning'
+
+
+@dataclass(frozen=True)
+class Learning:
+    """What makes a job one of a node that learns by itself: its recordings are days."""
+
+    #: Model that is live; None when there is none.
+    champion: Path | None = None
+    #: Name of the newest day that a person decided after; it and older ones are no evidence for a
+    #: change any more. Empty when nobody decided.
+    since: str = ''
+    #: How many recordings of days are kept, and how large they may be together, MB; of all but the
+    #: newest, those go first that know no temperatures that others do not know.
+    keep_days: int = 30
+    max_mb: float = 500.0
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ Where a node keeps what it made: models, own recordings, and which model is acti
     <directory>/active.json          the active model, the ones before it, newest last, and
                                      which model the operator gave at the last start
     <directory>/state.json           thermal state and tare, for a restart (state_file.py)
+    <directory>/days/, learning.json  of a node that learns by itself (days/)
 """
 
 from datetime import datetime, timezone

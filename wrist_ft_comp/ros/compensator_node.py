@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from functools import partial
 import math
+from pathlib import Path
 import sys
 import time
 from typing import Any, cast
@@ -22,13 +23,11 @@ from rclpy.node import Node
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
-from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import RecordingError, SettingsError, WristFtCompError
 from wrist_ft_comp.files.cdr import locate, TEMPERATURE_DOUBLES, WRENCH_DOUBLES
-from wrist_ft_comp.files.job_request import CalibrationJob
 from wrist_ft_comp.files.model_store import default_directory, ModelStore, own_directory
 from wrist_ft_comp.model.drift_model import DriftModel
-from wrist_ft_comp.model.signals import NANOSECONDS, Topics
+from wrist_ft_comp.model.signals import Topics
 from wrist_ft_comp.model.temperature_source import parse_sources, TemperatureSource
 from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.arguments.unknown import tell_unknown
@@ -38,6 +37,8 @@ from wrist_ft_comp.ros.gravity.source import GravitySource
 from wrist_ft_comp.ros.input_health import InputHealth
 from wrist_ft_comp.ros.inputs.field_inputs import FieldInputs
 from wrist_ft_comp.ros.inputs.topic_types import no_temperature, WRENCH, wrong_type
+from wrist_ft_comp.ros.learning.learning import Learner
+from wrist_ft_comp.ros.learning.status import learning_status
 from wrist_ft_comp.ros.live_model import choose_first_model, LiveModel
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.parameters import declare, NODE_NAME, PARAMETERS, values
@@ -48,7 +49,9 @@ from wrist_ft_comp.ros.payload.status import PayloadReport
 from wrist_ft_comp.ros.running import node_per_sensor, run_nodes
 from wrist_ft_comp.ros.services.calibrate import CalibrateService
 from wrist_ft_comp.ros.services.deferred import DeferredService
+from wrist_ft_comp.ros.services.job_maker import JobMaker
 from wrist_ft_comp.ros.services.record import RecordService
+from wrist_ft_comp.ros.services.recorder import Recorder
 from wrist_ft_comp.ros.services.tare import TareService
 from wrist_ft_comp.ros.state_keeper import StateKeeper
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
@@ -74,9 +77,8 @@ class CompensatorNode(Node):
         declare(self, PARAMETERS)
         chosen = self._settings()
         sources = self._thermometers(chosen['temperature_topics'])
-        shared = chosen['data_directory']
         name = self.get_fully_qualified_name()
-        store = ModelStore(own_directory(shared, sensor) if shared else default_directory(name))
+        store = ModelStore(_directory(chosen['data_directory'], sensor, name))
         first = choose_first_model(store, chosen['model_file'], len(sources), log)
         model = None if first.stored is None else first.stored.model
         compensator = Compensator(len(sources), _stream_settings(chosen), model)
@@ -90,17 +92,17 @@ class CompensatorNode(Node):
             compensator, lambda: self.live.sha256, store.directory / 'state.json', chosen, log
         )
         self.state_keeper.writer.problem = store.check_writable()
-        with_force = chosen['gravity.source'] != 'none'
-        self.recording = RecordService(
-            compensator, store, self._subscribe_reference, log, with_force=with_force
-        )
+        self.recorder = Recorder(compensator, with_force=chosen['gravity.source'] != 'none')
+        self.recording = RecordService(self.recorder, store, self._subscribe_reference, log)
         shelf = Shelf(store.directory / 'models', self.live, chosen['gravity.source'])
         self.external = ExternalWrench(compensator, self._settings, shelf, log)
         self.identification = IdentifyService(compensator, self.external, shelf, name, log)
         self.tare = TareService(
             compensator, self.external, self._settings, self.state_keeper.save, log
         )
-        self.calibration = CalibrateService(self.make_request, self.live.take, log)
+        self.jobs = JobMaker(store, self._settings, self._full_topics, self.recorder)
+        self.calibration = CalibrateService(self.jobs.calibration, self.live.take, log)
+        self.learning = Learner(chosen, self.live, self.calibration, self.jobs, log)
         self._silent = chosen['uncalibrated'] == 'silent'
         self._newest: tuple[int, Sequence[float], bytes] | None = None
         self._reported = time.monotonic(), copy(self.health.counts)
@@ -137,6 +139,7 @@ class CompensatorNode(Node):
             DeferredService(self, Trigger, '~/identify_payload', self.identification.on_request),
             self._serve(SetBool, '~/record', self.recording.on_request),
             self._serve(Trigger, '~/rollback', self.live.on_rollback),
+            self._serve(Trigger, '~/adopt', self.learning.on_adopt),
         ]
         self.add_on_set_parameters_callback(self._validate_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
@@ -255,7 +258,7 @@ class CompensatorNode(Node):
                 self.external.on_wrench(stamp_ns, raw, data, layout)
         counts.wrenches += 1
         self._newest = stamp_ns, raw, data
-        self.recording.add_raw(stamp_ns, raw)
+        self.recorder.add_raw(stamp_ns, raw)
         self.tare.add(stamp_ns, raw)
 
     def _on_temperature(self, thermometer: int, data: bytes) -> None:
@@ -276,7 +279,7 @@ class CompensatorNode(Node):
         newest = self._newest and self._newest[:2]
         self.gravity.poll()  # or what comes from it would be too late for the recording's cell
         cells = compensator.add_temperature(thermometer, at_ns, temperature_c, newest)
-        self.recording.add_cells(cells)
+        self.recorder.add_cells(cells)
         self.health.take_temperature(time.monotonic(), thermometer, at_ns, stamped=bool(stamp_ns))
         self.health.look_at_cells(cells, compensator.tracker.grid.period_ns)
         if cells and compensator.compensating:
@@ -301,7 +304,7 @@ class CompensatorNode(Node):
         """Take one specific force, m/s², and the speed of rotation, rad/s, where it is known."""
         at_ns = stamp_ns or self._now_ns()
         self.external.add_force(at_ns, force, speed)
-        self.recording.add_force(at_ns, force, speed)
+        self.recorder.add_force(at_ns, force, speed)
 
     def _now_ns(self) -> int:
         """Time for drivers that do not stamp."""
@@ -327,40 +330,19 @@ class CompensatorNode(Node):
     def _swap(self, model: DriftModel | None) -> None:
         """Make a model live; the old one stays when this raises."""
         self.compensator.go_live(model, self._newest and self._newest[:2])
-        self.recording.follow_period()
+        self.recorder.follow_period()
 
-    def make_request(self) -> CalibrationJob:
-        """Make a calibration's job from the present parameters."""
-        chosen = self._settings()
-        named = tuple(self.store.locate(path) for path in chosen['calibration.recordings'])
-        recordings = named or tuple(self.store.recordings())
-        if not recordings:
-            raise RecordingError(
-                f'There is no recording in {self.store.directory / "recordings"}. Record a '
-                'warm-up with ~/record, or set calibration.recordings.'
-            )
-        output = self.store.new_model_path()
-        return CalibrationJob(
-            recordings=recordings,
-            output=output,
-            report=output.with_suffix('.html'),
-            settings=CalibrationSettings(
-                reference=chosen['calibration.reference'],
-                min_temperature_span_k=chosen['calibration.min_temperature_span'],
-                identification=IdentificationSettings(method=chosen['calibration.method']),
+    def _full_topics(self, chosen: dict[str, Any]) -> Topics:
+        """Tell topics by their full names."""
+        return Topics(
+            wrench=self._raw.topic_name,
+            temperatures=tuple(
+                topic + source.entry.removeprefix(source.topic)
+                for topic, source in zip(self._topics, self._sources, strict=True)
             ),
-            period_s=self.compensator.tracker.grid.period_ns / NANOSECONDS,
-            topics=Topics(
-                wrench=self._raw.topic_name,
-                temperatures=tuple(
-                    topic + source.entry.removeprefix(source.topic)
-                    for topic, source in zip(self._topics, self._sources, strict=True)
-                ),
-                reference=self.resolve_topic_name('wrench_reference'),
-                imu=self.resolve_topic_name('imu') if chosen['gravity.source'] == 'imu' else '',
-                gravity_frame=chosen['gravity.frame'] if chosen['gravity.source'] == 'tf' else '',
-            ),
-            skip_unusable=not named,
+            reference=self.resolve_topic_name('wrench_reference'),
+            imu=self.resolve_topic_name('imu') if chosen['gravity.source'] == 'imu' else '',
+            gravity_frame=chosen['gravity.frame'] if chosen['gravity.source'] == 'tf' else '',
         )
 
     def _validate_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
@@ -385,7 +367,8 @@ class CompensatorNode(Node):
     def _keep_house(self) -> None:
         """Look after what does not come by message."""
         self.calibration.poll()
-        self.recording.poll()
+        self.recorder.poll()
+        self.learning.poll()
         self.tare.poll()
         self.gravity.poll()
         self.external.look()
@@ -424,7 +407,7 @@ class CompensatorNode(Node):
             calibrating_s=self.calibration.running_s,
             last_calibration=self.calibration.last_outcome,
             calibration_refused=self.calibration.refused,
-            recording=None if recording is None else (recording.path, recording.rows),
+            recording=None if recording is None else (self.recording.path, recording.rows),
             recording_failure=self.recording.failure,
             last_refusal=self._log.last_refusal,
             wrench_topic=self._raw.topic_name,
@@ -450,7 +433,7 @@ class CompensatorNode(Node):
         """Publish diagnostics."""
         self._fields.look()
         payload = self._payload_report.status(self._newest and self._newest[0])
-        statuses = [*diagnostics(self._snapshot()), payload]
+        statuses = [*diagnostics(self._snapshot()), payload, *learning_status(self.learning)]
         self._log.tell(statuses)
         stamp = self.get_clock().now().to_msg()
         name = self.get_fully_qualified_name().lstrip('/')
@@ -460,12 +443,18 @@ class CompensatorNode(Node):
         """End what runs beside the node; an open recording is closed, and who waits is told."""
         waiting = [each.end() for each in (self.calibration, self.tare, self.identification)]
         self.recording.end()
+        self.learning.end()
         self.state_keeper.end()
         self._fields.end()
         self.gravity.end(self.destroy_subscription)
         if any(waiting):
             time.sleep(_FAREWELL_S)
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
+
+
+def _directory(shared: str, sensor: str, name: str) -> Path:
+    """Choose the folder of a node by what was said of it, and by the node's full name."""
+    return own_directory(shared, sensor) if shared else default_directory(name)
 
 
 def _stream_settings(chosen: dict[str, Any]) -> StreamSettings:
@@ -491,7 +480,7 @@ hears      wrench_raw (WrenchStamped), the topics in temperature_topics, imu or
 publishes  wrench (compensated), wrench_external (without the payload, too),
            ~/drift, /diagnostics
 serves     ~/record, ~/calibrate, ~/identify_payload, ~/tare, ~/reset_tare,
-           ~/rollback
+           ~/rollback, ~/adopt
 
 Without a model wrenches pass as they are: record a warm-up with ~/record, then
 call ~/calibrate. docs/tutorial.md of the package goes through it, and

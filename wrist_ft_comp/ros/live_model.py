@@ -136,8 +136,12 @@ class LiveModel:
         """Hash of the live model's file."""
         return None if self.stored is None else self.stored.sha256
 
+    def load(self, path: Path) -> StoredModel:
+        """Load a model that could go live."""
+        return load_fitting(path, self._thermometers)
+
     def take(self, stored: StoredModel) -> str:
-        """Make a calibration's result live; return why it could not be remembered, or nothing."""
+        """Make a new model live; return why it could not be remembered, or nothing."""
         self._make_live(stored)
         return self._remember([*(self._history or [None]), stored.path])
 

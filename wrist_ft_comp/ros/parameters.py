@@ -315,6 +315,19 @@ PARAMETERS = (
     Parameter(
         'calibration.min_temperature_span', _CALIBRATION.min_temperature_span_k,
         'A calibration is refused when no thermometer spans this much.', 'K', 0.0, 200.0),
+    _at_start(
+        'learning', 'off',
+        'Keep a diary of every day and learn from it: offer a model that is better by more than '
+        'chance, which ~/adopt makes live (propose), or let it go live by itself (auto), or '
+        'nothing of all that (off). Needs calibration.reference payload and a gravity.source.',
+        choices=('off', 'propose', 'auto')),
+    _at_start(
+        'learning.keep_days', 30,
+        'So many days are kept; those that know temperatures like no other are kept longest.',
+        minimum=2, maximum=1000),
+    _at_start(
+        'learning.max_mb', 500.0,
+        'Most that the days of a sensor may take of the disk.', 'MB', 50.0, 1e6),
     Parameter(
         'tare.duration', 1.0,
         'How long a tare averages, in stamps of the wrench.', 's', 0.01, 60.0),

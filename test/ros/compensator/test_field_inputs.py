@@ -336,7 +336,7 @@ def test_a_calibration_is_told_where_in_which_topic_a_temperature_is(rig):
     node = rig(topics=['state:joints[2].heat:K', '/far/temperature', 'state:data.3'])
     (node.directory / 'recordings').mkdir(parents=True)
     (node.directory / 'recordings/a.csv').touch()
-    assert node.node.make_request().topics.temperatures == (
+    assert node.node.jobs.calibration().topics.temperatures == (
         f'{node.topic("state")}:joints[2].heat:K',
         '/far/temperature',
         f'{node.topic("state")}:data.3',

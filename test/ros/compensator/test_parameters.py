@@ -55,7 +55,7 @@ def test_a_calibration_takes_the_parameters_of_its_time(rig):
     folder.mkdir(parents=True)
     for name in ('a.csv', 'b.csv'):
         (folder / name).write_text('')
-    job = node.node.make_request()
+    job = node.node.jobs.calibration()
     assert job.recordings == (folder / 'a.csv', folder / 'b.csv')
     assert job.skip_unusable
     assert job.period_s == 5.0
@@ -69,7 +69,7 @@ def test_a_calibration_takes_the_parameters_of_its_time(rig):
         'calibration.min_temperature_span': 1,
     }.items():
         assert node.set(name, value).successful, name
-    job = node.node.make_request()
+    job = node.node.jobs.calibration()
     assert job.recordings == (folder / 'b.csv',)
     assert not job.skip_unusable
     assert job.settings.reference == 'recorded'

@@ -11,7 +11,7 @@ from wrist_ft_comp.ros.compensator_node import CompensatorNode
 POLICY = Path(__file__).parents[3] / 'config/sros2_policy.xml'
 #: Services that change something.
 CHANGING = {'calibrate', 'identify_payload', 'record', 'tare', 'reset_tare', 'rollback',
-            'set_parameters', 'set_parameters_atomically'}  # fmt: skip
+            'adopt', 'set_parameters', 'set_parameters_atomically'}  # fmt: skip
 #: What a list of rules may hold, as in version 0.2.0 of SROS2's schema.
 LISTS = {
     'topics': ('topic', {'publish', 'subscribe'}),

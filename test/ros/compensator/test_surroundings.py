@@ -34,7 +34,7 @@ def test_topics_and_the_node_can_be_remapped(bench, tmp_path):
     answer = bench.call(Trigger, '/cell_1/left_ft/rollback', Trigger.Request())
     assert 'no earlier model' in answer.message
     node.recording.start()
-    job_topics = node.make_request().topics
+    job_topics = node.jobs.calibration().topics
     assert (job_topics.wrench, job_topics.temperatures) == ('/driver/ft', ('/driver/heat',))
 
 

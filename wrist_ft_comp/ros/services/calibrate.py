@@ -23,6 +23,8 @@ from wrist_ft_comp.ros.services.deferred import Reply
 #: process is killed and cannot say so.
 COMMAND = (sys.executable, '-m', 'wrist_ft_comp.cli.calibration_job', UNTIL_CLOSED)
 _END_TIMEOUT_S = 5.0
+#: Priority of what nobody waits for.
+_LOWEST = 19
 
 
 class CalibrationProcess:
@@ -37,6 +39,8 @@ class CalibrationProcess:
             env={**os.environ, **ONE_THREAD},
             start_new_session=True,  # Ctrl-C in the terminal is the node's to handle
         )
+        if job.learning is not None:
+            os.setpriority(os.PRIO_PROCESS, self.pid, _LOWEST)
         entrance, *exits = self._pipes()
         #: What came so far, per pipe.
         self._read: dict[int, list[bytes]] = {pipe.fileno(): [] for pipe in exits}

@@ -1,0 +1,55 @@
+"""What a node that learns by itself remembers over a restart: ``learning.json``."""
+
+from dataclasses import asdict, dataclass
+import json
+from pathlib import Path
+
+from wrist_ft_comp.errors import StateFileError
+from wrist_ft_comp.files.documents import Kind
+
+KIND = Kind(
+    name='learning state', says='wrist_ft_comp learning', version=1,
+    schema='learning.schema.json', max_bytes=1_000_000, error=StateFileError,
+    made_by='A node that learns makes one.', renewed_by='Remove it',
+    unwritable='{path} cannot be written: {reason}. Make room, or choose another '
+    'data_directory; until then a restart may forget an offered model.')  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What the node decided and was told; names are those of days, empty where there is none."""
+
+    #: SHA-256 of the model that was live; None when there was none.
+    champion: str | None = None
+    #: Newest day that a job has judged, and what it said.
+    judged: str = ''
+    verdict: str = ''
+    #: Newest day that a person decided after.
+    since: str = ''
+    #: Why learning has stopped on its own; empty when it has not.
+    paused: str = ''
+    #: When the live model changed last, and why.
+    change: str = ''
+    #: File below models/ of a better model, what is said of it; empty where none is offered.
+    offered: str = ''
+    sha256: str = ''
+    why: str = ''
+
+
+def memory_path(directory: Path) -> Path:
+    """Tell where the memory of a node's folder lies."""
+    return directory / 'learning.json'
+
+
+def load_memory(directory: Path) -> Memory | None:
+    """Read a memory; None where there is none."""
+    document = KIND.load_json(memory_path(directory))
+    if document is None:
+        return None
+    return Memory(**{key: document[key] for key in document if key not in {'format', 'version'}})
+
+
+def save_memory(directory: Path, memory: Memory) -> None:
+    """Write a memory in one step."""
+    document = {'format': KIND.says, 'version': KIND.version, **asdict(memory)}
+    KIND.write(memory_path(directory), json.dumps(document, indent=1))

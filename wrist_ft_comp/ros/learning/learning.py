@@ -1,0 +1,231 @@
+"""Learning from days: when a job runs, and what becomes of the better model that it found."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import datetime, timezone
+from pathlib import Path
+import time
+from typing import Any
+
+from wrist_ft_comp.errors import SettingsError, StateFileError, WristFtCompError
+from wrist_ft_comp.files.days.day_files import DayFiles
+from wrist_ft_comp.files.days.memory import load_memory, Memory, save_memory
+from wrist_ft_comp.files.job_request import ANOTHER_LEARNS
+from wrist_ft_comp.files.model_file import restore_model
+from wrist_ft_comp.ros.learning.diary import DiaryKeeper
+from wrist_ft_comp.ros.live_model import LiveModel
+from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.services.calibrate import CalibrateService, CalibrationProcess
+from wrist_ft_comp.ros.services.job_maker import JobMaker
+
+#: How long to wait where a job cannot run, s.
+_WAIT_S = 60.0
+#: What a memory holds when nothing is offered.
+_NONE = {'offered': '', 'sha256': '', 'why': ''}
+#: Is no day.
+_UNSEEN = Path()
+_NEEDS = 'learning needs calibration.reference payload and a gravity.source, imu or tf'
+
+
+def why_not(chosen: Mapping[str, Any]) -> str:
+    """Say why parameters do not allow what ``learning`` asks for; empty when they do."""
+    if chosen['learning'] == 'off':
+        return 'learning is off: set the parameter learning to propose or auto at start-up.'
+    missing = [
+        f'{name} is {chosen[name]}'
+        for name, wrong in (('calibration.reference', False), ('gravity.source', True))
+        if (chosen[name] in {'payload', 'none'}) == wrong
+    ]
+    return f'{_NEEDS}; {" and ".join(missing)}, so nothing is learnt.' if missing else ''
+
+
+class Learner:
+    """Judges models on days, and offers or takes a better one; days are the keeper's business."""
+
+    def __init__(
+        self,
+        chosen: Mapping[str, Any],
+        live: LiveModel,
+        calibration: CalibrateService,
+        jobs: JobMaker,
+        log: NodeLog,
+    ) -> None:
+        self.mode: str = chosen['learning']
+        #: Why learning is off, and why what was decided can't be remembered; or nothing.
+        self.why_not, self.problem = why_not(chosen), ''
+        #: Why a day that has ended is not judged yet.
+        self.waiting = ''
+        self.memory = Memory()
+        self.diary: DiaryKeeper | None = None
+        self._live, self._calibration, self._jobs, self._log = live, calibration, jobs, log
+        self._directory = directory = jobs.store.directory
+        self._process: CalibrationProcess | None = None
+        #: Up to which day, and since when.
+        self._judging, self._begun = '', 0.0
+        #: The day that went on when one to judge was last looked for, and when to look again.
+        self._seen: Path | None = _UNSEEN
+        self._wait_until = 0.0
+        if self.why_not:
+            if self.mode != 'off':
+                log.warning(self.why_not)
+            return
+        broken = ''
+        try:
+            self.memory = load_memory(directory) or Memory(champion=live.sha256)
+        except StateFileError as error:
+            broken = f'learning began anew: {error}'
+            log.warning(broken)
+        known = max(self.memory.judged, self.memory.since)
+        max_bytes = 1e6 * chosen['learning.max_mb']
+        files = DayFiles(directory, jobs.recorder.channels, max_bytes, known)
+        self.diary = DiaryKeeper(jobs.recorder, files, log)
+        if broken:
+            self._decide(broken)
+
+    @property
+    def running_s(self) -> float | None:
+        """How long a job has been running, s; None when none is."""
+        return None if self._process is None else time.monotonic() - self._begun
+
+    @property
+    def offered(self) -> Path:
+        """The file of the model that is offered."""
+        return self._directory / 'models' / self.memory.offered
+
+    def poll(self) -> None:
+        """Go on with whatever is due: the diary, a job, what came of it."""
+        if self.diary is None:
+            return
+        if self._live.sha256 != self.memory.champion:
+            now = self._live.stored
+            self._decide(f'{now.path.name if now else "no model"} was made live by hand')
+        self.diary.poll()
+        if self._calibration.running_s is not None:
+            self._end_job()  # a person's goes first; the day is judged afterwards
+        elif self._process is not None:
+            self._follow(self._process)
+        elif self.diary.files.path != self._seen and time.monotonic() >= self._wait_until:
+            self._seen = self.diary.files.path
+            self._start(self.diary.files.ended())
+
+    def _start(self, days: list[Path]) -> None:
+        """Start a job where there is a day that none has judged."""
+        if not days or days[-1].name <= self.memory.judged:
+            return
+        live = self._live.stored
+        champion = None if live is None else live.path
+        self._judging, self._begun = days[-1].name, time.monotonic()
+        try:
+            job = self._jobs.learning(days, champion, self.memory.since)
+            self._process = CalibrationProcess(job)
+        except OSError as error:
+            self._wait(f'Learning cannot be started: {error}.')
+
+    def _wait(self, why: str) -> None:
+        """Try again later."""
+        self._wait_until, self._seen = time.monotonic() + _WAIT_S, _UNSEEN
+        if why != self.waiting:
+            self.waiting = why
+            self._log.info(why)
+
+    def _follow(self, process: CalibrationProcess) -> None:
+        """Look whether the job is done, and take what it says."""
+        outcome = process.poll()
+        if outcome is None:
+            return
+        self._process, message = None, outcome['message']
+        if not outcome['success'] and ANOTHER_LEARNS in message:
+            self._wait(message)
+            return
+        self.waiting = ''
+        self._remember(judged=self._judging, verdict=message)
+        if not outcome['success']:
+            self._log.warning(f'{self._judging} taught nothing: {message}')
+            return
+        self._log.info(f'{self._judging}: {message}')
+        self._remember(paused=outcome['paused'])
+        if outcome['learnt']:
+            self._take(Path(outcome['path']), outcome)
+
+    def _take(self, path: Path, outcome: dict[str, Any]) -> None:
+        """Make a better model live, or offer it."""
+        sha256, why = outcome['sha256'], outcome['message']
+        if self.mode == 'propose' or self.memory.paused:
+            self._remember(offered=path.name, sha256=sha256, why=why)
+            self._log.info(f'a better model, {path}, is offered: call ~/adopt to make it live')
+            return
+        try:
+            problem = self._live.take(restore_model(path, sha256, outcome['document']))
+        except WristFtCompError as error:
+            self.problem = str(error)
+            self._log.error(self.problem)
+            return
+        self._remember(champion=sha256, change=_dated(f'{path.name} was learnt: {why}'), **_NONE)
+        self.problem = self.problem or problem
+
+    def _decide(self, what: str) -> None:
+        """Note that a person decided: days so far are no evidence against that."""
+        self._end_job()
+        if self.diary is None:
+            return
+        self.diary.end_day()
+        days = self.diary.files.ended()
+        newest = days[-1].name if days else self.memory.judged
+        champion, change = self._live.sha256, _dated(what)
+        self._remember(
+            champion=champion, change=change, since=newest, judged=newest, paused='', **_NONE
+        )
+
+    def _remember(self, **changes: Any) -> None:
+        """Keep what changed over a restart."""
+        self.memory, self.problem = replace(self.memory, **changes), ''
+        try:
+            save_memory(self._directory, self.memory)
+        except StateFileError as error:
+            self.problem = str(error)
+            self._log.error(self.problem)
+
+    def on_adopt(self, _request: Any, response: Any) -> Any:
+        """Make the offered model live."""
+        try:
+            response.message, response.success = self._adopt(), True
+        except WristFtCompError as error:
+            response.message, response.success = f'{error} The running model stays.', False
+            self._log.note_refusal('~/adopt', response.message)
+        return response
+
+    def _adopt(self) -> str:
+        """Swap the offered model in; say which."""
+        memory = self.memory
+        if self.why_not or not memory.offered:
+            raise SettingsError(
+                self.why_not
+                or f'No better model is offered: {memory.verdict or "no day is judged yet"}.'
+            )
+        stored = self._live.load(self.offered)
+        if stored.sha256 != memory.sha256:
+            raise SettingsError(
+                f'{stored.path} is not what was judged: somebody changed it. Set model_file if '
+                'that is what you want.'
+            )
+        problem = self._live.take(stored)
+        self._decide(f'{memory.offered} was adopted: {memory.why}')
+        message = f'compensating with {stored.path}: {memory.why}'
+        return f'{message}\nwarning: {problem}' if problem else message
+
+    def _end_job(self) -> None:
+        """Stop the job, if one runs; nothing of it counts."""
+        process, self._process, self._seen = self._process, None, _UNSEEN
+        if process is not None:
+            process.end()
+
+    def end(self) -> None:
+        """End with the node; day and judgement go on when it starts again."""
+        self._end_job()
+        if self.diary is not None:
+            self.diary.end()
+
+
+def _dated(what: str) -> str:
+    """Begin a sentence with the present day, UTC."""
+    return f'{datetime.now(timezone.utc).date()}: {what}'

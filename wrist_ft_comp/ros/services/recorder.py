@@ -1,0 +1,132 @@
+"""Recordings in progress: what is pushed to the ``Recorder`` goes, as rows, to all that run."""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Protocol
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model.stream_grid import CompletedCells
+from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
+from wrist_ft_comp.stream.compensator import Compensator
+
+#: Ends every sentence of a disk that refuses.
+REMEDY = 'Make room or choose another data_directory'
+
+
+class Writer(Protocol):
+    """What rows go to: stamp, ns, and a value per channel; RecordingError when it refuses."""
+
+    def append(self, stamp_ns: int, values: Sequence[float]) -> None:
+        """Write a row."""
+
+    def close(self) -> None:
+        """Write what is left."""
+
+
+class OwnRecording:
+    """A recording in progress, a row per thermal cell; RecordingError when the disk refuses."""
+
+    def __init__(
+        self,
+        writer: Writer,
+        averager: CellAverager,
+        period_ns: int,
+        on_failure: Callable[[RecordingError], None],
+        on_period: Callable[[], None],
+    ) -> None:
+        self.averager, self.period_ns = averager, period_ns
+        self.rows = 0
+        #: Told when the disk refuses, after which nothing more is written, and when thermal cells
+        #: get another length.
+        self.on_failure, self.on_period = on_failure, on_period
+        self._writer = writer
+
+    def write(self, *, final: bool = False) -> None:
+        """Append the rows that are complete; all there are when nothing more will come."""
+        for stamp_ns, values in self.averager.rows(final=final):
+            self._writer.append(stamp_ns, values)
+            self.rows += 1
+
+    def close(self) -> None:
+        """Write what is left, and close, also when the disk refuses."""
+        try:
+            self.write(final=True)
+        except RecordingError:
+            self.abandon()
+            raise
+        self._writer.close()
+
+    def abandon(self) -> None:
+        """Close after the disk refused: what it took stays, the rest is lost."""
+        with suppress(RecordingError):
+            self._writer.close()
+
+
+class Recorder:
+    """Feeds the recordings that run; with none it costs a look at an empty list."""
+
+    def __init__(self, compensator: Compensator, *, with_force: bool) -> None:
+        self.thermometers = compensator.thermometers
+        #: Of a row.
+        self.channels = row_channels(self.thermometers, with_force=with_force)
+        self._compensator = compensator
+        self._with_force = with_force
+        self._running: list[OwnRecording] = []
+
+    @property
+    def period_ns(self) -> int:
+        """Length of a row's thermal cell, ns."""
+        return self._compensator.tracker.grid.period_ns
+
+    def begin(
+        self,
+        writer: Writer,
+        on_failure: Callable[[RecordingError], None],
+        on_period: Callable[[], None],
+    ) -> OwnRecording:
+        """Let a recording take part; OwnRecording says what its owner is told."""
+        period_ns = self.period_ns
+        averager = CellAverager(period_ns, self.thermometers, with_force=self._with_force)
+        recording = OwnRecording(writer, averager, period_ns, on_failure, on_period)
+        self._running.append(recording)
+        return recording
+
+    def end(self, recording: OwnRecording) -> None:
+        """Let nothing more come into a recording, which its owner closes."""
+        self._running.remove(recording)
+
+    def add_raw(self, stamp_ns: int, raw: Sequence[float]) -> None:
+        """Take one raw wrench, N and N m."""
+        for each in self._running:
+            each.averager.add_raw(stamp_ns, raw)
+
+    def add_force(self, stamp_ns: int, force: Sequence[float], speed: float | None) -> None:
+        """Take one specific force, m/s², and the speed of rotation, rad/s, where it is known."""
+        for each in self._running:
+            each.averager.add_force(stamp_ns, force, speed)
+
+    def add_cells(self, cells: list[CompletedCells]) -> None:
+        """Append rows for thermal cells."""
+        for each in self._running:
+            each.averager.add_cells(cells)
+        self.poll()
+
+    def poll(self) -> None:
+        """Append the rows there are; a full disk ends a recording, not the stream."""
+        for each in tuple(self._running):
+            self._write(each)
+
+    def _write(self, recording: OwnRecording) -> None:
+        """Append what is complete, or end the recording."""
+        try:
+            recording.write()
+        except RecordingError as error:
+            self.end(recording)
+            recording.abandon()
+            recording.on_failure(error)
+
+    def follow_period(self) -> None:
+        """Tell those whose thermal cells have another length than a new model's."""
+        for each in tuple(self._running):
+            if each.period_ns != self.period_ns:
+                each.on_period()
