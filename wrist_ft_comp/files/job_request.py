@@ -31,21 +31,6 @@ class Learning:
 
 
 @dataclass(frozen=True)
-class Learning:
-    """What makes a job one of a node that learns by itself: its recordings are days."""
-
-    #: Model that is live; None when there is none.
-    champion: Path | None = None
-    #: Name of the newest day that a person decided after; it and older ones are no evidence for a
-    #: change any more. Empty when nobody decided.
-    since: str = ''
-    #: How many recordings of days are kept, and how large they may be together, MB; of all but the
-    #: newest, those go first that know no temperatures that others do not know.
-    keep_days: int = 30
-    max_mb: float = 500.0
-
-
-@dataclass(frozen=True)
 class CalibrationJob:
     """What to calibrate from, how, and where the model goes."""
 
