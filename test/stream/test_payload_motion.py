@@ -150,14 +150,14 @@ LEVEL = ForceFrame()
 @pytest.mark.parametrize(
     ('cells', 'sentence'),
     [
-        (still(np.tile([0.0, 0.0, 1.0], (60, 1))), 'Gravity moved by 0.00 .* Tilt the tool by'),
+        (still(np.tile([0.0, 0.0, 1.0], (60, 1))), 'gravity moved by 0.00, 0.00, 0.00 .* tilt'),
         (
             still(tilted(np.column_stack((ANGLES / 4, 0 * ANGLES)))),
-            'along y of the sensor, but across it by .* Tilt the tool about its y axis, too',
+            'gravity moved by 0.75, 0.03, 0.00 .* for it to move along x, too',
         ),
         (
             still(tilted(np.column_stack((0 * ANGLES, ANGLES / 4))), frame=LEVEL),
-            'along x of the sensor, but across it by .* Tilt the tool about its x axis, too',
+            'gravity moved by 0.75, 0.03, 0.00 .* for it to move along y, too',
         ),
         (
             still(tilted(np.column_stack((ANGLES, ANGLES[::-1])))[:39]),

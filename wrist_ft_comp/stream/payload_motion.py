@@ -16,7 +16,7 @@ import numpy as np
 
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.model.payload.accelerometer import fit_norm
-from wrist_ft_comp.model.payload.rigid_body import CONTRAST, rigid_bodies
+from wrist_ft_comp.model.payload.rigid_body import CONTRAST, information, rigid_bodies
 from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
 
@@ -107,11 +107,11 @@ def identify(cells: MotionCells, frame: ForceFrame | None) -> Identified:
     sensor = fitted if frame is None else replace(frame, rotation=np.eye(3))
     force = sensor.turn(cells.force[slow])
     gains, weights, rest = _fit(cells.wrench[slow], force)
-    normal, spread = _information(force, weights, rest)
-    found = rigid_bodies(gains[np.newaxis], normal, spread, float(weights.sum()))
-    _refuse_directions(force, found.rotation)
+    contrast = force - weights @ force / weights.sum()
+    known = *information(*map(_blocks, (contrast, rest, weights))), float(weights.sum())
+    found = rigid_bodies(gains[np.newaxis], *known, scale if frame is None else None)
     free = float((weights > 0.5).mean())
-    if free < _LEAST_FREE:
+    if free < _LEAST_FREE and found.contrast[1] > CONTRAST:
         raise CalibrationRefusedError(
             f'In {1 - free:.0%} of the time the wrench did not follow gravity; at least '
             f'{_LEAST_FREE:.0%} have to be free. Move without contact, and look whether gravity '
@@ -119,12 +119,14 @@ def identify(cells: MotionCells, frame: ForceFrame | None) -> Identified:
         )
     if doubts := found.doubts():
         raise CalibrationRefusedError(doubts[0])
-    payload, share = found.payload(0), np.diag(normal) / np.trace(normal)
-    if frame is None:
-        own_kg = payload.mass_kg * np.sqrt(share @ scale @ share)
-        payload = replace(payload, mass_error_kg=float(np.hypot(payload.mass_error_kg, own_kg)))
     turned = replace(sensor, rotation=found.rotation)
-    return Identified(payload, turned, 1 - free, 1 - float(slow.mean()))
+    return Identified(found.payload(0), turned, 1 - free, 1 - float(slow.mean()))
+
+
+def _blocks(values: FloatArray) -> FloatArray:
+    """Cut what cells hold (n, …) into blocks, the last filled up with zeros: (m, _BLOCK, …)."""
+    empty = np.zeros((-len(values) % _BLOCK, *values.shape[1:]))
+    return np.concatenate((values, empty)).reshape(-1, _BLOCK, *values.shape[1:])
 
 
 def speeds(cells: MotionCells) -> FloatArray:
@@ -166,36 +168,3 @@ def _start(x: FloatArray, wrench: FloatArray) -> FloatArray:
     found = np.linalg.solve(across @ x[few] + _RIDGE * np.eye(4), across @ wrench[few])
     error = np.linalg.norm((wrench - x @ found) / _LEVERS, axis=2)
     return np.asarray(found[np.argmin(np.log(error + _FINE) @ rare)])
-
-
-def _information(
-    force: FloatArray, weights: FloatArray, rest: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Tell how well gains are known: normal matrix (3, 3), and what to divide it by (6,)."""
-    contrast = force - weights @ force / weights.sum()
-    weighted = weights[:, np.newaxis] * contrast
-    normal = weighted.T @ contrast
-    ends = np.arange(_BLOCK, len(force), _BLOCK)
-    scores = [w.T @ r for w, r in zip(np.split(weighted, ends), np.split(rest, ends), strict=True)]
-    spread = np.einsum('nia,nja->aij', scores, scores)
-    inverse = np.linalg.pinv(normal, rcond=1e-6, hermitian=True)
-    return normal, np.einsum('ij,aji->a', inverse, spread) / 3
-
-
-def _refuse_directions(force: FloatArray, rotation: FloatArray) -> None:
-    """Refuse where gravity did not move, or to and fro only, and name the tilt that is missing."""
-    sizes, ways = np.linalg.eigh(np.cov(force.T))
-    least, most = np.sqrt(np.maximum(sizes[1:], 0))
-    if most < CONTRAST:
-        raise CalibrationRefusedError(
-            f'Gravity moved by {most:.2f} m/s² in the sensor, and {CONTRAST:g} are needed. Tilt '
-            'the tool by 20° or more about two of its axes while this runs.'
-        )
-    if least < CONTRAST:
-        # To move gravity across where it went, tilt about where it went.
-        axis = 'xyz'[int(np.argmax(np.abs(rotation @ ways[:, 2])))]
-        raise CalibrationRefusedError(
-            f'Gravity moved by {most:.1f} m/s² along {axis} of the sensor, but across it by '
-            f'{least:.2f} only, and {CONTRAST:g} are needed. Tilt the tool about its {axis} '
-            'axis, too, by 20° or more.'
-        )

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrist_ft_comp.calibration.payload.cells import Cells
+from wrist_ft_comp.model.payload.rigid_body import information, rigid_bodies, RigidBodies
 from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
 
 _POWERS = 3
@@ -115,23 +116,12 @@ def _neighbours_noise(cells: Cells, rest: FloatArray) -> FloatArray:
     return np.asarray(np.quantile(steps, _QUIETER, axis=0) / _QUIETER_STEP)
 
 
-def information(cells: Cells, fit: Fit) -> tuple[FloatArray, FloatArray]:
-    """
-    Tell how well gains are known: normal matrix (3K, 3K), and what to divide it by per axis (A,).
-
-    The errors of a block are taken to depend on one another, those of different blocks not.
-    """
-    z = _by_state(cells, fit.states, len(fit.gains))
-    rest = cells.wrench - weight_of(cells, fit)
-    z = z - leveled(z, fit.weights)
-    rest = rest - leveled(rest, fit.weights)
-    weighted = fit.weights[..., None] * z
-    normal = np.einsum('nbi,nbj->ij', weighted, z, optimize=True)
-    scores = np.einsum('nbi,nba->nia', weighted, rest, optimize=True)
-    spread = np.einsum('nia,nja->aij', scores, scores)
-    inverse = np.linalg.pinv(normal, rcond=1e-6, hermitian=True)
-    rank = max(1, np.linalg.matrix_rank(normal, tol=1e-6 * np.trace(normal), hermitian=True))
-    return normal, np.einsum('ij,aji->a', inverse, spread) / rank
+def bodies_of(cells: Cells, fit: Fit, scale: FloatArray | None = None) -> RigidBodies:
+    """Find the rigid bodies behind gains of six axes; scale is the accelerometer's, (3, 3)."""
+    parts = _by_state(cells, fit.states, len(fit.gains)), cells.wrench - weight_of(cells, fit)
+    contrast, rest = (each - leveled(each, fit.weights) for each in parts)
+    known = *information(contrast, rest, fit.weights), float(fit.weights.sum())
+    return rigid_bodies(fit.gains, *known, scale)
 
 
 def contrast(cells: Cells, weights: FloatArray) -> float:

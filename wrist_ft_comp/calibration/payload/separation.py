@@ -15,7 +15,7 @@ import numpy as np
 
 from wrist_ft_comp.calibration.payload.accelerometer import Accelerometer, set_right
 from wrist_ft_comp.calibration.payload.cells import axes_of, Cells, cut, joined, with_wrench
-from wrist_ft_comp.calibration.payload.gains import COUNTS, Fit, information
+from wrist_ft_comp.calibration.payload.gains import bodies_of, COUNTS, Fit
 from wrist_ft_comp.calibration.payload.states import find_states, fit_again, follow_closely
 from wrist_ft_comp.calibration.payload.steps import (
     locate,
@@ -25,7 +25,7 @@ from wrist_ft_comp.calibration.payload.steps import (
     suspect_steps,
 )
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.model.payload.rigid_body import rigid_bodies, RigidBodies
+from wrist_ft_comp.model.payload.rigid_body import RigidBodies
 from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, IntArray, Recording
 
 #: Two steps that are nearer than this, cells, are no tares.
@@ -67,12 +67,7 @@ class Separation:
         """Find the rigid bodies, whether to be believed or not; None without all six axes."""
         if self.cells.axes < len(AXES):
             return None
-        normal, spread = information(self.cells, self.fit)
-        found = rigid_bodies(self.fit.gains, normal, spread, float(self.fit.weights.sum()))
-        own = np.einsum('kikj->ij', normal.reshape(*[len(found.mass_kg), 3] * 2))
-        share = np.diag(own) / max(np.trace(own), 1e-30)
-        scale = np.sqrt(share @ self.accelerometer.scale @ share)
-        return replace(found, mass_error_kg=np.hypot(found.mass_error_kg, found.mass_kg * scale))
+        return bodies_of(self.cells, self.fit, self.accelerometer.scale)
 
 
 def separate(recordings: Sequence[Recording]) -> Separation:

@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 
 from wrist_ft_comp.calibration.payload.cells import Cells
 from wrist_ft_comp.calibration.payload.gains import (
+    bodies_of,
     contrast,
     Fit,
-    information,
     leveled,
     rescaled,
     residual_norms,
     solve,
     weight_of,
 )
-from wrist_ft_comp.model.payload.rigid_body import CONTRAST, LIGHTEST_KG, MISFIT, rigid_bodies
+from wrist_ft_comp.model.payload.rigid_body import CONTRAST, LIGHTEST_KG, MISFIT
 from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, IntArray
 
 TUNING, _START, _ROUNDS = 4.0, 40.0, 25
@@ -209,9 +209,7 @@ def _unexplained(cells: Cells, fit: Fit, noise: FloatArray) -> float:
 
 def _misfit(cells: Cells, fit: Fit) -> float:
     """Share of the weight that is no rigid body's; 0 without all six axes."""
-    if cells.axes < len(AXES):
-        return 0.0
-    return rigid_bodies(fit.gains, *information(cells, fit), float(fit.weights.sum())).misfit
+    return bodies_of(cells, fit).misfit if cells.axes == len(AXES) else 0.0
 
 
 def _alike(gains: FloatArray) -> bool:

@@ -67,7 +67,7 @@ class RigidBodies:
             axis = 'xyz'[int(np.argmax(np.abs(self.unseen)))]
             missing = (
                 f'gravity moved by {seen} m/s² along three directions of the sensor, where two '
-                f'need {CONTRAST}; tilt the tool so that it moves along {axis}, too'
+                f'need {CONTRAST}; tilt the tool by 20° or more, for it to move along {axis}, too'
             )
             said = [missing]
         elif not self.tangible.any():
@@ -118,18 +118,24 @@ class _Problem:
 
 
 def rigid_bodies(
-    gains: FloatArray, normal: FloatArray, spread: FloatArray, cells: float
+    gains: FloatArray,
+    normal: FloatArray,
+    spread: FloatArray,
+    cells: float,
+    scale: FloatArray | None = None,
 ) -> RigidBodies:
     """
     Find the rigid bodies behind gains (K, 3, 6) of specific force, kg and kg m.
 
     ``normal`` (3K, 3K) are products of specific forces, levels taken out, ``cells`` is the sum of
-    their weights; the covariance of gains is spread (6,) times the inverse of normal.
+    their weights; the covariance of gains is spread (6,) times the inverse of normal, and scale
+    (3, 3) is the one that is left of the accelerometer's scale.
     """
     count = len(gains)
     by_body = normal.reshape(count, 3, count, 3)
     sizes, directions = np.linalg.eigh(np.einsum('kilj->ij', by_body))
-    rotation, mirrored = _start_rotation(gains, np.einsum('kikj->ij', by_body))
+    own = np.einsum('kikj->kij', by_body)
+    rotation, mirrored = _start_rotation(gains, own.sum(axis=0))
     sign = -1.0 if mirrored else 1.0
     roots = np.linalg.cholesky(normal + 1e-9 * np.trace(normal) * np.eye(3 * count)).T
     starts = [_start_body(each, rotation, sign) for each in gains]
@@ -147,7 +153,9 @@ def rigid_bodies(
     bodies = values[9:].reshape(count, 4)
     # Without the axes' gains: what only they explain is no rigid body's, either.
     strange = gains - sign * _gains_of(values[9:], rotation)
-    own = np.einsum('kikj->kij', by_body)
+    seen = np.diag(own.sum(axis=0)) / max(np.trace(own.sum(axis=0)), 1e-30)
+    if scale is not None:
+        error[:, 0] = np.hypot(error[:, 0], bodies[:, 0] * np.sqrt(seen @ scale @ seen))
     own = own / np.maximum(np.trace(own, axis1=1, axis2=2), 1e-30)[:, None, None]
     left, whole = (
         np.einsum('kia,kij,kja,a->k', each, own, each, 1 / spread) for each in (strange, gains)
@@ -156,6 +164,24 @@ def rigid_bodies(
     found = bodies[:, 0], error[:, 0], bodies[:, 1:], error[:, 1:], rotation, misfit, mirrored
     contrast = np.sqrt(np.maximum(sizes[::-1], 0) / cells)
     return RigidBodies(*found, contrast, rotation @ directions[:, 0])
+
+
+def information(
+    contrast: FloatArray, rest: FloatArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """
+    Tell how well gains are known: normal matrix (C, C), and what to divide it by per axis (A,).
+
+    Given are specific force less its level (n, B, C), what the fit leaves (n, B, A), and weights
+    (n, B). The errors of a block are taken to depend on one another, those of others not.
+    """
+    weighted = weights[..., None] * contrast
+    normal = np.einsum('nbi,nbj->ij', weighted, contrast, optimize=True)
+    scores = np.einsum('nbi,nba->nia', weighted, rest, optimize=True)
+    spread = np.einsum('nia,nja->aij', scores, scores)
+    inverse = np.linalg.pinv(normal, rcond=1e-6, hermitian=True)
+    rank = max(1, np.linalg.matrix_rank(normal, tol=1e-6 * np.trace(normal), hermitian=True))
+    return normal, np.einsum('ij,aji->a', inverse, spread) / rank
 
 
 def small_rotation(vector: FloatArray) -> FloatArray:
