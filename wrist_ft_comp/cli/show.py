@@ -8,8 +8,11 @@ from pathlib import Path
 import shlex
 
 from wrist_ft_comp.cli import options, paths
-from wrist_ft_comp.cli.tables import payloads_json, table_text
+from wrist_ft_comp.cli.tables import days_json, days_text, payloads_json, table_text
+from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, TEMPERATURE
+from wrist_ft_comp.files.days.survey import node_folders, Survey, survey
+from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.model_file import is_model, load_model
 from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
 from wrist_ft_comp.files.recordings import describe_recording, RecordingSummary, REFERENCE
@@ -28,6 +31,7 @@ EXAMPLES = """\
 examples:
   wrist_ft_comp show model.yaml
   wrist_ft_comp show warm_up.mcap --json
+  wrist_ft_comp show ~/.ros/wrist_ft_comp/wrist_ft_comp --picture days.png
 """
 
 
@@ -35,14 +39,19 @@ def add_parser(commands: options.Commands) -> None:
     """Add the command."""
     parser = commands.add_parser(
         'show',
-        help='say what a model, a recording or payloads.json holds',
+        help='say what a model, a recording, payloads.json or a diary holds',
         description='Say what a model file or a recording holds. Of a bag, which topics could be\n'
         'wrench, temperature (also inside other messages), IMU and TF, how good they\n'
         'are, and the commands that learn from them, judge the model and run it.',
         epilog=EXAMPLES,
     )
     parser.set_defaults(run=run)
-    parser.add_argument('file', type=Path, metavar='FILE', help='MODEL.yaml, REC or payloads.json')
+    parser.add_argument(
+        'file', type=Path, metavar='FILE',
+        help='MODEL.yaml, REC, payloads.json, or a data_directory with days')  # fmt: skip
+    parser.add_argument(
+        '--picture', type=Path, metavar='PICTURE.png', help="draw a node's days, too"
+    )
     options.add_topics(parser)
     options.add_json(parser)
 
@@ -51,9 +60,20 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     path = arguments.file
     document: dict[str, object]
+    if arguments.picture and not node_folders(path):
+        raise SettingsError(
+            f'--picture draws the days of a node that learns, and {path} holds none. Name its '
+            'data_directory.'
+        )
     if paths.is_report(path):
         document = {'name': path.name, 'kind': 'report'}
         text = f'{path}: a report of wrist_ft_comp; open it in a browser'
+    elif folders := node_folders(path):
+        surveys = [survey(each) for each in folders]
+        document = {str(each.directory): days_json(each) for each in surveys}
+        text = '\n\n'.join(map(days_text, surveys))
+        if arguments.picture:
+            _draw(arguments.picture, surveys)
     elif path.suffix in {'.yaml', '.yml'} or is_model(path):
         stored = load_model(path)
         document = {'sha256': stored.sha256, **stored.document}
@@ -72,6 +92,14 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(text)
     return 0
+
+
+def _draw(target: Path, surveys: Sequence[Survey]) -> None:
+    """Draw the days of nodes into a file."""
+    from wrist_ft_comp.report import days_picture  # noqa: PLC0415 -- matplotlib takes its time
+
+    figure = days_picture.draw_days([each.diary for each in surveys])
+    write_report(target, days_picture.png_bytes(figure), 'picture')
 
 
 def _model_text(stored: StoredModel) -> str:

@@ -9,14 +9,18 @@ import textwrap
 import numpy as np
 
 from wrist_ft_comp.calibration.chamber import ChamberFigures, FIGURE_TITLES
+from wrist_ft_comp.files.days.survey import Survey
 from wrist_ft_comp.files.payload_file import payload_figures
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.weight import Payload
 from wrist_ft_comp.model.signals import Recording
+from wrist_ft_comp.report.days import figures, known_temperatures
 from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
 
 #: Columns of a terminal that nobody has made wider.
 WIDTH = 80
+#: Days that people are shown; scripts get all.
+MOST_DAYS = 40
 _GAP = '  '
 #: Of figures that are small numbers.
 _FORMS = {'max_sensitivity_drift': '.4f'}
@@ -42,6 +46,62 @@ def _lines(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
         yield _GAP.join(aligned).rstrip()
 
 
+def days_text(found: Survey) -> str:
+    """Put days into a table, and below it what was said of them and what is known."""
+    diary, memory = found.diary, found.memory
+    days = [figures(entry) for entry in diary.days]
+    rows = [
+        [_short(each.name), each.date, _known(each.hours, '.1f'),
+         ' to '.join(_known(value, '.1f') for value in each.temperature_c),
+         *(_known(value, '.3g') for value in (each.raw_n, each.live_n, each.challenger_n))]
+        for each in days[-MOST_DAYS:]
+    ]  # fmt: skip
+    header = ['day', 'date', 'hours', 'temperature, °C', 'drift, N', 'live left', 'challenger']
+    known = (
+        f'thermometer {j}: {", ".join(f"{low:.1f} to {high:.1f}" for low, high in each)} °C'
+        for j, each in enumerate(known_temperatures(diary), start=1)
+    )
+    lines = [
+        *(f'{_short(each.name)}: {each.note}' for each in days[-MOST_DAYS:] if each.note),
+        *(f'change after {_short(each.day)}: {each.sentence}' for each in diary.decisions[-5:]),
+        f'last change: {memory.change or "none yet"}',
+        f'known temperatures: {"; ".join(known) or "none yet"}',
+        *([f'offered: {memory.offered}: {memory.why}; call ~/adopt'] if memory.offered else []),
+        *([f'paused: {diary.paused}'] if diary.paused else []),
+    ]
+    first = f'{found.directory}: days kept by a node, {len(days)}, {found.size / 1e6:.1f} MB'
+    more = f'; the newest {MOST_DAYS}' if len(days) > MOST_DAYS else ''
+    return '\n'.join([first + more, table_text(header, rows), '', *map(_filled, lines)])
+
+
+def days_json(found: Survey) -> dict[str, object]:
+    """Put days into plain values."""
+    diary = found.diary
+    return {
+        'days': [{**figures(each)._asdict(), 'left': dict(each.left)} for each in diary.days],
+        'decisions': [each._asdict() for each in diary.decisions],
+        'known_temperatures_c': known_temperatures(diary),
+        'paused': diary.paused,
+        'node': asdict(found.memory),
+        'bytes': found.size,
+    }
+
+
+def _short(name: str) -> str:
+    """Name a day without the ending of its file."""
+    return name.removesuffix('.csv')
+
+
+def _known(value: float, form: str) -> str:
+    """Write a number, or that there is none."""
+    return '-' if np.isnan(value) else f'{value:{form}}'
+
+
+def _filled(line: str) -> str:
+    """Break a line."""
+    return textwrap.fill(line, WIDTH, subsequent_indent='    ')
+
+
 def payloads_json(payloads: Mapping[str, Payload]) -> list[dict[str, object]]:
     """Put payloads into plain values; what is not known is null."""
     return [{'name': name, **payload_figures(each)} for name, each in payloads.items()]
@@ -50,11 +110,7 @@ def payloads_json(payloads: Mapping[str, Payload]) -> list[dict[str, object]]:
 def verdict_text(verdicts: Mapping[str, Verdict]) -> str:
     """Say of every axis whether it is good, and why."""
     return '\n'.join(
-        textwrap.fill(
-            f'{axis}: {LEVEL_NAMES[verdict.level]}. {verdict.sentence}',
-            WIDTH,
-            subsequent_indent='    ',
-        )
+        _filled(f'{axis}: {LEVEL_NAMES[verdict.level]}. {verdict.sentence}')
         for axis, verdict in verdicts.items()
     )
 

@@ -47,7 +47,7 @@ def _short(value: float) -> str:
     return f'{value:.5g}' if abs(value) < 100.0 else f'{value:.3f}'
 
 
-class _Span(NamedTuple):
+class Span(NamedTuple):
     """What a day's file holds: its header, its first and last stamp, ns, and its whole rows."""
 
     header: str
@@ -56,7 +56,7 @@ class _Span(NamedTuple):
     size: int
 
 
-def _span_of(path: Path) -> _Span | None:
+def span_of(path: Path) -> Span | None:
     """Look at the beginning and the end of a file; None where there is no whole row in it."""
     with path.open('rb') as file:
         head = file.read(_PIECE).split(b'\n')
@@ -67,7 +67,7 @@ def _span_of(path: Path) -> _Span | None:
     rows = whole.split(b'\n')
     try:
         first, last = (nanoseconds(row.split(b',')[0].decode()) for row in (head[1], rows[-2]))
-        return _Span(head[0].decode(), first, last, start + len(whole))
+        return Span(head[0].decode(), first, last, start + len(whole))
     except (ArithmeticError, IndexError, ValueError):
         return None
 
@@ -157,7 +157,7 @@ class DayFiles:
     def _go_on(self, path: Path) -> None:
         """Go on with the day from before a restart or a full disk, behind its last whole row."""
         with _translated(path):
-            span = _span_of(path) if path.exists() else None
+            span = span_of(path) if path.exists() else None
             if span and span.header == ','.join((DayWriter.stamp, *self._channels)):
                 os.truncate(path, span.size)
                 self._first_ns, self._last_ns = span.first_ns, span.last_ns
@@ -170,7 +170,7 @@ class DayFiles:
         if path is None or not path.exists():
             return
         with _translated(path):
-            span, size = _span_of(path), path.stat().st_size
+            span, size = span_of(path), path.stat().st_size
             if span.last_ns - span.first_ns < SHORTEST_NS if span else size < _PIECE:
                 path.unlink()
                 self._number -= 1
