@@ -250,7 +250,7 @@ def test_where_it_comes_from_is_said(text, view):
 
 def test_a_robot_at_work_has_its_payloads_and_what_was_used_on_the_page(text, view):
     whole, work = Outline(text('work')).whole, view('work').work
-    tool, both = work.payloads.values()
+    tool, both = work.learnt.payloads.values()
     assert f'{tool.mass_kg:.3f} ± ' in whole
     assert f'{1e3 * both.center_m[2]:.1f} ± ' in whole
     np.testing.assert_allclose(np.linalg.norm(work.directions, axis=1), 1.0)
@@ -259,5 +259,5 @@ def test_a_robot_at_work_has_its_payloads_and_what_was_used_on_the_page(text, vi
     assert np.all(work.used + work.pushed <= 1.0 + 1e-9)
     assert 'Loads by what was mounted' in whole
     assert 'drift of the gain is not known' not in whole
-    without = page(replace(view('work'), work=replace(work, payloads={})))
+    without = page(replace(view('work'), work=replace(work, learnt=None)))
     assert 'No payload is told' in Outline(without).whole

@@ -22,7 +22,6 @@ from wrist_ft_comp.stream.payload_motion import (
     identify,
     MotionCells,
     MotionCollector,
-    speeds,
 )
 
 SECOND = 1_000_000_000
@@ -113,11 +112,10 @@ def test_cells_that_turn_fast_are_left_out(everywhere):
 
 
 def test_a_speed_that_nobody_measured_is_that_of_gravity():
-    turned = 0.8 * CELL_S * np.arange(20)
-    up = np.column_stack((np.sin(turned), np.zeros(20), np.cos(turned)))
-    cells = still(up)._replace(speed=np.full(20, np.nan))
-    np.testing.assert_allclose(speeds(cells)[1:-1], 0.8, rtol=0.01)
-    np.testing.assert_array_equal(speeds(cells._replace(speed=np.ones(20))), 1.0)
+    turned = CELL_S * np.cumsum(np.repeat([0.4, 0.8], [60, 30]))
+    cells = still(np.column_stack((np.sin(turned), np.sin(3 * turned) / 9, np.cos(turned))))
+    assert identify(cells, LEVEL).fast == 0.0
+    assert identify(cells._replace(speed=np.full(90, np.nan)), LEVEL).fast == 31 / 90
 
 
 def test_cells_are_means_over_a_quarter_of_a_second_of_stamps():

@@ -11,7 +11,7 @@ from wrist_ft_comp.calibration.chamber import ChamberFigures
 from wrist_ft_comp.calibration.result import Candidate
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.payload.weight import Payload
+from wrist_ft_comp.model.payload.learnt import LearntPayloads
 from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS, Recording
 from wrist_ft_comp.report.coverage import Coverage
 from wrist_ft_comp.report.evaluation import AxisEvaluation
@@ -98,10 +98,8 @@ class Source:
 class WorkView:
     """What was learnt at work."""
 
-    #: By name, lightest first; empty where none could be told.
-    payloads: Mapping[str, Payload]
-    #: Roll, pitch and yaw from the frame of the specific force to the wrench's.
-    rotation_deg: FloatArray | None
+    #: None where none could be told.
+    learnt: LearntPayloads | None
     #: Unit vectors of the specific force, as it was measured, in cells that counted, (n, 3).
     directions: FloatArray
     #: Bins of time, (b,): their middles, which recording, and the shares of them that counted and

@@ -16,6 +16,7 @@ import numpy as np
 
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.model.payload.accelerometer import fit_norm
+from wrist_ft_comp.model.payload.directions import turning_speed
 from wrist_ft_comp.model.payload.rigid_body import CONTRAST, information, rigid_bodies
 from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
@@ -96,7 +97,9 @@ def identify(cells: MotionCells, frame: ForceFrame | None) -> Identified:
 
     CalibrationRefusedError when the motion or the wrenches do not tell; it says what to do.
     """
-    slow = speeds(cells) < FASTEST
+    slow = (
+        np.where(np.isnan(cells.speed), turning_speed(cells.force, CELL_S), cells.speed) < FASTEST
+    )
     if slow.sum() < _LEAST_CELLS:
         raise CalibrationRefusedError(
             f'The tool turned slower than {FASTEST:g} rad/s for {slow.sum() * CELL_S:.0f} s only; '
@@ -127,15 +130,6 @@ def _blocks(values: FloatArray) -> FloatArray:
     """Cut what cells hold (n, …) into blocks, the last filled up with zeros: (m, _BLOCK, …)."""
     empty = np.zeros((-len(values) % _BLOCK, *values.shape[1:]))
     return np.concatenate((values, empty)).reshape(-1, _BLOCK, *values.shape[1:])
-
-
-def speeds(cells: MotionCells) -> FloatArray:
-    """Give the speed of every cell, rad/s; where it is not known, from where gravity went."""
-    if len(cells.force) < 3:
-        return cells.speed
-    up = cells.force / np.linalg.norm(cells.force, axis=1, keepdims=True)
-    moved = np.linalg.norm(np.gradient(up, CELL_S, axis=0), axis=1)
-    return np.asarray(np.where(np.isfinite(cells.speed), cells.speed, moved))
 
 
 def _fit(wrench: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrist_ft_comp.model.payload.directions import turning_speed
 from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, Recording
 
 #: Length of a block, s, and fewest cells of one.
@@ -82,9 +83,7 @@ def rotation_speed(recording: Recording) -> FloatArray:
         return np.nan_to_num(recording.rotation_speed)
     if force is None:
         return np.zeros(len(recording))
-    unit = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-9)
-    turned = np.nan_to_num(np.linalg.norm(np.diff(unit, axis=0), axis=1)) / recording.period_s
-    return np.asarray(np.maximum(np.append(turned, 0.0), np.append(0.0, turned)))
+    return np.nan_to_num(turning_speed(force, recording.period_s))
 
 
 def with_wrench(recording: Recording, wrench: FloatArray, axes: Sequence[int]) -> Recording:

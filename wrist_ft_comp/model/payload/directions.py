@@ -33,6 +33,13 @@ def moments_of(force: FloatArray) -> FloatArray:
     return np.asarray(samples.T @ samples)
 
 
+def turning_speed(force: FloatArray, period_s: float) -> FloatArray:
+    """Tell how fast a specific force (n, 3) turns from one sample to the next, rad/s (n,)."""
+    unit = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-9)
+    turned = np.linalg.norm(np.diff(unit, axis=0), axis=1) / period_s
+    return np.asarray(np.fmax(np.append(turned, 0.0), np.append(0.0, turned)))
+
+
 def describe_force(moments: FloatArray) -> ForceSummary | None:
     """Find norm and principal directions from summed moments; None without samples."""
     if not moments[3, 3]:
