@@ -62,7 +62,10 @@ def test_a_file_of_before_sources_were_kept_is_read(path):
             lambda text: text.replace('1.25', '-1.25'),
             'breaks the schema at payloads/day-1/mass_kg',
         ),
-        (lambda text: text.replace('0.06', '60.0'), 'day-1 of .* within 10 m of the sensor'),
+        (
+            lambda text: text.replace('0.06', '60.0'),
+            'day-1 of .* must be a number from -10 to 10; got 60',
+        ),
         (lambda text: text.replace('0.9', '0'), 'payloads/day-1/scale/1'),
         (lambda text: text.replace('0.1,', 'NaN,'), 'expected JSON'),
     ],
@@ -73,7 +76,7 @@ def test_a_broken_file_is_refused_with_a_sentence_and_stays(path, change, senten
     path.write_text(broken, 'utf-8')
     with pytest.raises(ModelFileError, match=sentence):
         load_payloads(path)
-    if 'within' not in sentence:
+    if 'number from' not in sentence:
         with pytest.raises(ModelFileError, match=sentence):
             add_payloads(path, 'day', [BARE], FRAME)
         assert path.read_text('utf-8') == broken

@@ -1,6 +1,6 @@
 """What to doubt of recordings at work, in sentences with numbers; nothing is wrong silently."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -34,46 +34,41 @@ _FOLLOWS = 0.5
 def doubts(separation: Separation, bodies: RigidBodies | None) -> tuple[list[str], bool]:
     """Say all that is to be doubted, and whether payloads can be told; or refuse."""
     recordings = separation.recordings
-    lag = _lag(recordings)
-    said = [_missing(recordings), _contact(separation), lag, _tool_change(separation)]
-    why_not = [_unexplained(separation, lag)]
-    if bodies is None:
-        why_not.append('A payload is told only where all six axes were recorded.')
-    else:
-        why_not += bodies.doubts()
-    return [each for each in (*said, *why_not) if each], not any(why_not)
+    lag = list(_lag(recordings))
+    said = [*_missing(recordings), *_contact(separation), *lag, *_tool_change(separation)]
+    no_axes = ['A payload is told only where all six axes were recorded.']
+    why_not = [*_unexplained(separation, lag), *(bodies.doubts() if bodies else no_axes)]
+    return said + why_not, not why_not
 
 
-def _missing(recordings: Sequence[Recording]) -> str:
+def _missing(recordings: Sequence[Recording]) -> Iterator[str]:
     """Doubt where there is no specific force for much of the time."""
     lost = ~np.isfinite(np.concatenate([known_force(each) for each in recordings])).all(axis=1)
-    if lost.mean() <= _MISSING:
-        return ''
-    return (
-        f'The specific force is missing or stands still for {FROZEN_S} s and more in '
-        f'{lost.mean():.0%} of the time, from which nothing was learnt.'
-    )
+    if lost.mean() > _MISSING:
+        yield (
+            f'The specific force is missing or stands still for {FROZEN_S} s and more in '
+            f'{lost.mean():.0%} of the time, from which nothing was learnt.'
+        )
 
 
-def _contact(separation: Separation) -> str:
+def _contact(separation: Separation) -> Iterator[str]:
     """Doubt where more than half of the time something pushed."""
     usable = separation.cells.usable
     share = float(np.mean(separation.fit.weights[usable] < COUNTS))
-    if share <= _CONTACT:
-        return ''
-    return (
-        f'In {share:.0%} of the time something else than a payload pushed, or the specific force '
-        "is not the sensor's: contacts may be taken for drift. Let the robot move freely for more "
-        'of the time.'
-    )
+    if share > _CONTACT:
+        yield (
+            f'In {share:.0%} of the time something else than a payload pushed, or the specific '
+            "force is not the sensor's: contacts may be taken for drift. Let the robot move "
+            'freely for more of the time.'
+        )
 
 
-def _unexplained(separation: Separation, lag: str) -> str:
+def _unexplained(separation: Separation, lag: Sequence[str]) -> Iterator[str]:
     """Doubt or refuse where the wrench does not turn with the specific force."""
     cells, fit = separation.cells, separation.fit
     share = unexplained_contrast(cells, fit)
     if contrast(cells, fit.weights) < CONTRAST or share <= _UNEXPLAINED:
-        return ''
+        return
     what = (
         f'{share:.0%} of what changes between poses does not turn with the specific force, of '
         f'which {_UNEXPLAINED:.0%} are allowed: it is of another frame or another time, or a '
@@ -82,11 +77,11 @@ def _unexplained(separation: Separation, lag: str) -> str:
     if share > _NOTHING_LEARNT:
         remedy = 'Record the specific force of a frame fixed to the sensor, by its clock.'
         nothing = f'{what} Neither payload nor drift can be learnt.'
-        raise CalibrationRefusedError(' '.join(each for each in (nothing, lag, remedy) if each))
-    return f'{what} No payload is told.'
+        raise CalibrationRefusedError(' '.join((nothing, *lag, remedy)))
+    yield f'{what} No payload is told.'
 
 
-def _lag(recordings: Sequence[Recording]) -> str:
+def _lag(recordings: Sequence[Recording]) -> Iterator[str]:
     """Doubt clocks where changes of the wrench follow those of the specific force, or precede."""
     total = np.zeros(2 * _LAGS + 1)
     axes = axes_of(recordings)[:3]
@@ -100,12 +95,11 @@ def _lag(recordings: Sequence[Recording]) -> str:
         total += [moved[_LAGS - k : last - k] @ inner for k in range(-_LAGS, _LAGS + 1)]
     lag = int(total.argmax()) - _LAGS
     # A peak that stands out of what is far from it; otherwise they do not belong together at all.
-    if lag == 0 or total.max() <= 5 * np.median(np.abs(total)):
-        return ''
-    return (
-        f'The wrench lags the specific force by {lag * recordings[0].period_s:g} s: their clocks '
-        'differ. Record both by one clock.'
-    )
+    if lag and total.max() > 5 * np.median(np.abs(total)):
+        yield (
+            f'The wrench lags the specific force by {lag * recordings[0].period_s:g} s: their '
+            'clocks differ. Record both by one clock.'
+        )
 
 
 def _changes(values: FloatArray) -> FloatArray:
@@ -115,23 +109,21 @@ def _changes(values: FloatArray) -> FloatArray:
     return np.asarray(sizes - sizes.mean())
 
 
-def _tool_change(separation: Separation) -> str:
+def _tool_change(separation: Separation) -> Iterator[str]:
     """Say where payloads before and after a time have nothing in common."""
     states = np.concatenate(separation.states)
     ends = [np.flatnonzero(states == k)[[0, -1]] for k in np.unique(states[states >= 0])]
-    for first, _ in ends:
-        if any(other[1] < first for other in ends):
-            hours = first * separation.recordings[0].period_s / 3600
-            return (
-                f'The tool was changed after {hours:.1f} h: payloads before are not seen again. '
-                'If it was not, the sensor or its mounting has changed.'
-            )
-    return ''
+    later = [first for first, _ in ends if first > min(end for _, end in ends)]
+    if later:
+        hours = later[0] * separation.recordings[0].period_s / 3600
+        yield (
+            f'The tool was changed after {hours:.1f} h: payloads before are not seen again. '
+            'If it was not, the sensor or its mounting has changed.'
+        )
 
 
-def follows_gravity(recordings: Sequence[Recording], reference: Reference) -> list[str]:
+def follows_gravity(recordings: Sequence[Recording], reference: Reference) -> Iterator[str]:
     """Doubt a wrench that was declared to have no load, but turns with the specific force."""
-    said = []
     for recording in recordings:
         axes = axes_of([recording])
         if recording.specific_force is None or not axes:
@@ -147,10 +139,9 @@ def follows_gravity(recordings: Sequence[Recording], reference: Reference) -> li
         )
         mass_kg = float(np.linalg.norm(fit.gains[0]) / np.sqrt(3))
         if before > 0 and 1 - after / before > _FOLLOWS and mass_kg > LIGHTEST_KG:
-            said.append(
+            yield (
                 f'The wrench of {recording.name} follows gravity: {1 - after / before:.0%} of '
                 f'what changes within minutes turns with the specific force, as about '
                 f'{mass_kg:.2g} kg would, but it was declared {reference}. Use the reference '
                 'payload.'
             )
-    return said

@@ -138,8 +138,8 @@ def rigid_bodies(
     rotation, mirrored = _start_rotation(gains, own.sum(axis=0))
     sign = -1.0 if mirrored else 1.0
     roots = np.linalg.cholesky(normal + 1e-9 * np.trace(normal) * np.eye(3 * count)).T
-    starts = [_start_body(each, rotation, sign) for each in gains]
-    values = np.concatenate([np.zeros(3 + 6), *starts])
+    mass = -sign * np.einsum('kji,ij->k', gains[:, :, :3], rotation) / 3
+    values = np.append(np.zeros(3 + 6), mass[:, None] * [1.0, 0.0, 0.0, 0.0])
     spread = np.maximum(spread, 1e-18 * np.mean(gains**2, axis=(0, 1)) + 1e-30)
     for _ in range(2):  # the second time with errors that hold what no rigid body explains
         problem = _Problem(gains, roots, spread, sign)
@@ -206,14 +206,6 @@ def _start_rotation(gains: FloatArray, own: FloatArray) -> tuple[FloatArray, boo
     elif np.linalg.det(left @ right) < 0:
         left[:, 2] *= -1
     return left @ right, mirrored
-
-
-def _start_body(gains: FloatArray, rotation: FloatArray, sign: float) -> FloatArray:
-    """Read mass and centre of mass off the gains of one body: m and c, (4,)."""
-    force, torque = (-sign * gains[:, part].T @ rotation.T for part in (slice(3), slice(3, 6)))
-    mass = max(float(np.trace(force)) / 3, 1e-6)
-    skew = (torque - torque.T) / (2 * mass)
-    return np.array([mass, skew[2, 1], skew[0, 2], skew[1, 0]])
 
 
 def _gains_of(bodies: FloatArray, rotation: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.model.ranges import check_range
 from wrist_ft_comp.model.signals import FloatArray
 
 #: Heaviest that is believed, kg, and farthest centre of mass, m.
@@ -33,15 +34,9 @@ class Payload:
             raise SettingsError(
                 f'A centre of mass is three numbers in m; got {np.shape(self.center_m)}.'
             )
-        if not 0 <= self.mass_kg <= MOST_KG:
-            raise SettingsError(
-                f'A mass must be between 0 and {MOST_KG:g} kg; got {self.mass_kg}.'
-            )
-        if not np.all(np.abs(self.center_m) <= FARTHEST_M):
-            raise SettingsError(
-                f'A centre of mass must lie within {FARTHEST_M:g} m of the sensor; got '
-                f'{np.asarray(self.center_m).tolist()}.'
-            )
+        check_range('mass_kg', self.mass_kg, 0.0, MOST_KG)
+        for each in self.center_m:
+            check_range('center_of_mass_m', each, -FARTHEST_M, FARTHEST_M)
 
     def weight(self, specific_force: FloatArray) -> FloatArray:
         """Push at specific forces in the wrench's frame, m/s² (…, 3): N and N m, (…, 6)."""

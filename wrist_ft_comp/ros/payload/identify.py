@@ -4,6 +4,7 @@ import time
 from typing import Any
 
 from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.model.payload.learnt import payload_line
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench
 from wrist_ft_comp.ros.payload.shelf import Shelf
@@ -32,7 +33,7 @@ class IdentifyService:
         self._compensator, self._external, self._shelf = compensator, external, shelf
         self._node_name, self._log = node_name, log
         self._running: tuple[MotionCollector, Reply] | None = None
-        self._complete, self._heard_s = False, 0.0
+        self._heard_s = 0.0
         #: What must not change meanwhile: it would step the wrenches.
         self._tare: Any = None
 
@@ -63,14 +64,14 @@ class IdentifyService:
                 reply,
             )
         else:
-            self._running, self._complete = (MotionCollector(), reply), False
+            self._running = MotionCollector(), reply
             self._tare, self._heard_s = self._compensator.external_tare, time.monotonic()
             self._external.collect(self._add)
 
     def _add(self, stamp_ns: int, wrench: list[float], force: Force, speed: float) -> None:
         """Take one wrench less drift, and its specific force."""
-        if self._running is not None and not self._complete:
-            self._complete = self._running[0].add(stamp_ns, wrench, force, speed)
+        if self._running is not None and self._running[0].share < 1:
+            self._running[0].add(stamp_ns, wrench, force, speed)
             self._heard_s = time.monotonic()
 
     def poll(self) -> None:
@@ -78,35 +79,30 @@ class IdentifyService:
         if self._running is None:
             return
         collector, reply = self._running
-        why = ''
-        if self._compensator.external_tare is not self._tare:
-            why = 'The tare or the model changed meanwhile. Call again.'
-        elif not self._complete:
-            if time.monotonic() - self._heard_s < _PATIENCE_S:
-                return
-            why = (
-                f'Wrenches with specific force have stayed away for {_PATIENCE_S:g} s. Look at '
-                'the diagnostics, input and payload, then call again.'
-            )
-        self._stop()
-        if why:
-            self._refuse(why, reply)
+        tared = self._compensator.external_tare is not self._tare
+        silent = time.monotonic() - self._heard_s > _PATIENCE_S
+        if collector.share < 1 and not tared and not silent:
             return
-        try:
-            self._answer(identify(collector.cells(), self._shelf.sensor()), reply)
-        except WristFtCompError as error:
-            self._refuse(str(error), reply)
+        self._stop()
+        if tared:
+            self._refuse('The tare or the model changed meanwhile. Call again.', reply)
+        elif collector.share < 1:
+            self._refuse(
+                f'Wrenches with specific force have stayed away for {_PATIENCE_S:g} s. Look at '
+                'the diagnostics, input and payload, then call again.',
+                reply,
+            )
+        else:
+            try:
+                self._answer(identify(collector.cells(), self._shelf.sensor()), reply)
+            except WristFtCompError as error:
+                self._refuse(str(error), reply)
 
     def _answer(self, found: Identified, reply: Reply) -> None:
         """Keep a payload, and say what it is and how to use it."""
-        name, payload = self._shelf.keep(found.payload, found.frame), found.payload
-        center, error = (
-            ', '.join(f'{1e3 * each:.1f}' for each in values)
-            for values in (payload.center_m, payload.center_error_m)
-        )
+        name = self._shelf.keep(found.payload, found.frame)
         message = (
-            f'{name}: {payload.mass_kg:.3f} ± {payload.mass_error_kg:.3f} kg, centre of mass at '
-            f"({center}) ± ({error}) mm in the wrench's frame. Contact was taken for "
+            f"{payload_line(name, found.payload)} in the wrench's frame. Contact was taken for "
             f'{found.contact:.0%} of the time, {found.fast:.0%} was too fast. Use it: ros2 param '
             f'set {self._node_name} payload.active {name}'
         )
