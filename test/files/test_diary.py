@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.calibration.learning.entry import DayEntry, Decision, Diary, NONE
-from wrist_ft_comp.files.days.diary import days, diary_path, load_diary, save_diary
+from wrist_ft_comp.files.days.diary import days, diary_path, load_diary, prune, save_diary
 
 DAY = DayEntry(
     name='day_20260101T060000Z.csv',
@@ -58,3 +58,33 @@ def test_days_are_listed_oldest_first(tmp_path):
     for name in ('day_20260102T000000Z.csv', 'day_20251231T000000Z.csv', 'diary.json'):
         (tmp_path / 'days' / name).touch()
     assert [each.name[4:12] for each in days(tmp_path)] == ['20251231', '20260102']
+
+
+def recorded(folder, sizes):
+    """Make recordings of so many bytes, and a diary of them that knows the same temperatures."""
+    (folder / 'days').mkdir()
+    for name, size in sizes.items():
+        (folder / 'days' / name).write_bytes(b'x' * size)
+    return Diary(tuple(replace(DAY, name=name, kind='') for name in sizes))
+
+
+def test_no_more_days_are_kept_than_are_asked_for_and_the_newest_always(tmp_path):
+    diary = recorded(tmp_path, {f'day_{n}.csv': 10 for n in range(6)})
+    unique = replace(diary.days[0], known=frozenset({(99, 0)}))
+    diary = replace(diary, days=(unique, *diary.days[1:]))
+    assert prune(tmp_path, diary, 3, 500.0) == ['day_0.csv', 'day_4.csv', 'day_5.csv']
+    assert [path.name for path in days(tmp_path)] == ['day_0.csv', 'day_4.csv', 'day_5.csv']
+    assert prune(tmp_path, diary, 1, 500.0) == ['day_5.csv']
+
+
+def test_bytes_are_bounded_with_room_for_another_day(tmp_path):
+    diary = recorded(tmp_path, {f'day_{n}.csv': 1_000_000 for n in range(6)})
+    assert len(prune(tmp_path, diary, 30, 16.1)) == 6
+    assert len(prune(tmp_path, diary, 30, 13.5)) == 3
+    assert prune(tmp_path, diary, 30, 1.0) == ['day_5.csv']
+
+
+def test_a_recording_that_nobody_judged_stays(tmp_path):
+    diary = recorded(tmp_path, {'day_1.csv': 10, 'day_2.csv': 10})
+    assert prune(tmp_path, replace(diary, days=diary.days[:1]), 1, 500.0) == [
+        'day_1.csv', 'day_2.csv']  # fmt: skip

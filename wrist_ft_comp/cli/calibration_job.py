@@ -29,6 +29,7 @@ from wrist_ft_comp.calibration.chamber import (
     leave_one_temperature_out,
 )
 from wrist_ft_comp.calibration.result import Calibration
+from wrist_ft_comp.cli.learning.job import answer_learning
 from wrist_ft_comp.cli.options import part_of
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
@@ -175,6 +176,8 @@ def _end_when_closed() -> None:
 
 def _answer(job: CalibrationJob) -> dict[str, Any]:
     """Run a job and put its outcome into plain values."""
+    if job.learning is not None:
+        return answer_learning(job, job.learning)
     try:
         outcome = run_job(job)
     except WristFtCompError as error:

@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 #: Coarse temperatures: of the first thermometer, and what the others differ from it by.
 Cell = tuple[int, ...]
-#: Under this name stands the drift that is left without any model.
-NONE = 'none'
-#: And under this one what a challenger left that was not kept.
-CHALLENGER = 'challenger'
+#: Under this name stands the drift that is left without any model, and under the other what a
+#: challenger left.
+NONE, CHALLENGER = 'none', 'challenger'
 
 
 @dataclass(frozen=True)
@@ -21,20 +20,21 @@ class DayEntry:
     #: Stamp of its first cell, and how long its cells last together.
     first_ns: int = 0
     hours: float = 0.0
-    #: Lowest and highest temperature of each thermometer, °C.
+    #: Lowest and highest temperature of each thermometer, °C, and for how long it stood still, s.
     temperature_c: tuple[tuple[float, float], ...] = ()
+    still_s: tuple[float, ...] = ()
     #: Coarse temperatures that it saw.
     known: frozenset[Cell] = frozenset()
-    #: By the first twelve digits of a model's SHA-256, NONE for no model, CHALLENGER for one that
-    #: was not kept: RMS of the drift that it left, tared in the first minute, in the order AXES, N
-    #: and N m; NaN where an axis says nothing.
+    #: By the first twelve digits of a model's SHA-256, NONE or CHALLENGER: RMS of the drift that
+    #: it left, tared in the first minute, in the order AXES, N and N m; NaN where an axis says
+    #: nothing.
     left: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     #: Which of these was live; empty when none was.
     live: str = ''
     #: Why there is a new model, or none, in a sentence or two.
     verdict: str = ''
-    #: What happened to the sensor, with size and time; empty when nothing did. And its kind, one
-    #: of those in incidents.py.
+    #: What happened to the sensor, with size and time, and its kind (incidents.py); empty when
+    #: nothing did.
     incident: str = ''
     kind: str = ''
     #: Whether a challenger was learnt.

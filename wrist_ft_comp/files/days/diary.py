@@ -7,13 +7,19 @@ The diary of a node that learns by itself: ``days/diary.json``, and which record
 Only the learning job writes the diary, in one step. One that is broken or missing is made anew.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
+import fcntl
 import json
+import os
 from pathlib import Path
+import tempfile
 from typing import Any
 
 import numpy as np
 
+from wrist_ft_comp.calibration.learning.challenge import worthiest
 from wrist_ft_comp.calibration.learning.entry import DayEntry, Decision, Diary
 from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.files.documents import Document, Kind
@@ -28,6 +34,8 @@ KIND = Kind(
     'data_directory; until then nothing is learnt.')  # fmt: skip
 #: Days and decisions that are remembered.
 _MOST_DAYS, _MOST_DECISIONS = 1000, 100
+#: A day's recording is smaller than this, MB.
+_LARGEST_MB = 10.0
 
 
 def days(directory: Path) -> list[Path]:
@@ -59,6 +67,36 @@ def save_diary(directory: Path, diary: Diary) -> None:
         'paused': diary.paused,
     }
     KIND.write(diary_path(directory), json.dumps(document, indent=1, allow_nan=False))
+
+
+def prune(directory: Path, diary: Diary, keep_days: int, max_mb: float) -> list[str]:
+    """Remove recordings until both bounds hold and another day has room; names what is left."""
+    there = {path.name: path for path in days(directory)}
+    kept = [entry for entry in diary.days if entry.name in there]
+    room = 1e6 * (max_mb - _LARGEST_MB)
+    while len(kept) > 1 and (
+        len(kept) > keep_days or sum(there[each.name].stat().st_size for each in kept) > room
+    ):
+        before, kept = kept, worthiest(kept, len(kept) - 1)
+        (gone,) = {each.name for each in before} - {each.name for each in kept}
+        there.pop(gone).unlink(missing_ok=True)
+    return list(there)
+
+
+@contextmanager
+def alone() -> Iterator[bool]:
+    """Tell whether nobody else of this user learns on this computer, and keep it so."""
+    # In the folder for temporary files, because the folders of two sensors may have nothing in
+    # common. The system releases it where the process is killed.
+    path = Path(tempfile.gettempdir()) / f'wrist_ft_comp_learning_{os.getuid()}.lock'
+    handle = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield True
+    except BlockingIOError:
+        yield False
+    finally:
+        os.close(handle)
 
 
 def _entry_values(entry: DayEntry) -> Document:

@@ -1,0 +1,166 @@
+"""
+Simulated years of a robot at work: rooms with seasons, weekends, and what happens to sensors.
+
+``Year(seed)`` draws one; ``day(number)`` gives a day at work, as a node would have recorded it,
+and its true drift. Bodies, gauges and work are those of ``working_days``; robots rest at weekends.
+Once a year the robot is moved (other sources of heat and another room), its tool is changed, it
+crashes (the zero jumps), a thermometer stops and is replaced days later, and on one day it is in
+contact nearly all the time.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from thermal_networks import between, Body, draw_day, draw_others, draw_sources, network, SUN
+from working_days import (
+    Accelerometer,
+    draw_payloads,
+    measure,
+    SCENARIOS,
+    SECONDS,
+    unit,
+    work,
+)
+from worlds_drawn import draw_gauges, draw_thermometers, read, UNITS
+
+from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS, Recording
+
+#: Seconds of a thermal cell.
+CELL_S = 2
+#: Share of the time in contact on a day of wrong contacts.
+PRESSED = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class YearDay:
+    """A day as it was recorded, and its true drift (N, 6), N and N m."""
+
+    number: int
+    recording: Recording
+    drift: FloatArray
+
+
+@dataclass(frozen=True)
+class Events:
+    """Numbers of days on which something happens."""
+
+    moved: int
+    tool: int
+    crash: int
+    #: A thermometer stops, and is replaced.
+    stopped: int
+    replaced: int
+    pressed: int
+
+    def named(self) -> dict[str, int]:
+        """Days on which something happens that has to be named, by its kind."""
+        return {
+            'tool': self.tool,
+            'zero': self.crash,
+            'thermometer': self.stopped,
+            'contacts': self.pressed,
+        }
+
+
+class Year:
+    """A robot's year; days are drawn one by one, in any order."""
+
+    def __init__(self, seed: int, length: int = 365) -> None:
+        rng = np.random.default_rng([seed, 31])
+        self._seed = seed
+        others = draw_others(rng)
+        self._body = network(rng, others)
+        self._sources = [draw_sources(rng, others) for _ in range(2)]
+        self._neighbour = _moved(rng, self._body)
+        self._thermometers = draw_thermometers(rng, self._body, 2, 'network')
+        self._gauges = draw_gauges(rng, self._body, 'network')
+        self._payloads = [draw_payloads(rng, part=True) for _ in range(2)]
+        rotation = Rotation.random(random_state=seed)
+        crooked = Rotation.from_rotvec(np.deg2rad(2.0) * unit(rng.normal(size=3)))
+        scale = 1 + 0.005 * rng.choice([-1, 1], 3)
+        bias, warmed = rng.normal(0, 0.1, 3), rng.normal(0, 0.003, 3)
+        self._imu = Accelerometer(rotation * crooked, bias, scale, warmed)
+        #: Days on which the robot works.
+        self.worked = [number for number in range(length) if number % 7 < 5]
+        self._swing_k, self._phase = between(rng, 3.0, 9.0), rng.uniform(0, 365)
+        self._rooms_k = [0.0, float(rng.uniform(-5, 5))]
+        self._offset_k = rng.normal(0, 0.3)
+        at = rng.choice(np.arange(15, len(self.worked) - 15, 12), 5, replace=False)
+        moved, tool, crash, stopped, pressed = (self.worked[i] for i in at)
+        replaced = self.worked[int(at[3]) + int(rng.integers(2, 6))]
+        self.events = Events(moved, tool, crash, stopped, replaced, pressed)
+        self._jump = rng.choice([-1, 1], 6) * UNITS * rng.uniform(3, 12, 6)
+        self._silent = bool(rng.random() < 0.5)
+
+    def _warmed(self, number: int) -> tuple[FloatArray, FloatArray]:
+        """Temperatures of the nodes (N, n) and of the thermometers (N, J), every second, °C."""
+        rng = np.random.default_rng([self._seed, 32, number])
+        moved = number >= self.events.moved
+        body = self._neighbour if moved else self._body
+        night, felt_c = draw_day(rng, body, self._sources[moved], SECONDS)
+        season = self._swing_k * np.sin(2 * np.pi * (number - self._phase) / 365)
+        shift = season + self._rooms_k[moved]
+        seen = read(rng, self._thermometers, night + shift, felt_c + shift)
+        if number >= self.events.replaced:
+            seen[:, 1] += self._offset_k
+        return felt_c + shift, seen
+
+    def day(self, number: int) -> YearDay:
+        """Draw a day at work."""
+        events = self.events
+        felt_c, seen_c = self._warmed(number)
+        rng = np.random.default_rng([self._seed, 33, number])
+        scenario = replace(SCENARIOS['part'], contacts=0.15)
+        if number == events.pressed:
+            scenario = replace(scenario, contacts=PRESSED)
+        true, felt = work(rng, scenario, self._payloads[number >= events.tool])
+        again = [np.random.default_rng([self._seed, 34, number]) for _ in range(2)]
+        raw, _ = measure(again[0], self._gauges, felt_c, true.wrench, 0.25)
+        quiet = replace(self._gauges, noise=0 * self._gauges.noise)
+        drift, _ = measure(again[1], quiet, felt_c, np.zeros_like(raw), 0.0)
+        if number == events.crash:
+            raw[int(rng.integers(1800, SECONDS - 1800)) :] += self._jump
+        measured = np.ones(seen_c.shape, dtype=bool)
+        if events.stopped <= number < events.replaced:
+            at = int(rng.integers(600, SECONDS // 2)) if number == events.stopped else 0
+            seen_c[at:, 1] = seen_c[at, 1] if at else 24.0
+            measured[at:, 1] = not self._silent
+        force = self._imu.read(rng, felt, felt_c[:, self._thermometers.nodes[0]])
+        spin = np.sqrt(_coarse(true.spin[:, None] ** 2)[:, 0])
+        recording = Recording(
+            day_name(number), CELL_S * NANOSECONDS, number * 86_400 // CELL_S, _coarse(seen_c),
+            measured[::CELL_S], _coarse(raw), np.full((SECONDS // CELL_S, len(AXES)), np.nan),
+            specific_force=_coarse(force), rotation_speed=spin)  # fmt: skip
+        return YearDay(number, recording, _coarse(drift))
+
+    def warm_up(self, number: int) -> Recording:
+        """Record a day with an empty flange, as somebody does who calibrates by hand."""
+        felt_c, seen_c = self._warmed(number)
+        rng = np.random.default_rng([self._seed, 35, number])
+        raw, _ = measure(rng, self._gauges, felt_c, np.zeros((SECONDS, len(AXES))), 0.0)
+        temperature_c, wrench = _coarse(seen_c), _coarse(raw)
+        measured = np.ones(temperature_c.shape, dtype=bool)
+        nothing = np.full_like(wrench, np.nan)
+        name, period_ns = day_name(number), CELL_S * NANOSECONDS
+        return Recording(name, period_ns, 0, temperature_c, measured, wrench, nothing)
+
+
+def day_name(number: int) -> str:
+    """Name a day's file."""
+    return f'day_{number:03d}.csv'
+
+
+def _moved(rng: np.random.Generator, body: Body) -> Body:
+    """Let other neighbours shine on another node."""
+    node, strength = int(rng.integers(body.nodes)), between(rng, 0.3, 1.5)
+    size = np.linalg.norm(body.inlets[:, 2])
+    inlets = body.inlets.copy()
+    shone = body.shapes[node] / np.linalg.norm(body.shapes[node])
+    inlets[:, SUN] = strength * size * shone
+    return replace(body, inlets=inlets)
+
+
+def _coarse(values: FloatArray) -> FloatArray:
+    """Means over cells."""
+    return np.asarray(values.reshape(-1, CELL_S, *values.shape[1:]).mean(axis=1))

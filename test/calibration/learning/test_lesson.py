@@ -1,0 +1,164 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.learning import challenge
+from wrist_ft_comp.calibration.learning.challenge import Evidence, reason, worthiest
+from wrist_ft_comp.calibration.learning.day import describe, left, share
+from wrist_ft_comp.calibration.learning.entry import DayEntry, NONE
+from wrist_ft_comp.calibration.learning.lesson import Champion, describe_day, take
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
+
+QUICK = CalibrationSettings(identification=IdentificationSettings(degree=1))
+NAMES = [f'day_{number:05d}.csv' for number in range(20)]
+
+
+@pytest.fixture
+def look(looked):
+    """Ordinary days by their names."""
+    return lambda name: looked(int(name[4:9]))
+
+
+@pytest.fixture(scope='module')
+def good(looked):
+    """A model of two days."""
+    return calibrate([looked(n).drift for n in (1, 2)], replace(QUICK, reference='recorded')).model
+
+
+@pytest.fixture
+def bad(good):
+    """One that takes drift off twice."""
+    axes = {
+        name: replace(
+            axis, dynamics=replace(axis.dynamics, output_weight=axis.dynamics.output_weight / 2)
+        )
+        for name, axis in good.axes.items()
+    }
+    return replace(good, axes=axes)
+
+
+def past(look, champion, *numbers):
+    entries = []
+    for number in numbers:
+        entries.append(describe_day(NAMES[number], look, entries, champion))
+    return entries
+
+
+def test_a_challenger_wins_where_there_is_no_model(look):
+    lesson = take(NAMES[3], look, past(look, Champion(), 1, 2), Champion(), NAMES, settings=QUICK)
+    assert lesson.better is not None
+    assert lesson.days == (NAMES[1], NAMES[2], NAMES[3])
+    assert lesson.better.settings.reference == 'payload'
+    assert [round(each.mass_kg, 1) for each in lesson.better.payloads.payloads.values()] == [1.5]
+    assert 'was better' in lesson.entry.verdict
+
+
+def test_a_challenger_wins_over_a_bad_champion_and_loses_to_a_good_one(look, good, bad):
+    verdicts = []
+    for model in (bad, good):
+        champion = Champion('a' * 12, model)
+        lesson = take(NAMES[3], look, past(look, champion, 1, 2), champion, NAMES, settings=QUICK)
+        assert lesson.entry.challenged
+        verdicts.append(lesson.better is not None)
+    assert verdicts == [True, False]
+
+
+def test_days_that_a_person_decided_after_are_no_evidence(look, bad, monkeypatch):
+    champion = Champion('a' * 12, bad)
+    seen = []
+    better = Evidence.better
+    monkeypatch.setattr(Evidence, 'better', property(lambda self: seen.append(len(self.champion))
+                                                     or better.fget(self)))  # fmt: skip
+    for since in ('', NAMES[2]):
+        take(NAMES[3], look, past(look, champion, 1, 2), champion, NAMES, since, QUICK)
+    assert seen == [3, 1]
+
+
+def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look, looked):
+    before = past(look, Champion(), 1, 2)
+    hit = take(NAMES[9], lambda _: looked(9, jump=5.0), before, Champion(), NAMES)
+    assert (hit.better, hit.entry.kind) == (None, 'zero')
+    after = take(NAMES[10], look, [*before, hit.entry], Champion(), NAMES)
+    assert (after.better, after.entry.kind) == (None, '')
+    assert 'Nothing is learnt' in after.entry.verdict
+
+
+def test_a_day_that_cannot_be_read_is_named(look):
+    def broken(name):
+        raise RecordingError(f'{name} is empty.')
+
+    lesson = take(NAMES[3], broken, past(look, Champion(), 1, 2), Champion(), NAMES)
+    assert lesson.entry.kind == 'unreadable'
+    assert 'day_00003.csv is empty.' in lesson.entry.incident
+
+
+def test_what_is_left_is_what_evaluate_says(looked, good):
+    day = looked(3)
+    figures = judge_errors([tared_errors(good, day.recording, 'payload')])
+    before = np.array([each.rms_before for each in figures.values()])
+    after = np.array([each.rms_after for each in figures.values()])
+    # Cells there, means of ten seconds here: less noise.
+    np.testing.assert_allclose(describe(day).left[NONE], before, rtol=0.02)
+    assert (np.array(left(good, day)) <= after).all()
+
+
+def evidence(logs):
+    shares = np.exp(np.array(logs, dtype=float))[:, None] * np.ones(6)
+    return Evidence(0.3 * np.ones_like(shares), 0.3 * shares)
+
+
+def test_chance_proves_nothing():
+    wins = sum(
+        evidence(np.random.default_rng(seed).normal(0, 0.4, days)).better
+        for seed in range(200)
+        for days in (1, 3, 10)
+    )
+    assert wins <= 12, 'two in a hundred of what is no better'
+    assert evidence([-0.4] * 10).better
+    assert evidence([-1.3]).better
+    assert not evidence([-0.8]).better
+    assert not evidence([-0.6] * 10 + [1.2]).better, 'one day is much worse'
+
+
+def entries(count, **more):
+    return [DayEntry(name, known=frozenset({(1, 1)}), left={NONE: (1.0,) * 6, 'a': (0.1,) * 6},
+                     **more) for name in NAMES[:count]]  # fmt: skip
+
+
+def test_challenges_become_rarer_as_the_diary_grows():
+    diary, challenged = [], []
+    for number in range(40):
+        diary.append(replace(entries(1)[0], name=f'day_{number:05d}.csv'))
+        if reason(diary, 'a'):
+            diary[-1] = replace(diary[-1], challenged=True)
+            challenged.append(number + 1)
+    assert challenged == [2, 3, 4, 6, 8, 11, 15, 20, 27, 34]
+
+
+def test_a_bad_day_and_other_temperatures_are_reasons_but_never_beyond_the_time_there_is():
+    diary = entries(12)
+    diary[10] = replace(diary[10], challenged=True)
+    assert reason(diary, 'a') == ''
+    worse = replace(diary[11], left={NONE: (1.0,) * 6, 'a': (0.9,) * 6})
+    warm = replace(diary[11], known=frozenset({(7, 7)}))
+    end = replace(diary[0], name=NAMES[12])
+    assert 'badly' in reason([*diary[:11], worse, end], 'a')
+    assert 'other temperatures' in reason([*diary[:11], warm, end], 'a')
+    assert reason([*diary[:11], replace(warm, seconds=2e3), end], 'a') == ''
+
+
+def test_days_that_know_what_no_other_does_are_kept():
+    diary = entries(6)
+    diary[1] = replace(diary[1], known=frozenset({(9, 0)}))
+    diary[4] = replace(diary[4], kind='contacts', known=frozenset({(5, 5)}))
+    assert [each.name for each in worthiest(diary, 3)] == [NAMES[1], NAMES[3], NAMES[5]]
+    assert [each.name for each in worthiest(diary, 2)] == [NAMES[1], NAMES[5]]
+
+
+def test_what_a_model_left_of_no_drift_is_no_number():
+    assert np.isnan(share(DayEntry('day'), 'a')).all()
+    assert challenge.MOST_DAYS < 30

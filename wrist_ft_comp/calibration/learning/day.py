@@ -1,0 +1,128 @@
+"""A day at work, its weight and contacts apart from drift, and what models leave of that drift."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrist_ft_comp.calibration.cross_validation import bin_means
+from wrist_ft_comp.calibration.learning.entry import Cell, DayEntry, NONE
+from wrist_ft_comp.calibration.payload.at_work import payloads_of
+from wrist_ft_comp.calibration.payload.doubts import doubts
+from wrist_ft_comp.calibration.payload.gains import COUNTS
+from wrist_ft_comp.calibration.payload.separation import separate, Separation, Step
+from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.identification.bins import tare
+from wrist_ft_comp.model.drift_model import DriftModel, no_drift
+from wrist_ft_comp.model.offline import simulate_drift
+from wrist_ft_comp.model.payload.learnt import LearntPayloads
+from wrist_ft_comp.model.payload.rigid_body import CONTRAST
+from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, Recording
+
+#: Errors are judged as means over so long, s.
+_MEAN_S = 10.0
+#: Temperatures count as known in steps of this, K, when a day was there for so long, s.
+_STEP_K, _LONG_S = 4.0, 120.0
+
+
+@dataclass(frozen=True, eq=False)
+class Day:
+    """What a day says."""
+
+    recording: Recording
+    #: The same with its weight as the reference, contacts and steps left out.
+    drift: Recording
+    steps: list[Step]
+    #: Share of the time in contact, and noise of a cell that is not, (A,).
+    contact: float
+    noise: FloatArray
+    #: None where no payload can be told, and then why; no reason if the robot did not move enough.
+    payloads: LearntPayloads | None
+    doubt: str
+    #: Why drift cannot be told from weight, either; empty where it can.
+    refused: str
+
+
+def look_at(recording: Recording) -> Day:
+    """Separate drift from weight and contacts; CalibrationRefusedError where that cannot be."""
+    if recording.specific_force is None:
+        raise CalibrationRefusedError(
+            f'{recording.name} holds no specific force, which learning from days needs. Set '
+            'gravity.source, so that it is recorded.'
+        )
+    return tell(separate([recording]))
+
+
+def tell(separation: Separation) -> Day:
+    """Take what counts from a day that was separated."""
+    (recording,), (drift,), (steps,) = separation.recordings, separation.drift, separation.steps
+    bodies, fit = separation.bodies(), separation.fit
+    said, told, refused = [''], False, ''
+    try:
+        said, told = doubts(separation, bodies)
+    except CalibrationRefusedError as refusal:
+        refused = str(refusal)
+    payloads = payloads_of(separation, bodies) if bodies and told else None
+    moved = bodies is not None and bodies.contrast[1] >= CONTRAST
+    doubt = said[-1] if moved and not told else ''
+    contact = float(np.mean(fit.weights[separation.cells.usable] < COUNTS))
+    return Day(recording, drift, steps, contact, fit.noise, payloads, doubt, refused)
+
+
+def describe(day: Day) -> DayEntry:
+    """Write down what a day saw, and how far it drifts by itself."""
+    recording, learnt = day.recording, day.payloads
+    low, high = recording.temperature_c.min(axis=0), recording.temperature_c.max(axis=0)
+    found = learnt.payloads.values() if learnt else ()
+    return DayEntry(
+        name=recording.name,
+        first_ns=recording.first_cell * recording.period_ns,
+        hours=recording.duration_s / 3600,
+        temperature_c=tuple(zip(low.tolist(), high.tolist(), strict=True)),
+        still_s=tuple(
+            float(np.sum(run) * recording.period_s) for run in longest_stills(recording)
+        ),
+        known=known_cells(recording),
+        left={NONE: left(None, day)},
+        payloads=tuple((each.mass_kg, *each.center_m.tolist()) for each in found),
+        rotation=tuple(learnt.frame.rotation.ravel().tolist()) if learnt else (),
+        noise=tuple(day.noise.tolist()),
+    )
+
+
+def left(model: DriftModel | None, day: Day) -> tuple[float, ...]:
+    """RMS of what a model, or none, leaves of a day's drift, tared in its first minute, (6,)."""
+    drift = day.drift
+    simulated = simulate_drift(model, drift) if model else no_drift(len(drift))
+    rest = drift.wrench - simulated.zero - (1 + simulated.sensitivity) * drift.reference
+    cells = max(1, round(_MEAN_S / drift.period_s))
+    figures = np.full(len(AXES), np.nan)
+    for axis, values in enumerate(rest.T):
+        rows = np.flatnonzero(np.isfinite(values))
+        if len(rows):
+            errors = tare(bin_means(values[rows], rows, cells), cells * drift.period_s)
+            figures[axis] = np.sqrt(np.mean(errors**2))
+    return tuple(figures.tolist())
+
+
+def known_cells(recording: Recording) -> frozenset[Cell]:
+    """List the coarse temperatures of a recording, in which others differ from the first."""
+    apart_c = recording.temperature_c - recording.temperature_c[:, :1]
+    apart_c[:, 0] = recording.temperature_c[:, 0]
+    cells, counts = np.unique(np.floor(apart_c / _STEP_K).astype(int), axis=0, return_counts=True)
+    return frozenset(tuple(c) for c in cells[counts * recording.period_s >= _LONG_S].tolist())
+
+
+def longest_stills(recording: Recording) -> list[BoolArray]:
+    """Mark the longest time in which each thermometer kept one value, (N,)."""
+    marks = []
+    for values in recording.temperature_c.T:
+        runs = np.cumsum(np.diff(values, prepend=values[0]) != 0)
+        marks.append(runs == np.bincount(runs).argmax())
+    return marks
+
+
+def share(entry: DayEntry, model: str) -> FloatArray:
+    """Drift that a model left of a day by what was there, (6,); NaN where it is not known."""
+    nothing = (np.nan,) * len(AXES)
+    there = np.maximum(entry.left.get(NONE, nothing), 1e-12)
+    return np.asarray(np.array(entry.left.get(model, nothing)) / there)

@@ -1,0 +1,187 @@
+"""
+Days that are not like the ones before: what happened to the sensor, with size and time.
+
+A day is compared with days since the sensor was last changed. Those that change the sensor stop
+the learning until three days agree again, or a person decides.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from wrist_ft_comp.calibration.learning.day import Day, longest_stills
+from wrist_ft_comp.calibration.learning.entry import DayEntry, NONE
+from wrist_ft_comp.model.payload.learnt import same_payload
+from wrist_ft_comp.model.payload.weight import Payload
+from wrist_ft_comp.model.signals import AXES, BoolArray, NANOSECONDS, Recording
+
+#: Kinds of incidents: nothing can be told of a day (UNREADABLE), or only of the sensor …
+UNREADABLE, CONTACTS, THERMOMETER = 'unreadable', 'contacts', 'thermometer'
+#: … another tool, whose drift can be learnt as well …
+TOOL = 'tool'
+#: … and what changes the sensor.
+ZERO, GAIN, NOISE, MOUNTING = 'zero', 'gain', 'noise', 'mounting'
+LEARNT_FROM = ('', TOOL)
+PAUSING = (ZERO, GAIN, NOISE, MOUNTING)
+#: After these, older days are of another sensor.
+FORGETTING = (GAIN, MOUNTING)
+#: Days that have to agree, and days that one is compared with.
+AGREE, _COMPARED = 3, 20
+#: A step is the driver's tare where the reading goes to zero, up to this share of the step; it is
+#: the sensor's where it is larger than so much of the drift of a day, and times the noise.
+_TO_ZERO, _OF_DRIFT, _OF_NOISE = 0.3, 0.5, 50.0
+#: Share of the time in contact, turn of the mounting, deg, noise by what is usual, and payloads of
+#: another gain: their ratios alike, and centres of mass as near, m.
+_CONTACT, _TURNED_DEG, _LOUD, _GAIN, _NEAR_M = 0.6, 5.0, 3.0, 0.03, 0.005
+#: Shortest time for which a thermometer that stopped stands still, s, by what is usual, and what
+#: others move meanwhile, K.
+_STOPPED_S, _UNUSUAL, _MOVED_K = 900.0, 4.0, 1.0
+#: Kind, and a sentence.
+Incident = tuple[str, str]
+
+
+def incident(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incident:
+    """Tell what happened on a day, ('', '') where nothing did; days before come oldest first."""
+    start = max((n for n, each in enumerate(before) if each.kind in FORGETTING), default=0)
+    like = [each for each in before[start:] if each.hours][-_COMPARED:]
+    found = (
+        _stopped(day, entry, like)
+        or _pressed(day)
+        or _remounted(entry, like)
+        or _reweighed(day, entry, like)
+        or _jumped(day, entry)
+        or _loud(entry, like)
+    )
+    return found or ('', '')
+
+
+def pause(entries: Sequence[DayEntry], since: str) -> str:
+    """Say why learning has stopped on its own; empty when it has not."""
+    decided = max((n for n, each in enumerate(entries) if each.name <= since), default=-1)
+    changed = [n for n, each in enumerate(entries) if each.kind in PAUSING and n > decided]
+    if not changed:
+        return ''
+    agreeing = sum(each.kind in LEARNT_FROM for each in entries[changed[-1] + 1 :])
+    if agreeing >= AGREE:
+        return ''
+    return (
+        f'{entries[changed[-1]].name}: {entries[changed[-1]].incident} Learning goes on after '
+        f'{AGREE} days that agree ({agreeing} so far), or by ~/calibrate or ~/adopt.'
+    )
+
+
+def _stopped(day: Day, entry: DayEntry, like: Sequence[DayEntry]) -> Incident | None:
+    """Find thermometers that stand still or are silent while others move."""
+    recording = day.recording
+    for j, run in enumerate(longest_stills(recording)):
+        good = [each.still_s for each in like if each.kind in LEARNT_FROM]
+        usual_s = max((each[j] for each in good if j < len(each)), default=np.inf)
+        usual_s = min(usual_s, recording.duration_s / 2 / _UNUSUAL)
+        others = np.delete(recording.temperature_c[run], j, axis=1)
+        moved = not others.size or np.ptp(others, axis=0).max() > _MOVED_K
+        if moved and entry.still_s[j] > max(_STOPPED_S, _UNUSUAL * usual_s):
+            how = 'stood still' if recording.measured[run, j].any() else 'was silent'
+            at_c, hours = recording.temperature_c[run, j][0], entry.still_s[j] / 3600
+            return THERMOMETER, (
+                f'Thermometer {j + 1} {how} at {at_c:.1f} °C for {hours:.1f} h from '
+                f'{clock(recording, run)} on.'
+            )
+    return None
+
+
+def _pressed(day: Day) -> Incident | None:
+    """Find a day that was in contact most of the time, or whose weight cannot be told."""
+    if day.contact > _CONTACT:
+        return CONTACTS, f'Something pushed on the sensor in {day.contact:.0%} of the day.'
+    return (UNREADABLE, day.refused) if day.refused else None
+
+
+def _remounted(entry: DayEntry, like: Sequence[DayEntry]) -> Incident | None:
+    """Find a rotation of the payload's frame that no day before had."""
+    known = [each.rotation for each in like if each.rotation] if entry.rotation else []
+    turns = [_angle_deg(entry.rotation, each) for each in known]
+    if min(turns, default=0.0) < _TURNED_DEG:
+        return None
+    return MOUNTING, (
+        f'The sensor is turned by {turns[-1]:.0f}° against its accelerometer, or the frame of the '
+        'specific force has changed, since the start of the day.'
+    )
+
+
+def _angle_deg(one: Sequence[float], other: Sequence[float]) -> float:
+    """Angle between two rotations, row by row."""
+    cosine = (float(np.dot(one, other)) - 1) / 2
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def _reweighed(day: Day, entry: DayEntry, like: Sequence[DayEntry]) -> Incident | None:
+    """Find payloads that no day before had: another gain, where only masses differ; or a tool."""
+    known = [_payload(each) for other in like if other.kind != CONTACTS for each in other.payloads]
+    today = [_payload(each) for each in entry.payloads]
+    if not known or any(same_payload(one, other) for one in today for other in known):
+        return None
+    if not today:
+        lost = f'The weight of the days before is not found any more: {day.doubt}'
+        return (GAIN, lost) if day.doubt else None
+    pairs = [(min(known, key=partial(_apart_m, one)), one) for one in today]
+    ratios = [one.mass_kg / other.mass_kg for other, one in pairs]
+    masses = ' and '.join(f'{each.mass_kg:.2f}' for each in today)
+    if max(_apart_m(*pair) for pair in pairs) < _NEAR_M and np.ptp(ratios) < _GAIN:
+        return GAIN, (
+            f'All payloads weigh {np.mean(ratios):.2f} times what they did before ({masses} kg): '
+            'another gain, or a tool with the same centre of mass.'
+        )
+    before = ' and '.join(f'{each[0]:.2f}' for each in like[-1].payloads) or 'others'
+    return TOOL, f'Another tool: payloads of {masses} kg, on the day before {before}.'
+
+
+def _payload(figures: Sequence[float]) -> Payload:
+    """Build a payload of what an entry says."""
+    return Payload(figures[0], np.array(figures[1:]))
+
+
+def _apart_m(one: Payload, other: Payload) -> float:
+    """Distance between centres of mass, m."""
+    return float(np.linalg.norm(one.center_m - other.center_m))
+
+
+def _jumped(day: Day, entry: DayEntry) -> Incident | None:
+    """Find steps of the zero that no tare of the driver made, and that matter."""
+    recording, noise = day.recording, day.noise
+    raw = recording.wrench[:, [axis in recording.axes_present for axis in AXES]]
+    drift = np.array(entry.left[NONE])[np.isfinite(entry.left[NONE])]
+    for step in day.steps:
+        reached = raw[max(0, step.cell - 6) : step.cell + 3] + step.jump
+        size = np.linalg.norm(step.jump / noise)
+        zeroed = np.nanmin(np.linalg.norm(reached / noise, axis=1)) < _TO_ZERO * size
+        if size > _OF_NOISE and np.median(np.abs(step.jump) / drift) > _OF_DRIFT and not zeroed:
+            sizes = ', '.join(f'{each:.2g}' for each in step.jump)
+            at = clock(recording, np.arange(len(recording)) >= step.cell)
+            return ZERO, (
+                f'The zero jumped at {at} by {sizes} (N and N m), and no tare of the driver did '
+                'that: an overload?'
+            )
+    return None
+
+
+def _loud(entry: DayEntry, like: Sequence[DayEntry]) -> Incident | None:
+    """Find noise that is far above that of the days before."""
+    quiet = [each.noise for each in like if each.kind in LEARNT_FROM and each.noise]
+    if len(quiet) < AGREE:
+        return None
+    louder = np.array(entry.noise) / np.median(quiet, axis=0)
+    axis = int(louder.argmax())
+    if louder[axis] < _LOUD:
+        return None
+    return NOISE, (
+        f'The noise of {AXES[axis]} is {entry.noise[axis]:.2g}, {louder[axis]:.1f} times that of '
+        'the days before, since the start of the day.'
+    )
+
+
+def clock(recording: Recording, marked: BoolArray) -> str:
+    """Tell the time of the first cell that is marked, UTC."""
+    cell = recording.first_cell + int(np.argmax(marked))
+    minutes = cell * recording.period_ns // NANOSECONDS // 60
+    return f'{minutes // 60 % 24:02}:{minutes % 60:02} UTC'

@@ -1,0 +1,119 @@
+"""One lesson: what the newest day says of the live model, of the sensor, and of a better model."""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.learning.challenge import (
+    compare,
+    good_days,
+    MOST_DAYS,
+    reason,
+    worthiest,
+)
+from wrist_ft_comp.calibration.learning.day import Day, describe, left, share
+from wrist_ft_comp.calibration.learning.entry import CHALLENGER, DayEntry, NONE
+from wrist_ft_comp.calibration.learning.incidents import incident, LEARNT_FROM, pause, UNREADABLE
+from wrist_ft_comp.calibration.result import Calibration
+from wrist_ft_comp.calibration.settings import CalibrationSettings
+from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.model.drift_model import DriftModel
+
+#: Reads and separates a day by its name.
+Look = Callable[[str], Day]
+
+
+@dataclass(frozen=True, eq=False)
+class Champion:
+    """The live model: what its figures stand under, and the newest day that it may know."""
+
+    key: str = ''
+    model: DriftModel | None = None
+    newest: str = ''
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """The newest day's entry, and a better model with the names of its days, if there is one."""
+
+    entry: DayEntry
+    better: Calibration | None = None
+    days: tuple[str, ...] = ()
+
+
+def describe_day(
+    name: str, look: Look, before: Sequence[DayEntry], champion: Champion
+) -> DayEntry:
+    """Write a day's entry: what it saw, what happened, and what the live model left."""
+    try:
+        day = look(name)
+        entry = replace(describe(day), name=name, live=champion.key)
+        kind, what = incident(day, entry, before)
+    except WristFtCompError as error:
+        what = f'Nothing can be told of this day: {error}'
+        return DayEntry(name, live=champion.key, kind=UNREADABLE, incident=what)
+    with suppress(WristFtCompError):  # a model for other thermometers, or another period
+        if champion.model is not None:
+            entry = replace(entry, left={**entry.left, champion.key: left(champion.model, day)})
+    return replace(entry, kind=kind, incident=what)
+
+
+def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
+    name: str,
+    look: Look,
+    before: Sequence[DayEntry],
+    champion: Champion,
+    there: Sequence[str],
+    since: str = '',
+    settings: CalibrationSettings | None = None,
+) -> Lesson:
+    """
+    Learn from the newest day: ``there`` are the names of days whose recordings are kept.
+
+    Days up to ``since`` are no evidence for a change any more; they may still be learnt from.
+    """
+    entry = describe_day(name, look, before, champion)
+    entries = [*before, entry]
+    said = _standing(entry, champion)
+    paused = pause(entries, since)
+    if paused or entry.kind not in LEARNT_FROM:
+        return Lesson(replace(entry, verdict=f'{said}Nothing is learnt from it.'))
+    why = reason(entries, champion.key)
+    learnt = worthiest([each for each in good_days(before) if each.name in there], MOST_DAYS)
+    if not why or not learnt:
+        return Lesson(replace(entry, verdict=f'{said}No reason to learn anew.'))
+    entry = replace(entry, challenged=True)
+    settings = replace(settings or CalibrationSettings(), reference='recorded')
+    try:
+        challenger = _calibrate(learnt, look, settings)
+        theirs = left(challenger.model, look(name))
+        entry = replace(entry, left={**entry.left, CHALLENGER: theirs})
+        asked = {each.name: each for each in before if each.name > max(since, champion.newest)}
+        days = [each.name for each in learnt]
+        evidence = compare(entry, asked, challenger, days, champion.key or NONE)
+        if not evidence.better:
+            verdict = f'{said}A challenger ({why}) was not surely better: {evidence.sentence()}.'
+            return Lesson(replace(entry, verdict=verdict))
+        learnt = worthiest([*learnt, entry], MOST_DAYS)
+        better = _calibrate(learnt, look, settings)
+    except WristFtCompError as error:
+        return Lesson(replace(entry, verdict=f'{said}No challenger was learnt: {error}'))
+    verdict = f'{said}A challenger ({why}) was better: {evidence.sentence()}.'
+    payloads = look(name).payloads
+    better = replace(better, payloads=payloads, settings=replace(settings, reference='payload'))
+    return Lesson(replace(entry, verdict=verdict), better, tuple(each.name for each in learnt))
+
+
+def _calibrate(days: Sequence[DayEntry], look: Look, settings: CalibrationSettings) -> Calibration:
+    """Learn from days whose weight was taken off, so that tools may differ between them."""
+    return calibrate([look(each.name).drift for each in days], settings)
+
+
+def _standing(entry: DayEntry, champion: Champion) -> str:
+    """Say what the live model left."""
+    if champion.key not in entry.left:
+        return ''
+    return f'The live model left {np.nanmean(share(entry, champion.key)):.2f} of the drift. '

@@ -1,0 +1,1 @@
+"""Learning from one day after another: the job that the node starts."""

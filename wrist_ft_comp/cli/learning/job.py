@@ -1,0 +1,125 @@
+"""The learning job: judge the newest day, learn from all, tidy up; what calibration_job starts."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+import time
+from typing import Any
+
+from wrist_ft_comp.calibration.learning.challenge import MOST_DAYS
+from wrist_ft_comp.calibration.learning.day import Day, look_at
+from wrist_ft_comp.calibration.learning.entry import DayEntry, Decision, Diary
+from wrist_ft_comp.calibration.learning.incidents import pause
+from wrist_ft_comp.calibration.learning.lesson import Champion, describe_day, Lesson, take
+from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.files.days.diary import alone, load_diary, prune, save_diary
+from wrist_ft_comp.files.documents import write_report
+from wrist_ft_comp.files.job_request import ANOTHER_LEARNS, CalibrationJob, Learning
+from wrist_ft_comp.files.model_file import load_model, save_model
+from wrist_ft_comp.files.payload_file import add_payloads, PAYLOADS
+from wrist_ft_comp.files.recordings import hash_recording, read_recording
+from wrist_ft_comp.report.of_calibration import calibration_view
+from wrist_ft_comp.report.page import page
+
+#: A model goes by so many digits of its SHA-256.
+_DIGITS = 12
+Answer = dict[str, Any]
+
+
+def answer_learning(job: CalibrationJob, learning: Learning) -> Answer:
+    """Run a learning job and put its outcome into plain values."""
+    nothing: Answer = {'success': False, 'learnt': False, 'paused': ''}
+    if not job.recordings:
+        return {**nothing, 'message': 'No day has ended yet; there is nothing to learn from.'}
+    with alone() as mine:
+        if not mine:
+            return {**nothing, 'message': f'Nothing was learnt now: {ANOTHER_LEARNS}.'}
+        try:
+            return _learn(job, learning)
+        except WristFtCompError as error:
+            return {**nothing, 'message': str(error)}
+
+
+def _learn(job: CalibrationJob, learning: Learning) -> Answer:
+    """Judge the newest day and those that the diary has lost, and write down what came of it."""
+    paths = {path.name: path for path in job.recordings}
+    directory, newest = job.recordings[-1].parent.parent, job.recordings[-1].name
+    diary, champion = load_diary(directory), _champion(learning.champion)
+    look = _reader(job, paths)
+    days = {entry.name: entry for entry in diary.days if entry.name != newest}
+    for name in sorted(set(paths) - set(days) - {newest}):
+        began = time.process_time()
+        entry = describe_day(name, look, _until(days, name), champion)
+        days[name] = replace(entry, seconds=time.process_time() - began)
+    began, before = time.process_time(), _until(days, newest)
+    lesson = take(newest, look, before, champion, list(paths), learning.since, job.settings)
+    entry = replace(lesson.entry, seconds=time.process_time() - began)
+    entries = (*before, entry)
+    decisions = [*diary.decisions]
+    decided = Decision(learning.since, 'After this day a person decided.')
+    if learning.since and decided not in decisions:
+        decisions.append(decided)
+    learnt = _save(job, lesson, paths, look) if lesson.better else {}
+    if lesson.better:
+        decisions.append(Decision(newest, f'{job.output.name} was learnt. {entry.verdict}'))
+    paused = pause(entries, learning.since)
+    diary = Diary(entries, tuple(decisions), paused)
+    save_diary(directory, diary)
+    prune(directory, diary, learning.keep_days, learning.max_mb)
+    message = ' '.join(each for each in (entry.incident, entry.verdict) if each)
+    learnt_at_all = {'success': True, 'learnt': bool(lesson.better), 'paused': paused}
+    return {**learnt_at_all, 'message': message, **learnt}
+
+
+def _champion(path: Path | None) -> Champion:
+    """Read the live model, and which days it may know."""
+    if path is None:
+        return Champion()
+    stored = load_model(path)
+    sources = stored.document.get('provenance', {}).get('recordings', [])
+    names = [Path(str(each.get('path', ''))).name for each in sources]
+    newest = max((name for name in names if name.startswith('day_')), default='')
+    return Champion(stored.sha256[:_DIGITS], stored.model, newest)
+
+
+def _reader(job: CalibrationJob, paths: dict[str, Path]) -> Callable[[str], Day]:
+    """Make what reads and separates a day."""
+
+    @lru_cache(maxsize=MOST_DAYS + 1)
+    def look(name: str) -> Day:
+        return look_at(read_recording(paths[name], period_s=job.period_s, topics=job.topics))
+
+    return look
+
+
+def _until(days: dict[str, DayEntry], name: str) -> list[DayEntry]:
+    """List the days before one, oldest first."""
+    return [days[each] for each in sorted(days) if each < name]
+
+
+def _save(
+    job: CalibrationJob, lesson: Lesson, paths: dict[str, Path], look: Callable[[str], Day]
+) -> Answer:
+    """Save a better model and its report; it is not given up because its report failed."""
+    better = lesson.better
+    assert better is not None  # noqa: S101 -- looked at by who calls
+    if learnt := better.payloads:
+        path = job.output.with_name(PAYLOADS)
+        frame = replace(learnt.frame, source=job.topics.force_source)
+        added = add_payloads(path, job.output.stem, learnt.payloads.values(), frame)
+        named = dict(zip(added, learnt.payloads.values(), strict=True))
+        better = replace(better, payloads=replace(learnt, payloads=named))
+    sources = [
+        {'path': str(paths[name]), 'sha256': hash_recording(paths[name])} for name in lesson.days
+    ]
+    stored = save_model(job.output, better, {'recordings': sources})
+    answer = {'path': str(stored.path), 'sha256': stored.sha256, 'document': stored.document}
+    if job.report is not None:
+        recordings = [look(name).drift for name in lesson.days]
+        try:
+            view = calibration_view(better, recordings, stored, 'payload')
+            write_report(job.report, page(view))
+        except WristFtCompError as error:
+            return {**answer, 'warning': str(error)}
+    return answer
