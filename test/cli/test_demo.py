@@ -46,7 +46,7 @@ def test_errors_are_tared_on_the_first_minute_after_the_calibration():
 
 
 def test_a_log_without_wrenches_after_the_calibration_is_told():
-    with pytest.raises(RecordingError, match='No wrench was received'):
+    with pytest.raises(RecordingError, match='Not every wrench was received'):
         result.errors(make_log(calibrated_s=1000))
 
 

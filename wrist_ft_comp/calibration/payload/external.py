@@ -41,13 +41,13 @@ def external_correction(separation: Separation, model: DriftModel, fine: Recordi
 
     def external(stamps_ns: IntArray, raw: FloatArray) -> FloatArray:
         """Take drift, weight and offset off."""
-        apart = stamps_ns[:, None] - at_ns[_neighbours(at_ns, stamps_ns)]
-        there = np.abs(apart).min(axis=1) <= farthest
-        origin = at_ns[0]
-        pushed = [np.interp(stamps_ns - origin, at_ns - origin, each) for each in weight.T]
+        wanted, there_ns = stamps_ns - at_ns[0], at_ns - at_ns[0]
+        nearest = np.rint(np.interp(wanted, there_ns, np.arange(len(at_ns)))).astype(np.int64)
+        near = np.abs(wanted - there_ns[nearest]) <= farthest
+        pushed = [np.interp(wanted, there_ns, each) for each in weight.T]
         rest = correct_many(track, stamps_ns, raw) - np.stack(pushed, axis=1)
         rest -= offset[_cells(recording, stamps_ns)]
-        return np.where(there[:, None], rest, np.nan)
+        return np.where(near[:, None], rest, np.nan)
 
     return external
 
@@ -76,9 +76,3 @@ def _cells(recording: Recording, stamps_ns: IntArray) -> IntArray:
     """Find the cells of stamps, the ends going on."""
     numbers = stamps_ns // recording.period_ns - recording.first_cell
     return np.clip(numbers, 0, len(recording) - 1)
-
-
-def _neighbours(at_ns: IntArray, stamps_ns: IntArray) -> IntArray:
-    """Find the samples before and after stamps, (n, 2)."""
-    after = np.searchsorted(at_ns, stamps_ns)
-    return np.clip(np.stack((after - 1, after), axis=1), 0, len(at_ns) - 1)

@@ -14,7 +14,6 @@ from wrist_ft_comp.files.demo_log import DemoLog
 from wrist_ft_comp.model.signals import (
     AXES,
     axis_unit,
-    BoolArray,
     FloatArray,
     GRAVITY,
     NANOSECONDS,
@@ -28,37 +27,31 @@ _RATIO, _RATIO_AT_WORK, _MASS = 10.0, 5.0, 0.05
 
 
 def errors(log: DemoLog) -> TaredErrors:
-    """Compare with the reference what came after the calibration, tared on its first minute."""
-    after, tare = _judged(log)
-    parts = (wrench[after] - log.reference[after] for wrench in (log.raw, log.compensated))
-    return TaredErrors(*(part - part[tare].mean(axis=0) for part in parts))
-
-
-def _judged(log: DemoLog) -> tuple[BoolArray, BoolArray]:
-    """Tell what came after the calibration, and which of that in the first minute."""
-    after = log.stamps_ns > log.calibrated_ns
-    tare = log.stamps_ns[after] - log.calibrated_ns <= _TARE_S * NANOSECONDS
-    if not tare.any():
-        raise RecordingError(
-            f'No wrench was received in the {_TARE_S:g} s after the calibration, so the '
-            'demonstration cannot be judged. Try a lower --speed.'
-        )
-    return after, tare
+    """Compare raw and compensated wrenches with the true ones."""
+    return TaredErrors(*(_tared(log, each, log.reference) for each in (log.raw, log.compensated)))
 
 
 def external_errors(log: DemoLog) -> FloatArray:
-    """Compare ``wrench_external`` with what pushed on the tool, as ``errors``, (n, 6)."""
-    after, tare = _judged(log)
-    error = (log.external - log.external_reference)[after]
-    weight = np.linalg.norm((log.reference - log.external_reference)[after, :3], axis=1)
+    """Compare ``wrench_external`` with what pushed on the tool, (n, 6); NaN with a part in it."""
     # The payload in use is the tool alone: what it is with a part in it does not count.
-    error[~(weight < (TOOL_KG + PART_KG / 2) * GRAVITY)] = np.nan
-    if not np.isfinite(error[tare]).any():
+    weight = np.linalg.norm((log.reference - log.external_reference)[:, :3], axis=1)
+    alone = weight < (TOOL_KG + PART_KG / 2) * GRAVITY
+    external = np.where(alone[:, np.newaxis], log.external, np.nan)
+    return _tared(log, external, log.external_reference)
+
+
+def _tared(log: DemoLog, wrench: FloatArray, true: FloatArray) -> FloatArray:
+    """Find the errors of what came after the calibration, tared on its first minute, (n, 6)."""
+    since_s = (log.stamps_ns - log.calibrated_ns) / NANOSECONDS
+    after = since_s > 0
+    error = (wrench - true)[after]
+    first = error[since_s[after] <= _TARE_S]
+    if not np.isfinite(first).any():
         raise RecordingError(
-            f'No wrench_external was received in the {_TARE_S:g} s after the calibration. Try a '
-            'lower --speed.'
+            f'Not every wrench was received in the {_TARE_S:g} s after the calibration, so the '
+            'demonstration cannot be judged. Try a lower --speed.'
         )
-    return np.asarray(error - np.nanmean(error[tare], axis=0))
+    return np.asarray(error - np.nanmean(first, axis=0))
 
 
 @dataclass(frozen=True)
@@ -123,8 +116,8 @@ def judge(log: DemoLog, masses_kg: Mapping[str, float] | None) -> Outcome:
 def draw(log: DemoLog, *, external: bool) -> Figure:
     """Draw what came after the calibration, and if asked for what wrench_external is off by."""
     raw, compensated = errors(log)
-    after, _ = _judged(log)
-    elapsed_s = (log.stamps_ns[after] - log.calibrated_ns) / NANOSECONDS
+    elapsed_s = (log.stamps_ns - log.calibrated_ns) / NANOSECONDS
+    elapsed_s = elapsed_s[elapsed_s > 0]
     temperatures = []
     for number, topic in enumerate(TOPICS):
         rows = (log.thermometer == number) & (log.temperature_stamps_ns > log.calibrated_ns)
