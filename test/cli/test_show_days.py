@@ -39,14 +39,14 @@ def folder(tmp_path):
 def test_a_table_tells_of_every_day(done, folder):
     text = done('show', folder)
     lines = text.splitlines()
-    assert lines[0].startswith(f'{folder}: days kept by a node, 4, 0.0 MB')
+    assert lines[0].startswith(f'{folder}: days of a node that learns, 4')
     assert 'day_00001  2026-02-02   24.0     18.0 to 25.0         3        0.3' in text
     assert 'day_00002  2026-02-03   23.5     24.0 to 29.0         4          -' in text
     assert 'day_00005  2026-02-06   12.0' in text
-    assert 'day_00001: the challenger is better by chance only' in text
-    assert 'day_00002: zero of force_z jumped by 4.1 N at 13:02' in text
-    assert 'day_00005: not judged yet' in text
-    assert 'change after day_00001: model_x.yaml was adopted' in text
+    assert 'day_00001.csv: the challenger is better by chance only' in text
+    assert 'day_00002.csv: zero of force_z jumped by 4.1 N at 13:02' in text
+    assert 'day_00005.csv: not judged yet' in text
+    assert 'change after day_00001.csv: model_x.yaml was adopted' in text
     assert 'last change: 2026-05-02' in text
     assert 'known temperatures: thermometer 1: 18.0 to 29.0, 35.0 to 40.0 °C' in text
     assert 'offered: m.yaml' in text
@@ -64,7 +64,7 @@ def test_without_a_diary_the_files_are_told(done, folder, content):
     path = diary_path(folder)
     path.unlink() if content is None else path.write_text(content)
     text = done('show', folder)
-    assert 'by a node, 1,' in text
+    assert 'that learns, 1\n' in text
     assert 'day_00005' in text
 
 

@@ -2,16 +2,18 @@
 
 import argparse
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 import json
 from pathlib import Path
 import shlex
 
 from wrist_ft_comp.cli import options, paths
-from wrist_ft_comp.cli.tables import days_json, days_text, payloads_json, table_text
-from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.cli.tables import days_text, payloads_json, table_text
+from wrist_ft_comp.errors import SettingsError, StateFileError
 from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, TEMPERATURE
-from wrist_ft_comp.files.days.survey import node_folders, Survey, survey
+from wrist_ft_comp.files.days.memory import load_memory, Memory
+from wrist_ft_comp.files.days.survey import node_folders, survey
 from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.model_file import is_model, load_model
 from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
@@ -69,11 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         document = {'name': path.name, 'kind': 'report'}
         text = f'{path}: a report of wrist_ft_comp; open it in a browser'
     elif folders := node_folders(path):
-        surveys = [survey(each) for each in folders]
-        document = {str(each.directory): days_json(each) for each in surveys}
-        text = '\n\n'.join(map(days_text, surveys))
-        if arguments.picture:
-            _draw(arguments.picture, surveys)
+        document, text = _days(folders, arguments.picture)
     elif path.suffix in {'.yaml', '.yml'} or is_model(path):
         stored = load_model(path)
         document = {'sha256': stored.sha256, **stored.document}
@@ -94,12 +92,22 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _draw(target: Path, surveys: Sequence[Survey]) -> None:
-    """Draw the days of nodes into a file."""
-    from wrist_ft_comp.report import days_picture  # noqa: PLC0415 -- matplotlib takes its time
+def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, object], str]:
+    """Describe the days of nodes; those of the first are drawn, if they are to be."""
+    document: dict[str, object] = {}
+    texts = []
+    for folder in folders:
+        diary, memory = survey(folder), Memory()
+        with suppress(StateFileError):  # which the node has told, and begins anew
+            memory = load_memory(folder) or memory
+        days = [{**asdict(each), 'known': sorted(each.known)} for each in diary.days]
+        document[str(folder)] = {**asdict(diary), 'days': days, 'node': asdict(memory)}
+        texts.append(days_text(folder, diary, memory))
+    if picture:
+        from wrist_ft_comp.report.days_picture import days_png  # noqa: PLC0415 -- matplotlib
 
-    figure = days_picture.draw_days([each.diary for each in surveys])
-    write_report(target, days_picture.png_bytes(figure), 'picture')
+        write_report(picture, days_png(survey(folders[0])), 'picture')
+    return document, '\n\n'.join(texts)
 
 
 def _model_text(stored: StoredModel) -> str:

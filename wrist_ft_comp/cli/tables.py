@@ -3,23 +3,25 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from itertools import zip_longest
+from pathlib import Path
 import sys
 import textwrap
 
 import numpy as np
 
 from wrist_ft_comp.calibration.chamber import ChamberFigures, FIGURE_TITLES
-from wrist_ft_comp.files.days.survey import Survey
+from wrist_ft_comp.calibration.learning.entry import Diary
+from wrist_ft_comp.files.days.memory import Memory
 from wrist_ft_comp.files.payload_file import payload_figures
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.weight import Payload
 from wrist_ft_comp.model.signals import Recording
-from wrist_ft_comp.report.days import figures, known_temperatures
+from wrist_ft_comp.report.days import date_of, forces_left, known_temperatures
 from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
 
 #: Columns of a terminal that nobody has made wider.
 WIDTH = 80
-#: Days that people are shown; scripts get all.
+#: Days that people are shown; in JSON are all.
 MOST_DAYS = 40
 _GAP = '  '
 #: Of figures that are small numbers.
@@ -46,15 +48,14 @@ def _lines(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
         yield _GAP.join(aligned).rstrip()
 
 
-def days_text(found: Survey) -> str:
+def days_text(directory: Path, diary: Diary, memory: Memory) -> str:
     """Put days into a table, and below it what was said of them and what is known."""
-    diary, memory = found.diary, found.memory
-    days = [figures(entry) for entry in diary.days]
+    days = diary.days[-MOST_DAYS:]
     rows = [
-        [_short(each.name), each.date, _known(each.hours, '.1f'),
-         ' to '.join(_known(value, '.1f') for value in each.temperature_c),
-         *(_known(value, '.3g') for value in (each.raw_n, each.live_n, each.challenger_n))]
-        for each in days[-MOST_DAYS:]
+        [each.name.removesuffix('.csv'), date_of(each), f'{each.hours:.1f}',
+         ' to '.join(f'{value:.1f}' for value in (*each.temperature_c, ())[0]) or '-',
+         *('-' if np.isnan(value) else f'{value:.3g}' for value in forces_left(each))]
+        for each in days
     ]  # fmt: skip
     header = ['day', 'date', 'hours', 'temperature, °C', 'drift, N', 'live left', 'challenger']
     known = (
@@ -62,39 +63,16 @@ def days_text(found: Survey) -> str:
         for j, each in enumerate(known_temperatures(diary), start=1)
     )
     lines = [
-        *(f'{_short(each.name)}: {each.note}' for each in days[-MOST_DAYS:] if each.note),
-        *(f'change after {_short(each.day)}: {each.sentence}' for each in diary.decisions[-5:]),
+        *(f'{each.name}: {each.incident or each.verdict}' for each in days),
+        *(f'change after {each.day}: {each.sentence}' for each in diary.decisions[-5:]),
         f'last change: {memory.change or "none yet"}',
         f'known temperatures: {"; ".join(known) or "none yet"}',
-        *([f'offered: {memory.offered}: {memory.why}; call ~/adopt'] if memory.offered else []),
-        *([f'paused: {diary.paused}'] if diary.paused else []),
+        f'offered: {memory.offered}: {memory.why}; call ~/adopt' if memory.offered else '',
+        f'paused: {diary.paused}' if diary.paused else '',
     ]
-    first = f'{found.directory}: days kept by a node, {len(days)}, {found.size / 1e6:.1f} MB'
-    more = f'; the newest {MOST_DAYS}' if len(days) > MOST_DAYS else ''
-    return '\n'.join([first + more, table_text(header, rows), '', *map(_filled, lines)])
-
-
-def days_json(found: Survey) -> dict[str, object]:
-    """Put days into plain values."""
-    diary = found.diary
-    return {
-        'days': [{**figures(each)._asdict(), 'left': dict(each.left)} for each in diary.days],
-        'decisions': [each._asdict() for each in diary.decisions],
-        'known_temperatures_c': known_temperatures(diary),
-        'paused': diary.paused,
-        'node': asdict(found.memory),
-        'bytes': found.size,
-    }
-
-
-def _short(name: str) -> str:
-    """Name a day without the ending of its file."""
-    return name.removesuffix('.csv')
-
-
-def _known(value: float, form: str) -> str:
-    """Write a number, or that there is none."""
-    return '-' if np.isnan(value) else f'{value:{form}}'
+    newest = f', of which the newest {MOST_DAYS}' if len(diary.days) > MOST_DAYS else ''
+    head = [f'{directory}: days of a node that learns, {len(diary.days)}{newest}']
+    return '\n'.join([*head, table_text(header, rows), '', *map(_filled, filter(None, lines))])
 
 
 def _filled(line: str) -> str:

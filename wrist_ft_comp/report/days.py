@@ -1,61 +1,29 @@
 """What a diary says of its days: the drift of each, what models left of it, what was seen."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from datetime import datetime, timezone
-from typing import NamedTuple
 
 import numpy as np
 
 from wrist_ft_comp.calibration.learning.entry import CHALLENGER, DayEntry, Diary, NONE
-from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.model.signals import FloatArray, NANOSECONDS
 
 
-class DayFigures(NamedTuple):
-    """One day; drifts are RMS of a force, N, tared in the first minute, NaN where unknown."""
-
-    name: str
-    #: By its stamps, UTC.
-    date: str
-    hours: float
-    #: Lowest and highest temperature of the first thermometer, °C.
-    temperature_c: tuple[float, float]
-    #: Without a model, with the live one, with the challenger.
-    raw_n: float
-    live_n: float
-    challenger_n: float
-    #: What happened to the sensor, or else why there is a new model or none.
-    note: str
+def forces_left(entry: DayEntry) -> FloatArray:
+    """Give RMS of a force, N, without a model, with the live one and the challenger; or NaN."""
+    found = []
+    for model in (NONE, entry.live, CHALLENGER):
+        known = [value for value in entry.left.get(model, ())[:3] if not np.isnan(value)]
+        found.append(np.sqrt(np.mean(np.square(known))) if known else np.nan)
+    return np.array(found)
 
 
-def figures(entry: DayEntry) -> DayFigures:
-    """Take what people compare from an entry."""
-    unknown = (float('nan'), float('nan'))
-    models = (NONE, entry.live, CHALLENGER)
-    raw_n, live_n, challenger_n = (_force_rms(entry.left.get(each)) for each in models)
-    return DayFigures(
-        entry.name,
-        date_of(entry.first_ns),
-        entry.hours,
-        entry.temperature_c[0] if entry.temperature_c else unknown,
-        raw_n,
-        live_n,
-        challenger_n,
-        entry.incident or entry.verdict,
-    )
-
-
-def _force_rms(left: Sequence[float] | None) -> float:
-    """Average over the forces of an entry in the order AXES."""
-    known = [value for value in (left or ())[:3] if not np.isnan(value)]
-    return float(np.sqrt(np.mean(np.square(known)))) if known else float('nan')
-
-
-def date_of(stamp_ns: int) -> str:
-    """Write the day of a stamp, ns, UTC; one that no calendar has is as it is."""
+def date_of(entry: DayEntry) -> str:
+    """Write the date that a day began on by its stamps, UTC; what no calendar has is left out."""
     try:
-        return str(datetime.fromtimestamp(stamp_ns // NANOSECONDS, timezone.utc).date())
+        return str(datetime.fromtimestamp(entry.first_ns // NANOSECONDS, timezone.utc).date())
     except (OverflowError, ValueError):
-        return str(stamp_ns)
+        return '-'
 
 
 def known_temperatures(diary: Diary) -> list[list[tuple[float, float]]]:

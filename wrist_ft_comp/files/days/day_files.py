@@ -96,17 +96,12 @@ class DayFiles:
         self._columns = [j for j, each in enumerate(channels) if each not in REFERENCE_CHANNELS]
         self._channels = [channels[j] for j in self._columns]
         self._max_bytes = max_bytes
-        self._number = max(map(_number, [known, *(each.name for each in self._all())]))
+        days = self._all()
+        self._number = max(map(_number, [known, *(each.name for each in days)]))
         #: The day that goes on, if one does.
-        self.path: Path | None = self._named(self._number)
-        if self.path.name == known or not self.path.exists():
-            self.path = None
+        self.path = days[-1] if days and days[-1].name > known else None
         self._writer: DayWriter | None = None
         self._first_ns = self._last_ns = self._rows = 0
-
-    def _named(self, number: int) -> Path:
-        """Name a day."""
-        return self._folder / f'day_{number:05d}.csv'
 
     def _all(self) -> list[Path]:
         """List all days, oldest first."""
@@ -150,7 +145,7 @@ class DayFiles:
         with _translated(self._folder):
             self._folder.mkdir(parents=True, exist_ok=True)
         self._number += 1
-        self.path = self._named(self._number)
+        self.path = self._folder / f'day_{self._number:05d}.csv'
         self._first_ns = self._last_ns = stamp_ns
         self._writer = DayWriter(self.path, self._channels)
 
@@ -167,9 +162,11 @@ class DayFiles:
         """End the day; one of a few minutes was none."""
         self.close()
         path, self.path = self.path, None
-        if path is None or not path.exists():
+        if path is None:
             return
         with _translated(path):
+            if not path.exists():
+                return
             span, size = span_of(path), path.stat().st_size
             if span.last_ns - span.first_ns < SHORTEST_NS if span else size < _PIECE:
                 path.unlink()

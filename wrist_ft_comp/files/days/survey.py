@@ -1,30 +1,17 @@
-"""What a node that learns has kept: its diary, days that nobody judged, and its memory."""
+"""What a node that learns has kept: its diary, together with days that nobody judged."""
 
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 from wrist_ft_comp.calibration.learning.entry import DayEntry, Diary
-from wrist_ft_comp.errors import RecordingError, StateFileError
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.days.day_files import span_of
 from wrist_ft_comp.files.days.diary import days, load_diary
-from wrist_ft_comp.files.days.memory import load_memory, Memory
 from wrist_ft_comp.model.signals import NANOSECONDS
 
 #: What is nowhere but in a node's folder.
 _MARKS = ('active.json', 'learning.json', 'state.json')
-
-
-class Survey(NamedTuple):
-    """What one node has kept."""
-
-    directory: Path
-    #: Entries of days without a verdict say when they were, and no more.
-    diary: Diary
-    memory: Memory
-    #: Of the disk that days take, bytes.
-    size: int
 
 
 def node_folders(path: Path) -> list[Path]:
@@ -36,26 +23,18 @@ def node_folders(path: Path) -> list[Path]:
     return sorted(each.parent for each in path.glob('*/days') if each.is_dir())
 
 
-def survey(directory: Path) -> Survey:
-    """Look at a node's folder; RecordingError when nothing was kept there."""
-    diary, files = load_diary(directory), days(directory)
+def survey(directory: Path) -> Diary:
+    """Look at the days of a node's folder; RecordingError when none were kept there."""
+    diary = load_diary(directory)
     judged = {entry.name for entry in diary.days}
-    others = [_unjudged(path) for path in files if path.name not in judged]
-    if not judged and not others:
+    others = (_unjudged(path) for path in days(directory) if path.name not in judged)
+    entries = sorted((*diary.days, *others), key=lambda entry: entry.name)
+    if not entries:
         raise RecordingError(
             f'{directory} holds no days. A node keeps them with the parameter learning set to '
             'propose or auto.'
         )
-    memory = Memory()
-    with suppress(StateFileError):
-        memory = load_memory(directory) or memory
-    entries = sorted((*diary.days, *others), key=lambda entry: entry.name)
-    return Survey(
-        directory,
-        replace(diary, days=tuple(entries)),
-        memory,
-        sum(path.stat().st_size for path in files if path.exists()),
-    )
+    return replace(diary, days=tuple(entries))
 
 
 def _unjudged(path: Path) -> DayEntry:

@@ -24,19 +24,19 @@ _WAIT_S = 60.0
 _NONE = {'offered': '', 'sha256': '', 'why': ''}
 #: Is no day.
 _UNSEEN = Path()
-_NEEDS = 'learning needs calibration.reference payload and a gravity.source, imu or tf'
 
 
 def why_not(chosen: Mapping[str, Any]) -> str:
     """Say why parameters do not allow what ``learning`` asks for; empty when they do."""
     if chosen['learning'] == 'off':
         return 'learning is off: set the parameter learning to propose or auto at start-up.'
-    missing = [
-        f'{name} is {chosen[name]}'
-        for name, wrong in (('calibration.reference', False), ('gravity.source', True))
-        if (chosen[name] in {'payload', 'none'}) == wrong
-    ]
-    return f'{_NEEDS}; {" and ".join(missing)}, so nothing is learnt.' if missing else ''
+    reference, source = chosen['calibration.reference'], chosen['gravity.source']
+    if reference == 'payload' and source != 'none':
+        return ''
+    return (
+        'nothing is learnt: that needs calibration.reference payload, and gravity.source imu or '
+        f'tf; they are {reference} and {source}.'
+    )
 
 
 class Learner:

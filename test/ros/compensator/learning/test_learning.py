@@ -158,8 +158,8 @@ def test_an_offered_model_that_is_gone_or_was_changed_is_refused(learner, models
 @pytest.mark.parametrize(
     ('parameters', 'word'),
     [
-        ({'calibration.reference': 'unloaded'}, 'calibration.reference is unloaded'),
-        ({'gravity.source': 'none'}, 'gravity.source is none'),
+        ({'calibration.reference': 'unloaded'}, 'they are unloaded and imu'),
+        ({'gravity.source': 'none'}, 'they are payload and none'),
     ],
 )
 def test_settings_that_do_not_allow_it_are_said(learner, parameters, word):
