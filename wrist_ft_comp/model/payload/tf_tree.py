@@ -7,12 +7,11 @@ of a frame orientations are interpolated; nothing is known where these are too f
 ended. Quaternions are x, y, z, w as in messages.
 """
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.model.signals import BoolArray, FloatArray, GRAVITY, IntArray, NANOSECONDS
+from wrist_ft_comp.model.signals import FloatArray, GRAVITY, IntArray, NANOSECONDS
 
 #: Transforms that are further apart than this leave a gap.
 GAP_NS = NANOSECONDS // 2
@@ -137,8 +136,10 @@ class GravityByTf:
 
     def settled_ns(self) -> int | None:
         """Tell up to when all is there that is to come; None where nothing moves."""
-        path = self._path()
-        links = [self._links[frame] for way in path or () for frame in way[:-1]]
+        lower, upper = self._way(self.lower), self._way(self.upper)
+        if lower[-1] != upper[-1]:
+            return None
+        links = [self._links[frame] for frame in set(lower) ^ set(upper)]
         newest = [link.newest_ns for link in links if not link.static]
         return min((n for n in newest if n > max(newest) - _PATIENCE_NS), default=None)
 
@@ -147,44 +148,33 @@ class GravityByTf:
         top = self._way(self.lower)[-1]  # which may number the lower one
         return list(self._numbers)[top]
 
-    def _way(self, frame: str, at_ns: IntArray | None = None) -> list[int]:
-        """Climb from a frame as far as possible, as frames hang now or at a time, shape (1,)."""
+    def _way(self, frame: str) -> list[int]:
+        """Climb from a frame as far as possible, as frames hang now."""
         way = [self._number(frame)]
-        while link := self._links.get(way[-1]):
-            parent = link.parent if at_ns is None else int(link.at(at_ns)[0][0])
-            if parent < 0 or parent in way:
-                break
-            way.append(parent)
+        while (link := self._links.get(way[-1])) and link.parent not in way:
+            way.append(link.parent)
         return way
 
-    def _path(self, at_ns: IntArray | None = None) -> list[list[int]] | None:
-        """Find the ways from the lower and the upper frame to one above both; None if none is."""
-        ways = [self._way(frame, at_ns) for frame in (self.lower, self.upper)]
-        shared = next((frame for frame in ways[0] if frame in ways[1]), None)
-        return None if shared is None else [way[: way.index(shared) + 1] for way in ways]
+    def _climb(
+        self, frame: int, times_ns: IntArray, below: tuple[int, ...] = ()
+    ) -> tuple[IntArray, FloatArray]:
+        """Climb as far as is known at each time: frames (n,), and turns to them, (n, 3, 3)."""
+        tops, turns = np.full(len(times_ns), frame), np.tile(np.eye(3), (len(times_ns), 1, 1))
+        if link := self._links.get(frame):
+            parents, rotations = link.at(times_ns)
+            for parent in set(parents.tolist()) - {-1, frame, *below}:
+                here = parents == parent
+                tops[here], above = self._climb(parent, times_ns[here], (*below, frame))
+                turns[here] = above @ rotations[here]
+        return tops, turns
 
     def rotations(self, times_ns: IntArray) -> FloatArray:
         """Turn from the lower frame to the upper one, (n, 3, 3), NaN where it is not known."""
-        found = np.full((len(times_ns), 3, 3), np.nan)
-        left: IntArray = np.arange(len(times_ns))
-        guess = self._path()
-        while len(left):
-            path = guess or self._path(times_ns[left[:1]])
-            guess = None
-            if path is None:
-                left = left[1:]
-                continue
-            # Times at which the frames hang together like this are turned at once.
-            alike: BoolArray = np.ones(len(left), bool)
-            turned = [np.tile(np.eye(3), (len(left), 1, 1)) for _ in path]
-            for side, way in enumerate(path):
-                for frame, parent in pairwise(way):
-                    parents, rotations = self._links[frame].at(times_ns[left])
-                    alike &= parents == parent
-                    turned[side] = rotations @ turned[side]
-            found[left[alike]] = (np.swapaxes(turned[1], 1, 2) @ turned[0])[alike]
-            left = left[~alike]
-        return found
+        (tops, lower), (others, upper) = (
+            self._climb(self._number(frame), times_ns) for frame in (self.lower, self.upper)
+        )
+        known = (tops == others)[:, np.newaxis, np.newaxis]
+        return np.where(known, np.swapaxes(upper, 1, 2) @ lower, np.nan)
 
     def read(self, times_ns: IntArray) -> tuple[FloatArray, FloatArray]:
         """Tell specific force, m/s², (n, 3), and speed of rotation, rad/s, at ascending times."""
