@@ -38,8 +38,16 @@ def test_what_happened_is_named_with_its_size(looked, before, what, kind, said):
 
 
 def test_a_day_in_contact_is_named(looked, before):
-    day = replace(looked(3), contact=0.7)
-    assert incident(day, before[-1], before[:-1])[0] == 'contacts'
+    for day in (replace(looked(3), contact=0.7), replace(looked(3), unexplained=0.2)):
+        assert incident(day, before[-1], before[:-1])[0] == 'contacts'
+
+
+def test_a_weight_that_is_lost_on_two_days_is_another_gain(looked, before):
+    day = replace(looked(3), payloads=None, doubt='It is crooked.')
+    lost = replace(before[-1], payloads=())
+    assert incident(day, lost, before) == ('', '')
+    kind, sentence = incident(day, lost, [*before, lost])
+    assert (kind, 'It is crooked.' in sentence) == ('gain', True)
 
 
 def test_a_thermometer_that_says_nothing_is_silent(looked, before):

@@ -7,8 +7,7 @@ import numpy as np
 from wrist_ft_comp.calibration.cross_validation import bin_means
 from wrist_ft_comp.calibration.learning.entry import Cell, DayEntry, NONE
 from wrist_ft_comp.calibration.payload.at_work import payloads_of
-from wrist_ft_comp.calibration.payload.doubts import doubts
-from wrist_ft_comp.calibration.payload.gains import COUNTS
+from wrist_ft_comp.calibration.payload.gains import contrast, COUNTS, unexplained_contrast
 from wrist_ft_comp.calibration.payload.separation import separate, Separation, Step
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.identification.bins import tare
@@ -32,14 +31,14 @@ class Day:
     #: The same with its weight as the reference, contacts and steps left out.
     drift: Recording
     steps: list[Step]
-    #: Share of the time in contact, and noise of a cell that is not, (A,).
+    #: Shares of the time in contact, and of changes between poses that no payload makes; noise of
+    #: a cell, (A,).
     contact: float
+    unexplained: float
     noise: FloatArray
     #: None where no payload can be told, and then why; no reason if the robot did not move enough.
     payloads: LearntPayloads | None
     doubt: str
-    #: Why drift cannot be told from weight, either; empty where it can.
-    refused: str
 
 
 def look_at(recording: Recording) -> Day:
@@ -56,16 +55,13 @@ def tell(separation: Separation) -> Day:
     """Take what counts from a day that was separated."""
     (recording,), (drift,), (steps,) = separation.recordings, separation.drift, separation.steps
     bodies, fit = separation.bodies(), separation.fit
-    said, told, refused = [''], False, ''
-    try:
-        said, told = doubts(separation, bodies)
-    except CalibrationRefusedError as refusal:
-        refused = str(refusal)
-    payloads = payloads_of(separation, bodies) if bodies and told else None
-    moved = bodies is not None and bodies.contrast[1] >= CONTRAST
-    doubt = said[-1] if moved and not told else ''
+    said = bodies.doubts() if bodies else ['']
+    payloads = payloads_of(separation, bodies) if bodies and not said else None
+    doubt = said[-1] if said and bodies and bodies.contrast[1] >= CONTRAST else ''
+    moved = contrast(separation.cells, fit.weights) >= CONTRAST
+    unexplained = unexplained_contrast(separation.cells, fit) if moved else 0.0
     contact = float(np.mean(fit.weights[separation.cells.usable] < COUNTS))
-    return Day(recording, drift, steps, contact, fit.noise, payloads, doubt, refused)
+    return Day(recording, drift, steps, contact, unexplained, fit.noise, payloads, doubt)
 
 
 def describe(day: Day) -> DayEntry:

@@ -29,11 +29,12 @@ FORGETTING = (GAIN, MOUNTING)
 #: Days that have to agree, and days that one is compared with.
 AGREE, _COMPARED = 3, 20
 #: A step is the driver's tare where the reading goes to zero, up to this share of the step; it is
-#: the sensor's where it is larger than so much of the drift of a day, and times the noise.
-_TO_ZERO, _OF_DRIFT, _OF_NOISE = 0.3, 0.5, 50.0
-#: Share of the time in contact, turn of the mounting, deg, noise by what is usual, and payloads of
-#: another gain: their ratios alike, and centres of mass as near, m.
-_CONTACT, _TURNED_DEG, _LOUD, _GAIN, _NEAR_M = 0.6, 5.0, 3.0, 0.03, 0.005
+#: the sensor's where it is larger than so much of the drift of a day, and times the noise, and so
+#: many cells away from a tare.
+_TO_ZERO, _OF_DRIFT, _OF_NOISE, _ECHO = 1.0, 0.3, 50.0, 120
+#: Shares of the time in contact and of what no payload explains; turn of the mounting, deg; noise
+#: by what is usual; payloads of another gain: their ratios alike, centres of mass as near, m.
+_CONTACT, _UNEXPLAINED, _TURNED_DEG, _LOUD, _GAIN, _NEAR_M = 0.6, 0.1, 5.0, 3.0, 0.03, 0.005
 #: Shortest time for which a thermometer that stopped stands still, s, by what is usual, and what
 #: others move meanwhile, K.
 _STOPPED_S, _UNUSUAL, _MOVED_K = 900.0, 4.0, 1.0
@@ -91,10 +92,14 @@ def _stopped(day: Day, entry: DayEntry, like: Sequence[DayEntry]) -> Incident | 
 
 
 def _pressed(day: Day) -> Incident | None:
-    """Find a day that was in contact most of the time, or whose weight cannot be told."""
-    if day.contact > _CONTACT:
-        return CONTACTS, f'Something pushed on the sensor in {day.contact:.0%} of the day.'
-    return (UNREADABLE, day.refused) if day.refused else None
+    """Find a day that was in contact most of the time."""
+    if day.contact < _CONTACT and day.unexplained < _UNEXPLAINED:
+        return None
+    return CONTACTS, (
+        f'Something pushed on the sensor most of the day: cells in contact are {day.contact:.0%}, '
+        f'and {day.unexplained:.0%} of what changes between poses does not turn with the specific '
+        'force.'
+    )
 
 
 def _remounted(entry: DayEntry, like: Sequence[DayEntry]) -> Incident | None:
@@ -121,9 +126,9 @@ def _reweighed(day: Day, entry: DayEntry, like: Sequence[DayEntry]) -> Incident 
     today = [_payload(each) for each in entry.payloads]
     if not known or any(same_payload(one, other) for one in today for other in known):
         return None
-    if not today:
+    if not today:  # one such day may be chance
         lost = f'The weight of the days before is not found any more: {day.doubt}'
-        return (GAIN, lost) if day.doubt else None
+        return (GAIN, lost) if day.doubt and not like[-1].payloads else None
     pairs = [(min(known, key=partial(_apart_m, one)), one) for one in today]
     ratios = [one.mass_kg / other.mass_kg for other, one in pairs]
     masses = ' and '.join(f'{each.mass_kg:.2f}' for each in today)
@@ -151,15 +156,21 @@ def _jumped(day: Day, entry: DayEntry) -> Incident | None:
     recording, noise = day.recording, day.noise
     raw = recording.wrench[:, [axis in recording.axes_present for axis in AXES]]
     drift = np.array(entry.left[NONE])[np.isfinite(entry.left[NONE])]
-    for step in day.steps:
-        reached = raw[max(0, step.cell - 6) : step.cell + 3] + step.jump
-        size = np.linalg.norm(step.jump / noise)
-        zeroed = np.nanmin(np.linalg.norm(reached / noise, axis=1)) < _TO_ZERO * size
-        if size > _OF_NOISE and np.median(np.abs(step.jump) / drift) > _OF_DRIFT and not zeroed:
+    tared = -np.inf
+    for step in sorted(day.steps, key=lambda each: -np.linalg.norm(each.jump / noise)):
+        at, size = step.cell, np.linalg.norm(step.jump / noise)
+        reached = np.concatenate((raw[max(0, at - 4) : at] + step.jump, raw[at : at + 2]))
+        if np.nanmin(np.linalg.norm(reached / noise, axis=1)) < _TO_ZERO * size:
+            tared = at  # and steps near it are echoes
+        elif (
+            size > _OF_NOISE
+            and np.median(np.abs(step.jump) / drift) > _OF_DRIFT
+            and abs(at - tared) > _ECHO
+        ):
             sizes = ', '.join(f'{each:.2g}' for each in step.jump)
-            at = clock(recording, np.arange(len(recording)) >= step.cell)
+            time = clock(recording, np.arange(len(recording)) >= at)
             return ZERO, (
-                f'The zero jumped at {at} by {sizes} (N and N m), and no tare of the driver did '
+                f'The zero jumped at {time} by {sizes} (N and N m), and no tare of the driver did '
                 'that: an overload?'
             )
     return None
