@@ -13,7 +13,7 @@ from wrist_ft_comp.calibration.settings import CalibrationSettings, Identificati
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
 
-QUICK = CalibrationSettings(identification=IdentificationSettings(degree=1))
+QUICK = CalibrationSettings(identification=IdentificationSettings('pls', degree=1))
 NAMES = [f'day_{number:05d}.csv' for number in range(20)]
 
 

@@ -16,7 +16,7 @@ from wrist_ft_comp.files.days.diary import alone, days, diary_path, load_diary
 from wrist_ft_comp.files.job_request import ANOTHER_LEARNS, CalibrationJob, encode_job, Learning
 from wrist_ft_comp.files.model_file import load_model
 
-QUICK = CalibrationSettings('payload', identification=IdentificationSettings(degree=1))
+QUICK = CalibrationSettings('payload', identification=IdentificationSettings('pls', degree=1))
 CELLS, PERIOD_S = 300, 4.0
 COLUMNS = (
     'stamp_s', 'force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z',
