@@ -164,7 +164,8 @@ def main() -> int:
             with suppress(WristFtCompError):
                 live = ModelStore(data).history()[-1:]
                 seen['lives that changed the live model'] += live != before
-            seen['lives in which days were removed'] += len(list((data / 'days').iterdir())) < DAYS
+            left = [(data / 'days' / each.name).exists() for each in (found / 'days').iterdir()]
+            seen['lives in which days were removed'] += not all(left)
     result = {
         'kills': arguments.kills,
         'minutes': round((time.monotonic() - begun) / 60, 1),

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.csv_file import CsvRecordingWriter, nanoseconds
-from wrist_ft_comp.model.signals import NANOSECONDS, REFERENCE_CHANNELS
+from wrist_ft_comp.model.signals import AXES, NANOSECONDS, REFERENCE_CHANNELS
 
 #: Length of a day, silence that ends one, and what is too short to be one, ns.
 DAY_NS, SILENCE_NS, SHORTEST_NS = 86_400 * NANOSECONDS, 7200 * NANOSECONDS, 600 * NANOSECONDS
@@ -95,6 +95,7 @@ class DayFiles:
         self._folder = directory / 'days'
         self._columns = [j for j, each in enumerate(channels) if each not in REFERENCE_CHANNELS]
         self._channels = [channels[j] for j in self._columns]
+        self._wrench = [j for j, each in enumerate(channels) if each in AXES]
         self._max_bytes = max_bytes
         days = self._all()
         self._number = max(map(_number, [known, *(each.name for each in days)]))
@@ -126,21 +127,16 @@ class DayFiles:
                 f'{self._folder} holds as much as learning.max_mb allows '
                 f'({self._max_bytes / 1e6:.0f} MB).'
             )
-        if self.path and not self._writer:
-            self._go_on(self.path)
-        since = stamp_ns - self._last_ns
-        if not self._writer or not 0 < since <= SILENCE_NS or self._length(stamp_ns) >= DAY_NS:
+        writer, since = self._writer or self._resumed(), stamp_ns - self._last_ns
+        if writer and since <= 0 and all(isnan(values[j]) for j in self._wrench):
+            return  # only temperatures, which come late after a silence
+        if not writer or not 0 < since <= SILENCE_NS or stamp_ns - self._first_ns >= DAY_NS:
             self.leave()
-            self._begin(stamp_ns)
-        if self._writer:
-            self._writer.append(stamp_ns, [values[j] for j in self._columns])
+            writer = self._begin(stamp_ns)
+        writer.append(stamp_ns, [values[j] for j in self._columns])
         self._last_ns, self._rows = stamp_ns, self._rows + 1
 
-    def _length(self, stamp_ns: int) -> int:
-        """Tell how long the day is at a stamp, ns."""
-        return stamp_ns - self._first_ns
-
-    def _begin(self, stamp_ns: int) -> None:
+    def _begin(self, stamp_ns: int) -> DayWriter:
         """Begin a day."""
         with _translated(self._folder):
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -148,15 +144,21 @@ class DayFiles:
         self.path = self._folder / f'day_{self._number:05d}.csv'
         self._first_ns = self._last_ns = stamp_ns
         self._writer = DayWriter(self.path, self._channels)
+        return self._writer
 
-    def _go_on(self, path: Path) -> None:
+    def _resumed(self) -> DayWriter | None:
         """Go on with the day from before a restart or a full disk, behind its last whole row."""
-        with _translated(path):
-            span = span_of(path) if path.exists() else None
-            if span and span.header == ','.join((DayWriter.stamp, *self._channels)):
-                os.truncate(path, span.size)
-                self._first_ns, self._last_ns = span.first_ns, span.last_ns
-                self._writer = DayWriter(path, self._channels, go_on=True)
+        path = self.path
+        with _translated(self._folder):
+            span = span_of(path) if path and path.exists() else None
+            if not path or not span:
+                return None
+            if span.header != ','.join((DayWriter.stamp, *self._channels)):
+                return None
+            os.truncate(path, span.size)
+            self._first_ns, self._last_ns = span.first_ns, span.last_ns
+            self._writer = DayWriter(path, self._channels, go_on=True)
+        return self._writer
 
     def leave(self) -> None:
         """End the day; one of a few minutes was none."""

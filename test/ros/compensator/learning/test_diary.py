@@ -126,3 +126,18 @@ def test_a_day_of_two_thermometers_takes_less_than_10_mb(tmp_path):
         files.append((1_700_000_000 + second) * 10**9 + 500_000_000, row)
     files.close()
     assert 5e6 < 100 * (tmp_path / 'days/day_00001.csv').stat().st_size < 10e6
+
+
+def test_a_silent_thermometer_does_not_end_the_day(learner):
+    node = learner(thermal_period=1.0)
+    for second in range(1500):
+        stamp = 1_700_000_000 * 10**9 + second * 10**9
+        node.rig.put(stamp, [1.0] * 6)
+        node.node._on_force(stamp, (0.0, 0.0, 9.80665), None)
+        if not 100 < second < 900:
+            node.rig.put_temperature(stamp, 25.0)
+        node.node.recorder.poll()
+    assert node.files() == ['day_00001.csv']
+    recording = read_recording(node.days / 'day_00001.csv')
+    assert np.isfinite(recording.wrench).all(axis=1).sum() > 1400
+    assert recording.warnings == ()
