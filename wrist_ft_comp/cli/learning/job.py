@@ -69,7 +69,7 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
     prune(directory, diary, learning.keep_days, learning.max_mb)
     message = ' '.join(each for each in (entry.incident, entry.verdict) if each)
     learnt_at_all = {'success': True, 'learnt': bool(lesson.better), 'paused': paused}
-    return {**learnt_at_all, 'message': message, **learnt}
+    return {**learnt_at_all, 'message': message, 'incident': entry.incident, **learnt}
 
 
 def _champion(path: Path | None) -> Champion:

@@ -21,9 +21,10 @@ class Memory:
 
     #: SHA-256 of the model that was live; None when there was none.
     champion: str | None = None
-    #: Newest day that a job has judged, and what it said.
+    #: Newest day that a job has judged, what it said, and what happened to the sensor.
     judged: str = ''
     verdict: str = ''
+    incident: str = ''
     #: Newest day that a person decided after.
     since: str = ''
     #: Why learning has stopped on its own; empty when it has not.

@@ -143,7 +143,7 @@ class Learner:
             self._log.warning(f'{self._judging} taught nothing: {message}')
             return
         self._log.info(f'{self._judging}: {message}')
-        self._remember(paused=outcome['paused'])
+        self._remember(paused=outcome['paused'], incident=outcome['incident'])
         if outcome['learnt']:
             self._take(Path(outcome['path']), outcome)
 

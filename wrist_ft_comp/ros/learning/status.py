@@ -24,6 +24,7 @@ def _troubles(learner: Learner) -> Iterator[str]:
     yield learner.diary.problem if learner.diary else ''
     yield learner.problem
     yield learner.memory.paused
+    yield learner.memory.incident
 
 
 def _well(learner: Learner) -> str:

@@ -37,19 +37,20 @@ class Learner:
 
     def __init__(self, rig, folder, clock, **parameters):
         self._folder, self._clock = folder, clock
-        self.answer(success=True, message='no better model', learnt=False, paused='')
+        self.answer(success=True, message='no better model')
         self.rig = rig(parameters={**NEEDED, 'learning': 'propose', **parameters})
         self.node, self.days = self.rig.node, self.rig.directory / 'days'
 
     def answer(self, **what):
         """Say what the next job answers."""
-        (self._folder / 'answer').write_text(json.dumps(what or None))
+        said = {'learnt': False, 'paused': '', 'incident': '', **what} if what else None
+        (self._folder / 'answer').write_text(json.dumps(said))
 
     def find(self, stored, **more):
         """Let the next job find a model."""
         self.answer(
             success=True, learnt=True, path=str(stored.path), sha256=stored.sha256,
-            document=stored.document, **{'message': 'leaves half', 'paused': '', **more},
+            document=stored.document, **{'message': 'leaves half', **more},
         )  # fmt: skip
 
     def asked(self):

@@ -64,7 +64,7 @@ def test_a_better_model_is_offered_adopted_and_rolled_back(learner, models):
 
     node = learner(model_file=str(old.path))
     assert node.node.live.sha256 == new.sha256, 'a decision outlives a restart'
-    node.answer(success=True, learnt=False, message='nothing new', paused='')
+    node.answer(success=True, message='nothing new')
     node.a_day()
     assert node.asked()[-1]['learning']['since'] == 'day_00002.csv', 'the adoption ended the day'
     assert node.rig.call('rollback').success
@@ -194,3 +194,14 @@ def test_what_is_remembered_is_of_this_format(learner):
     document = json.loads(memory_path(node.rig.directory).read_text())
     assert (document['format'], document['version']) == ('wrist_ft_comp learning', 1)
     assert document['judged'] == 'day_00001.csv'
+
+
+def test_an_incident_is_a_warning_until_a_day_without_one(learner):
+    node = learner()
+    what = 'thermometer 1 stood still for 3.0 h'
+    node.answer(success=True, message=what, incident=what)
+    node.a_day()
+    assert node.rig.diagnosis('learning', what).level == WARN
+    node.answer(success=True, message='nothing new')
+    node.a_day()
+    assert node.rig.diagnosis('learning', 'keeping a diary').level == OK
