@@ -1,0 +1,280 @@
+"""
+Simulated years of a node that learns by itself, against a model that somebody learns by hand.
+
+``python bench/years.py`` draws years (``years_drawn``) from the last commit that touched how drift
+is learnt, as ``worlds.py`` does; ``--dev`` draws the ones to develop on. Every working day of
+2.5 h is recorded in cells of 2 s, and judged on its true drift, tared in its first minute, over
+means of ten seconds: root mean square left of each axis, by what is there without a model in the
+mean of the year, mean over axes. Four robots live through the same year: one is never calibrated, one by a
+warm-up with an empty flange on the first day, one by another such warm-up every quarter, added to
+those before, and one learns by itself (``auto``: a better model is live on the next day). What the
+issue asks for is printed with whether it was met. Processor time is that of the process that a
+node would start: days that a challenger is learnt from are separated again every time.
+"""
+
+import argparse
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
+import os
+from pathlib import Path
+import time
+
+os.environ.setdefault('OMP_NUM_THREADS', '1')
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
+import numpy as np
+from world_peers import block_means, root_mean_square, tared
+from worlds import DEVELOPMENT_SEED, report_seed
+from years_drawn import CELL_S, day_name, Events, Year, YearDay
+
+from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.learning.challenge import worthiest
+from wrist_ft_comp.calibration.learning.day import Day, look_at
+from wrist_ft_comp.calibration.learning.entry import DayEntry
+from wrist_ft_comp.calibration.learning.lesson import Champion, take
+from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.model.offline import simulate_drift
+from wrist_ft_comp.model.signals import FloatArray, Recording
+
+NEVER, ONCE, SEASONS, LEARNING, BEFORE = range(5)
+TITLES = ('never', 'once by hand', 'every season by hand', 'learning', 'the model before')
+#: Targets: of the mean of one warm-up, of every season's, the worst day of a change, share of the
+#: uncompensated drift; days until an incident is named; false alarms a year; s of a day; min.
+OF_ONCE, OF_SEASONS, WORSE, NAMED_DAYS, FALSE, DAY_S, YEAR_MIN = 0.6, 1.2, 0.2, 2, 1, 60.0, 10.0
+#: Axes that drift less than this by their largest noise do not count, and days that are kept.
+_STILL, _KEPT = 1e-9, 30
+
+
+@dataclass(frozen=True, eq=False)
+class Lived:
+    """
+    A year.
+
+    Attributes
+    ----------
+    days : ndarray, shape (D,)
+        Numbers of the working days.
+    left : ndarray, shape (D, 5)
+        Drift left of every day, by way of learning; of the last, that of the model before the one
+        that was learnt by itself.
+    entries : list of DayEntry
+        The diary.
+    adopted : list of int
+        Days after which a model was adopted.
+    minutes : float
+        Time that the year took.
+
+    """
+
+    seed: int
+    events: Events
+    days: FloatArray
+    left: FloatArray
+    entries: list[DayEntry]
+    adopted: list[int]
+    minutes: float
+
+    def alarms(self) -> tuple[dict[str, int], int]:
+        """Say after how many days what happened was named (-1 never), and count false alarms."""
+        named, true = {}, set()
+        days = self.days.astype(int).tolist()
+        for kind, number in self.events.named().items():
+            end = self.events.replaced if kind == 'thermometer' else number
+            window = [n for n, day in enumerate(days) if number <= day][: NAMED_DAYS + 1]
+            window = sorted({*window, *(n for n, day in enumerate(days) if number <= day < end)})
+            at = [n for n in window if self.entries[n].kind == kind]
+            true |= set(at)
+            named[kind] = at[0] - window[0] if at and at[0] - window[0] < NAMED_DAYS else -1
+        alarms = {n for n, entry in enumerate(self.entries) if entry.kind}
+        return named, len(alarms - true)
+
+    def worse(self) -> FloatArray:
+        """By how much more of a usual day's and of its own drift a change left, two columns."""
+        near = np.zeros(len(self.days), dtype=bool)
+        for number in self.events.named().values():
+            at = int(np.searchsorted(self.days, number))
+            near[at : at + NAMED_DAYS + 1] = True
+        more = np.where(near, 0.0, self.left[:, LEARNING] - self.left[:, BEFORE])
+        return np.stack((more, more / self.left[:, NEVER]), axis=1)
+
+
+@dataclass
+class Robot:
+    """One that learns by itself, and what a job would have to read for it."""
+
+    champion: Champion = field(default_factory=Champion)
+    before: DriftModel | None = None
+    entries: list[DayEntry] = field(default_factory=list)
+    kept: dict[str, tuple[Day | None, float]] = field(default_factory=dict)
+    adopted: list[int] = field(default_factory=list)
+
+    def end(self, day: YearDay) -> None:
+        """Learn from a day that has ended."""
+        name, seconds = day_name(day.number), {}
+        began = time.process_time()
+        try:
+            looked: Day | None = look_at(day.recording)
+        except CalibrationRefusedError:
+            looked = None
+        self.kept[name] = looked, time.process_time() - began
+
+        def look(asked: str) -> Day:
+            """Give a day, and note that a job would have to separate it."""
+            known, seconds[asked] = self.kept[asked]
+            if known is None:
+                raise CalibrationRefusedError(f'{asked} cannot be separated.')
+            return known
+
+        began = time.process_time()
+        lesson = take(name, look, self.entries, self.champion, list(self.kept))
+        spent = time.process_time() - began + sum(seconds.values())
+        self.entries.append(replace(lesson.entry, seconds=spent))
+        there = worthiest([each for each in self.entries if each.name in self.kept], _KEPT)
+        self.kept = {each.name: self.kept[each.name] for each in there}
+        if lesson.better is not None:
+            self.before = self.champion.model
+            self.champion = Champion(f'after {name}', lesson.better.model, name)
+            self.adopted.append(day.number)
+
+
+def left_of(model: DriftModel | None, day: YearDay) -> FloatArray:
+    """RMS of what is left of the true drift, tared, (6,)."""
+    rest = day.drift - (simulate_drift(model, day.recording).zero if model else 0.0)
+    return root_mean_square(tared(block_means(rest, round(10 / CELL_S)), 10.0))
+
+
+def by_hand(recordings: Sequence[Recording]) -> DriftModel | None:
+    """Calibrate as somebody does who has these warm-ups; None where they are refused."""
+    try:
+        return calibrate(recordings).model
+    except CalibrationRefusedError:
+        return None
+
+
+def live(seed: int, length: int) -> Lived:
+    """Live through a year."""
+    began = time.perf_counter()
+    year, robot = Year(seed, length), Robot()
+    quarters = [next(n for n in year.worked if n >= length * q // 4) for q in range(4)]
+    warm_ups: list[Recording] = []
+    once, seasons = None, None
+    rows = []
+    for number in year.worked:
+        if number in quarters:
+            warm_ups.append(year.warm_up(number))
+            seasons = by_hand(warm_ups)
+            once = seasons if number == quarters[0] else once
+        day = year.day(number)
+        models = (None, once, seasons, robot.champion.model, robot.before)
+        rows.append([left_of(model, day) for model in models])
+        robot.end(day)
+    figures = np.array(rows)
+    usual = figures[:, NEVER].mean(axis=0)
+    left = np.mean((figures / usual)[:, :, usual > _STILL], axis=2)
+    minutes = (time.perf_counter() - began) / 60
+    days = np.array(year.worked, dtype=float)
+    return Lived(seed, year.events, days, left, robot.entries, robot.adopted, minutes)
+
+
+def print_year(year: Lived) -> None:
+    """Print a year in some lines."""
+    means, (named, false), worse = year.left.mean(axis=0), year.alarms(), year.worse()
+    figures = ', '.join(f'{TITLES[n]} {means[n]:.3f}' for n in range(1, BEFORE))
+    print(f'\nyear {year.seed}: drift left {figures}; {year.minutes:.1f} min')
+    print('  named after days: ' + ', '.join(f'{kind} {n}' for kind, n in named.items()))
+    for entry in year.entries:
+        if entry.kind:
+            print(f'    {entry.name}: {entry.incident}')
+    challenged = sum(entry.challenged for entry in year.entries)
+    seconds = np.mean([entry.seconds for entry in year.entries])
+    print(
+        f'  {false} false alarms; {challenged} challenges, adopted after days {year.adopted}; at '
+        f'worst {worse[:, 0].max():.2f} of a usual day and {worse[:, 1].max():.2f} of its own '
+        f'drift more than the model before; {seconds:.0f} s a day',
+        flush=True,
+    )
+
+
+def print_targets(years: Sequence[Lived]) -> None:
+    """Print what the issue asks for, and whether it was met."""
+    once, seasons, learning = (
+        np.array([year.left[:, way].mean() for year in years]) for way in (ONCE, SEASONS, LEARNING)
+    )
+    early = [np.mean(y.left[4:, LEARNING]) / np.mean(y.left[4:, ONCE]) for y in years]
+    day = np.max([year.left[4:, LEARNING] - year.left[4:, ONCE] for year in years])
+    worse = np.concatenate([year.worse() for year in years])
+    named, false = zip(*(year.alarms() for year in years), strict=True)
+    missed = sum(n < 0 for each in named for n in each.values())
+    seconds = [np.mean([entry.seconds for entry in year.entries]) for year in years]
+    rows = [
+        ('from day 4 on by one warm-up', max(early), 1.0),
+        ('year by one warm-up, mean', learning.mean() / once.mean(), OF_ONCE),
+        ('year by every season by hand, mean', learning.mean() / seasons.mean(), OF_SEASONS),
+        (f'days with more than {WORSE:.0%} of a usual day more', (worse[:, 0] > WORSE).sum(), 0),
+        ('incidents that were not named in two days', missed, 0),
+        ('false alarms a year', max(false), FALSE),
+        ('processor time a day, s', max(seconds), DAY_S),
+        ('a year, min', max(year.minutes for year in years), YEAR_MIN),
+    ]
+    print(f'\n{len(years)} years')
+    for title, figure, limit in rows:
+        print(f'  {title:46}{figure:8.2f} of {limit:g}: {"met" if figure <= limit else "MISSED"}')
+    print(
+        f'  by the drift of the day itself, {(worse[:, 1] > WORSE).sum()} days are worse by more'
+    )
+    print(f'  the worst day from day 4 on leaves {day:.2f} of a usual day more than one warm-up')
+
+
+def draw(year: Lived, target: Path) -> None:
+    """Draw a year: drift left per day, and what happened."""
+    import matplotlib as mpl  # noqa: PLC0415 -- needed for a picture only
+
+    mpl.use('Agg')
+    import matplotlib.pyplot as plt  # noqa: PLC0415
+
+    figure, panel = plt.subplots(figsize=(11, 4.2))
+    for way, color in ((NEVER, '0.6'), (ONCE, 'C1'), (SEASONS, 'C2'), (LEARNING, 'C0')):
+        panel.plot(year.days, year.left[:, way], '.', color=color, alpha=0.3)
+        week = np.convolve(np.pad(year.left[:, way], 2, 'edge'), np.full(5, 0.2), 'valid')
+        panel.plot(year.days, week, color=color, label=TITLES[way])
+    panel.set_ylim(0, 1.3 * float(np.quantile(year.left[:, NEVER], 0.99)))
+    for kind, number in {'moved': year.events.moved, **year.events.named()}.items():
+        panel.axvline(number, color='0.8', zorder=0)
+        panel.text(number, panel.get_ylim()[1], kind, rotation=90, va='top', fontsize=8)
+    for number in year.adopted:
+        panel.plot(number, 0, '^', color='C0', clip_on=False)
+    panel.set_xlabel('day (▲ a new model)')
+    panel.set_ylabel('drift left of a usual day')
+    panel.legend(loc='upper right', ncols=4, fontsize=8)
+    figure.tight_layout()
+    figure.savefig(target, dpi=110)
+
+
+def main() -> None:
+    """Live through all years."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument('--dev', action='store_true', help='years to develop on')
+    parser.add_argument('--years', type=int, default=2)
+    parser.add_argument('--length', type=int, default=365, help='days of a year, at least 130')
+    parser.add_argument('--jobs', type=int, default=min(2, os.cpu_count() or 1))
+    parser.add_argument('--picture', type=Path, help='of the first year')
+    options = parser.parse_args()
+    first = DEVELOPMENT_SEED if options.dev else report_seed()
+    years = []
+    with ProcessPoolExecutor(options.jobs) as pool:
+        seeds = range(first, first + options.years)
+        for year in pool.map(partial(live, length=options.length), seeds):
+            print_year(year)
+            years.append(year)
+    print_targets(years)
+    if options.picture:
+        draw(years[0], options.picture)
+
+
+if __name__ == '__main__':
+    main()
