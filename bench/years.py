@@ -5,10 +5,10 @@ Simulated years of a node that learns by itself, against a model that somebody l
 is learnt, as ``worlds.py`` does; ``--dev`` draws the ones to develop on. Every working day of
 2.5 h is recorded in cells of 2 s, and judged on its true drift, tared in its first minute, over
 means of ten seconds: root mean square left of each axis, by what is there without a model in the
-mean of the year, mean over axes. Four robots live through the same year: one is never calibrated, one by a
-warm-up with an empty flange on the first day, one by another such warm-up every quarter, added to
-those before, and one learns by itself (``auto``: a better model is live on the next day). What the
-issue asks for is printed with whether it was met. Processor time is that of the process that a
+mean of the year, mean over axes. Four robots live through the same year: one is never calibrated,
+one by a warm-up with an empty flange on the first day, one by another such warm-up every quarter,
+added to those before, and one learns by itself (``auto``: a better model is live on the next day).
+What has to be reached is printed with whether it was. Processor time is that of the process that a
 node would start: days that a challenger is learnt from are separated again every time.
 """
 
