@@ -28,8 +28,13 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from stand import make_model, message, Sensor, write_warm_up
 
+from wrist_ft_comp.cli.tables import days_text
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.files.cdr import locate, WRENCH_DOUBLES
+from wrist_ft_comp.files.days.day_files import DayFiles
+from wrist_ft_comp.files.days.diary import DayEntry, Diary, diary_path, load_diary, save_diary
+from wrist_ft_comp.files.days.memory import load_memory, Memory, save_memory
+from wrist_ft_comp.files.days.survey import survey
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.files.recordings import read_recording
@@ -95,13 +100,19 @@ class Targets:
         state = SavedState(1, 'a' * 64, np.zeros(6), self._compensator.memory())
         save_state(folder / 'good.json', state)
         ModelStore(folder).activate([None, model], 'b' * 64)
+        save_memory(folder, Memory('c' * 64, 'day_00001.csv', 'better', offered='m.yaml'))
+        left = {'none': (3.0,) * 6, 'c' * 12: (0.3,) * 6}
+        save_diary(folder, Diary((DayEntry('day_00001.csv', 1, 2.0, ((20.0, 30.0),), left=left),)))
         lines = recording.read_bytes().splitlines(keepends=True)
         self.readers: dict[str, tuple[bytes, Callable[[bytes], None]]] = {
             'wire': (message(10**18, (1, 2, 3, 4, 5, 6.0)), self.wire),
             'model file': (model.read_bytes(), partial(self.file, 'm.yaml', load_model)),
             'state file': ((folder / 'good.json').read_bytes(), self.state),
             'list of models': ((folder / 'active.json').read_bytes(), self.store),
+            'memory': ((folder / 'learning.json').read_bytes(), self.memory),
+            'diary': (diary_path(folder).read_bytes(), self.diary),
             'CSV': (b''.join(lines[:40]), partial(self.file, 'r.csv', read_recording)),
+            'day': (b''.join(lines[:40]), self.day),
             'mcap': (
                 self._bag(StoragePlugin.MCAP),
                 partial(self.file, 'b.mcap', read_recording),
@@ -164,6 +175,27 @@ class Targets:
         store = ModelStore(self._folder)
         store.given()
         store.history()
+
+    def memory(self, data: bytes) -> None:
+        """Read what a node that learns remembers."""
+        (self._folder / 'learning.json').write_bytes(data)
+        load_memory(self._folder)
+
+    def diary(self, data: bytes) -> None:
+        """Show a diary."""
+        diary_path(self._folder).write_bytes(data)
+        if load_diary(self._folder).days:
+            days_text(self._folder, survey(self._folder), Memory())
+
+    def day(self, data: bytes) -> None:
+        """Go on with a day, or begin another."""
+        path = self._folder / 'days/day_00001.csv'
+        path.write_bytes(data)
+        files = DayFiles(self._folder, (*AXES, 'temperature_c'), 1e9)
+        for second in range(3):
+            files.append((1_000_000_000 + second) * 10**9, [1.0] * 7)
+        files.leave()
+        path.unlink(missing_ok=True)
 
 
 class TooSlow(BaseException):

@@ -6,7 +6,7 @@ import json
 def test_damaged_inputs_are_taken_or_refused(run_bench):
     code, printed = run_bench('fuzz.py', '200')
     assert code == 0, printed
-    for reader in ('wire', 'model file', 'state file', 'list of models', 'CSV', 'mcap', 'sqlite'):
+    for reader in ('wire', 'model file', 'state file', 'diary', 'CSV', 'mcap', 'sqlite'):
         assert f'{reader} ' in printed
 
 

@@ -132,7 +132,7 @@ class ModelStore:
 
     def sweep(self) -> int:
         """Remove what killed processes left half-written; says how many files."""
-        folders = (self.directory, self.directory / 'models')
+        folders = (self.directory, self.directory / 'models', self.directory / 'days')
         return sum(remove_leftovers(folder) for folder in folders)
 
     def _written(self, path: Path) -> str:
