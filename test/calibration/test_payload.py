@@ -1,6 +1,7 @@
 """Learnt at work: payload, contacts and tares apart from drift; and what is said of wrong data."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -159,6 +160,14 @@ class TestDoubts:
         assert said in '\n'.join(calibration.warnings)
         if said == 'mirrored':
             assert calibration.payloads is None
+
+    def test_presses_between_motions_are_no_other_clock(self, make_working_day):
+        day, rng = make_working_day(part=False, contacts=0.0), np.random.default_rng(0)
+        wrench = day.wrench.copy()
+        for begin, end in pairwise(np.flatnonzero(day.rotation_speed)):
+            pressed = 60 * (rng.random() < 0.6) * rng.standard_normal(6)
+            wrench[begin + 2 : end - 1] += pressed * [1, 1, 1, 0.1, 0.1, 0.1]
+        assert 'lags' not in warned([replace(day, wrench=wrench)])
 
     def test_the_specific_force_of_another_frame_is_refused(self, days):
         wrong = [

@@ -94,8 +94,10 @@ def _lag(recordings: Sequence[Recording]) -> Iterator[str]:
         inner, last = pushed[_LAGS:-_LAGS], len(moved) - _LAGS
         total += [moved[_LAGS - k : last - k] @ inner for k in range(-_LAGS, _LAGS + 1)]
     lag = int(total.argmax()) - _LAGS
-    # A peak that stands out of what is far from it; otherwise they do not belong together at all.
-    if lag and total.max() > 5 * np.median(np.abs(total)):
+    # A peak that stands out of what is far from it, or they do not belong together at all; and
+    # on one side alone: presses while a robot rests follow one motion and precede another.
+    alone = min(total[:_LAGS].max(), total[_LAGS + 1 :].max()) < 0.7 * total.max()
+    if lag and alone and total.max() > 5 * np.median(np.abs(total)):
         yield (
             f'The wrench lags the specific force by {lag * recordings[0].period_s:g} s: their '
             'clocks differ. Record both by one clock.'
