@@ -5,7 +5,7 @@ import pytest
 
 from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.calibration.learning import challenge
-from wrist_ft_comp.calibration.learning.challenge import Evidence, reason, worthiest
+from wrist_ft_comp.calibration.learning.challenge import judge, reason, worthiest
 from wrist_ft_comp.calibration.learning.day import describe, left, share
 from wrist_ft_comp.calibration.learning.entry import DayEntry, NONE
 from wrist_ft_comp.calibration.learning.lesson import Champion, describe_day, take
@@ -67,15 +67,14 @@ def test_a_challenger_wins_over_a_bad_champion_and_loses_to_a_good_one(look, goo
     assert verdicts == [True, False]
 
 
-def test_days_that_a_person_decided_after_are_no_evidence(look, bad, monkeypatch):
+def test_days_that_a_person_decided_after_are_no_evidence(look, bad):
     champion = Champion('a' * 12, bad)
-    seen = []
-    better = Evidence.better
-    monkeypatch.setattr(Evidence, 'better', property(lambda self: seen.append(len(self.champion))
-                                                     or better.fget(self)))  # fmt: skip
-    for since in ('', NAMES[2]):
+    verdicts = [
         take(NAMES[3], look, past(look, champion, 1, 2), champion, NAMES, since, QUICK)
-    assert seen == [3, 1]
+        for since in ('', NAMES[2])
+    ]
+    assert 'on 3 days' in verdicts[0].entry.verdict
+    assert 'on 1 day ' in verdicts[1].entry.verdict
 
 
 def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look, looked):
@@ -106,22 +105,29 @@ def test_what_is_left_is_what_evaluate_says(looked, good):
     assert (np.array(left(good, day)) <= after).all()
 
 
-def evidence(logs):
+def wins(logs):
     shares = np.exp(np.array(logs, dtype=float))[:, None] * np.ones(6)
-    return Evidence(0.3 * np.ones_like(shares), 0.3 * shares)
+    return judge(0.3 * np.ones_like(shares), 0.3 * shares)[0]
 
 
 def test_chance_proves_nothing():
-    wins = sum(
-        evidence(np.random.default_rng(seed).normal(0, 0.4, days)).better
+    by_chance = sum(
+        wins(np.random.default_rng(seed).normal(0, 0.4, days))
         for seed in range(200)
         for days in (1, 3, 10)
     )
-    assert wins <= 12, 'two in a hundred of what is no better'
-    assert evidence([-0.4] * 10).better
-    assert evidence([-1.3]).better
-    assert not evidence([-0.8]).better
-    assert not evidence([-0.6] * 10 + [1.2]).better, 'one day is much worse'
+    assert by_chance <= 12, 'two in a hundred of what is no better'
+    assert wins([-0.4] * 10)
+    assert wins([-1.3])
+    assert not wins([-0.8])
+    assert not wins([-0.6] * 10 + [1.2]), 'one day is much worse'
+
+
+def test_a_live_model_for_other_thermometers_is_said(look, good):
+    other = Champion('a' * 12, replace(good, period_ns=1))
+    lesson = take(NAMES[3], look, past(look, other, 1, 2), other, NAMES, settings=QUICK)
+    assert (lesson.better, lesson.entry.kind) == (None, '')
+    assert 'for other thermometers' in lesson.entry.verdict
 
 
 def entries(count, **more):
@@ -131,12 +137,12 @@ def entries(count, **more):
 
 def test_challenges_become_rarer_as_the_diary_grows():
     diary, challenged = [], []
-    for number in range(40):
+    for number in range(120):
         diary.append(replace(entries(1)[0], name=f'day_{number:05d}.csv'))
         if reason(diary, 'a'):
             diary[-1] = replace(diary[-1], challenged=True)
             challenged.append(number + 1)
-    assert challenged == [2, 3, 4, 6, 8, 11, 15, 20, 27, 34]
+    assert challenged == [2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 84, 104]
 
 
 def test_a_bad_day_and_other_temperatures_are_reasons_but_never_beyond_the_time_there_is():

@@ -11,8 +11,7 @@ three times as good, ten days by a quarter.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -20,12 +19,13 @@ from wrist_ft_comp.calibration.learning.day import share
 from wrist_ft_comp.calibration.learning.entry import Cell, CHALLENGER, DayEntry
 from wrist_ft_comp.calibration.learning.incidents import FORGETTING, LEARNT_FROM
 from wrist_ft_comp.calibration.result import Calibration, rms_by_fold
+from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.model.signals import AXES, FloatArray
 
 #: Most days that a model is learnt from: what they cost is bounded, and seasons fit in.
 MOST_DAYS = 12
 #: A challenge comes when the good days have grown by this share, and at least after so many.
-_GROWN, _AT_LATEST = 1 / 3, 7
+_GROWN, _AT_LATEST = 1 / 3, 20
 #: … or when the champion left so many times what it usually leaves, and at least this share.
 _BADLY, _MUCH = 2.0, 0.1
 #: Processor time that learning may take in the last days, s: less than a minute a day.
@@ -37,45 +37,6 @@ _SPREAD, _COUNTS, _SURE = 0.5, 2.0, 2.0
 _MARGIN, _WORSE = 0.1, 0.15
 #: Drift that is left below this share is no difference.
 _FLOOR = 0.01
-
-
-class Evidence(NamedTuple):
-    """Shares of the drift that champion and challenger left, by day, each (n, 6)."""
-
-    champion: FloatArray
-    challenger: FloatArray
-
-    @property
-    def better(self) -> bool:
-        """Whether the challenger leaves less by more than chance."""
-        return self.proof < -_MARGIN and bool(np.nanmax(self._worse) < _WORSE)
-
-    @property
-    def proof(self) -> float:
-        """Logarithm that the ratio is not above of, as far as can be told."""
-        logs, n = self._logs, len(self._logs)
-        spread = (_COUNTS * _SPREAD**2 + np.sum((logs - logs.mean()) ** 2)) / (_COUNTS + n - 1)
-        return float(logs.mean() + _SURE * np.sqrt(spread / n))
-
-    @property
-    def _logs(self) -> FloatArray:
-        """Logarithm of every day, the mean of its axes."""
-        ratio = (self.challenger + _FLOOR) / (self.champion + _FLOOR)
-        return np.asarray(np.nanmean(np.log(ratio), axis=1))
-
-    @property
-    def _worse(self) -> FloatArray:
-        """By how much more of the drift the challenger leaves, every day."""
-        return np.asarray(np.nanmean(self.challenger - self.champion, axis=1))
-
-    def sentence(self) -> str:
-        """Say what was compared."""
-        left, days = [np.exp(np.nanmean(np.log(each + _FLOOR))) for each in self], len(self._logs)
-        return (
-            f'{left[1]:.2f} of the drift, the live model {left[0]:.2f}, on {days} '
-            f'{"day" if days == 1 else "days"} that neither was learnt from; with what chance may '
-            f'do, it leaves up to {np.exp(self.proof):.2f} times as much'
-        )
 
 
 def good_days(entries: Sequence[DayEntry]) -> list[DayEntry]:
@@ -112,41 +73,53 @@ def worthiest(days: Sequence[DayEntry], most: int) -> list[DayEntry]:
     """Choose so many days, in their order: the newest, and those that know what no other does."""
     chosen = list(days)
     while len(chosen) > max(most, 1):
-        count = Counter(cell for each in chosen if each.kind in LEARNT_FROM for cell in each.known)
-        chosen.remove(min(chosen[:-1], key=lambda each: _worth(each, count)))
+        good = {each.name: each.kind in LEARNT_FROM for each in chosen}
+        count = Counter(cell for each in chosen if good[each.name] for cell in each.known)
+        worth = [
+            sum(1 / count[cell] for cell in each.known) if good[each.name] else -1.0
+            for each in chosen[:-1]
+        ]
+        del chosen[int(np.argmin(worth))]
     return chosen
 
 
-def _worth(entry: DayEntry, count: Mapping[Cell, int]) -> float:
-    """Tell how much is known by a day alone, where others know it, too."""
-    if entry.kind not in LEARNT_FROM:
-        return -1.0
-    return sum(1 / count[cell] for cell in entry.known)
-
-
-def compare(
+def evidence(
     newest: DayEntry, before: Mapping[str, DayEntry], calibration: Calibration,
     days: Sequence[str], champion: str,
-) -> Evidence:  # fmt: skip
-    """Collect evidence: the newest day, and days before since the champion, held out of others."""
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Collect shares that were left of the newest day, and of days before that were held out."""
     pairs = [(share(newest, champion), share(newest, CHALLENGER))]
+    held_out = np.full((len(days), len(AXES)), np.nan)
+    for axis, fit in calibration.fits.items():
+        if fit.held_out is not None and len(days) > 1:  # of a single day, parts were held out
+            errors, rows = rms_by_fold(fit.held_out), np.unique(fit.held_out.recording)
+            held_out[rows, AXES.index(axis)] = errors.after / np.maximum(errors.before, 1e-12)
     pairs += [
         (share(before[name], champion), theirs)
-        for name, theirs in _held_out(calibration, days)
+        for name, theirs in zip(days, held_out, strict=True)
         if name in before
     ]
     told = [pair for pair in pairs if np.isfinite(pair[0] + pair[1]).any()]
-    return Evidence(*(np.array([pair[n] for pair in told]) for n in range(2)))
+    if not told:
+        raise CalibrationRefusedError(
+            'The live model cannot be judged on these days; it is for other thermometers, or '
+            'another thermal_period. Call ~/calibrate.'
+        )
+    theirs, ours = zip(*told, strict=True)
+    return np.array(theirs), np.array(ours)
 
 
-def _held_out(calibration: Calibration, days: Sequence[str]) -> Iterator[tuple[str, FloatArray]]:
-    """Give the share of the drift, (6,), that is left of each day by a fit to the others."""
-    if len(days) < 2:
-        return  # parts of a single day were held out, which is easier
-    shares = np.full((len(days), len(AXES)), np.nan)
-    for axis, fit in calibration.fits.items():
-        if fit.held_out is not None:
-            errors = rms_by_fold(fit.held_out)
-            rows = np.unique(fit.held_out.recording)
-            shares[rows, AXES.index(axis)] = errors.after / np.maximum(errors.before, 1e-12)
-    yield from zip(days, shares, strict=True)
+def judge(champion: FloatArray, challenger: FloatArray) -> tuple[bool, str]:
+    """Tell whether a challenger is better, and how sure, by what is left of days, (n, 6)."""
+    logs = np.nanmean(np.log((challenger + _FLOOR) / (champion + _FLOOR)), axis=1)
+    spread = _COUNTS * _SPREAD**2 + np.sum((logs - logs.mean()) ** 2)
+    proof = logs.mean() + _SURE * np.sqrt(spread / (_COUNTS + len(logs) - 1) / len(logs))
+    worse = np.nanmean(challenger - champion, axis=1).max()
+    before, after = (
+        float(np.exp(np.nanmean(np.log(each + _FLOOR)))) for each in (champion, challenger)
+    )
+    return bool(proof < -_MARGIN and worse < _WORSE), (
+        f'{after:.2f} of the drift, the live model {before:.2f}, on {len(logs)} '
+        f'{"day" if len(logs) == 1 else "days"} that neither was learnt from; with what chance '
+        f'may do, it leaves up to {np.exp(proof):.2f} times as much'
+    )

@@ -6,7 +6,7 @@ the learning until three days agree again, or a person decides.
 """
 
 from collections.abc import Sequence
-from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -105,50 +105,41 @@ def _pressed(day: Day) -> Incident | None:
 def _remounted(entry: DayEntry, like: Sequence[DayEntry]) -> Incident | None:
     """Find a rotation of the payload's frame that no day before had."""
     known = [each.rotation for each in like if each.rotation] if entry.rotation else []
-    turns = [_angle_deg(entry.rotation, each) for each in known]
-    if min(turns, default=0.0) < _TURNED_DEG:
+    cosines = [(float(np.dot(entry.rotation, each)) - 1) / 2 for each in known]
+    turns_deg = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
+    if not known or turns_deg.min() < _TURNED_DEG:
         return None
     return MOUNTING, (
-        f'The sensor is turned by {turns[-1]:.0f}° against its accelerometer, or the frame of the '
-        'specific force has changed, since the start of the day.'
+        f'The sensor is turned by {turns_deg[-1]:.0f}° against its accelerometer, or the frame of '
+        'the specific force has changed, since the start of the day.'
     )
-
-
-def _angle_deg(one: Sequence[float], other: Sequence[float]) -> float:
-    """Angle between two rotations, row by row."""
-    cosine = (float(np.dot(one, other)) - 1) / 2
-    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def _reweighed(day: Day, entry: DayEntry, like: Sequence[DayEntry]) -> Incident | None:
     """Find payloads that no day before had: another gain, where only masses differ; or a tool."""
-    known = [_payload(each) for other in like if other.kind != CONTACTS for each in other.payloads]
-    today = [_payload(each) for each in entry.payloads]
+    free = [each.payloads for each in like if each.kind != CONTACTS]
+    known, today = (
+        [Payload(each[0], np.array(each[1:])) for each in figures]
+        for figures in (chain(*free), entry.payloads)
+    )
     if not known or any(same_payload(one, other) for one in today for other in known):
         return None
     if not today:  # one such day may be chance
         lost = f'The weight of the days before is not found any more: {day.doubt}'
         return (GAIN, lost) if day.doubt and not like[-1].payloads else None
-    pairs = [(min(known, key=partial(_apart_m, one)), one) for one in today]
-    ratios = [one.mass_kg / other.mass_kg for other, one in pairs]
+    apart_m = np.array(
+        [[np.linalg.norm(one.center_m - other.center_m) for other in known] for one in today]
+    )
+    nearest = [known[n] for n in apart_m.argmin(axis=1)]
+    ratios = [one.mass_kg / other.mass_kg for one, other in zip(today, nearest, strict=True)]
     masses = ' and '.join(f'{each.mass_kg:.2f}' for each in today)
-    if max(_apart_m(*pair) for pair in pairs) < _NEAR_M and np.ptp(ratios) < _GAIN:
+    if apart_m.min(axis=1).max() < _NEAR_M and np.ptp(ratios) < _GAIN:
         return GAIN, (
             f'All payloads weigh {np.mean(ratios):.2f} times what they did before ({masses} kg): '
             'another gain, or a tool with the same centre of mass.'
         )
     before = ' and '.join(f'{each[0]:.2f}' for each in like[-1].payloads) or 'others'
     return TOOL, f'Another tool: payloads of {masses} kg, on the day before {before}.'
-
-
-def _payload(figures: Sequence[float]) -> Payload:
-    """Build a payload of what an entry says."""
-    return Payload(figures[0], np.array(figures[1:]))
-
-
-def _apart_m(one: Payload, other: Payload) -> float:
-    """Distance between centres of mass, m."""
-    return float(np.linalg.norm(one.center_m - other.center_m))
 
 
 def _jumped(day: Day, entry: DayEntry) -> Incident | None:

@@ -8,8 +8,9 @@ import numpy as np
 
 from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.calibration.learning.challenge import (
-    compare,
+    evidence,
     good_days,
+    judge,
     MOST_DAYS,
     reason,
     worthiest,
@@ -76,44 +77,32 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
     Days up to ``since`` are no evidence for a change any more; they may still be learnt from.
     """
     entry = describe_day(name, look, before, champion)
+    said = ''
+    if champion.key in entry.left:
+        rest = np.nanmean(share(entry, champion.key))
+        said = f'The live model left {rest:.2f} of the drift. '
     entries = [*before, entry]
-    said = _standing(entry, champion)
-    paused = pause(entries, since)
-    if paused or entry.kind not in LEARNT_FROM:
+    if pause(entries, since) or entry.kind not in LEARNT_FROM:
         return Lesson(replace(entry, verdict=f'{said}Nothing is learnt from it.'))
     why = reason(entries, champion.key)
     learnt = worthiest([each for each in good_days(before) if each.name in there], MOST_DAYS)
     if not why or not learnt:
         return Lesson(replace(entry, verdict=f'{said}No reason to learn anew.'))
-    entry = replace(entry, challenged=True)
     settings = replace(settings or CalibrationSettings(), reference='recorded')
+    asked = {each.name: each for each in before if each.name > max(since, champion.newest)}
+    entry, better = replace(entry, challenged=True), None
     try:
-        challenger = _calibrate(learnt, look, settings)
+        challenger = calibrate([look(each.name).drift for each in learnt], settings)
         theirs = left(challenger.model, look(name))
         entry = replace(entry, left={**entry.left, CHALLENGER: theirs})
-        asked = {each.name: each for each in before if each.name > max(since, champion.newest)}
         days = [each.name for each in learnt]
-        evidence = compare(entry, asked, challenger, days, champion.key or NONE)
-        if not evidence.better:
-            verdict = f'{said}A challenger ({why}) was not surely better: {evidence.sentence()}.'
-            return Lesson(replace(entry, verdict=verdict))
-        learnt = worthiest([*learnt, entry], MOST_DAYS)
-        better = _calibrate(learnt, look, settings)
+        wins, what = judge(*evidence(entry, asked, challenger, days, champion.key or NONE))
+        if wins:
+            learnt = worthiest([*learnt, entry], MOST_DAYS)
+            better = calibrate([look(each.name).drift for each in learnt], settings)
+            settings = replace(settings, reference='payload')
+            better = replace(better, payloads=look(name).payloads, settings=settings)
     except WristFtCompError as error:
         return Lesson(replace(entry, verdict=f'{said}No challenger was learnt: {error}'))
-    verdict = f'{said}A challenger ({why}) was better: {evidence.sentence()}.'
-    payloads = look(name).payloads
-    better = replace(better, payloads=payloads, settings=replace(settings, reference='payload'))
+    verdict = f'{said}A challenger ({why}) was {"" if wins else "not surely "}better: {what}.'
     return Lesson(replace(entry, verdict=verdict), better, tuple(each.name for each in learnt))
-
-
-def _calibrate(days: Sequence[DayEntry], look: Look, settings: CalibrationSettings) -> Calibration:
-    """Learn from days whose weight was taken off, so that tools may differ between them."""
-    return calibrate([look(each.name).drift for each in days], settings)
-
-
-def _standing(entry: DayEntry, champion: Champion) -> str:
-    """Say what the live model left."""
-    if champion.key not in entry.left:
-        return ''
-    return f'The live model left {np.nanmean(share(entry, champion.key)):.2f} of the drift. '

@@ -1,6 +1,7 @@
 """The learning job: judge the newest day, learn from all, tidy up; what calibration_job starts."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -9,9 +10,10 @@ from typing import Any
 
 from wrist_ft_comp.calibration.learning.challenge import MOST_DAYS
 from wrist_ft_comp.calibration.learning.day import Day, look_at
-from wrist_ft_comp.calibration.learning.entry import DayEntry, Decision, Diary
+from wrist_ft_comp.calibration.learning.entry import Decision, Diary
 from wrist_ft_comp.calibration.learning.incidents import pause
-from wrist_ft_comp.calibration.learning.lesson import Champion, describe_day, Lesson, take
+from wrist_ft_comp.calibration.learning.lesson import Champion, describe_day, take
+from wrist_ft_comp.calibration.result import Calibration
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.files.days.diary import alone, load_diary, prune, save_diary
 from wrist_ft_comp.files.documents import write_report
@@ -46,30 +48,36 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
     paths = {path.name: path for path in job.recordings}
     directory, newest = job.recordings[-1].parent.parent, job.recordings[-1].name
     diary, champion = load_diary(directory), _champion(learning.champion)
-    look = _reader(job, paths)
-    days = {entry.name: entry for entry in diary.days if entry.name != newest}
-    for name in sorted(set(paths) - set(days) - {newest}):
-        began = time.process_time()
-        entry = describe_day(name, look, _until(days, name), champion)
-        days[name] = replace(entry, seconds=time.process_time() - began)
-    began, before = time.process_time(), _until(days, newest)
-    lesson = take(newest, look, before, champion, list(paths), learning.since, job.settings)
+
+    @lru_cache(maxsize=MOST_DAYS + 1)
+    def look(name: str) -> Day:
+        """Read and separate a day."""
+        return look_at(read_recording(paths[name], period_s=job.period_s, topics=job.topics))
+
+    entries = [entry for entry in diary.days if entry.name != newest]
+    for name in sorted(set(paths) - {entry.name for entry in entries} - {newest}):
+        began, before = time.process_time(), [each for each in entries if each.name < name]
+        entry = describe_day(name, look, before, champion)
+        entries.append(replace(entry, seconds=time.process_time() - began))
+        entries.sort(key=lambda each: each.name)
+    began = time.process_time()
+    lesson = take(newest, look, entries, champion, list(paths), learning.since, job.settings)
     entry = replace(lesson.entry, seconds=time.process_time() - began)
-    entries = (*before, entry)
-    decisions = [*diary.decisions]
-    decided = Decision(learning.since, 'After this day a person decided.')
-    if learning.since and decided not in decisions:
-        decisions.append(decided)
-    learnt = _save(job, lesson, paths, look) if lesson.better else {}
+    entries.append(entry)
+    decisions = dict.fromkeys(diary.decisions)
+    if learning.since:
+        decisions[Decision(learning.since, 'After this day a person decided.')] = None
+    answer: Answer = {}
     if lesson.better:
-        decisions.append(Decision(newest, f'{job.output.name} was learnt. {entry.verdict}'))
+        answer = _save(job, lesson.better, {name: paths[name] for name in lesson.days}, look)
+        decisions[Decision(newest, f'{job.output.name} was learnt. {entry.verdict}')] = None
     paused = pause(entries, learning.since)
-    diary = Diary(entries, tuple(decisions), paused)
+    diary = Diary(tuple(entries), tuple(decisions), paused)
     save_diary(directory, diary)
     prune(directory, diary, learning.keep_days, learning.max_mb)
-    message = ' '.join(each for each in (entry.incident, entry.verdict) if each)
-    learnt_at_all = {'success': True, 'learnt': bool(lesson.better), 'paused': paused}
-    return {**learnt_at_all, 'message': message, 'incident': entry.incident, **learnt}
+    message = f'{entry.incident} {entry.verdict}'.strip()
+    found = {'success': True, 'learnt': bool(lesson.better), 'paused': paused}
+    return {**found, 'message': message, **answer}
 
 
 def _champion(path: Path | None) -> Champion:
@@ -83,43 +91,21 @@ def _champion(path: Path | None) -> Champion:
     return Champion(stored.sha256[:_DIGITS], stored.model, newest)
 
 
-def _reader(job: CalibrationJob, paths: dict[str, Path]) -> Callable[[str], Day]:
-    """Make what reads and separates a day."""
-
-    @lru_cache(maxsize=MOST_DAYS + 1)
-    def look(name: str) -> Day:
-        return look_at(read_recording(paths[name], period_s=job.period_s, topics=job.topics))
-
-    return look
-
-
-def _until(days: dict[str, DayEntry], name: str) -> list[DayEntry]:
-    """List the days before one, oldest first."""
-    return [days[each] for each in sorted(days) if each < name]
-
-
 def _save(
-    job: CalibrationJob, lesson: Lesson, paths: dict[str, Path], look: Callable[[str], Day]
+    job: CalibrationJob, better: Calibration, days: dict[str, Path], look: Callable[[str], Day]
 ) -> Answer:
     """Save a better model and its report; it is not given up because its report failed."""
-    better = lesson.better
-    assert better is not None  # noqa: S101 -- looked at by who calls
     if learnt := better.payloads:
         path = job.output.with_name(PAYLOADS)
         frame = replace(learnt.frame, source=job.topics.force_source)
         added = add_payloads(path, job.output.stem, learnt.payloads.values(), frame)
         named = dict(zip(added, learnt.payloads.values(), strict=True))
         better = replace(better, payloads=replace(learnt, payloads=named))
-    sources = [
-        {'path': str(paths[name]), 'sha256': hash_recording(paths[name])} for name in lesson.days
-    ]
+    sources = [{'path': str(path), 'sha256': hash_recording(path)} for path in days.values()]
     stored = save_model(job.output, better, {'recordings': sources})
     answer = {'path': str(stored.path), 'sha256': stored.sha256, 'document': stored.document}
     if job.report is not None:
-        recordings = [look(name).drift for name in lesson.days]
-        try:
-            view = calibration_view(better, recordings, stored, 'payload')
+        with suppress(WristFtCompError):
+            view = calibration_view(better, [look(n).drift for n in days], stored, 'payload')
             write_report(job.report, page(view))
-        except WristFtCompError as error:
-            return {**answer, 'warning': str(error)}
     return answer
