@@ -74,6 +74,7 @@ def answers(sensor):
 def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
     first, second = answers
     assert (first['success'], first['learnt'], first['paused']) == (True, False, '')
+    assert first['incident'] == ''
     assert (second['success'], second['learnt'], second['paused']) == (True, True, '')
     assert 'was better' in second['message']
     stored = load_model(second['path'])

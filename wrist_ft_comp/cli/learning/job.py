@@ -75,9 +75,9 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
     diary = Diary(tuple(entries), tuple(decisions), paused)
     save_diary(directory, diary)
     prune(directory, diary, learning.keep_days, learning.max_mb)
-    message = f'{entry.incident} {entry.verdict}'.strip()
     found = {'success': True, 'learnt': bool(lesson.better), 'paused': paused}
-    return {**found, 'message': message, **answer}
+    message = f'{entry.incident} {entry.verdict}'.strip()
+    return {**found, 'message': message, 'incident': entry.incident, **answer}
 
 
 def _champion(path: Path | None) -> Champion:
