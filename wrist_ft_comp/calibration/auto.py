@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.calibration.cross_validation import keep_errors
+from wrist_ft_comp.calibration.cross_validation import bin_means, keep_errors
 from wrist_ft_comp.calibration.features import build_features
 from wrist_ft_comp.calibration.result import AxisFit, Candidate, HeldOut
 from wrist_ft_comp.calibration.settings import IdentificationSettings
@@ -39,6 +39,9 @@ from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import BoolArray, FloatArray
 
 _STRENGTHS = (1e-2, 1e-4, 1e-6)
+#: Candidates are compared by means over so long, s, or all look alike where a robot moves; so many
+#: there are at least.
+_COMPARED_S, _FEWEST_COMPARED = 120.0, 8
 _GATE = 16.0
 #: An average that lowers what is left of held-out recordings by less than this share is not run.
 _WORTH_RUNNING = 0.02
@@ -228,14 +231,16 @@ def _form(design: FloatArray) -> FloatArray:
 
 
 def _cleaned_form(design: FloatArray, period_s: float) -> FloatArray:
-    """Mean square around a constant and a start transient."""
+    """Mean square around a constant and a start transient, of means that noise says little in."""
     time_s = np.arange(len(design)) * period_s
     phi = np.concatenate((np.ones((len(design), 1)), start_transients(time_s)), axis=1)
     precision = np.full(phi.shape[1], len(design) / TRANSIENT_VARIANCE)
     precision[0] = 0.0
     crossed = phi.T @ design
     level = np.linalg.solve(phi.T @ phi + np.diag(precision), crossed)
-    return np.asarray(_form(design) - crossed.T @ level / len(design))
+    rest = design - phi @ level
+    together = max(1, min(round(_COMPARED_S / period_s), len(rest) // _FEWEST_COMPARED))
+    return _form(bin_means(rest, np.arange(len(rest)), together))
 
 
 def _candidate_errors(

@@ -23,7 +23,7 @@ from wrist_ft_comp.calibration.settings import CalibrationSettings, Identificati
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
 from wrist_ft_comp.model.drift_model import DriftModel
-from wrist_ft_comp.model.signals import AXES, Recording
+from wrist_ft_comp.model.signals import AXES, IntArray, Recording
 
 Progress = Callable[[float], None]
 #: What a start looks at: long enough for the noise of a thermometer, short for a thermal body, s.
@@ -77,30 +77,16 @@ def calibrate(
     check_loads(recordings, axes, settings.reference)
     recordings, dropped = drop_stuck_cells(recordings, axes)
     folds = assign_folds(recordings)
-    work = learn_at_work(recordings) if settings.reference == 'payload' else None
-    learnt = recordings if work is None else work.drift
-    problems = []
-    for axis in axes:
-        data = build_axis_data(learnt, axis, settings.reference, folds)
-        if data.samples < MIN_SAMPLES or len(data.fold_numbers) < 2:
-            raise CalibrationRefusedError(
-                f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
-                f'least {MIN_SAMPLES} in 2 blocks are needed. Record longer.'
-            )
-        problems.append(data)
-    found = identify(problems, settings.identification, progress or (lambda _: None))
-    fits = dict(zip(axes, found, strict=True))
-    refusals = [fit.refusal for fit in fits.values() if fit.refusal]
-    if refusals and all(fit.model is None for fit in fits.values()):
-        raise CalibrationRefusedError(f'{refusals[0]}.')
-    model = DriftModel(
-        period_ns=recordings[0].period_ns,
-        thermometers=recordings[0].thermometers,
-        axes={axis: fit.model for axis, fit in fits.items() if fit.model is not None},
-        deviation={axis: fit.rms_after for axis, fit in fits.items()},
-        start_s=_START_S,
-        unit=recordings[0].unit,
-    )
+    tell = progress or (lambda _: None)
+    if settings.reference == 'payload':
+        work = learn_at_work(recordings)
+        _, model = _learn(work.drift, axes, folds, settings, lambda _: None)
+        # What is drift is known better once there is a model of it.
+        work = learn_at_work(recordings, (work, model))
+        fits, model = _learn(work.drift, axes, folds, settings, tell)
+    else:
+        work = None
+        fits, model = _learn(recordings, axes, folds, settings, tell)
     duration_s = sum(recording.duration_s for recording in recordings)
     warnings = [
         *(warning for recording in recordings for warning in recording.warnings),
@@ -115,6 +101,39 @@ def calibrate(
     at_work = (work.payloads, work.separation) if work else (None, None)
     known = model, fits, ranges, duration_s, tuple(warnings), sources, settings
     return Calibration(*known, *at_work)
+
+
+def _learn(
+    recordings: Sequence[Recording],
+    axes: Sequence[str],
+    folds: Sequence[IntArray],
+    settings: CalibrationSettings,
+    progress: Progress,
+) -> tuple[dict[str, AxisFit], DriftModel]:
+    """Learn some axes, or refuse."""
+    problems = []
+    for axis in axes:
+        data = build_axis_data(recordings, axis, settings.reference, folds)
+        if data.samples < MIN_SAMPLES or len(data.fold_numbers) < 2:
+            raise CalibrationRefusedError(
+                f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
+                f'least {MIN_SAMPLES} in 2 blocks are needed. Record longer.'
+            )
+        problems.append(data)
+    found = identify(problems, settings.identification, progress)
+    fits = dict(zip(axes, found, strict=True))
+    refusals = [fit.refusal for fit in found if fit.refusal]
+    if refusals and all(fit.model is None for fit in found):
+        raise CalibrationRefusedError(f'{refusals[0]}.')
+    model = DriftModel(
+        period_ns=recordings[0].period_ns,
+        thermometers=recordings[0].thermometers,
+        axes={axis: fit.model for axis, fit in fits.items() if fit.model is not None},
+        deviation={axis: fit.rms_after for axis, fit in fits.items()},
+        start_s=_START_S,
+        unit=recordings[0].unit,
+    )
+    return fits, model
 
 
 def identify(

@@ -48,6 +48,8 @@ class AxisData:
     load: tuple[FloatArray, ...] | None
     #: Number of the cross-validation fold of each cell, shape (N_i,).
     folds: tuple[IntArray, ...]
+    #: Cells from which on a recording has a constant anew, because it may have been tared there.
+    steps: tuple[tuple[int, ...], ...]
     #: Why sensitivity drift is not learnt; empty when it is.
     no_sensitivity: str = ''
     #: Whether a held-out fold has a constant of its own, because taring removes it. Plateaus of
@@ -105,6 +107,7 @@ def build_axis_data(
         temperature_c=tuple(recording.temperature_c for recording in recordings),
         residual=tuple(residual), load=None if why or load is None else tuple(load),
         folds=tuple(folds), no_sensitivity=why,
+        steps=tuple(recording.steps for recording in recordings),
         tared=reference == 'payload' or find_plateaus(recordings) is None)  # fmt: skip
 
 

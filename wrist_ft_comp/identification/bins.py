@@ -19,6 +19,8 @@ from wrist_ft_comp.model.signals import FloatArray, IntArray
 _TARE_S = 60.0
 #: Cosines of a random walk, and what a body forgets that did not start at rest, s.
 _COSINES, _TRANSIENTS_S = 16, (300.0, 1000.0, 3000.0)
+#: Prior precision of what may be anything.
+_FREE = 1e-9
 #: Prior variance of a transient over that of the mean of all noise.
 TRANSIENT_VARIANCE = 30.0
 
@@ -47,6 +49,7 @@ class BinnedData:
     temperature_c: tuple[FloatArray, ...]
     sums: tuple[Sums, ...]
     folds: tuple[IntArray, ...]
+    steps: tuple[tuple[int, ...], ...]
     loaded: bool
     tared: bool
 
@@ -66,21 +69,32 @@ class BinnedData:
     def nuisances(self, recording: int) -> FloatArray:
         """Draw what no temperature has to explain in a recording, shape (n, N)."""
         # A constant; where a fold has one of its own, also a random walk in cosines, so that slow
-        # errors are not taken for many independent witnesses, and the transients of a start that
-        # was not soaked.
+        # errors are not taken for many independent witnesses, the transients of a start that was
+        # not soaked, and a constant more from every step on.
         bins = len(self.sums[recording].count)
         middle = (np.arange(bins) + 0.5)[:, np.newaxis]
         if not self.tared:
             return np.ones((bins, 1))
         walk = np.cos(np.pi * middle / bins * np.arange(_COSINES + 1))
-        return np.concatenate((walk, start_transients(middle[:, 0] * self.period_s)), axis=1)
+        steps = np.full(self._most_steps, bins * self.cells)
+        steps[: len(self.steps[recording])] = self.steps[recording]
+        after = middle * self.cells > steps
+        return np.concatenate(
+            (walk, start_transients(middle[:, 0] * self.period_s), after), axis=1
+        )
+
+    @property
+    def _most_steps(self) -> int:
+        """Count the steps of the recording that has most."""
+        return max(len(each) for each in self.steps)
 
     def nuisance_precision(self, *, soaked: bool = False) -> FloatArray:
         """Prior precision of each nuisance, over that of all cells of its recording, (N,)."""
         if not self.tared:
             return np.zeros(1)
         start = 1e12 if soaked else 1.0 / TRANSIENT_VARIANCE
-        return np.append(np.arange(_COSINES + 1) ** 2.0, np.full(len(_TRANSIENTS_S), start))
+        walk, steps = np.arange(_COSINES + 1) ** 2.0, np.full(self._most_steps, _FREE)
+        return np.concatenate((walk, np.full(len(_TRANSIENTS_S), start), steps))
 
     def relaxation(self, time_constant_s: float) -> Arx:
         """First-order lag of the bins' temperatures: what runs, averaged over each bin."""
@@ -109,7 +123,7 @@ def bin_axis_data(data: AxisData, cells: int, *, means: bool = False) -> BinnedD
         period_s=cells * data.period_s, cells=cells,
         temperature_c=tuple(_mean_bins(values, cells) for values in data.temperature_c),
         sums=tuple(sums), folds=tuple(folds[::cells] for folds in data.folds),
-        loaded=data.load is not None, tared=data.tared)  # fmt: skip
+        steps=data.steps, loaded=data.load is not None, tared=data.tared)  # fmt: skip
 
 
 def start_transients(time_s: NDArray[np.floating[Any]]) -> FloatArray:

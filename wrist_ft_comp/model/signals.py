@@ -139,6 +139,8 @@ class Recording:
     #: RMS speed of rotation, rad/s, shape (N,), NaN where there was no sample; None where none was
     #: recorded.
     rotation_speed: FloatArray | None = None
+    #: Cells from which on the zero is another, because it was or may have been tared there.
+    steps: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Check shapes and finiteness once, where the record is built."""

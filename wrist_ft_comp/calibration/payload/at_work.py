@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrist_ft_comp.calibration.payload.doubts import doubts
-from wrist_ft_comp.calibration.payload.separation import separate, Separation
+from wrist_ft_comp.calibration.payload.separation import separate, separate_again, Separation
+from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.payload.learnt import LearntPayloads
 from wrist_ft_comp.model.payload.rigid_body import RigidBodies
 from wrist_ft_comp.model.signals import Recording
@@ -26,8 +27,14 @@ class AtWork:
     warnings: tuple[str, ...]
 
 
-def learn_at_work(recordings: Sequence[Recording]) -> AtWork:
-    """Learn payloads and what is drift; raises CalibrationRefusedError where neither can be."""
+def learn_at_work(
+    recordings: Sequence[Recording], first: tuple[AtWork, DriftModel] | None = None
+) -> AtWork:
+    """
+    Learn payloads and what is drift; CalibrationRefusedError where neither can be.
+
+    What was learnt ``first``, and a drift model from it, let it be told apart better.
+    """
     warnings = [
         f'{recording.name} holds no specific force; its load counts as constant.'
         for recording in recordings
@@ -36,7 +43,8 @@ def learn_at_work(recordings: Sequence[Recording]) -> AtWork:
     moved = [recording for recording in recordings if recording.specific_force is not None]
     if not moved:
         return AtWork([_constant(each) for each in recordings], None, None, tuple(warnings))
-    separation = separate(moved)
+    before = first[0].separation if first else None
+    separation = separate_again(before, first[1]) if first and before else separate(moved)
     bodies = separation.bodies()
     said, told = doubts(separation, bodies)
     drift = iter(separation.drift)

@@ -20,6 +20,8 @@ _POWERS = 3
 _NOISELESS = 1e-4
 #: Contrasts of the specific force below this tell no gain, m/s².
 _SAYS_NOTHING = 0.001
+#: A contrast between poses of so many times the noise is one.
+_STANDS_OUT = 10.0
 #: A cell counts for drift where its weight is above this.
 COUNTS = 0.5
 #: This share of cells is taken to be free of contact; a norm per axis of normal variables there.
@@ -142,7 +144,8 @@ def unexplained_contrast(cells: Cells, fit: Fit) -> float:
         _median_norm(each[blocks] / fit.noise, cells.usable[blocks])
         for each in (rest, cells.wrench - middle)
     )
-    return float(np.median(left / np.maximum(there, 1e-9)))
+    # Of what does not stand out of the noise, nothing is to be explained.
+    return float(np.median(left / np.maximum(there, _STANDS_OUT * np.sqrt(cells.axes))))
 
 
 def _median_norm(values: FloatArray, usable: BoolArray) -> FloatArray:

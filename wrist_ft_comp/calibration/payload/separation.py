@@ -6,6 +6,9 @@ From recordings at work to ones that drift can be learnt from: weight apart, con
 3. Steps that stay, and that no payload explains, are taken out.
 4. What is left are readings that are NaN where a contact, a fast turn or a change of state was,
    and the weight as their reference, for gain drift.
+
+With a drift model that was learnt from it, 2 to 4 are done again with the drift taken off: then
+neither sudden heat looks like a step, nor a long press like drift.
 """
 
 from collections.abc import Sequence
@@ -25,11 +28,15 @@ from wrist_ft_comp.calibration.payload.steps import (
     suspect_steps,
 )
 from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.model.offline import simulate_drift
 from wrist_ft_comp.model.payload.rigid_body import RigidBodies
 from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, IntArray, Recording
 
 #: Two steps that are nearer than this, cells, are no tares.
 _APART = 60
+#: Cells on both sides of a step that do not count, because where it is may not be exact.
+_UNSURE = 10
 #: Cells with both wrench and specific force that are needed.
 _FEWEST = 120
 
@@ -73,26 +80,49 @@ class Separation:
 def separate(recordings: Sequence[Recording]) -> Separation:
     """Separate payload, contacts, steps and drift; every recording holds specific force."""
     accelerometer = set_right(recordings)
-    forces, axes = accelerometer.forces, axes_of(recordings)
-    steps: list[list[Step]] = [[] for _ in recordings]
-    stepless = list(recordings)
-    cells = cut(stepless, forces)
-    if cells.usable.sum() < _FEWEST or not axes:
+    cells = cut(recordings, accelerometer.forces)
+    if cells.usable.sum() < _FEWEST or not cells.axes:
         raise CalibrationRefusedError(
             f'{", ".join(r.name for r in recordings)} hold {cells.usable.sum()} thermal cells '
             'with wrench and specific force that turn slowly; at least '
             f'{_FEWEST} are needed for the reference payload. Record both at the same time.'
         )
-    fit = find_states(cells)
+    return _separated(recordings, accelerometer, find_states(cells), None)
+
+
+def separate_again(found: Separation, model: DriftModel) -> Separation:
+    """Separate anew beside a drift model: sudden heat is no step then, nor a long press drift."""
+    drift = [simulate_drift(model, recording).zero for recording in found.recordings]
+    return _separated(found.recordings, found.accelerometer, found.fit, drift)
+
+
+def _separated(
+    recordings: Sequence[Recording],
+    accelerometer: Accelerometer,
+    fit: Fit,
+    known: Sequence[FloatArray] | None,
+) -> Separation:
+    """Find steps, states and weights by turns, with the drift that is known, (N, 6), taken off."""
+    forces, axes = accelerometer.forces, axes_of(recordings)
+    off = [0.0 if known is None else known[n][:, axes] for n in range(len(recordings))]
+    stepless = [
+        with_wrench(each, each.wrench[:, axes] - drift, axes)
+        for each, drift in zip(recordings, off, strict=True)
+    ]
+    steps: list[list[Step]] = [[] for _ in recordings]
+    cells = cut(stepless, forces)
+    if known is not None:
+        fit = fit_again(cells, fit)
     while True:
-        close = follow_closely(cells, fit)
+        close = follow_closely(cells, fit) if known is None else fit
         states, counts = joined(recordings, close.states), _counts(recordings, close)
         found = 0
         for n, recording in enumerate(stepless):
             wrench = recording.wrench[:, axes]
             each = wrench - forces[n] @ fit.gains
-            fresh = _steps_of(each, states[n], counts[n], fit.noise, recording.period_s)
-            for step in fresh:
+            length = max(1, round(MEAN_S / recording.period_s))
+            averaged = means(np.nan_to_num(_held(each, states[n])), counts[n], length)
+            for step in _steps_of(each, averaged, length, fit.noise, sudden=known is None):
                 if any(abs(step.cell - other.cell) < _APART for other in steps[n]):
                     continue
                 wrench[step.cell :] -= step.jump
@@ -106,10 +136,13 @@ def separate(recordings: Sequence[Recording]) -> Separation:
     drift = []
     for n, recording in enumerate(stepless):
         weight = _held((forces[n] @ fit.gains), states[n])
+        for step in steps[n]:
+            counts[n][max(0, step.cell - _UNSURE) : step.cell + _UNSURE] = False
         wrench = np.where(counts[n][:, None], recording.wrench[:, axes], np.nan)
         for step in steps[n]:
             wrench[step.cell :] -= step_size(wrench - weight, counts[n], step.cell)
-        drift.append(_loaded(recording, wrench, weight, axes))
+        loaded = _loaded(recording, wrench + off[n], weight, axes)
+        drift.append(replace(loaded, steps=tuple(step.cell for step in steps[n])))
     return Separation(list(recordings), drift, accelerometer, cells, close, steps)
 
 
@@ -124,16 +157,14 @@ def _held(each: FloatArray, states: IntArray) -> FloatArray:
 
 
 def _steps_of(
-    each: FloatArray, states: IntArray, counts: BoolArray, noise: FloatArray, period_s: float
+    each: FloatArray, averaged: FloatArray, length: int, noise: FloatArray, *, sudden: bool
 ) -> list[Step]:
-    """Find the steps of a recording that each payload leaves, (K, N, A)."""
-    length = max(1, round(MEAN_S / period_s))
-    averaged = means(np.nan_to_num(_held(each, states)), counts, length)
+    """Find steps in what each payload leaves, (K, N, A), and in means over so many cells."""
     found = []
     for before, after, jump in suspect_steps(averaged, noise):
         first = max(0, before - 1) * length
         rest = np.nan_to_num(each[:, first : (after + 2) * length])
-        at = locate(rest, averaged[before], jump, noise)
+        at = locate(rest, averaged[before], jump, noise, sudden=sudden)
         if at is not None:
             found.append(Step(first + at, jump))
     return found

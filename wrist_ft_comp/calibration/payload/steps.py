@@ -2,7 +2,8 @@
 Steps that stay and that no payload explains: tares of the driver.
 
 They are found where lines over windows of means before and after do not meet, and located where
-the cells go over at once; heat bends, too, but not at once.
+the cells go over at once; heat bends, too, but not at once. A fit of the drift gets a constant of
+its own after each, so that one that is none costs little.
 """
 
 import numpy as np
@@ -62,11 +63,12 @@ def _jumps(drift: FloatArray, there: IntArray, at: IntArray, window: int) -> Flo
 
 
 def locate(
-    rest: FloatArray, before: FloatArray, jump: FloatArray, noise: FloatArray
+    rest: FloatArray, before: FloatArray, jump: FloatArray, noise: FloatArray, *, sudden: bool
 ) -> int | None:
     """
-    Find the first cell after a step, counted in rest, or None where heat would do: not at once.
+    Find the first cell after a step, counted in rest.
 
+    Where it has to be sudden, None where heat would do: not at once.
     ``rest`` is what each payload leaves, (K, n, A); before, jump and noise (A,) are the level
     before the step, how far it goes, and the noise of a cell.
     """
@@ -81,6 +83,8 @@ def locate(
         for each in distance
     ]
     at = int(np.argmin(cost[0] + cost[1][-1] - cost[1]))
+    if not sudden:
+        return at
     between = (gone > _BLURRED) & (gone < 1 - _BLURRED) & (aside < 3 * _BLURRED * size)
     end = max(width, _BLURRED * size)
     earlier, later = np.flatnonzero(distance[0][:at] < end), np.flatnonzero(distance[1][at:] < end)
