@@ -48,8 +48,9 @@ class TestNuisances:
     def still(self, make_axis_data):
         """Pose what is left of values when nothing but nuisances explains them."""
 
-        def left(values, **more):
-            cells = bin_axis_data(make_axis_data([np.full(400, 30.0)], [values]), 1)
+        def left(values, steps=(), **more):
+            data = make_axis_data([np.full(400, 30.0)], [values])
+            cells = bin_axis_data(replace(data, steps=(steps,)), 1)
             moments = accumulate(cells, bank_inputs(cells, FEATURES, STATIC), STATIC)
             moments = replace(moments, precision=cells.nuisance_precision(**more))
             return moments.centred(moments.everything)[-1, -1] / np.sum(
@@ -71,6 +72,11 @@ class TestNuisances:
     def test_a_start_that_was_not_soaked_is_no_drift_unless_it_was(self, still, tau):
         transient = np.exp(-10.0 * np.arange(400) / tau)
         assert still(transient) < 0.4 * still(transient, soaked=True)
+
+    def test_a_constant_is_new_after_each_step_that_is_told(self, still):
+        stepped = np.repeat([0.0, 7.0, -3.0], [150, 100, 150])
+        assert still(stepped, steps=(150, 250)) < 1e-6
+        assert still(stepped, steps=(250,)) > 0.01
 
 
 def test_a_column_that_only_differs_between_recordings_holds_nothing(make_recording, warm_up):
