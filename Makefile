@@ -73,6 +73,7 @@ reliability: $(READY)
 	$(BIN)/python bench/pauses.py
 	$(BIN)/python bench/fuzz.py
 	$(BIN)/python bench/kills.py
+	$(BIN)/python bench/learning_kills.py 200
 	$(BIN)/python bench/restart.py
 	$(BIN)/python bench/comes_back.py
 	$(BIN)/python bench/endurance.py

@@ -46,7 +46,7 @@ def test_a_table_tells_of_every_day(done, folder):
     assert 'day_00001.csv: the challenger is better by chance only' in text
     assert 'day_00002.csv: zero of force_z jumped by 4.1 N at 13:02' in text
     assert 'day_00005.csv: not judged yet' in text
-    assert 'change after day_00001.csv: model_x.yaml was adopted' in text
+    assert 'after day_00001.csv: model_x.yaml was adopted' in text
     assert 'last change: 2026-05-02' in text
     assert 'known temperatures: thermometer 1: 18.0 to 29.0, 35.0 to 40.0 °C' in text
     assert 'offered: m.yaml' in text

@@ -63,11 +63,11 @@ def days_text(directory: Path, diary: Diary, memory: Memory) -> str:
         for j, each in enumerate(known_temperatures(diary), start=1)
     )
     lines = [
-        *(f'{each.name}: {each.incident or each.verdict}' for each in days),
-        *(f'change after {each.day}: {each.sentence}' for each in diary.decisions[-5:]),
+        *(f'{each.name}: {each.incident or each.verdict or "nothing new"}' for each in days),
+        *(f'after {each.day}: {each.sentence}' for each in diary.decisions[-5:]),
         f'last change: {memory.change or "none yet"}',
         f'known temperatures: {"; ".join(known) or "none yet"}',
-        f'offered: {memory.offered}: {memory.why}; call ~/adopt' if memory.offered else '',
+        f'offered: {memory.offered}; call ~/adopt to make it live' if memory.offered else '',
         f'paused: {diary.paused}' if diary.paused else '',
     ]
     newest = f', of which the newest {MOST_DAYS}' if len(diary.days) > MOST_DAYS else ''
