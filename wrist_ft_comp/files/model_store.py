@@ -9,6 +9,7 @@ Where a node keeps what it made: models, own recordings, and which model is acti
     <directory>/days/, learning.json  of a node that learns by itself (days/)
 """
 
+from contextlib import suppress
 from datetime import datetime, timezone
 import json
 import os
@@ -36,6 +37,12 @@ class ModelStore:
     def new_model_path(self) -> Path:
         """Name a new model file after the present time (UTC)."""
         return _unused(self.directory / 'models', 'model', '.yaml')
+
+    def discard(self, model: Path) -> None:
+        """Remove a model that was never live, and its report, where the disk lets us."""
+        for path in (model, model.with_suffix('.html')):
+            with suppress(OSError):
+                path.unlink()
 
     def new_recording_path(self) -> Path:
         """Name a new recording after the present time (UTC); its folder exists afterwards."""

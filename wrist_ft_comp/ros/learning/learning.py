@@ -177,13 +177,17 @@ class Learner:
         )
 
     def _remember(self, **changes: Any) -> None:
-        """Keep what changed over a restart."""
-        self.memory, self.problem = replace(self.memory, **changes), ''
+        """Keep what changed over a restart; an offer that nobody took is nobody's any more."""
+        before, offered = self.memory, self.offered
+        self.memory, self.problem = replace(before, **changes), ''
         try:
             save_memory(self._directory, self.memory)
         except StateFileError as error:
             self.problem = str(error)
             self._log.error(self.problem)
+            return
+        if before.offered not in {'', self.memory.offered} and before.sha256 != self._live.sha256:
+            self._jobs.store.discard(offered)
 
     def on_adopt(self, _request: Any, response: Any) -> Any:
         """Make the offered model live."""
