@@ -210,16 +210,12 @@ def test_an_incident_is_a_warning_until_a_day_without_one(learner):
 def test_of_models_that_were_only_offered_the_newest_is_kept(learner, models):
     old, new = models
     node = learner(model_file=str(old.path))
-    offered = []
-    for _ in range(2):
-        node.find(new)
+    for message in ('better', 'better still', 'best'):
+        node.find(new, message=message)
         node.a_day()
-        offered.append(node.node.learning.offered)
-        offered[-1].with_suffix('.html').write_text('a report')
-        node.find(old, message='better still')
-    node.a_day()
-    assert [each.exists() for each in (*offered, node.node.learning.offered)] == [
-        False, False, True,
-    ]  # fmt: skip
-    assert not list(old.path.parent.glob('*.html'))
-    assert old.path.exists()
+        offered = node.node.learning.offered
+        offered.with_suffix('.html').write_text('a report')
+    kept = {each.name for each in offered.parent.iterdir()}
+    assert kept == {'old.yaml', 'new.yaml', offered.name, offered.with_suffix('.html').name}
+    assert node.rig.call('adopt').success
+    assert offered.exists()
