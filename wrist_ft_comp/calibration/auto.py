@@ -240,7 +240,8 @@ def _cleaned_form(design: FloatArray, period_s: float) -> FloatArray:
     level = np.linalg.solve(phi.T @ phi + np.diag(precision), crossed)
     rest = design - phi @ level
     together = max(1, min(round(_COMPARED_S / period_s), len(rest) // _FEWEST_COMPARED))
-    return _form(bin_means(rest, np.arange(len(rest)), together))
+    prior = level.T @ (precision[:, np.newaxis] * level) / len(design)
+    return _form(bin_means(rest, np.arange(len(rest)), together)) + prior
 
 
 def _candidate_errors(
