@@ -241,7 +241,7 @@ def _cleaned_form(design: FloatArray, period_s: float) -> FloatArray:
     rest = design - phi @ level
     together = max(1, min(round(_COMPARED_S / period_s), len(rest) // _FEWEST_COMPARED))
     prior = level.T @ (precision[:, np.newaxis] * level) / len(design)
-    return _form(bin_means(rest, np.arange(len(rest)), together)) + prior
+    return np.asarray(_form(bin_means(rest, np.arange(len(rest)), together)) + prior)
 
 
 def _candidate_errors(

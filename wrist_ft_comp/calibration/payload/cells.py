@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrist_ft_comp.model.payload.directions import turning_speed
-from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, Recording
+from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, IntArray, Recording
 
 #: Length of a block, s, and fewest cells of one.
 BLOCK_S, _FEWEST = 300.0, 30
@@ -26,7 +26,7 @@ class Cells:
     #: Whether they are known and the sensor does not turn fast, (n, B).
     usable: BoolArray
 
-    def part(self, blocks: BoolArray) -> 'Cells':
+    def part(self, blocks: IntArray) -> 'Cells':
         """Choose blocks."""
         return Cells(self.wrench[blocks], self.force[blocks], self.usable[blocks])
 
