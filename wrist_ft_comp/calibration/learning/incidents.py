@@ -77,11 +77,13 @@ def _stopped(day: Day, entry: DayEntry, like: Sequence[DayEntry]) -> Incident | 
     recording = day.recording
     for j, run in enumerate(longest_stills(recording)):
         good = [each.still_s for each in like if each.kind in LEARNT_FROM]
-        usual_s = max((each[j] for each in good if j < len(each)), default=np.inf)
-        usual_s = min(usual_s, recording.duration_s / 2 / _UNUSUAL)
+        usual_s = _UNUSUAL * max((each[j] for each in good if j < len(each)), default=np.inf)
+        half_s = recording.duration_s / 2
         others = np.delete(recording.temperature_c[run], j, axis=1)
+        # Nothing else moves where there is nothing else; a soaked robot may rest for long.
+        limit_s = min(usual_s, half_s) if others.size else half_s
         moved = not others.size or np.ptp(others, axis=0).max() > _MOVED_K
-        if moved and entry.still_s[j] > max(_STOPPED_S, _UNUSUAL * usual_s):
+        if moved and entry.still_s[j] > max(_STOPPED_S, limit_s):
             how = 'stood still' if recording.measured[run, j].any() else 'was silent'
             at_c, hours = recording.temperature_c[run, j][0], entry.still_s[j] / 3600
             return THERMOMETER, (
