@@ -171,10 +171,8 @@ class Learner:
         self.diary.end_day()
         days = self.diary.files.ended()
         newest = days[-1].name if days else self.memory.judged
-        champion, change = self._live.sha256, _dated(what)
-        self._remember(
-            champion=champion, change=change, since=newest, judged=newest, paused='', **_NONE
-        )
+        decided = {'since': newest, 'judged': newest, 'paused': '', 'incident': ''}
+        self._remember(champion=self._live.sha256, change=_dated(what), **decided, **_NONE)
 
     def _remember(self, **changes: Any) -> None:
         """Keep what changed over a restart; an offer that nobody took is nobody's any more."""

@@ -196,7 +196,7 @@ def test_what_is_remembered_is_of_this_format(learner):
     assert document['judged'] == 'day_00001.csv'
 
 
-def test_an_incident_is_a_warning_until_a_day_without_one(learner):
+def test_an_incident_is_a_warning_until_a_day_without_one_or_a_decision(learner, models):
     node = learner()
     what = 'thermometer 1 stood still for 3.0 h'
     node.answer(success=True, message=what, incident=what)
@@ -204,6 +204,11 @@ def test_an_incident_is_a_warning_until_a_day_without_one(learner):
     assert node.rig.diagnosis('learning', what).level == WARN
     node.answer(success=True, message='nothing new')
     node.a_day()
+    assert node.rig.diagnosis('learning', 'keeping a diary').level == OK
+    node.answer(success=True, message=what, incident=what, paused=what)
+    node.a_day()
+    assert node.rig.diagnosis('learning', what).level == WARN
+    assert node.rig.set('model_file', str(models[1].path)).successful
     assert node.rig.diagnosis('learning', 'keeping a diary').level == OK
 
 
