@@ -10,6 +10,17 @@ one by a warm-up with an empty flange on the first day, one by another such warm
 added to those before, and one learns by itself (``auto``: a better model is live on the next day).
 What has to be reached is printed with whether it was. Processor time is that of the process that a
 node would start: days that a challenger is learnt from are separated again every time.
+
+Seen on development years, in which rules were tuned (1000 and 1001; no report seed was drawn yet):
+
+- All 261 days of 1000, and the first 120 of 1001: each of the six incidents was named on its day,
+  without a false alarm.
+- The first 100 days of 1000, when a challenge still came every seven days at least: once by hand
+  1.00 (a single warm-up explained nothing there), every season by hand 0.98, learning 0.31. Two
+  adoptions, after days 2 and 17, of 19 challenges; on no day more than 0.10 of a usual day beyond
+  the model before, which on one day of little drift was half of its own. 9 s a day.
+
+Not measured: a whole year's drift left, twenty years, and how long a year takes by itself.
 """
 
 import argparse
