@@ -57,7 +57,7 @@ def test_a_warm_up_is_recorded_learnt_and_removed(wired, make_robot):
     drift = np.ptp(robot.zero[300:], axis=0)
     remaining = np.ptp(after.reshape(-1, 4, 6).mean(axis=1), axis=0)
     assert (drift > 20 * 0.01 * np.array([1, 1, 1, 0.1, 0.1, 0.1])).all(), 'worth removing'
-    assert (remaining < 0.13 * drift).all(), 'drift of one or two thermal cells at most'
+    assert (remaining < 0.15 * drift).all(), 'drift of one or two thermal cells at most'
 
 
 def test_a_recorded_reference_teaches_the_sensitivity(rig, make_robot):
