@@ -261,7 +261,7 @@ def draw(year: Lived, target: Path) -> None:
         panel.plot(number, 0, '^', color='C0', clip_on=False)
     panel.set_xlabel('day (▲ a new model)')
     panel.set_ylabel('drift left of a usual day')
-    panel.legend(loc='upper right', ncols=4, fontsize=8)
+    panel.legend(loc='lower right', bbox_to_anchor=(1, 1), ncols=4, fontsize=8)
     figure.tight_layout()
     figure.savefig(target, dpi=110)
 
