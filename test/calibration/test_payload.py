@@ -23,6 +23,12 @@ def days(make_working_day):
 
 
 @pytest.fixture(scope='module')
+def plain(make_working_day):
+    """Work with a tool only: there is nothing to search for, which is quick."""
+    return [make_working_day(seed, part=False) for seed in range(2)]
+
+
+@pytest.fixture(scope='module')
 def learnt(days):
     return calibrate(days, AT_WORK)
 
@@ -105,13 +111,13 @@ class TestDrift:
         before, after = np.nanmean(left[:907], axis=0), np.nanmean(left[907:], axis=0)
         np.testing.assert_allclose(before, after, atol=0.2)
 
-    def test_a_recording_without_specific_force_counts_as_constant(self, days, make_working_day):
+    def test_a_recording_without_specific_force_counts_as_constant(self, plain, make_working_day):
         still = make_working_day(3, poses=np.array([[0.0, 0, 1]]), part=False, contacts=0.0)
         still = replace(still, specific_force=None, rotation_speed=None)
-        assert 'its load counts as constant' in warned([*days, still])
-        moved = replace(days[0], specific_force=None)
+        assert 'its load counts as constant' in warned([*plain, still])
+        moved = replace(plain[0], specific_force=None)
         with pytest.raises(CalibrationRefusedError, match='constant, as there is no specific'):
-            calibrate([days[1], moved], AT_WORK)
+            calibrate([plain[1], moved], AT_WORK)
 
     def test_gain_drift_is_learnt_from_the_moving_weight(self, days):
         stretched = []
@@ -134,12 +140,12 @@ class TestAccelerometer:
         turned = found.frame.turn(crooked.specific_force)
         np.testing.assert_allclose(turned, days[0].specific_force, atol=0.05)
 
-    def test_what_stands_still_for_long_is_not_known(self, days):
-        force = days[0].specific_force.copy()
+    def test_what_stands_still_for_long_is_not_known(self, plain):
+        force = plain[0].specific_force.copy()
         force[300:] = force[300]
-        frozen = replace(days[0], specific_force=force)
+        frozen = replace(plain[0], specific_force=force)
         assert np.isnan(set_right([frozen]).forces[0][300:]).all()
-        assert 'stands still' in warned([frozen, days[1]])
+        assert 'stands still' in warned([frozen, plain[1]])
 
 
 class TestDoubts:
@@ -154,8 +160,8 @@ class TestDoubts:
             (lambda f: np.roll(f, -1, axis=0), 'lags the specific force by 1 s'),
         ],
     )
-    def test_a_wrong_specific_force_has_its_sentence(self, days, spoil, said):
-        wrong = [replace(day, specific_force=spoil(day.specific_force)) for day in days]
+    def test_a_wrong_specific_force_has_its_sentence(self, plain, spoil, said):
+        wrong = [replace(day, specific_force=spoil(day.specific_force)) for day in plain]
         calibration = calibrate(wrong, AT_WORK)
         assert said in '\n'.join(calibration.warnings)
         if said == 'mirrored':
@@ -169,10 +175,10 @@ class TestDoubts:
             wrench[begin + 2 : end - 1] += pressed * [1, 1, 1, 0.1, 0.1, 0.1]
         assert 'lags' not in warned([replace(day, wrench=wrench)])
 
-    def test_the_specific_force_of_another_frame_is_refused(self, days):
+    def test_the_specific_force_of_another_frame_is_refused(self, plain):
         wrong = [
             replace(day, specific_force=other.specific_force)
-            for day, other in zip(days, days[::-1], strict=True)
+            for day, other in zip(plain, plain[::-1], strict=True)
         ]
         with pytest.raises(CalibrationRefusedError, match='does not turn with the specific force'):
             calibrate(wrong, AT_WORK)
@@ -188,10 +194,8 @@ class TestDoubts:
         assert calibration.fits['force_z'].rms_after < 0.2 * calibration.fits['force_z'].rms_before
 
     def test_a_weight_that_the_driver_subtracts_is_no_payload(self, days, make_working_day):
-        nothing = [
-            replace(day, wrench=without_load(make_working_day, n)) for n, day in enumerate(days)
-        ]
-        calibration = calibrate(nothing, AT_WORK)
+        nothing = replace(days[0], wrench=without_load(make_working_day, 0))
+        calibration = calibrate([nothing], AT_WORK)
         assert calibration.payloads is None
         assert 'nothing weighs on the sensor' in '\n'.join(calibration.warnings)
 
@@ -209,10 +213,10 @@ class TestDoubts:
         assert 'follows gravity' in said
         assert 'Use the reference payload' in said
 
-    def test_too_few_cells_with_both_are_refused(self, days):
-        force = np.full_like(days[0].specific_force, np.nan)
-        force[:50] = days[0].specific_force[:50]
-        bare = replace(days[0], specific_force=force)
+    def test_too_few_cells_with_both_are_refused(self, plain):
+        force = np.full_like(plain[0].specific_force, np.nan)
+        force[:50] = plain[0].specific_force[:50]
+        bare = replace(plain[0], specific_force=force)
         with pytest.raises(CalibrationRefusedError, match='at least 120 are needed'):
             calibrate([bare], AT_WORK)
 
