@@ -5,8 +5,7 @@ READY := .venv/.ready
 
 PYTHON312 ?= python3.12
 # Some tests wait for other processes, so three workers pay on two cores; a file stays with one. Small
-# matrices in several threads each would only wait for one another. Documents, which wait longest, are
-# first.
+# matrices in several threads each would only wait for one another.
 export OPENBLAS_NUM_THREADS = 1
 export OMP_NUM_THREADS = 1
 PYTEST := python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
@@ -23,7 +22,7 @@ demo: $(READY)
 	$(BIN)/wrist_ft_comp demo
 
 test: $(READY)
-	$(BIN)/$(PYTEST) test/ros/documents test
+	$(BIN)/$(PYTEST)
 
 # The suite with the versions that Ubuntu 24.04 has, or what NOBLE leaves of it. The stamp is no part of
 # build/noble itself.

@@ -26,7 +26,7 @@ from wrist_ft_comp.ros.running import make_executor, spin
 #: Longest time to wait for anything, seconds: far above what is normal, so that only a fault hits.
 TIMEOUT_S = 60.0
 #: Files of tests that take tens of seconds.
-_LONG = ('test_tutorial', 'test_readme', 'test_bench', 'test_calibrate')
+_LONG = ('test_tutorial', 'test_readme', 'test_bench', 'test_calibrate', 'test_payload')
 ROOT = Path(wrist_ft_comp.__file__).parents[1]
 #: Environment of a process that talks over the loopback interface, and not by shared memory.
 LOOPBACK_UDP = {
