@@ -121,6 +121,16 @@ def check_files(data: Path, seen: Counter[str], known: set[Path]) -> list[str]:
     return broken
 
 
+def tell(name: str, begun: float, result: dict[str, object]) -> None:
+    """Print what was found since a monotonic time, s, and keep it in out/."""
+    minutes = round((time.monotonic() - begun) / 60, 1)
+    text = json.dumps({'minutes': minutes, **result}, indent=1)
+    print(text)
+    out = Path(__file__).resolve().parent.parent / 'out'
+    out.mkdir(exist_ok=True)
+    (out / f'{name}.json').write_text(text, 'utf-8')
+
+
 def main() -> int:
     """Kill, check, tell."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1] if __doc__ else '')
@@ -156,16 +166,7 @@ def main() -> int:
                     path.unlink()
         finally:
             stand.close()
-    result = {
-        'kills': arguments.kills,
-        'minutes': round((time.monotonic() - begun) / 60, 1),
-        'loaded': dict(seen),
-        'broken': broken,
-    }
-    print(json.dumps(result, indent=1))
-    out = Path(__file__).resolve().parent.parent / 'out'
-    out.mkdir(exist_ok=True)
-    (out / 'kills.json').write_text(json.dumps(result, indent=1), 'utf-8')
+    tell('kills', begun, {'kills': arguments.kills, 'loaded': dict(seen), 'broken': broken})
     return 1 if broken or not seen['states'] else 0
 
 

@@ -13,14 +13,13 @@ import argparse
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
-import json
 from pathlib import Path
 import shutil
 import sys
 import tempfile
 import time
 
-from kills import check_files, WRITING_S, written
+from kills import check_files, tell, WRITING_S, written
 import numpy as np
 from stand import GAINS, message, NOISE, own_domain, Stand
 
@@ -166,16 +165,8 @@ def main() -> int:
                 seen['lives that changed the live model'] += live != before
             left = [(data / 'days' / each.name).exists() for each in (found / 'days').iterdir()]
             seen['lives in which days were removed'] += not all(left)
-    result = {
-        'kills': arguments.kills,
-        'minutes': round((time.monotonic() - begun) / 60, 1),
-        'loaded': dict(seen),
-        'broken': broken,
-    }
-    print(json.dumps(result, indent=1))
-    out = Path(__file__).resolve().parent.parent / 'out'
-    out.mkdir(exist_ok=True)
-    (out / 'learning_kills.json').write_text(json.dumps(result, indent=1), 'utf-8')
+    result = {'kills': arguments.kills, 'loaded': dict(seen), 'broken': broken}
+    tell('learning_kills', begun, result)
     return 1 if broken or not seen['days'] else 0
 
 
