@@ -7,7 +7,9 @@ tares have to be understood before payloads are, and what is left are contrasts 
 which only payloads and contacts make.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -62,18 +64,26 @@ def _by_state(cells: Cells, states: IntArray, count: int) -> FloatArray:
     return np.asarray(chosen.reshape(*states.shape, 3 * count))
 
 
-def _parabolas(cells: int) -> FloatArray:
-    """Draw Legendre polynomials over a block, (B, P)."""
+@lru_cache(maxsize=8)
+def _parabolas(cells: int) -> tuple[FloatArray, FloatArray]:
+    """Draw Legendre polynomials over a block, (B, P), and their products, (B, P²)."""
     share = (np.arange(cells) + 0.5) / cells * 2 - 1
-    return np.asarray(np.polynomial.legendre.legvander(share, _POWERS - 1), dtype=float)
+    phi = np.asarray(np.polynomial.legendre.legvander(share, _POWERS - 1), dtype=float)
+    return phi, (phi[:, :, None] * phi[:, None]).reshape(cells, -1)
+
+
+def _normal(weights: FloatArray) -> FloatArray:
+    """Sum weighted products of the polynomials over every block, (n, P, P)."""
+    _, products = _parabolas(weights.shape[1])
+    return np.asarray((weights @ products).reshape(-1, _POWERS, _POWERS))
 
 
 def _eliminated(z: FloatArray, weights: FloatArray) -> FloatArray:
     """Sum products of columns over blocks, parabolas eliminated in each."""
-    phi = _parabolas(z.shape[1])
+    phi, _ = _parabolas(z.shape[1])
     weighted = weights[..., None] * z
     crossed = phi.T @ weighted
-    inner = np.einsum('bp,nb,bq->npq', phi, weights, phi) + 1e-9 * np.eye(_POWERS)
+    inner = _normal(weights) + 1e-9 * np.eye(_POWERS)
     own = np.einsum('nbi,nbj->ij', weighted, z, optimize=True)
     taken = np.einsum('npi,npj->ij', crossed, np.linalg.solve(inner, crossed))
     return np.asarray(own - taken)
@@ -81,22 +91,22 @@ def _eliminated(z: FloatArray, weights: FloatArray) -> FloatArray:
 
 def leveled(values: FloatArray, weights: FloatArray) -> FloatArray:
     """Fit parabolas to weighted values (n, B, A), and draw them."""
-    phi = _parabolas(values.shape[1])
-    inner = np.einsum('bp,nb,bq->npq', phi, weights, phi) + 1e-6 * np.eye(_POWERS)
+    phi, _ = _parabolas(values.shape[1])
+    inner = _normal(weights) + 1e-6 * np.eye(_POWERS)
     return np.asarray(phi @ np.linalg.solve(inner, phi.T @ (weights[..., None] * values)))
 
 
-def residual_norms(cells: Cells, fit: Fit, levels: FloatArray) -> FloatArray:
-    """Norms over the axes, per axis, of what each state leaves in each cell, (K, n, B)."""
-    rest = (cells.wrench - levels) / fit.noise
-    left = [rest - cells.force @ (gains / fit.noise) for gains in fit.gains]
-    return np.array([np.sqrt(np.einsum('nbi,nbi->nb', e, e) / cells.axes) for e in left])
+def held(each: Sequence[FloatArray], states: IntArray) -> FloatArray:
+    """Choose what belongs to the state that holds in a cell, (n, B, A)."""
+    chosen = each[0]
+    for state, values in enumerate(each[1:], 1):
+        chosen = np.where((states == state)[..., None], values, chosen)
+    return chosen
 
 
 def weight_of(cells: Cells, fit: Fit) -> FloatArray:
     """Weigh every cell's payload, (n, B, A)."""
-    each = [cells.force @ gains for gains in fit.gains]
-    return np.choose(fit.states[..., None], each) if len(each) > 1 else each[0]
+    return held([cells.force @ gains for gains in fit.gains], fit.states)
 
 
 def rescaled(cells: Cells, fit: Fit) -> Fit:

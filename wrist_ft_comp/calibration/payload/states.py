@@ -6,7 +6,7 @@ Contacts are outliers of all axes of a cell at once, and lose their weight by
 more is believed where it explains more of blocks that it was not fitted to.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -19,9 +19,9 @@ from wrist_ft_comp.calibration.payload.gains import (
     bodies_of,
     contrast,
     Fit,
+    held,
     leveled,
     rescaled,
-    residual_norms,
     solve,
     weight_of,
 )
@@ -95,14 +95,12 @@ def follow_closely(cells: Cells, fit: Fit) -> Fit:
     def cut(values: NDArray[Any]) -> NDArray[Any]:
         return values.reshape(blocks * parts, length // parts, *values.shape[2:])
 
-    short = Cells(cut(cells.wrench), cut(cells.force), cut(cells.usable))
-    found = _turn(short, replace(fit, states=cut(fit.states)), cut(fit.levels), 4 * TUNING)
+    usable, rests = cut(cells.usable), [cut(rest) for rest in _rests(cells, fit)]
+    states, weights = _turn(rests, usable, cut(fit.levels / fit.noise), 4 * TUNING)
     for width in (2 * TUNING, TUNING, TUNING):
-        found = _turn(short, found, _followed(short, found), width)
+        states, weights = _turn(rests, usable, leveled(held(rests, states), weights), width)
     return replace(
-        fit,
-        states=found.states.reshape(blocks, length),
-        weights=found.weights.reshape(blocks, length),
+        fit, states=states.reshape(blocks, length), weights=weights.reshape(blocks, length)
     )
 
 
@@ -120,56 +118,66 @@ def explained(cells: Cells, gains: FloatArray, noise: FloatArray) -> Fit:
 
 
 def _followed(cells: Cells, fit: Fit) -> FloatArray:
-    """Start from levels that the states and weights of a fit give."""
-    return leveled(cells.wrench - weight_of(cells, fit), fit.weights)
+    """Start from levels that the states and weights of a fit give, by the noise."""
+    return leveled((cells.wrench - weight_of(cells, fit)) / fit.noise, fit.weights)
 
 
 def _everywhere(cells: Cells, fit: Fit) -> list[FloatArray]:
-    """Start from the levels that each state gives if it is on everywhere."""
-    return [leveled(cells.wrench - cells.force @ a, cells.usable.astype(float)) for a in fit.gains]
+    """Start from the levels that each state gives if it is on everywhere, by the noise."""
+    return [leveled(rest, cells.usable.astype(float)) for rest in _rests(cells, fit)]
 
 
 def _windows(cells: Cells, fit: Fit, width: float) -> Iterator[FloatArray]:
-    """Start from medians over parts of the blocks: contacts are not in all of them."""
-    for gains in fit.gains:
-        rest = np.where(cells.usable[..., None], cells.wrench - cells.force @ gains, np.nan)
-        for window in np.array_split(rest, _WINDOWS, axis=1):
+    """Start from medians over parts of the blocks, by the noise: contacts are not in all."""
+    rests = _rests(cells, fit)
+    for rest in rests:
+        known = np.where(cells.usable[..., None], rest, np.nan)
+        for window in np.array_split(known, _WINDOWS, axis=1):
             some = np.isfinite(window[..., 0]).any(axis=1)
             level = np.zeros((len(rest), 1, cells.axes))
             level[some, 0] = np.nanmedian(window[some], axis=1)
-            yield _followed(cells, _turn(cells, fit, level, 4 * width))
+            states, weights = _turn(rests, cells.usable, level, 4 * width)
+            yield leveled(held(rests, states), weights)
 
 
-def _turn(cells: Cells, fit: Fit, levels: FloatArray, width: float) -> Fit:
-    """Give every cell the state that explains it best, and a weight."""
-    each = residual_norms(cells, fit, levels)
-    weights = _redescend(each.min(axis=0), cells.usable, width)
-    return replace(fit, states=each.argmin(axis=0), weights=weights, levels=levels)
+def _rests(cells: Cells, fit: Fit) -> list[FloatArray]:
+    """Give the wrench without the weight of each state, by the noise, (n, B, A) each."""
+    return [(cells.wrench - cells.force @ gains) / fit.noise for gains in fit.gains]
+
+
+def _turn(
+    rests: Sequence[FloatArray], usable: BoolArray, levels: FloatArray, width: float
+) -> tuple[IntArray, FloatArray]:
+    """Give every cell the state that explains it best, and a weight, (n, B) each."""
+    states = np.zeros(usable.shape, dtype=np.int64)
+    least: FloatArray = np.full(usable.shape, np.inf)
+    for state, rest in enumerate(rests):
+        left = rest - levels
+        square = np.einsum('nbi,nbi->nb', left, left)
+        states[square < least] = state
+        least = np.minimum(square, least)
+    weights = usable / (1 + least / (rests[0].shape[2] * width**2)) ** 2
+    return states, weights
 
 
 def _assign(cells: Cells, fit: Fit, width: float, starts: Iterable[FloatArray], turns: int) -> Fit:
     """Give every cell the state that explains it best, in each block from the best levels."""
-    best = fit
+    rests, usable = _rests(cells, fit), cells.usable
+    best_states, best_weights, best_levels = fit.states, fit.weights, fit.levels / fit.noise
     cost: FloatArray = np.full(len(cells.wrench), np.inf)
-    for levels in starts:
-        found = _turn(cells, fit, levels, width)
+    for start in starts:
+        levels = start
+        states, weights = _turn(rests, usable, levels, width)
         for _ in range(turns - 1):
-            found = _turn(cells, fit, _followed(cells, found), width)
-        lost = _loss(found.weights, cells.usable)
+            levels = leveled(held(rests, states), weights)
+            states, weights = _turn(rests, usable, levels, width)
+        lost = _loss(weights, usable)
         better = (lost < cost - 1.0)[:, None]
         cost = np.where(better[:, 0], lost, cost)
-        best = replace(
-            best,
-            states=np.where(better, found.states, best.states),
-            weights=np.where(better, found.weights, best.weights),
-            levels=np.where(better[..., None], found.levels, best.levels),
-        )
-    return best
-
-
-def _redescend(norm: FloatArray, usable: BoolArray, width: float) -> FloatArray:
-    """Robust weights of cells, (n, B)."""
-    return np.asarray(usable / (1 + (norm / width) ** 2) ** 2)
+        best_states = np.where(better, states, best_states)
+        best_weights = np.where(better, weights, best_weights)
+        best_levels = np.where(better[..., None], levels, best_levels)
+    return replace(fit, states=best_states, weights=best_weights, levels=best_levels * fit.noise)
 
 
 def _loss(weights: FloatArray, usable: BoolArray) -> FloatArray:
