@@ -8,7 +8,7 @@ import pytest
 
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.files import model_store
-from wrist_ft_comp.files.model_store import MAX_HISTORY, MAX_RECORDINGS, ModelStore, own_directory
+from wrist_ft_comp.files.model_store import MAX_HISTORY, MAX_RECORDINGS, ModelStore, node_directory
 
 
 @pytest.fixture
@@ -127,7 +127,7 @@ def test_a_relative_name_is_looked_up_in_the_folder_first(store, tmp_path, monke
 def test_a_node_without_a_folder_gets_one_below_ros_home(monkeypatch, home, base):
     monkeypatch.setenv('HOME', '/home/user')
     monkeypatch.setenv('ROS_HOME', home)
-    directory = model_store.default_directory('/left/arm/wrist_ft_comp')
+    directory = model_store.node_directory('', '', '/left/arm/wrist_ft_comp')
     assert directory == Path(base) / 'wrist_ft_comp/left__arm__wrist_ft_comp'
 
 
@@ -183,8 +183,8 @@ def test_whether_a_folder_takes_something_is_found_out_without_a_trace(store, tm
 def test_a_nodes_folder_is_absolute(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv('HOME', str(tmp_path))
-    assert own_directory('data', 'left') == tmp_path / 'data/left'
-    assert own_directory('~/data') == tmp_path / 'data'
+    assert node_directory('data', 'left') == tmp_path / 'data/left'
+    assert node_directory('~/data') == tmp_path / 'data'
     with pytest.raises(SettingsError, match='nobody here has a home of that name'):
-        own_directory('~nobody_here/data')
-    assert own_directory('x' * 300).name == 'x' * 300
+        node_directory('~nobody_here/data')
+    assert node_directory('x' * 300).name == 'x' * 300

@@ -55,7 +55,8 @@ def example(end_ns=5, saved_ns=7):
 
 
 def plain(state):
-    return state_file._document(state)
+    kind = state_file.KIND
+    return {'format': kind.says, 'version': kind.version, **state_file._document(state)}
 
 
 @settings(

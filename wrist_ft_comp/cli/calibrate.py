@@ -1,7 +1,6 @@
 """wrist_ft_comp calibrate: recordings to a model."""
 
 import argparse
-from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
 
@@ -15,7 +14,7 @@ from wrist_ft_comp.cli.calibration_job import (
     report_job,
     run_job,
 )
-from wrist_ft_comp.cli.tables import chamber_table_text, figures_json, payloads_json, verdict_text
+from wrist_ft_comp.cli.tables import chamber_table_text, payloads_json, verdict_text
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.files.chamber_table import is_chamber_table
 from wrist_ft_comp.files.job_request import CalibrationJob
@@ -157,15 +156,15 @@ def _as_json(
                 'chosen': fit.chosen,
                 'rms_before': fit.rms_before,
                 'rms_after': fit.rms_after,
-                'time_constants_s': list(fit.time_constants_s),
-                'candidates': [asdict(candidate) for candidate in fit.candidates],
-                'notes': list(fit.notes),
+                'time_constants_s': fit.time_constants_s,
+                'candidates': fit.candidates,
+                'notes': fit.notes,
             }
             for axis, fit in calibration.fits.items()
         },
-        'temperature_range_c': calibration.temperature_range_c.tolist(),
+        'temperature_range_c': calibration.temperature_range_c,
         'duration_s': calibration.duration_s,
         'payloads': payloads_json(calibration.payloads.payloads if calibration.payloads else {}),
-        'warnings': list(calibration.warnings),
-        'chamber_tables': figures_json(tables),
+        'warnings': calibration.warnings,
+        'chamber_tables': tables,
     }

@@ -10,7 +10,7 @@ the node is killed, the process ends.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import json
 import os
 from pathlib import Path
@@ -29,14 +29,13 @@ from wrist_ft_comp.calibration.chamber import (
     leave_one_temperature_out,
 )
 from wrist_ft_comp.calibration.result import Calibration
-from wrist_ft_comp.cli.learning.job import answer_learning
+from wrist_ft_comp.cli.learning.job import answer_learning, keep_payloads
 from wrist_ft_comp.cli.options import part_of
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.job_request import CalibrationJob, decode_job, UNTIL_CLOSED
 from wrist_ft_comp.files.model_file import save_model
-from wrist_ft_comp.files.payload_file import add_payloads, PAYLOADS
 from wrist_ft_comp.files.recordings import BAG, hash_recording, kind_of, read_recording
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import Progress, Recording, Topics
@@ -64,12 +63,7 @@ def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome
     calibration = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
     sources = [{'path': str(path), 'sha256': hash_recording(path)} for path in used]
     provenance: dict[str, object] = {'recordings': sources}
-    if learnt := calibration.payloads:
-        path = job.output.with_name(PAYLOADS)
-        frame = replace(learnt.frame, source=job.topics.force_source)
-        added = add_payloads(path, job.output.stem, learnt.payloads.values(), frame)
-        named = dict(zip(added, learnt.payloads.values(), strict=True))
-        calibration = replace(calibration, payloads=replace(learnt, payloads=named))
+    calibration = keep_payloads(job, calibration)
     if job.topics != Topics() or any(kind_of(path) == BAG for path in used):
         provenance['temperature_topics'] = list(job.topics.temperatures)
     stored = save_model(job.output, calibration, provenance)

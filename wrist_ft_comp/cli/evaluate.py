@@ -2,21 +2,12 @@
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 from wrist_ft_comp.calibration.chamber import chamber_figures, compensate_table
 from wrist_ft_comp.calibration.payload.at_work import learn_at_work
-from wrist_ft_comp.cli import options, paths
-from wrist_ft_comp.cli.tables import (
-    chamber_table_text,
-    figures_json,
-    print_warnings,
-    range_warnings,
-    table_text,
-    verdict_text,
-    verdicts_json,
-)
+from wrist_ft_comp.cli import options, paths, tables
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.model_file import load_model
@@ -74,15 +65,15 @@ def run(arguments: argparse.Namespace) -> int:
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
     if arguments.json:
         figures = _as_json(arguments, stored, pooled, judged)
-        also = {'verdicts': verdicts_json(verdicts), 'warnings': view.warnings}
+        also = {'verdicts': tables.verdicts_json(verdicts), 'warnings': view.warnings}
         options.print_json({**figures, **also})
     else:
         units = {axis.axis: axis.unit for axis in view.axes}
-        print(f'{evaluation_text(pooled, units)}\n\n{verdict_text(verdicts)}')
+        print(f'{evaluation_text(pooled, units)}\n\n{tables.verdict_text(verdicts)}')
         for path, each in zip(arguments.recordings, judged, strict=True):
             if each.figures:
-                print(f'\n{path}\n{chamber_table_text(each.figures)}')
-    print_warnings(view.warnings)
+                print(f'\n{path}\n{tables.chamber_table_text(each.figures)}')
+    tables.print_warnings(view.warnings)
     if arguments.report:
         write_report(arguments.report, page(view))
         if not arguments.json:
@@ -104,7 +95,7 @@ def _judge(
     )
     is_table = path.is_file() and is_chamber_table(path)
     reference: Reference = arguments.reference or ('recorded' if is_table else 'unloaded')
-    warnings = (*recording.warnings, *range_warnings(stored, recording))
+    warnings = (*recording.warnings, *tables.range_warnings(stored, recording))
     compared, true = recording, reference
     if reference == 'payload':
         work = learn_at_work([recording])
@@ -134,7 +125,7 @@ def _unknown_payloads(
 
 def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]) -> str:
     """Put an evaluation into a table."""
-    return table_text(
+    return tables.table_text(
         ['axis', 'unit', 'RMS before', 'after', 'peak before', 'after', 'RMS ratio'],
         [
             [axis, units[axis], *(f'{figure:.4g}' for figure in vars(e).values()),
@@ -156,19 +147,17 @@ def _as_json(
         'model': str(stored.path),
         'sha256': stored.sha256,
         'tare_s': arguments.tare,
-        'axes': {axis: asdict(e) for axis, e in pooled.items()},
+        'axes': pooled,
         'recordings': [
             {
                 'name': each.recording.name,
                 'path': str(path),
                 'reference': each.reference,
                 'duration_s': each.recording.duration_s,
-                'axes': {axis: asdict(e) for axis, e in judge_errors([each.errors]).items()},
-                'warnings': list(each.recording.warnings),
+                'axes': judge_errors([each.errors]),
+                'warnings': each.recording.warnings,
             }
             for path, each in zip(arguments.recordings, judged, strict=True)
         ],
-        'chamber_tables': figures_json(
-            {path: each.figures for path, each in by_path.items() if each.figures}
-        ),
+        'chamber_tables': {path: each.figures for path, each in by_path.items() if each.figures},
     }

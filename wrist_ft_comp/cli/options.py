@@ -13,6 +13,8 @@ from typing import Any, get_args, TypeAlias
 
 from tqdm import tqdm
 
+from wrist_ft_comp.files.documents import plain
+from wrist_ft_comp.model.ranges import range_words
 from wrist_ft_comp.model.signals import Progress, Reference, Topics
 from wrist_ft_comp.model.temperature_source import parse_sources
 
@@ -69,7 +71,7 @@ def number(low: float, high: float = math.inf) -> Callable[[str], float]:
             value = math.nan
         if math.isfinite(value) and low <= value <= high:
             return value
-        limits = f'from {low:g} to {high:g}' if high < math.inf else f'of at least {low:g}'
+        limits = range_words(low, high)
         raise argparse.ArgumentTypeError(f'expected a number {limits}, got {text!r}')
 
     return parse
@@ -148,16 +150,7 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 def print_json(value: object) -> None:
     """Print JSON for scripts; numbers that are not finite become null."""
-    print(json.dumps(_finite(value), indent=1, allow_nan=False, default=str))
-
-
-def _finite(value: object) -> object:
-    """Put None in the place of numbers that JSON does not know."""
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    print(json.dumps(plain(value), indent=1, allow_nan=False, default=str))
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict
 import json
 from pathlib import Path
 import shlex
@@ -100,8 +99,8 @@ def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, obje
         diary, memory = survey(folder), Memory()
         with suppress(StateFileError):  # which the node has told, and begins anew
             memory = load_memory(folder) or memory
-        days = [{**asdict(each), 'known': sorted(each.known)} for each in diary.days]
-        document[str(folder)] = {**asdict(diary), 'days': days, 'node': asdict(memory)}
+        days = [{**vars(each), 'known': sorted(each.known)} for each in diary.days]
+        document[str(folder)] = {**vars(diary), 'days': days, 'node': memory}
         texts.append(days_text(folder, diary, memory))
     if picture:
         from wrist_ft_comp.report.days_picture import days_png  # noqa: PLC0415 -- matplotlib
@@ -281,8 +280,7 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
 
 def _as_json(summary: RecordingSummary, path: Path) -> dict[str, object]:
     """Everything a script may want; of a bag, rates and commands, too."""
-    document = asdict(summary)
-    for each, candidate in zip(document['candidates'], summary.candidates, strict=True):
-        each['rate_hz'] = candidate.rate_hz
+    candidates = [{**vars(each), 'rate_hz': each.rate_hz} for each in summary.candidates]
     usable = summary.candidates and not _lacks(summary)
-    return {**document, 'commands': _commands(summary, path) if usable else []}
+    commands = _commands(summary, path) if usable else []
+    return {**vars(summary), 'candidates': candidates, 'commands': commands}

@@ -1,7 +1,6 @@
 """What the commands print: tables, verdicts, warnings, and the same for scripts."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from itertools import zip_longest
 from pathlib import Path
 import sys
@@ -110,16 +109,6 @@ def chamber_table_text(columns: Mapping[str, ChamberFigures]) -> str:
             for name, title in FIGURE_TITLES.items()
         ],
     )
-
-
-def figures_json(
-    tables: Mapping[str, Mapping[str, ChamberFigures]],
-) -> dict[str, dict[str, dict[str, float]]]:
-    """Turn figures of chamber tables, by path and title, into plain values: %FS and %FS/°C."""
-    return {
-        path: {title: asdict(figures) for title, figures in columns.items()}
-        for path, columns in tables.items()
-    }
 
 
 def print_warnings(sentences: Iterable[str]) -> None:

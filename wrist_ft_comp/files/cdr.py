@@ -72,13 +72,10 @@ class Layout:
 
 
 def locate(data: bytes, count: int) -> Layout:
-    """
-    Find out where the parts of a message lie, checking that it is such a message.
-
-    It is serialized, with its 4-byte encapsulation header, and so many doubles follow its header.
-    All that are laid out alike share one layout. RecordingError, which names neither file nor
-    topic, when the bytes are no such message.
-    """
+    """Find out where the parts of a message lie, checking that it is such a message."""
+    # It is serialized, with its 4-byte encapsulation header, and so many doubles follow its
+    # header. All that are laid out alike share one layout. RecordingError, which names neither
+    # file nor topic, when the bytes are no such message.
     return _layout(len(data), data[:2], data[12:_FRAME], count)
 
 

@@ -6,7 +6,7 @@ end may be only the beginning of what was to be written: if it is incomplete it 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 import csv
 from dataclasses import dataclass
 from decimal import Decimal
@@ -19,6 +19,7 @@ import re
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.files.documents import writing
 from wrist_ft_comp.model.columns import (
     channel_groups,
     mistyped_columns,
@@ -295,7 +296,9 @@ class CsvRecordingWriter:
     def __init__(self, path: Path, channels: Sequence[str], *, go_on: bool = False) -> None:
         self._path = path
         self._width = len(channels)
-        with self._translated():
+        if path.exists() and not go_on:
+            raise RecordingError(f'{path} exists already; name a new file.')
+        with writing(self._path):
             self._file = path.open('a' if go_on else 'x', encoding='utf-8', newline='')
         self._rows = csv.writer(self._file, lineterminator='\n')
         if go_on:
@@ -321,7 +324,7 @@ class CsvRecordingWriter:
 
     def sync(self) -> None:
         """Wait until the disk holds everything, so that a power failure takes nothing of it."""
-        with self._translated():
+        with writing(self._path):
             os.fsync(self._file.fileno())
 
     def close(self) -> None:
@@ -331,21 +334,11 @@ class CsvRecordingWriter:
         try:
             self.sync()
         finally:
-            with self._translated():
+            with writing(self._path):
                 self._file.close()
 
     def _write(self, row: Sequence[object]) -> None:
         """Write a row through to the operating system."""
-        with self._translated():
+        with writing(self._path):
             self._rows.writerow(row)
             self._file.flush()
-
-    @contextmanager
-    def _translated(self) -> Iterator[None]:
-        """Turn what the operating system refuses into a RecordingError."""
-        try:
-            yield
-        except FileExistsError as error:
-            raise RecordingError(f'{self._path} exists already; name a new file.') from error
-        except OSError as error:
-            raise RecordingError(f'{self._path} cannot be written: {error.strerror}.') from error

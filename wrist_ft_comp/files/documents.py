@@ -1,7 +1,8 @@
 """What the package's own files share: atomic writing, a bound on their size, a schema."""
 
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, fields, is_dataclass
 import errno
 from functools import cache
 from importlib import resources
@@ -11,6 +12,8 @@ from pathlib import Path
 import tempfile
 import time
 from typing import Any
+
+import numpy as np
 
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 
@@ -77,6 +80,15 @@ def _sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn what the operating system says of a file being written into a RecordingError."""
+    try:
+        yield
+    except OSError as error:
+        raise RecordingError(f'{path} cannot be written: {error.strerror}.') from error
+
+
 def write_report(path: Path, content: str | bytes, what: str = 'report') -> None:
     """Write a report, HTML, or a picture, PNG; an existing one is replaced in one step."""
     try:
@@ -86,6 +98,25 @@ def write_report(path: Path, content: str | bytes, what: str = 'report') -> None
             f'The {what} {path} cannot be written: {error.strerror}. Choose a folder that can be '
             'written to, or make room.'
         ) from error
+
+
+def plain(value: Any) -> Any:
+    """Turn records and arrays into plain values; an unknown number is none, for want of a NaN."""
+    if is_dataclass(value):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {key: plain(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [plain(each) for each in value]
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def tuples(value: Any) -> Any:
+    """Turn the lists of a JSON value back into the tuples they were."""
+    if isinstance(value, dict):
+        return {key: tuples(each) for key, each in value.items()}
+    return tuple(tuples(each) for each in value) if isinstance(value, list) else value
 
 
 def _refuse_constant(name: str) -> None:
@@ -146,6 +177,11 @@ class Kind:
         except OSError as error:
             reason = self.unwritable.format(path=path, reason=error.strerror)
             raise self.error(reason) from error
+
+    def write_json(self, path: Path, content: Document, indent: int | None = 1) -> None:
+        """Write values as a JSON file of this kind and version."""
+        document = {'format': self.says, 'version': self.version, **content}
+        self.write(path, json.dumps(document, indent=indent, allow_nan=False))
 
     def load_json(self, path: Path) -> Document | None:
         """Read and check a JSON file; None when there is none."""

@@ -3,9 +3,9 @@
 from dataclasses import asdict, dataclass, field
 import json
 from pathlib import Path
-from typing import Any
 
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.files.documents import tuples
 from wrist_ft_comp.model.arx import Orders
 from wrist_ft_comp.model.signals import Topics
 
@@ -61,7 +61,7 @@ def encode_job(job: CalibrationJob) -> str:
 
 def decode_job(text: str) -> CalibrationJob:
     """Read a job that encode_job wrote."""
-    job = _with_tuples(json.loads(text))
+    job = tuples(json.loads(text))
     settings = job['settings']
     identification = settings['identification']
     identification['orders'] = Orders(**identification['orders'])
@@ -81,10 +81,3 @@ def decode_job(text: str) -> CalibrationJob:
             'learning': learning,
         }
     )
-
-
-def _with_tuples(value: Any) -> Any:
-    """Turn the lists of a JSON value back into the tuples they were."""
-    if isinstance(value, dict):
-        return {key: _with_tuples(each) for key, each in value.items()}
-    return tuple(_with_tuples(each) for each in value) if isinstance(value, list) else value

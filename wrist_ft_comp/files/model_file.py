@@ -6,7 +6,6 @@ time constants) and where it came from. Numbers are written so that they read ba
 """
 
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
 from datetime import datetime, timezone
 import hashlib
 from pathlib import Path
@@ -19,7 +18,7 @@ import yaml
 import wrist_ft_comp
 from wrist_ft_comp.calibration.result import AxisFit, Calibration
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.files.documents import beginning, Kind
+from wrist_ft_comp.files.documents import beginning, Kind, plain
 from wrist_ft_comp.model.arx import Arx
 from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
@@ -151,28 +150,22 @@ def _build_model(document: Document) -> DriftModel:
 def _build_axis(entry: Document, thermometers: int) -> AxisModel:
     """Build one axis from a checked document."""
     features, dynamics = entry['features'], entry['dynamics']
-    inputs, latents = len(dynamics['input_mean']), len(dynamics['latents'])
-    outputs = len(dynamics['output_mean'])
     filtered = (thermometers * max(len(entry['filters']), 1),)
-    shapes: dict[str, tuple[int, ...]] = {
-        'input_mean': (inputs,),
-        'input_weight': (inputs,),
-        'rotations': (inputs, latents),
-        'output_loadings': (outputs, latents),
-        'output_weight': (outputs,),
-        'output_mean': (outputs,),
-    }
+    blocks = (
+        'input_mean', 'input_weight', 'rotations', 'output_loadings', 'output_weight',
+        'output_mean',
+    )  # fmt: skip
     return AxisModel(
         Features(
             kind=features['kind'],
             degree=features['degree'],
             beyond=features.get('beyond', 'clamped'),
-            knots_c=tuple(_array('knots_c', k, (len(k),)) for k in features['knots_c']),
+            knots_c=tuple(_array('knots_c', knots) for knots in features['knots_c']),
             **{k: _array(k, features[k], filtered) for k in ('reference_c', 'lower_c', 'upper_c')},
         ),
         ArxPls(
             latents=tuple(_build_arx(latent) for latent in dynamics['latents']),
-            **{key: _array(key, dynamics[key], shape) for key, shape in shapes.items()},
+            **{key: _array(key, dynamics[key]) for key in blocks},
         ),
         tuple(_build_arx(each) for each in entry['filters']),
     )
@@ -180,20 +173,16 @@ def _build_axis(entry: Document, thermometers: int) -> AxisModel:
 
 def _build_arx(entry: Document) -> Arx:
     """Build one filter or latent."""
-    return Arx(
-        _array('a', entry['a'], (len(entry['a']),)),
-        _array('b', entry['b'], (len(entry['b']),)),
-        entry['first_lag'],
-    )
+    return Arx(_array('a', entry['a']), _array('b', entry['b']), entry['first_lag'])
 
 
-def _array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
-    """Turn nested lists into a finite array of a given shape."""
+def _array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> FloatArray:
+    """Turn nested lists into a finite array, of a given shape where the record can't check it."""
     try:
         array = np.array(values, dtype=float)
     except (ValueError, OverflowError) as error:
-        raise ModelFileError(f'{name} must have shape {shape}; restore the file.') from error
-    if array.shape != shape:
+        raise ModelFileError(f'{name} must be an array of numbers; restore the file.') from error
+    if shape not in {None, array.shape}:
         raise ModelFileError(
             f'{name} must have shape {shape}; got {array.shape}. Restore the file.'
         )
@@ -249,7 +238,7 @@ def save_model(
                 'scipy': version('scipy'),
             },
             'recordings': [{'path': source} for source in calibration.sources],
-            'settings': _plain(calibration.settings),
+            'settings': plain(calibration.settings),
             **(provenance or {}),
         },
         'axes': {axis: _axis_document(fit) for axis, fit in calibration.fits.items()},
@@ -278,27 +267,8 @@ _Dumper.add_representer(list, _represent_list)
 
 def _axis_document(fit: AxisFit) -> Document:
     """Turn one axis into plain values, as the schema's "axis"."""
-    return {
-        'chosen': fit.chosen,
-        'unit': fit.unit,
-        'rms_before': fit.rms_before,
-        'rms_after': fit.rms_after,
-        'reason': fit.reason,
-        'time_constants_s': list(fit.time_constants_s),
-        'time_constant_errors_s': _plain(fit.time_constant_errors_s),
-        'terms': _plain(fit.terms),
-        'notes': list(fit.notes),
-        'candidates': _plain(fit.candidates),
-        'model': _plain(fit.model),
-    }
-
-
-def _plain(value: Any) -> Any:
-    """Turn records and arrays into plain values; an unknown number is none, for want of a NaN."""
-    if is_dataclass(value):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    names = (
+        'chosen', 'unit', 'rms_before', 'rms_after', 'reason', 'time_constants_s',
+        'time_constant_errors_s', 'terms', 'notes', 'candidates', 'model',
+    )  # fmt: skip
+    return {name: plain(getattr(fit, name)) for name in names}

@@ -148,14 +148,12 @@ class ModelStore:
         return str(resolved.relative_to(base) if resolved.is_relative_to(base) else resolved)
 
 
-def default_directory(node_name: str) -> Path:
-    """Choose the folder of a node, by its full name: below ROS_HOME, or else below ``~/.ros``."""
-    home = _expanded(os.environ.get('ROS_HOME') or '~/.ros')
-    return home / 'wrist_ft_comp' / node_name.strip('/').replace('/', '__')
-
-
-def own_directory(shared: str, sensor: str = '') -> Path:
-    """Find a node's folder in one that a person named; SettingsError without a home for ``~``."""
+def node_directory(shared: str, sensor: str = '', node_name: str = '') -> Path:
+    """Choose the folder of a node; SettingsError without a home for ``~``."""
+    # For a sensor, in one that a person named; else by its full name below ROS_HOME or ``~/.ros``.
+    if not shared:
+        home = _expanded(os.environ.get('ROS_HOME') or '~/.ros')
+        return home / 'wrist_ft_comp' / node_name.strip('/').replace('/', '__')
     try:
         return Path(shared, sensor).expanduser().absolute()
     except RuntimeError as error:

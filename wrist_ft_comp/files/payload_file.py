@@ -5,7 +5,6 @@ A name is never given to another payload: a program may have set it as ``payload
 """
 
 from collections.abc import Iterable
-import json
 from pathlib import Path
 import re
 
@@ -44,8 +43,7 @@ def add_payloads(
         f'{stem}-{n}': {**payload_figures(each), **turned}
         for n, each in enumerate(payloads, first)
     }
-    document = {'format': KIND.says, 'version': KIND.version, 'payloads': {**entries, **added}}
-    KIND.write(path, json.dumps(document, indent=1, allow_nan=False))
+    KIND.write_json(path, {'payloads': {**entries, **added}})
     return list(added)
 
 

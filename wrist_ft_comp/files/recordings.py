@@ -25,7 +25,8 @@ from wrist_ft_comp.files.bags.survey import (
 )
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
 from wrist_ft_comp.files.csv_file import CsvRecording, rewrite_csv
-from wrist_ft_comp.model.batch_grid import GridBuilder
+from wrist_ft_comp.files.documents import writing
+from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.columns import require_channels
 from wrist_ft_comp.model.payload.directions import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.model.signals import (
@@ -104,7 +105,6 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
     """
     path = Path(path)
     kind = kind_of(path)
-    builder = GridBuilder(path.name, period_s, max_bad_share)
     blocks: Iterable[Samples]
     warnings: Iterable[str]
     with ExitStack() as stack:
@@ -119,9 +119,9 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
             table = read_chamber_table(path, keep_copied_columns=keep_copied_columns)
             blocks = table.samples()
             warnings = [f'{reason} It was left out.' for _, reason in table.left_out]
-        for block in blocks:
-            builder.add(block)
-    recording = builder.build()
+        recording = grid_samples(
+            blocks, name=path.name, period_s=period_s, max_bad_share=max_bad_share
+        )
     unit = OUTPUT_UNIT if kind == TABLE else ''
     return replace(recording, warnings=(*recording.warnings, *warnings), unit=unit)
 
@@ -136,37 +136,34 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
     external: Correction | None = None,
     progress: Progress | None = None,
 ) -> tuple[str, ...]:
-    """
-    Copy a recording with its wrench corrected, into the same kind of file.
-
-    A CSV recording and a chamber table get their wrench columns replaced; a bag gets the
-    corrected wrench on a topic of its own, ``output_topic``. What ``external`` makes of the raw
-    wrench comes beside it, in columns ``external_force_x`` … or on EXTERNAL_TOPIC. The target must
-    not exist; for a bag it is a folder, or, with the suffix of the source's storage, one file.
-    ``correct`` gets consecutive pieces, NaN for absent axes. Says what was left out;
-    RecordingError when the source cannot be read or the target cannot be made, and a failure
-    leaves nothing behind.
-    """
+    """Copy a recording with its wrench corrected, into the same kind of file."""
+    # A CSV recording and a chamber table get their wrench columns replaced; a bag gets the
+    # corrected wrench on a topic of its own, ``output_topic``. What ``external`` makes of the raw
+    # wrench comes beside it, in columns ``external_force_x`` … or on EXTERNAL_TOPIC. The target
+    # must not exist; for a bag it is a folder, or, with the suffix of the source's storage, one
+    # file. ``correct`` gets consecutive pieces, NaN for absent axes. Says what was left out;
+    # RecordingError when the source cannot be read or the target cannot be made, and a failure
+    # leaves nothing behind.
     source, target = Path(source), Path(target)
     kind = kind_of(source)
     _check_target(source, target)
-    try:
-        with TemporaryDirectory(prefix=f'.{target.name}.', dir=target.parent) as folder:
-            made = Path(folder) / target.name
-            if kind == BAG:
-                with open_bag(source) as bag:
-                    outputs = {output_topic: correct}
-                    if external:
-                        outputs[EXTERNAL_TOPIC] = external
-                    warnings = rewrite_bag(bag, made, outputs, topics or Topics(), progress)
-            elif kind == CSV:
-                warnings = rewrite_csv(source, made, correct, external, progress)
-            else:
-                warnings = rewrite_table(source, made, correct)
-            _check_target(source, target)
-            made.rename(target)
-    except OSError as error:
-        raise RecordingError(f'{target} cannot be written: {error.strerror}.') from error
+    with (
+        writing(target),
+        TemporaryDirectory(prefix=f'.{target.name}.', dir=target.parent) as folder,
+    ):
+        made = Path(folder) / target.name
+        if kind == BAG:
+            with open_bag(source) as bag:
+                outputs = {output_topic: correct}
+                if external:
+                    outputs[EXTERNAL_TOPIC] = external
+                warnings = rewrite_bag(bag, made, outputs, topics or Topics(), progress)
+        elif kind == CSV:
+            warnings = rewrite_csv(source, made, correct, external, progress)
+        else:
+            warnings = rewrite_table(source, made, correct)
+        _check_target(source, target)
+        made.rename(target)
     return warnings
 
 
@@ -227,12 +224,9 @@ class RecordingSummary:
 def describe_recording(
     path: Path | str, topics: Topics | None = None, progress: Progress | None = None
 ) -> RecordingSummary:
-    """
-    Describe a recording of any kind; it need not hold all that a calibration wants.
-
-    Of a bag, the topics say which role which one has; what they don't name is chosen.
-    RecordingError when it cannot be read.
-    """
+    """Describe a recording of any kind; it need not hold all that a calibration wants."""
+    # Of a bag, the topics say which role which one has; what they don't name is chosen.
+    # RecordingError when it cannot be read.
     path = Path(path)
     kind = kind_of(path)
     if kind == BAG:

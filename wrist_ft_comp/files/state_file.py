@@ -6,7 +6,6 @@ interpreter, so the callbacks of a node go on.
 """
 
 from dataclasses import dataclass, field
-import json
 from pathlib import Path
 import threading
 import time
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp.errors import StateFileError
-from wrist_ft_comp.files.documents import Document, Kind
+from wrist_ft_comp.files.documents import Document, Kind, plain
 from wrist_ft_comp.model.drift_model import Drift
 from wrist_ft_comp.model.signals import AXES, FloatArray
 from wrist_ft_comp.stream.warm_restart import ThermalMemory
@@ -47,7 +46,7 @@ class SavedState:
 
 def save_state(path: Path, state: SavedState) -> None:
     """Write a state file, and its folder; an existing one is replaced in one step."""
-    KIND.write(path, json.dumps(_document(state), allow_nan=False))
+    KIND.write_json(path, _document(state), indent=None)
 
 
 def load_state(path: Path) -> SavedState | None:
@@ -62,23 +61,15 @@ def _document(state: SavedState) -> Document:
     thermal = memory and {
         'end_ns': memory.end_ns,
         'period_ns': memory.period_ns,
-        'temperature_c': memory.temperature_c.tolist(),
-        'filters': {axis: filters.tolist() for axis, filters in memory.filters.items()},
-        'zero': memory.compensation.zero.tolist(),
-        'sensitivity': memory.compensation.sensitivity.tolist(),
-        'history': [
-            {'cells': count, 'temperature_c': block.tolist()} for block, count in memory.history
-        ],
+        'temperature_c': memory.temperature_c,
+        'filters': memory.filters,
+        **memory.compensation._asdict(),
+        'history': [{'cells': n, 'temperature_c': block} for block, n in memory.history],
     }
-    return {
-        'format': KIND.says,
-        'version': KIND.version,
-        'saved_ns': state.saved_ns,
-        'model_sha256': state.model_sha256,
-        'tare': state.tare.tolist(),
-        **({'external_tare': state.external_tare.tolist()} if state.external_tare.any() else {}),
-        'thermal': thermal,
-    }
+    external = {'external_tare': state.external_tare} if state.external_tare.any() else {}
+    known = {'saved_ns': state.saved_ns, 'model_sha256': state.model_sha256, 'tare': state.tare}
+    document: Document = plain({**known, **external, 'thermal': thermal})
+    return document
 
 
 def _state(document: Document) -> SavedState:

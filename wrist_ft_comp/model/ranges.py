@@ -15,10 +15,14 @@ def check_range(
     inside = least < value <= most if above else least <= value <= most
     if math.isfinite(value) and inside:
         return
-    if least == -math.inf:
-        words = 'that is finite'
-    elif math.isfinite(most):
-        words = f'from {least:g} to {most:g}'
-    else:
-        words = f'above {least:g}' if above else f'of at least {least:g}'
+    words = range_words(least, most, above=above) or 'that is finite'
     raise SettingsError(f'{name} must be a number {words}; got {value}.')
+
+
+def range_words(least: float, most: float = math.inf, *, above: bool = False) -> str:
+    """Write limits behind the word number; nothing where there are none."""
+    if math.isfinite(least) and math.isfinite(most):
+        return f'from {least:g} to {most:g}'
+    if math.isfinite(least):
+        return f'above {least:g}' if above else f'of at least {least:g}'
+    return f'of at most {most:g}' if math.isfinite(most) else ''

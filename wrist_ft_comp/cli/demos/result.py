@@ -11,15 +11,9 @@ from wrist_ft_comp.cli.evaluate import evaluation_text
 from wrist_ft_comp.cli.tables import table_text
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import DemoLog
-from wrist_ft_comp.model.signals import (
-    AXES,
-    axis_unit,
-    FloatArray,
-    GRAVITY,
-    NANOSECONDS,
-)
+from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray, GRAVITY, NANOSECONDS
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, TaredErrors
-from wrist_ft_comp.report.pictures import draw_drift, DriftSeries, TemperatureSeries
+from wrist_ft_comp.report.pictures import draw_drift
 
 _TARE_S = 60.0
 #: How many times the drift of force z has to fall, and how exact the tool's mass has to be.
@@ -122,10 +116,10 @@ def draw(log: DemoLog, *, external: bool) -> Figure:
     for number, topic in enumerate(TOPICS):
         rows = (log.thermometer == number) & (log.temperature_stamps_ns > log.calibrated_ns)
         times = (log.temperature_stamps_ns[rows] - log.calibrated_ns) / NANOSECONDS
-        temperatures.append(TemperatureSeries(topic, times, log.temperature_c[rows]))
+        temperatures.append((topic, times, log.temperature_c[rows]))
     left = [raw, compensated, *([external_errors(log)] if external else [])]
     series = [
-        DriftSeries(f'{axis}, {axis_unit(axis)}', elapsed_s, *(each[:, i] for each in left))
+        (f'{axis}, {axis_unit(axis)}', elapsed_s, [each[:, i] for each in left])
         for i, axis in enumerate(AXES)
     ]
     return draw_drift(series, temperatures)

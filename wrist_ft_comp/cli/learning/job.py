@@ -95,12 +95,7 @@ def _save(
     job: CalibrationJob, better: Calibration, days: dict[str, Path], look: Callable[[str], Day]
 ) -> Answer:
     """Save a better model and its report; it is not given up because its report failed."""
-    if learnt := better.payloads:
-        path = job.output.with_name(PAYLOADS)
-        frame = replace(learnt.frame, source=job.topics.force_source)
-        added = add_payloads(path, job.output.stem, learnt.payloads.values(), frame)
-        named = dict(zip(added, learnt.payloads.values(), strict=True))
-        better = replace(better, payloads=replace(learnt, payloads=named))
+    better = keep_payloads(job, better)
     sources = [{'path': str(path), 'sha256': hash_recording(path)} for path in days.values()]
     stored = save_model(job.output, better, {'recordings': sources})
     answer = {'path': str(stored.path), 'sha256': stored.sha256, 'document': stored.document}
@@ -109,3 +104,15 @@ def _save(
             view = calibration_view(better, [look(n).drift for n in days], stored, 'payload')
             write_report(job.report, page(view))
     return answer
+
+
+def keep_payloads(job: CalibrationJob, found: Calibration) -> Calibration:
+    """Keep what a job learnt of payloads beside its model; they are called as they are there."""
+    learnt = found.payloads
+    if learnt is None:
+        return found
+    frame = replace(learnt.frame, source=job.topics.force_source)
+    payloads, path = learnt.payloads.values(), job.output.with_name(PAYLOADS)
+    names = add_payloads(path, job.output.stem, payloads, frame)
+    named = dict(zip(names, payloads, strict=True))
+    return replace(found, payloads=replace(learnt, payloads=named))

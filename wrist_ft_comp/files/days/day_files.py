@@ -6,8 +6,8 @@ decide. Values have five digits, and at least three decimals from a hundred on: 
 1 mN and 1 mK at worst, and a third less to keep than what ``~/record`` writes.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from math import isnan
 import os
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.csv_file import CsvRecordingWriter, nanoseconds
+from wrist_ft_comp.files.documents import writing
 from wrist_ft_comp.model.signals import AXES, NANOSECONDS, REFERENCE_CHANNELS
 
 #: Length of a day, silence that ends one, and what is too short to be one, ns.
@@ -73,21 +74,11 @@ def span_of(path: Path) -> Span | None:
 
 
 class DayFiles:
-    """
-    What rows of the diary are written to; RecordingError when it can take no more.
+    """What rows of the diary are written to; RecordingError when it can take no more."""
 
-    Parameters
-    ----------
-    directory : Path
-        A node's folder.
-    channels : sequence of str
-        Of the rows that come; those of a reference are left out.
-    max_bytes : float
-        No more is written when all days take as much.
-    known : str
-        Newest day that was known before; its name and older ones are not given again.
-
-    """
+    # Below a node's directory; of the rows' channels those of a reference are left out, and no
+    # more is written when all days take max_bytes. ``known`` is the newest day that was known
+    # before: its name and older ones are not given again.
 
     def __init__(
         self, directory: Path, channels: Sequence[str], max_bytes: float, known: str = ''
@@ -138,7 +129,7 @@ class DayFiles:
 
     def _begin(self, stamp_ns: int) -> DayWriter:
         """Begin a day."""
-        with _translated(self._folder):
+        with writing(self._folder):
             self._folder.mkdir(parents=True, exist_ok=True)
         self._number += 1
         self.path = self._folder / f'day_{self._number:05d}.csv'
@@ -149,7 +140,7 @@ class DayFiles:
     def _resumed(self) -> DayWriter | None:
         """Go on with the day from before a restart or a full disk, behind its last whole row."""
         path = self.path
-        with _translated(self._folder):
+        with writing(self._folder):
             span = span_of(path) if path and path.exists() else None
             if not path or not span:
                 return None
@@ -166,7 +157,7 @@ class DayFiles:
         path, self.path = self.path, None
         if path is None:
             return
-        with _translated(path):
+        with writing(path):
             if not path.exists():
                 return
             span, size = span_of(path), path.stat().st_size
@@ -185,12 +176,3 @@ def _number(name: str) -> int:
     """Read the number of a day; 0 where there is none."""
     found = re.fullmatch(r'day_(\d+)\.csv', name)
     return int(found[1]) if found else 0
-
-
-@contextmanager
-def _translated(path: Path) -> Iterator[None]:
-    """Turn what the operating system refuses into a RecordingError."""
-    try:
-        yield
-    except OSError as error:
-        raise RecordingError(f'{path} cannot be written: {error.strerror}.') from error

@@ -9,20 +9,18 @@ Only the learning job writes the diary, in one step. One that is broken or missi
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import replace
 import fcntl
-import json
 import os
 from pathlib import Path
 import tempfile
-from typing import Any
 
 import numpy as np
 
 from wrist_ft_comp.calibration.learning.challenge import worthiest
 from wrist_ft_comp.calibration.learning.entry import DayEntry, Decision, Diary
 from wrist_ft_comp.errors import ModelFileError, RecordingError
-from wrist_ft_comp.files.documents import Document, Kind
+from wrist_ft_comp.files.documents import Document, Kind, plain, tuples
 
 __all__ = ['DayEntry', 'Decision', 'Diary', 'days', 'diary_path', 'load_diary', 'save_diary']
 
@@ -60,13 +58,11 @@ def load_diary(directory: Path) -> Diary:
 def save_diary(directory: Path, diary: Diary) -> None:
     """Write a diary in one step; the oldest days are forgotten."""
     document = {
-        'format': KIND.says,
-        'version': KIND.version,
         'days': [_entry_values(entry) for entry in diary.days[-_MOST_DAYS:]],
         'decisions': [each._asdict() for each in diary.decisions[-_MOST_DECISIONS:]],
         'paused': diary.paused,
     }
-    KIND.write(diary_path(directory), json.dumps(document, indent=1, allow_nan=False))
+    KIND.write_json(diary_path(directory), document)
 
 
 def prune(directory: Path, diary: Diary, keep_days: int, max_mb: float) -> list[str]:
@@ -101,11 +97,11 @@ def alone() -> Iterator[bool]:
 
 def _entry_values(entry: DayEntry) -> Document:
     """Turn an entry into plain values; NaN is null."""
-    left = {
-        model: [None if np.isnan(each) else float(f'{each:.5g}') for each in axes]
-        for model, axes in entry.left.items()
+    rounded = {
+        model: [float(f'{each:.5g}') for each in axes] for model, axes in entry.left.items()
     }
-    return {**asdict(entry), 'known': sorted(entry.known), 'left': left}
+    values: Document = plain({**vars(entry), 'known': sorted(entry.known), 'left': rounded})
+    return values
 
 
 def _diary(document: Document) -> Diary:
@@ -117,15 +113,10 @@ def _diary(document: Document) -> Diary:
 
 def _entry(values: Document) -> DayEntry:
     """Build an entry from values that were checked."""
-    known = frozenset(_tuples(values['known']))
+    known = frozenset(tuples(values['known']))
     left = {
         model: tuple(np.nan if each is None else float(each) for each in axes)
         for model, axes in values['left'].items()
     }
-    entry = DayEntry(**{key: _tuples(value) for key, value in values.items() if key != 'left'})
+    entry = DayEntry(**{key: tuples(value) for key, value in values.items() if key != 'left'})
     return replace(entry, known=known, left=left)
-
-
-def _tuples(value: Any) -> Any:
-    """Turn the lists of a JSON value back into the tuples they were."""
-    return tuple(_tuples(each) for each in value) if isinstance(value, list) else value

@@ -1,7 +1,6 @@
 """What a node that learns by itself remembers over a restart: ``learning.json``."""
 
 from dataclasses import asdict, dataclass
-import json
 from pathlib import Path
 
 from wrist_ft_comp.errors import StateFileError
@@ -52,5 +51,4 @@ def load_memory(directory: Path) -> Memory | None:
 
 def save_memory(directory: Path, memory: Memory) -> None:
     """Write a memory in one step."""
-    document = {'format': KIND.says, 'version': KIND.version, **asdict(memory)}
-    KIND.write(memory_path(directory), json.dumps(document, indent=1))
+    KIND.write_json(memory_path(directory), asdict(memory))
