@@ -53,9 +53,7 @@ class TestNuisances:
             cells = bin_axis_data(replace(data, steps=(steps,)), 1)
             moments = accumulate(cells, bank_inputs(cells, FEATURES, STATIC), STATIC)
             moments = replace(moments, precision=cells.nuisance_precision(**more))
-            return moments.centred(moments.everything)[-1, -1] / np.sum(
-                (values - values.mean()) ** 2
-            )
+            return moments.centred()[-1, -1] / np.sum((values - values.mean()) ** 2)
 
         return left
 

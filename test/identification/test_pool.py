@@ -21,7 +21,7 @@ CELLS = 300
 def moments_of(problem):
     cells = bin_axis_data(problem, 1)
     moments = accumulate(cells, bank_inputs(cells, FEATURES, GRID_S), GRID_S)
-    return moments, moments.centred(moments.everything)
+    return moments, moments.centred()
 
 
 class TestInterpolation:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.report import pictures
-from wrist_ft_comp.report.pictures import draw_drift, DriftSeries, png_bytes, TemperatureSeries
+from wrist_ft_comp.report.pictures import draw_drift, png_bytes
 from wrist_ft_comp.report.view import ErrorSeries, ThermometerSeries
 
 XLINK = '{http://www.w3.org/1999/xlink}href'
@@ -114,10 +114,10 @@ def test_the_same_picture_is_the_same_text_and_its_description_too():
 
 def figure(axes=3, points=200, title='force'):
     t = np.linspace(0, 7200, points)
-    series = [DriftSeries(f'{title} {k}', t, t / 100 + k, np.sin(t / 500)) for k in range(axes)]
+    series = [(f'{title} {k}', t, (t / 100 + k, np.sin(t / 500))) for k in range(axes)]
     temperatures = [
-        TemperatureSeries('temperature_c', t, 20 + t / 600),
-        TemperatureSeries('temperature_2_c', t, 22 + t / 900),
+        ('temperature_c', t, 20 + t / 600),
+        ('temperature_2_c', t, 22 + t / 900),
     ]
     return draw_drift(series, temperatures)
 
@@ -171,6 +171,6 @@ def test_long_recordings_are_thinned_out_but_not_to_a_sketch():
 
 def test_more_thermometers_than_colours_are_all_drawn():
     t = np.arange(10.0)
-    drawn = draw_drift([], [TemperatureSeries(str(j), t, t + j) for j in range(9)])
+    drawn = draw_drift([], [(str(j), t, t + j) for j in range(9)])
     for picture in (drawn, pictures.temperatures_over_time(thermometers(9))):
         assert len(picture.axes[-1].lines) == 9

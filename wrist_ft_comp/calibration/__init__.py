@@ -5,7 +5,4 @@ Read ``calibrate`` first: it checks the recordings (``data_checks``), identifies
 was chosen (``settings``), by ``auto`` or by one of the ``paper_methods``, and hands a ``result``
 back. Candidates are scored in ``cross_validation``, on folds that they did not see. ``chamber``
 does the same for tables of a temperature chamber.
-
-Public face: ``calibrate.calibrate``, ``calibrate.summarise``, the records of ``settings`` and
-``result``, and the functions of ``chamber``.
 """

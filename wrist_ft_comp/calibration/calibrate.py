@@ -4,16 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from wrist_ft_comp.calibration import data_checks
 from wrist_ft_comp.calibration.auto import identify_together
-from wrist_ft_comp.calibration.data_checks import (
-    check_alike,
-    check_loads,
-    check_temperatures,
-    drop_stuck_cells,
-    idle_thermometers,
-    MIN_SAMPLES,
-    silent_stretches,
-)
 from wrist_ft_comp.calibration.free_relaxations import identify_free_relaxations
 from wrist_ft_comp.calibration.paper_methods import identify_hats, identify_paper_method
 from wrist_ft_comp.calibration.payload.at_work import learn_at_work
@@ -63,8 +55,8 @@ def calibrate(
 
     """
     settings = settings or CalibrationSettings()
-    check_alike(recordings)
-    ranges = check_temperatures(recordings, settings.min_temperature_span_k)
+    data_checks.check_alike(recordings)
+    ranges = data_checks.check_temperatures(recordings, settings.min_temperature_span_k)
     axes = [
         axis for axis in AXES if any(axis in recording.axes_present for recording in recordings)
     ]
@@ -74,8 +66,8 @@ def calibrate(
             f'{names} holds no wrench on the thermal cells that have a temperature. '
             'Record wrench and temperature at the same time.'
         )
-    check_loads(recordings, axes, settings.reference)
-    recordings, dropped = drop_stuck_cells(recordings, axes)
+    data_checks.check_loads(recordings, axes, settings.reference)
+    recordings, dropped = data_checks.drop_stuck_cells(recordings, axes)
     folds = assign_folds(recordings)
     tell = progress or (lambda _: None)
     if settings.reference == 'payload':
@@ -91,8 +83,8 @@ def calibrate(
     warnings = [
         *(warning for recording in recordings for warning in recording.warnings),
         *dropped,
-        *silent_stretches(recordings, settings.max_gap_s),
-        *idle_thermometers(recordings),
+        *data_checks.silent_stretches(recordings, settings.max_gap_s),
+        *data_checks.idle_thermometers(recordings),
         *(follows_gravity(recordings, settings.reference) if not settings.moves else ()),
         *(work.warnings if work else ()),
         *_doubts(recordings, fits),
@@ -114,10 +106,10 @@ def _learn(
     problems = []
     for axis in axes:
         data = build_axis_data(recordings, axis, settings.reference, folds)
-        if data.samples < MIN_SAMPLES or len(data.fold_numbers) < 2:
+        if data.samples < data_checks.MIN_SAMPLES or len(data.fold_numbers) < 2:
             raise CalibrationRefusedError(
                 f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
-                f'least {MIN_SAMPLES} in 2 blocks are needed. Record longer.'
+                f'least {data_checks.MIN_SAMPLES} in 2 blocks are needed. Record longer.'
             )
         problems.append(data)
     found = identify(problems, settings.identification, progress)

@@ -136,13 +136,11 @@ def leave_out_copies(table: ChamberTable) -> ChamberTable:
 
 @dataclass(frozen=True)
 class ChamberFigures:
-    """
-    How good a sensor is over temperature, % of full scale.
+    """How good a sensor is over temperature, % of full scale."""
 
-    The largest |K_s| (eq. 23, per °C), NaN when there is only the reference temperature; the range
-    of the output of the first step; the largest difference from the output at the reference
-    temperature; and A (eq. 24), the largest error over all loads and temperatures.
-    """
+    # The largest |K_s| (eq. 23, per °C), NaN when there is only the reference temperature; the
+    # range of the output of the first step; the largest difference from the output at the
+    # reference temperature; and A (eq. 24), the largest error over all loads and temperatures.
 
     max_sensitivity_drift: float
     zero_spread: float

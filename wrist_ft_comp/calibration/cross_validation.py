@@ -48,9 +48,7 @@ class CandidateData:
 
     def inputs(self, structure: Structure) -> int:
         """Count the features of a structure: powers up to its degree, or all hats."""
-        if self.features.kind == 'powers':
-            return structure.degree * self.features.thermometers
-        return sum(len(knots) for knots in self.features.knots_c)
+        return len(self.features_of(structure).names)
 
     def features_of(self, structure: Structure) -> Features:
         """Features of one relaxation's temperatures."""
@@ -120,7 +118,7 @@ def _left_out_bins(
     tau_s = search_time_constants(fitted, features, start_s, _TOLERANCE)
     moments = accumulate(fitted, bank_inputs(fitted, features, tau_s), tau_s)
     columns = moments.columns(range(len(tau_s)), moments.inputs)
-    gains, _ = least_squares(moments.centred(moments.everything), columns)
+    gains, _ = least_squares(moments.centred(), columns)
     banked = bank_inputs(judged, features, tau_s)
     bins = []
     for i in _recordings_with(data, fold):

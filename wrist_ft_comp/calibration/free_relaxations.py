@@ -68,10 +68,13 @@ def _choose(
     """Fit the simplest good candidate to everything."""
     competing = list(scores)
     chosen = competing[simplest_good([errors[name] for name in competing])]
-    fitted = _fit(data, scores[chosen])
-    slow = _why_too_slow(data.axis_data, fitted)
-    if not slow:
+    fitted, longest_s = _fit(data, scores[chosen]), data.axis_data.longest_s
+    if max(fitted.time_constants_s, default=0.0) < (1 - _AT_BOUND) * longest_s:
         return finish(data.axis_data, fitted, chosen, errors, competing)
+    slow = (
+        f'its slowest time constant is at least {longest_s:.0f} s, as long as the longest '
+        'recording'
+    )
     if simplest_good([errors['none'], errors[chosen]]) == 0:
         # What a person named finds no drift, so there is none that could be too slow.
         nothing = Fitted(None, notes=(f'{chosen} was left out: {slow}',))
@@ -102,16 +105,6 @@ def _fit(data: CandidateData, score: CvScore) -> Fitted:
             for k, tau in enumerate(fit.time_constants_s)
             for f, feature in enumerate(features.names)
         ),
-    )
-
-
-def _why_too_slow(data: AxisData, fitted: Fitted) -> str:
-    """Say that the recordings are too short for a time constant, or nothing when they are not."""
-    if max(fitted.time_constants_s, default=0.0) < (1 - _AT_BOUND) * data.longest_s:
-        return ''
-    return (
-        f'its slowest time constant is at least {data.longest_s:.0f} s, as long as the longest '
-        'recording'
     )
 
 

@@ -31,12 +31,10 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Term:
-    """
-    One gain of a fitted model: N or N m (zero) or 1 (sensitivity drift) per unit of a feature.
+    """A gain of a fitted model: N or N m (zero) or 1 (sensitivity drift) per unit of a feature."""
 
-    A feature such as ``θ1`` or ``θ2²``, or the knot of a hat, is taken behind the relaxation of a
-    time constant; 0 s is static.
-    """
+    # A feature such as ``θ1`` or ``θ2²``, or the knot of a hat, is taken behind the relaxation of
+    # a time constant; 0 s is static.
 
     output: Output
     time_constant_s: float

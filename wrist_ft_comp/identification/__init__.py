@@ -5,8 +5,4 @@ Read ``axis_data`` first, what is fitted for one axis, then ``bins`` and ``momen
 every fit is made from: ``regression`` solves for gains, ``time_constants`` searches what is not
 linear, ``standard_errors`` says how sure both are, and ``pool`` fits what ``auto`` averages. The
 paper's methods are apart: ``pls`` is the outer model, ``pls_arx`` both.
-
-Public face: ``build_axis_data`` and ``assign_folds``; ``bin_axis_data``, ``bank_inputs`` and
-``accumulate``; ``least_squares`` and ``best_on_grid``; ``search_time_constants``; ``fit_gains``;
-``RidgeBank`` and ``FreeTimeConstants``; ``fit_pls``, ``fit_pcr`` and ``identify``.
 """

@@ -42,11 +42,6 @@ class Moments:
     #: Whether the columns are doubled by the load, and the load itself is a column.
     loaded: bool
 
-    @property
-    def everything(self) -> BoolArray:
-        """Mask that keeps all entries, shape (B,)."""
-        return np.ones(len(self.fold), dtype=bool)
-
     def columns(
         self, grid: Sequence[int], inputs: int, gain_inputs: int | None = None
     ) -> IntArray:
@@ -59,8 +54,9 @@ class Moments:
         gain = [half + k * self.inputs + f for k in grid for f in range(gained)]
         return np.array([*zero, *gain, 2 * half])
 
-    def centred(self, keep: BoolArray) -> FloatArray:
-        """Sum the products of kept entries without each recording's nuisances, (P + 1, P + 1)."""
+    def centred(self, keep: BoolArray | None = None) -> FloatArray:
+        """Sum products of entries, all or a mask's, less each recording's nuisances, (P + 1)²."""
+        keep = np.ones(len(self.fold), dtype=bool) if keep is None else keep
         total: FloatArray = self.products[keep].sum(axis=0)
         for recording in np.unique(self.recording[keep]):
             inside = keep & (self.recording == recording)

@@ -78,23 +78,13 @@ def fit_pls(x: FloatArray, y: FloatArray, latents: int) -> Pls:
         b = float(u @ t) / tt  # eq. 9
         e -= np.outer(t, p)  # eq. 3
         f -= b * np.outer(t, q)  # eq. 5 with eq. 10
-        components.append((w, p, np.array(b), q, t))
-    if not components:
-        return _empty(x, y)
-    w_, p_, b_, q_, t_ = (np.stack(part, axis=-1) for part in zip(*components, strict=True))
-    return Pls(weights=w_, loadings=p_, inner=b_, output_loadings=q_, scores=t_)
-
-
-def _empty(x: FloatArray, y: FloatArray) -> Pls:
-    """Build the outer model without latents: what a constant block leaves."""
-    (n, inputs), outputs = x.shape, y.shape[1]
-    return Pls(
-        weights=np.zeros((inputs, 0)),
-        loadings=np.zeros((inputs, 0)),
-        inner=np.zeros(0),
-        output_loadings=np.zeros((outputs, 0)),
-        scores=np.zeros((n, 0)),
+        components.append((w, p, q, t, np.array(b)))
+    w_, p_, q_, t_ = (
+        np.reshape([each[part] for each in components], (-1, size)).T  # no row if none was found
+        for part, size in enumerate((x.shape[1], x.shape[1], y.shape[1], len(x)))
     )
+    inner = np.array([float(each[4]) for each in components])
+    return Pls(weights=w_, loadings=p_, inner=inner, output_loadings=q_, scores=t_)
 
 
 def _dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
@@ -121,9 +111,8 @@ def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
         raise SettingsError(f'PCR needs at least 1 latent; got {latents}.')
     _, singular, directions = np.linalg.svd(x, full_matrices=False)
     rank = int(np.count_nonzero(singular**2 > _EXHAUSTED * np.sum(singular**2)))
-    if rank == 0 or not np.any(y):
-        return _empty(x, y)
-    weights = np.stack([fix_signs(v) for v in directions[: min(latents, rank)]], axis=1)
+    kept = directions[: min(latents, rank) if np.any(y) else 0]
+    weights = np.reshape([fix_signs(v) for v in kept], (-1, x.shape[1])).T
     scores = x @ weights
     # slopes (M, R): each output on each score; scores are orthogonal, so one at a time
     slopes = y.T @ scores / np.sum(scores**2, axis=0)

@@ -64,5 +64,5 @@ def best_on_grid(moments: Moments, structure: Structure, inputs: int) -> FloatAr
     grid = moments.time_constants_s
     choices = list(combinations(range(1, len(grid)), structure.free_time_constants))
     candidates = np.stack([moments.columns(choice, inputs) for choice in choices])
-    _, rss = least_squares(moments.centred(moments.everything), candidates)
+    _, rss = least_squares(moments.centred(), candidates)
     return grid[list(choices[int(np.argmin(rss))])]

@@ -60,7 +60,7 @@ def _standard_errors(projection: VarPro, free: BoolArray) -> FloatArray:
     copied = np.eye(size)[:, projection.columns]
     jacobian = np.concatenate((copied, projection.derivative[free].T), axis=1)
     residual = projection.residual
-    bread = jacobian.T @ moments.centred(moments.everything) @ jacobian
+    bread = jacobian.T @ moments.centred() @ jacobian
     scores = np.empty((len(moments.fold), jacobian.shape[1]))
     for recording in np.unique(moments.recording):
         own = moments.recording == recording

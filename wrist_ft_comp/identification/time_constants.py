@@ -97,7 +97,7 @@ def residual_and_gradient(
         for x, a, b in zip(here, up, down, strict=True)
     ]
     moments = accumulate(data, banked, np.concatenate((time_constants_s, time_constants_s)))
-    products = moments.centred(moments.everything)
+    products = moments.centred()
     columns = moments.columns(range(count), moments.inputs)
     gains, rss = least_squares(products, columns)
     load = 2 * len(moments.time_constants_s) * moments.inputs  # the column w, if there is one

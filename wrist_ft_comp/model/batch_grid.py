@@ -243,13 +243,10 @@ def grid_samples(
     period_s: float = 1.0,
     max_bad_share: float = 0.01,
 ) -> Recording:
-    """
-    Average blocks of samples, those of a channel in order of time, onto the thermal grid.
-
-    Cells last period_s. Up to a share of a channel's samples may be unusable (not finite, or a
-    stamp that does not increase): they are dropped and reported. RecordingError when there are
-    more, a thermometer or every axis is missing, or the stamps span more than any recording.
-    """
+    """Average blocks of samples, those of a channel in order of time, onto the thermal grid."""
+    # Cells last period_s. Up to a share of a channel's samples may be unusable (not finite, or a
+    # stamp that does not increase): they are dropped and reported. RecordingError when there are
+    # more, a thermometer or every axis is missing, or the stamps span more than any recording.
     builder = GridBuilder(name, period_s, max_bad_share)
     for block in blocks:
         builder.add(block)

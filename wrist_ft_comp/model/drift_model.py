@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray, NANOSECONDS
 
@@ -104,6 +104,16 @@ def check_unit(model: DriftModel, unit: str = '', name: object = 'The model') ->
                 f'from recordings in {ours}; or, if it is the same, write "unit: {ours}" into the '
                 "model's file."
             )
+
+
+def check_fits(model: DriftModel, thermometers: int, name: object = 'The model') -> None:
+    """Refuse a model of other thermometers, by SettingsError, or units than a node has."""
+    if model.thermometers != thermometers:
+        raise SettingsError(
+            f'{name} expects {model.thermometers} thermometers, the node has {thermometers} '
+            "(temperature_topics). Calibrate with these, or list the model's topics."
+        )
+    check_unit(model, name=name)
 
 
 class Drift(NamedTuple):

@@ -5,9 +5,6 @@ Read ``evaluation`` (what a model leaves of the drift) and ``verdict`` (is that 
 ``coverage`` and ``advice`` say what is missing. ``of_calibration`` and ``of_evaluation`` fill the
 records of ``view``, which ``page`` turns into HTML by ``templates``, with ``pictures``. Nothing
 here opens a file: pages are text.
-
-From outside: ``evaluate``, ``tared_errors``, ``judge_errors``, ``calibration_verdicts``,
-``calibration_view``, ``evaluation_view``, ``page``, and the demo's ``draw_drift``.
 """
 
 #: What every page names as its generator, by which it is known again.

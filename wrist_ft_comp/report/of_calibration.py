@@ -5,18 +5,27 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from wrist_ft_comp.calibration.chamber import ChamberFigures
+from wrist_ft_comp.calibration.payload.cells import joined
+from wrist_ft_comp.calibration.payload.gains import COUNTS
 from wrist_ft_comp.calibration.result import AxisFit, Calibration, HeldOut, rms_by_fold
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import IntArray, noise_level, Recording, Reference
 from wrist_ft_comp.report.advice import what_to_record_next
 from wrist_ft_comp.report.coverage import cover
 from wrist_ft_comp.report.evaluation import AxisEvaluation
-from wrist_ft_comp.report.of_payload import work_view
 from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
-from wrist_ft_comp.report.view import axis_view, ErrorSeries, recording_starts_h, ReportView
+from wrist_ft_comp.report.view import (
+    axis_view,
+    ErrorSeries,
+    recording_starts_h,
+    ReportView,
+    WorkView,
+)
 
 #: A recording is hard when the others leave this many times as much of it as usual.
 _HARD = 1.5
+#: Shares of what counted at work are of so long, h.
+_BIN_H = 1 / 12
 
 
 def calibration_verdicts(
@@ -40,16 +49,12 @@ def calibration_view(
     # At work, what a payload weighs is the load that was known.
     coverage = cover(recordings if work is None else work.drift)
     durations_s = [recording.duration_s for recording in recordings]
-    axes = tuple(
-        axis_view(
-            stored,
-            axis,
-            _evidence(fit, max(durations_s)),
-            _errors(fit),
-            _series(_held_out(fit), recordings, coverage.leading),
-        )
-        for axis, fit in fits.items()
-    )
+    axes = []
+    for axis, fit in fits.items():
+        series = _series(_held_out(fit), recordings, coverage.leading)
+        peaks = (float(np.abs(each).max()) for each in (series.before, series.after))
+        errors = AxisEvaluation(fit.rms_before, fit.rms_after, *peaks)
+        axes.append(axis_view(stored, axis, _evidence(fit, max(durations_s)), errors, series))
     # An axis that was refused drifts, and is explained no better than a weak one.
     levels: dict[str, Level] = {
         each.axis: 'weak' if fits[each.axis].refusal else each.verdict.level for each in axes
@@ -66,16 +71,10 @@ def calibration_view(
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportView(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
-        explanation=_explanation(calibration, recordings, reference), axes=axes,
+        explanation=_explanation(calibration, recordings, reference), axes=tuple(axes),
         advice=(*_hardest_day(fits, recordings), *advice),
         warnings=tuple(each for each in calibration.warnings if not each.startswith(refusals)),
-        tables=tables or {}, work=work_view(calibration))  # fmt: skip
-
-
-def _errors(fit: AxisFit) -> AxisEvaluation:
-    """Put held-out errors into figures."""
-    before, after = (np.abs(each).max() for each in (_held_out(fit).before, _held_out(fit).after))
-    return AxisEvaluation(fit.rms_before, fit.rms_after, float(before), float(after))
+        tables=tables or {}, work=_work_view(calibration))  # fmt: skip
 
 
 def _held_out(fit: AxisFit) -> HeldOut:
@@ -168,3 +167,27 @@ def _explanation(
         f'are means over {first.bin_s:g} s, counted from {zero}, with compensation and '
         f'without{tared}. Reference: {reference}.'
     )
+
+
+def _work_view(calibration: Calibration) -> WorkView | None:
+    """Collect payloads, directions and what counted; None where nothing was learnt at work."""
+    separation = calibration.separation
+    if separation is None:
+        return None
+    recordings, counts = separation.recordings, separation.fit.weights > COUNTS
+    counted = joined(recordings, counts)
+    pushed = joined(recordings, separation.cells.usable & ~counts)
+    rows = []
+    for i, start_h in enumerate(recording_starts_h(recordings)):
+        bins = (recordings[i].elapsed_s / 3600 // _BIN_H).astype(np.int64)
+        cells = np.maximum(np.bincount(bins), 1)
+        shares = [np.bincount(bins, each[i]) / cells for each in (counted, pushed)]
+        middles = start_h + (np.arange(len(cells)) + 0.5) * _BIN_H
+        rows.append(np.stack((middles, np.full(len(cells), float(i)), *shares)))
+    hours, part, used, contact = np.concatenate(rows, axis=1)
+    forces = np.concatenate(separation.accelerometer.forces)[np.concatenate(counted)]
+    directions = forces / np.linalg.norm(forces, axis=1, keepdims=True)
+    return WorkView(
+        calibration.payloads, directions, hours, part.astype(np.int64), used, contact,
+        sum(map(len, separation.steps)),
+    )  # fmt: skip

@@ -13,7 +13,7 @@ from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import AXES, noise_level, Recording, Reference
 from wrist_ft_comp.report.advice import what_was_not_learnt
 from wrist_ft_comp.report.coverage import cover
-from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, TaredErrors
+from wrist_ft_comp.report.evaluation import judge_errors, TaredErrors
 from wrist_ft_comp.report.verdict import Evidence
 from wrist_ft_comp.report.view import (
     axis_view,
@@ -52,8 +52,19 @@ def evaluation_view(
     axes = []
     for axis, errors in pooled.items():
         parts = [(name, judged[axis]) for name, judged in named if axis in judged]
-        compensated = axis in stored.model.axes
-        evidence = _evidence(recordings[0].unit_of(axis), errors, series[axis], parts, compensated)
+        after, part = series[axis].after, series[axis].part
+        evidence = Evidence(
+            unit=recordings[0].unit_of(axis),
+            before=errors.rms_before,
+            after=errors.rms_after,
+            noise=noise_level([after[part == each] for each in np.unique(part)]),
+            compensated=axis in stored.model.axes,
+            blocks=FoldErrors(
+                np.array([each.rms_before for _, each in parts]),
+                np.array([each.rms_after for _, each in parts]),
+            ),
+            block_name='recording',
+        )
         axes.append(axis_view(stored, axis, evidence, errors, series[axis], parts=parts))
     ranges_c = [tuple(each['range_c']) for each in stored.document['thermometers']]
     references = ', '.join(dict.fromkeys(each.reference for each in evaluated))
@@ -96,25 +107,3 @@ def _series(evaluated: Sequence[EvaluatedRecording], leading: int) -> dict[str, 
             hours[rows], at[rows], before[rows, column], after[rows, column], part[rows]
         )
     return series
-
-
-def _evidence(
-    unit: str,
-    errors: AxisEvaluation,
-    series: ErrorSeries,
-    parts: Sequence[tuple[str, AxisEvaluation]],
-    compensated: bool,
-) -> Evidence:
-    """Collect what is known about one axis."""
-    return Evidence(
-        unit=unit,
-        before=errors.rms_before,
-        after=errors.rms_after,
-        noise=noise_level([series.after[series.part == part] for part in np.unique(series.part)]),
-        compensated=compensated,
-        blocks=FoldErrors(
-            np.array([part.rms_before for _, part in parts]),
-            np.array([part.rms_after for _, part in parts]),
-        ),
-        block_name='recording',
-    )

@@ -9,7 +9,7 @@ from html import escape
 from io import BytesIO, StringIO
 from itertools import pairwise
 import re
-from typing import Any, NamedTuple
+from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -38,7 +38,12 @@ _POINTS = 300
 _GAP = 10.0
 # The PNG's, by Okabe and Ito: distinguishable with every common colour deficiency, and in grey.
 RAW_COLOUR, COMPENSATED_COLOUR = '#D55E00', '#0072B2'
-_EXTERNAL_COLOUR = '#999999'
+#: Colour, width, height above others, and label of what is left of an axis' drift.
+_LEFT = (
+    (RAW_COLOUR, 1.0, 2.0, 'without'),
+    (COMPENSATED_COLOUR, 1.0, 2.2, 'with'),
+    ('#999999', 0.6, 2.1, 'with, payload taken off'),
+)
 _TEMPERATURE_COLOURS = ('#009E73', '#CC79A7', '#E69F00', '#56B4E9')
 #: Points of one of its lines.
 _PNG_POINTS = 4000
@@ -222,39 +227,21 @@ def _line(panel: Axes, x: FloatArray, y: FloatArray, part: IntArray, **style: An
     panel.plot(np.concatenate(xs), np.concatenate(ys), marker=lonely, ms=2, **style)
 
 
-class DriftSeries(NamedTuple):
-    """What is left of an axis' drift over time, shapes (n,); its title names the unit."""
-
-    title: str
-    elapsed_s: FloatArray
-    raw: FloatArray
-    compensated: FloatArray
-    #: What is left in ``wrench_external``, NaN where nothing is known.
-    external: FloatArray | None = None
-
-
-class TemperatureSeries(NamedTuple):
-    """A thermometer over time, shapes (n,)."""
-
-    title: str
-    elapsed_s: FloatArray
-    temperature_c: FloatArray
-
-
-def draw_drift(axes: Sequence[DriftSeries], temperatures: Sequence[TemperatureSeries]) -> Figure:
+def draw_drift(
+    axes: Sequence[tuple[str, FloatArray, Sequence[FloatArray]]],
+    temperatures: Sequence[tuple[str, FloatArray, FloatArray]],
+) -> Figure:
     """Draw every axis over time, without and with compensation, above the temperatures."""
+    # By title, which names the unit: times, s, (n,), and what is left of drift, raw, compensated
+    # and perhaps in ``wrench_external``, or °C, (n,); NaN where nothing is known.
     rows = -(-len(axes) // 2) + 1
     figure = Figure(figsize=(10.0, 2.2 * rows), layout='constrained')
     grid = figure.add_gridspec(rows, 2)
-    for number, axis in enumerate(axes):
+    for number, (title, elapsed_s, left) in enumerate(axes):
         panel = figure.add_subplot(grid[number // 2, number % 2])
-        _png_line(panel, axis.elapsed_s, axis.raw, color=RAW_COLOUR, lw=1.0, label='without')
-        if axis.external is not None:
-            _png_line(panel, axis.elapsed_s, axis.external, color=_EXTERNAL_COLOUR, lw=0.6,
-                      label='with, payload taken off')  # fmt: skip
-        _png_line(panel, axis.elapsed_s, axis.compensated, color=COMPENSATED_COLOUR, lw=1.0,
-                  label='with')  # fmt: skip
-        panel.set_title(axis.title, fontsize=10)
+        for values, (colour, width, above, label) in zip(left, _LEFT, strict=False):
+            _png_line(panel, elapsed_s, values, color=colour, lw=width, zorder=above, label=label)
+        panel.set_title(title, fontsize=10)
         panel.grid(alpha=0.3)
         if number == 0:
             panel.legend(title='compensation', fontsize=8, title_fontsize=8)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.model.drift_model import check_unit, Drift, DriftModel, no_drift
+from wrist_ft_comp.model.drift_model import check_fits, Drift, DriftModel, no_drift
 from wrist_ft_comp.model.ranges import check_range, PERIODS_S
 from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
 from wrist_ft_comp.model.stream_grid import CompletedCells
@@ -188,14 +188,8 @@ class Compensator:
             When it is of another unit than N and N m; the running model stays.
 
         """
-        if model is not None and model.thermometers != self.thermometers:
-            raise SettingsError(
-                f'The model expects {model.thermometers} thermometers, the node has '
-                f'{self.thermometers} (temperature_topics). Calibrate with these, or list the '
-                "model's topics."
-            )
         if model is not None:
-            check_unit(model)
+            check_fits(model, self.thermometers)
         reading = self._reading(keep_output_of)
         self.tracker.use(model)
         self._keep_output = reading is not None
@@ -262,13 +256,16 @@ class Compensator:
 
     def _refresh_correction(self) -> None:
         """Lay out what is constant over a ramp, per axis: offset, its step, gain, its step."""
-        self._correction, self._external = map(self._laid_out, (self.tare, self.external_tare))
-
-    def _laid_out(self, tare: FloatArray) -> list[tuple[float, float, float, float]]:
-        """Lay this out under a tare."""
-        ramp = self._ramp
-        parts = (ramp.zero + tare, ramp.zero_step, ramp.gain, ramp.gain_step)
-        return list(zip(*(part.tolist() for part in parts), strict=True))
+        zero, *others = (
+            self._ramp.zero,
+            self._ramp.zero_step,
+            self._ramp.gain,
+            self._ramp.gain_step,
+        )
+        self._correction, self._external = (
+            np.stack((zero + tare, *others), axis=1).tolist()
+            for tare in (self.tare, self.external_tare)
+        )
 
 
 class _Ramp:

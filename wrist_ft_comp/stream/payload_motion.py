@@ -15,9 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.model.payload.accelerometer import fit_norm
-from wrist_ft_comp.model.payload.directions import turning_speed
-from wrist_ft_comp.model.payload.rigid_body import CONTRAST, information, rigid_bodies
+from wrist_ft_comp.model.payload.directions import fit_norm, turning_speed
+from wrist_ft_comp.model.payload.rigid_body import blocks, CONTRAST, information, rigid_bodies
 from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
 
@@ -92,11 +91,8 @@ class Identified:
 
 
 def identify(cells: MotionCells, frame: ForceFrame | None) -> Identified:
-    """
-    Find the payload; bias and scale of the accelerometer are those of a frame, or found, too.
-
-    CalibrationRefusedError when the motion or the wrenches do not tell; it says what to do.
-    """
+    """Find the payload; bias and scale of the accelerometer are a frame's, or found, too."""
+    # CalibrationRefusedError when the motion or the wrenches do not tell; it says what to do.
     slow = (
         np.where(np.isnan(cells.speed), turning_speed(cells.force, CELL_S), cells.speed) < FASTEST
     )
@@ -111,7 +107,8 @@ def identify(cells: MotionCells, frame: ForceFrame | None) -> Identified:
     force = sensor.turn(cells.force[slow])
     gains, weights, rest = _fit(cells.wrench[slow], force)
     contrast = force - weights @ force / weights.sum()
-    known = *information(*map(_blocks, (contrast, rest, weights))), float(weights.sum())
+    parts = (blocks(each, _BLOCK) for each in (contrast, rest, weights))
+    known = *information(*parts), float(weights.sum())
     found = rigid_bodies(gains[np.newaxis], *known, scale if frame is None else None)
     free = float((weights > 0.5).mean())
     if free < _LEAST_FREE and found.contrast[1] > CONTRAST:
@@ -124,12 +121,6 @@ def identify(cells: MotionCells, frame: ForceFrame | None) -> Identified:
         raise CalibrationRefusedError(doubts[0])
     turned = replace(sensor, rotation=found.rotation)
     return Identified(found.payload(0), turned, 1 - free, 1 - float(slow.mean()))
-
-
-def _blocks(values: FloatArray) -> FloatArray:
-    """Cut what cells hold (n, …) into blocks, the last filled up with zeros: (m, _BLOCK, …)."""
-    empty = np.zeros((-len(values) % _BLOCK, *values.shape[1:]))
-    return np.concatenate((values, empty)).reshape(-1, _BLOCK, *values.shape[1:])
 
 
 def _fit(wrench: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

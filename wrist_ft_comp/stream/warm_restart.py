@@ -8,7 +8,6 @@ meanwhile matters more; then, or when the stamps make no sense, the sensor count
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -43,15 +42,6 @@ class ThermalMemory:
     #: Mean temperatures of consecutive spans of cells, °C, shape (J,), and how many cells each
     #: has; oldest first, up to the last cell. For another model that goes live after the restart.
     history: tuple[tuple[FloatArray, int], ...]
-
-
-class GapFill(NamedTuple):
-    """How a gap is crossed."""
-
-    #: Temperatures of the N cells in it, °C, shape (N, J); None when the memory is of no use.
-    temperature_c: FloatArray | None
-    #: What is done, and why.
-    sentence: str
 
 
 def slowest_time_constant_s(model: DriftModel) -> float:
@@ -89,8 +79,10 @@ def fill_gap(
     first_cell: int,
     temperature_c: FloatArray,
     at_least_s: float,
-) -> GapFill:
+) -> tuple[FloatArray | None, str]:
     """Judge the gap from a memory to the first thermal cell, at temperatures after it."""
+    # Gives the temperatures of the N cells in it, °C, (N, J), None when the memory is of no use,
+    # and says what is done, and why.
     # By another clock it was ``at_least_s`` long, 0 without one: stamps that moved on by much less
     # belong to a clock that was set or stood still.
     cells = first_cell - memory.end_ns // model.period_ns
@@ -110,12 +102,12 @@ def fill_gap(
         problem = too_old(model, gap_s)
     if problem:
         soaked = 'so the drift starts at the steady state of the present temperatures'
-        return GapFill(None, f'{problem}; {soaked}')
+        return None, f'{problem}; {soaked}'
     # The way from the last cell (share 0) to the first one (share 1), ends excluded.
     between_ends = max(cells, 0)
     shares = np.arange(1, between_ends + 1)[:, np.newaxis] / (between_ends + 1)
     between = memory.temperature_c + shares * (temperature_c - memory.temperature_c)
-    return GapFill(between, f'the drift goes on from the thermal state saved {gap_s:.0f} s before')
+    return between, f'the drift goes on from the thermal state saved {gap_s:.0f} s before'
 
 
 def too_old(model: DriftModel, gap_s: float) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrist_ft_comp.calibration.payload.cells import rotation_speed
-from wrist_ft_comp.model.payload.accelerometer import fit_norm
+from wrist_ft_comp.model.payload.directions import fit_norm
 from wrist_ft_comp.model.payload.weight import ForceFrame
 from wrist_ft_comp.model.signals import BoolArray, FloatArray, noise_level, Recording
 

@@ -30,11 +30,8 @@ class AtWork:
 def learn_at_work(
     recordings: Sequence[Recording], first: tuple[AtWork, DriftModel] | None = None
 ) -> AtWork:
-    """
-    Learn payloads and what is drift; CalibrationRefusedError where neither can be.
-
-    What was learnt ``first``, and a drift model from it, let it be told apart better.
-    """
+    """Learn payloads and what is drift; CalibrationRefusedError where neither can be."""
+    # What was learnt ``first``, and a drift model from it, let it be told apart better.
     warnings = [
         f'{recording.name} holds no specific force; its load counts as constant.'
         for recording in recordings

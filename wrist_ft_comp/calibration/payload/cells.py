@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrist_ft_comp.model.payload.directions import turning_speed
+from wrist_ft_comp.model.payload.rigid_body import blocks
 from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, IntArray, Recording
 
 #: Length of a block, s, and fewest cells of one.
@@ -26,9 +27,9 @@ class Cells:
     #: Whether they are known and the sensor does not turn fast, (n, B).
     usable: BoolArray
 
-    def part(self, blocks: IntArray) -> 'Cells':
+    def part(self, chosen: IntArray) -> 'Cells':
         """Choose blocks."""
-        return Cells(self.wrench[blocks], self.force[blocks], self.usable[blocks])
+        return Cells(self.wrench[chosen], self.force[chosen], self.usable[chosen])
 
     @property
     def axes(self) -> int:
@@ -53,24 +54,19 @@ def cut(recordings: Sequence[Recording], forces: Sequence[FloatArray]) -> Cells:
         wrenches.append(np.where(usable[:, None], wrench, 0))
         rights.append(np.where(usable[:, None], force, 0))
         usables.append(usable)
-    return Cells(*(_blocks(parts, length) for parts in (wrenches, rights, usables)))
+    whole = (
+        np.concatenate([blocks(each, length) for each in parts])
+        for parts in (wrenches, rights, usables)
+    )
+    return Cells(*whole)
 
 
-def _blocks(parts: Sequence[NDArray[Any]], length: int) -> NDArray[Any]:
-    """Cut arrays (N, …) into blocks (n, B, …); the last of each is filled up with zeros."""
-    blocks = []
-    for part in parts:
-        empty = np.zeros((-len(part) % length, *part.shape[1:]), part.dtype)
-        blocks.append(np.concatenate((part, empty)).reshape(-1, length, *part.shape[1:]))
-    return np.concatenate(blocks)
-
-
-def joined(recordings: Sequence[Recording], blocks: NDArray[Any]) -> list[NDArray[Any]]:
+def joined(recordings: Sequence[Recording], cut_up: NDArray[Any]) -> list[NDArray[Any]]:
     """Undo the cutting of one array of blocks: a part per recording."""
     parts, at = [], 0
     for recording in recordings:
-        count = -(-len(recording) // blocks.shape[1])
-        part = blocks[at : at + count].reshape(-1, *blocks.shape[2:])
+        count = -(-len(recording) // cut_up.shape[1])
+        part = cut_up[at : at + count].reshape(-1, *cut_up.shape[2:])
         parts.append(part[: len(recording)])
         at += count
     return parts

@@ -20,12 +20,9 @@ _TIMEOUT_NS, _DISTANCES = NANOSECONDS // 5, 1.5
 
 
 def external_correction(separation: Separation, model: DriftModel, fine: Recording) -> Correction:
-    """
-    Make what turns raw wrenches of one recording into external ones, zero in free motion.
-
-    Its payload states and what it weighs come from the separation, specific force from the same
-    recording on a finer grid. NaN where that is missing.
-    """
+    """Make what turns raw wrenches of one recording into external ones, zero in free motion."""
+    # Its payload states and what it weighs come from the separation, specific force from the same
+    # recording on a finer grid. NaN where that is missing.
     recording, axes = separation.recordings[0], axes_of(separation.recordings)
     gains = np.full((len(separation.fit.gains), 3, len(AXES)), np.nan)
     gains[:, :, axes] = separation.fit.gains

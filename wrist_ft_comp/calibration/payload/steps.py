@@ -65,13 +65,10 @@ def _jumps(drift: FloatArray, there: IntArray, at: IntArray, window: int) -> Flo
 def locate(
     rest: FloatArray, before: FloatArray, jump: FloatArray, noise: FloatArray, *, sudden: bool
 ) -> int | None:
-    """
-    Find the first cell after a step, counted in rest.
-
-    Where it has to be sudden, None where heat would do: not at once.
-    ``rest`` is what each payload leaves, (K, n, A); before, jump and noise (A,) are the level
-    before the step, how far it goes, and the noise of a cell.
-    """
+    """Find the first cell after a step, counted in rest."""
+    # Where it has to be sudden, None where heat would do: not at once. ``rest`` is what each
+    # payload leaves, (K, n, A); before, jump and noise (A,) are the level before the step, how far
+    # it goes, and the noise of a cell.
     size = np.sqrt(np.sum((jump / noise) ** 2))
     off = (rest - before) / noise
     gone = off @ (jump / noise) / size**2

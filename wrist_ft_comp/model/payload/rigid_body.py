@@ -12,8 +12,10 @@ Standard errors hold that, and grow with what no rigid body explains.
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrist_ft_comp.model.payload.weight import FARTHEST_M, Payload
 from wrist_ft_comp.model.signals import BoolArray, FloatArray
@@ -124,13 +126,10 @@ def rigid_bodies(
     cells: float,
     scale: FloatArray | None = None,
 ) -> RigidBodies:
-    """
-    Find the rigid bodies behind gains (K, 3, 6) of specific force, kg and kg m.
-
-    ``normal`` (3K, 3K) are products of specific forces, levels taken out, ``cells`` is the sum of
-    their weights; the covariance of gains is spread (6,) times the inverse of normal, and scale
-    (3, 3) is the one that is left of the accelerometer's scale.
-    """
+    """Find the rigid bodies behind gains (K, 3, 6) of specific force, kg and kg m."""
+    # ``normal`` (3K, 3K) are products of specific forces, levels taken out, ``cells`` is the sum
+    # of their weights; the covariance of gains is spread (6,) times the inverse of normal, and
+    # scale (3, 3) is the one that is left of the accelerometer's scale.
     count = len(gains)
     by_body = normal.reshape(count, 3, count, 3)
     sizes, directions = np.linalg.eigh(np.einsum('kilj->ij', by_body))
@@ -169,12 +168,9 @@ def rigid_bodies(
 def information(
     contrast: FloatArray, rest: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """
-    Tell how well gains are known: normal matrix (C, C), and what to divide it by per axis (A,).
-
-    Given are specific force less its level (n, B, C), what the fit leaves (n, B, A), and weights
-    (n, B). The errors of a block are taken to depend on one another, those of others not.
-    """
+    """Tell how well gains are known: normal matrix (C, C), and its divisor per axis (A,)."""
+    # Given are specific force less its level (n, B, C), what the fit leaves (n, B, A), and weights
+    # (n, B). The errors of a block are taken to depend on one another, those of others not.
     weighted = weights[..., None] * contrast
     normal = np.einsum('nbi,nbj->ij', weighted, contrast, optimize=True)
     scores = np.einsum('nbi,nba->nia', weighted, rest, optimize=True)
@@ -182,6 +178,13 @@ def information(
     inverse = np.linalg.pinv(normal, rcond=1e-6, hermitian=True)
     rank = max(1, np.linalg.matrix_rank(normal, tol=1e-6 * np.trace(normal), hermitian=True))
     return normal, np.einsum('ij,aji->a', inverse, spread) / rank
+
+
+def blocks(values: NDArray[Any], length: int) -> NDArray[Any]:
+    """Cut an array, (N, …) to (n, B, …); the last block is filled up with zeros."""
+    empty = np.zeros((-len(values) % length, *values.shape[1:]), values.dtype)
+    whole: NDArray[Any] = np.concatenate((values, empty))
+    return whole.reshape(-1, length, *values.shape[1:])
 
 
 def small_rotation(vector: FloatArray) -> FloatArray:

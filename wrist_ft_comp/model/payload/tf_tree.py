@@ -101,11 +101,9 @@ class _Link:
 
 
 class GravityByTf:
-    """
-    Specific force in a frame, of which it is known how it is turned against one with z upwards.
+    """Specific force in a frame that is turned in a known way against one with z upwards."""
 
-    Names of frames count without leading slashes; the lower one may be set only later.
-    """
+    # Names of frames count without leading slashes; the lower one may be set only later.
 
     def __init__(self, upper: str, lower: str = '') -> None:
         self.upper, self.lower = upper, lower
