@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from functools import partial
 import math
-from pathlib import Path
 import sys
 import time
 from typing import Any, cast
@@ -24,8 +23,8 @@ from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import RecordingError, SettingsError, WristFtCompError
-from wrist_ft_comp.files.cdr import locate, TEMPERATURE_DOUBLES, WRENCH_DOUBLES
-from wrist_ft_comp.files.model_store import default_directory, ModelStore, own_directory
+from wrist_ft_comp.files.cdr import locate, TEMPERATURE_DOUBLES, WRENCH, WRENCH_DOUBLES
+from wrist_ft_comp.files.model_store import ModelStore, node_directory
 from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.signals import Topics
 from wrist_ft_comp.model.temperature_source import parse_sources, TemperatureSource
@@ -36,20 +35,18 @@ from wrist_ft_comp.ros.diagnostics import diagnostic_array, diagnostics, Snapsho
 from wrist_ft_comp.ros.gravity.source import GravitySource
 from wrist_ft_comp.ros.input_health import InputHealth
 from wrist_ft_comp.ros.inputs.field_inputs import FieldInputs
-from wrist_ft_comp.ros.inputs.topic_types import no_temperature, WRENCH, wrong_type
+from wrist_ft_comp.ros.inputs.topic_types import no_temperature, wrong_type
 from wrist_ft_comp.ros.learning.learning import Learner
 from wrist_ft_comp.ros.learning.status import learning_status
 from wrist_ft_comp.ros.live_model import choose_first_model, LiveModel
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.parameters import declare, NODE_NAME, PARAMETERS, values
-from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench
+from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench, Shelf
 from wrist_ft_comp.ros.payload.identify import IdentifyService
-from wrist_ft_comp.ros.payload.shelf import Shelf
 from wrist_ft_comp.ros.payload.status import PayloadReport
 from wrist_ft_comp.ros.running import node_per_sensor, run_nodes
-from wrist_ft_comp.ros.services.calibrate import CalibrateService
+from wrist_ft_comp.ros.services.calibrate import CalibrateService, JobMaker
 from wrist_ft_comp.ros.services.deferred import DeferredService
-from wrist_ft_comp.ros.services.job_maker import JobMaker
 from wrist_ft_comp.ros.services.record import RecordService
 from wrist_ft_comp.ros.services.recorder import Recorder
 from wrist_ft_comp.ros.services.tare import TareService
@@ -64,12 +61,10 @@ _FAREWELL_S = 0.5
 
 
 class CompensatorNode(Node):
-    """
-    Compensates one sensor; WristFtCompError when a parameter or its model file is unusable.
+    """Compensates one sensor; WristFtCompError when a parameter or its model file is unusable."""
 
-    Where a process serves several sensors, each has a name, and keeps its files in a folder of
-    this name below ``data_directory``. Options are those of rclpy's Node, such as ``context``.
-    """
+    # Where a process serves several sensors, each has a name, and keeps its files in a folder of
+    # this name below ``data_directory``. Options are those of rclpy's Node, such as ``context``.
 
     def __init__(self, sensor: str = '', **options: Any) -> None:
         super().__init__(NODE_NAME, **options)
@@ -78,7 +73,7 @@ class CompensatorNode(Node):
         chosen = self._settings()
         sources = self._thermometers(chosen['temperature_topics'])
         name = self.get_fully_qualified_name()
-        store = ModelStore(_directory(chosen['data_directory'], sensor, name))
+        store = ModelStore(node_directory(chosen['data_directory'], sensor, name))
         first = choose_first_model(store, chosen['model_file'], len(sources), log)
         model = None if first.stored is None else first.stored.model
         compensator = Compensator(len(sources), _stream_settings(chosen), model)
@@ -115,12 +110,8 @@ class CompensatorNode(Node):
             if not source.path:
                 callback = partial(self._on_temperature, j)
                 self._subscribe(Temperature, source.topic, callback, messages.SLOW_SENSOR)
-        fields = (
-            (j, topic, source)
-            for j, (topic, source) in enumerate(zip(self._topics, sources, strict=True))
-            if source.path
-        )
-        self._fields = FieldInputs(self, fields, self._subscribe_unserved, self._take_temperature)
+        named = zip(self._topics, sources, strict=True)
+        self._fields = FieldInputs(self, named, self._subscribe_unserved, self._take_temperature)
         self.gravity = GravitySource(
             chosen,
             self._subscribe,
@@ -135,11 +126,11 @@ class CompensatorNode(Node):
         self._offered = [
             DeferredService(self, Trigger, '~/calibrate', self.calibration.on_request),
             DeferredService(self, Trigger, '~/tare', self.tare.on_request),
-            self._serve(Trigger, '~/reset_tare', self.tare.on_reset),
+            self._serve(Trigger, '~/reset_tare', lambda _: self.tare.reset()),
             DeferredService(self, Trigger, '~/identify_payload', self.identification.on_request),
             self._serve(SetBool, '~/record', self.recording.on_request),
-            self._serve(Trigger, '~/rollback', self.live.on_rollback),
-            self._serve(Trigger, '~/adopt', self.learning.on_adopt),
+            self._serve(Trigger, '~/rollback', lambda _: self.live.roll_back()),
+            self._serve(Trigger, '~/adopt', lambda _: self.learning.adopt()),
         ]
         self.add_on_set_parameters_callback(self._validate_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
@@ -182,8 +173,8 @@ class CompensatorNode(Node):
                 WrenchStamped,
                 topic,
                 qos_overriding_options=messages.overridable(),
-                event_callbacks=messages.subscribers_deaf(
-                    topic, self.health.incompatible, self._log
+                event_callbacks=messages.unlike(
+                    'publisher', topic, self.health.incompatible, self._log
                 ),
             )
             for topic in ('wrench', 'wrench_external')
@@ -197,9 +188,18 @@ class CompensatorNode(Node):
         with messages.opening(topic):
             return self.create_publisher(kind, topic, messages.own(messages.OUTPUT), **options)
 
-    def _serve(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> Any:
-        """Offer a service that answers at once."""
-        return self.create_service(kind, name, callback, qos_profile=messages.SERVICE)
+    def _serve(self, kind: Any, name: str, work: Callable[[Any], str]) -> Any:
+        """Offer a service that answers a request at once: what was done, or why it was refused."""
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                response.message, response.success = work(request), True
+            except WristFtCompError as error:
+                response.message, response.success = str(error), False
+                self._log.note_refusal(name, str(error))
+            return response
+
+        return self.create_service(kind, name, answer, qos_profile=messages.SERVICE)
 
     def _subscribe(
         self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any
@@ -213,8 +213,8 @@ class CompensatorNode(Node):
                 messages.own(qos),
                 raw=True,
                 qos_overriding_options=messages.overridable(),
-                event_callbacks=messages.publishers_unheard(
-                    topic, self.health.incompatible, self._log
+                event_callbacks=messages.unlike(
+                    'subscription', topic, self.health.incompatible, self._log
                 ),
             )
 
@@ -450,11 +450,6 @@ class CompensatorNode(Node):
         if any(waiting):
             time.sleep(_FAREWELL_S)
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
-
-
-def _directory(shared: str, sensor: str, name: str) -> Path:
-    """Choose the folder of a node by what was said of it, and by the node's full name."""
-    return own_directory(shared, sensor) if shared else default_directory(name)
 
 
 def _stream_settings(chosen: dict[str, Any]) -> StreamSettings:

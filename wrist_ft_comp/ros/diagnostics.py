@@ -116,10 +116,8 @@ def _input(now: Snapshot) -> Status:
         return Status('input', WARN, f'{which} unusable and dropped; check the driver', numbers)
     if not rate_hz:
         return Status('input', STALE, _wrench_silence(now), numbers)
-    suspicion = next(_suspicions(now), '')
-    if suspicion:
-        return Status('input', WARN, suspicion, numbers)
-    return Status('input', OK, f'{rate_hz:.0f} wrenches per second', numbers)
+    doubt, well = next(_suspicions(now), ''), f'{rate_hz:.0f} wrenches per second'
+    return Status('input', WARN if doubt else OK, doubt or well, numbers)
 
 
 def _wrench_silence(now: Snapshot) -> str:
@@ -175,9 +173,8 @@ def _temperature(now: Snapshot) -> Status:
         for j, value in enumerate(tracker.temperature_c, start=1):
             numbers[f'thermometer_{j}_c'] = f'{value:.2f}'
     trouble = next(_thermometer_troubles(now), '')
-    if trouble:
-        return Status('temperature', WARN, trouble, numbers)
-    return Status('temperature', OK, 'all thermometers report', numbers)
+    level, well = WARN if trouble else OK, 'all thermometers report'
+    return Status('temperature', level, trouble or well, numbers)
 
 
 def _thermometer_troubles(now: Snapshot) -> Iterator[str]:
@@ -289,9 +286,7 @@ def _model(now: Snapshot) -> Status:
     for j, entry in enumerate(stored.document['thermometers'], start=1):
         numbers[f'thermometer_{j}_calibrated_c'] = '{:.1f} to {:.1f}'.format(*entry['range_c'])
     trouble = now.model_problem or now.save_problem
-    if trouble:
-        return Status('model', WARN, trouble, numbers)
-    return Status('model', OK, summary(stored), numbers)
+    return Status('model', WARN if trouble else OK, trouble or summary(stored), numbers)
 
 
 def summary(stored: StoredModel) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore
-from wrist_ft_comp.model.drift_model import check_unit, DriftModel, StoredModel
+from wrist_ft_comp.model.drift_model import check_fits, DriftModel, StoredModel
 from wrist_ft_comp.ros.diagnostics import summary
 from wrist_ft_comp.ros.node_log import NodeLog
 
@@ -98,13 +98,7 @@ def _announce(stored: StoredModel, node_log: NodeLog) -> None:
 def load_fitting(path: Path, thermometers: int) -> StoredModel:
     """Load a model, and refuse one of other thermometers or units than the node has."""
     stored = load_model(path)
-    if stored.model.thermometers != thermometers:
-        raise SettingsError(
-            f'{path} expects {stored.model.thermometers} thermometers, the node has '
-            f'{thermometers} (temperature_topics). Calibrate with these, or list the '
-            "model's topics."
-        )
-    check_unit(stored.model, name=path)
+    check_fits(stored.model, thermometers, name=path)
     return stored
 
 
@@ -161,12 +155,11 @@ class LiveModel:
     def check_parameters(self, parameters: Sequence[Any]) -> None:
         """Refuse files outside data_directory and unusable models; changes nothing that runs."""
         for parameter in parameters:
-            self._validate(parameter.name, parameter.value)
+            if parameter.name in {'model_file', 'calibration.recordings'}:
+                self._validate(parameter.name, parameter.value)
 
     def _validate(self, name: str, value: Any) -> None:
-        """Refuse one parameter, if there is a reason."""
-        if name not in {'model_file', 'calibration.recordings'}:
-            return
+        """Refuse one of these parameters, if there is a reason."""
         store = self._store
         for given in [value] if name == 'model_file' else value or []:
             if given and not store.contains(store.locate(given)):
@@ -199,17 +192,8 @@ class LiveModel:
         again = before[-1] == stored.path
         self._remember(before if again else [*before, stored.path])
 
-    def on_rollback(self, _request: Any, response: Any) -> Any:
-        """Go back to the model before the live one."""
-        try:
-            response.message, response.success = self._roll_back(), True
-        except WristFtCompError as error:
-            response.message, response.success = str(error), False
-            self._log.note_refusal('~/rollback', str(error))
-        return response
-
-    def _roll_back(self) -> str:
-        """Swap the model before in; say which."""
+    def roll_back(self) -> str:
+        """Go back to the model before the live one; say which."""
         if len(self._history) < 2:
             raise SettingsError(
                 'There is no earlier model to go back to; the running model stays.'

@@ -4,7 +4,7 @@ What is ROS about messages: quality of service, and typed messages where speed d
 Raw wrenches and temperatures are read as bytes (files/cdr.py).
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from copy import copy
 from typing import Any
@@ -75,28 +75,22 @@ def opening(topic: str) -> Iterator[None]:
         ) from error
 
 
-def publishers_unheard(
-    topic: str, incompatible: dict[str, str], log: Any
-) -> SubscriptionEventCallbacks:
-    """Make what notes and logs that a publisher of a topic, by relative name, is not heard."""
-    said = 'a publisher of {} offers less {} than is asked for: nothing of it will be received'
-    tell = _teller(said, topic, 'subscription', incompatible, log)
-    return SubscriptionEventCallbacks(incompatible_qos=tell)
+#: What is made, and said, where the other side of our subscription or publisher does not agree.
+_UNLIKE = {
+    'subscription': (
+        SubscriptionEventCallbacks,
+        'a publisher of {} offers less {} than is asked for: nothing of it will be received',
+    ),
+    'publisher': (
+        PublisherEventCallbacks,
+        'a subscriber of {} asks for more {} than is offered: it will receive nothing',
+    ),
+}
 
 
-def subscribers_deaf(
-    topic: str, incompatible: dict[str, str], log: Any
-) -> PublisherEventCallbacks:
-    """Make what notes and logs that a subscriber of a topic, by relative name, hears nothing."""
-    said = 'a subscriber of {} asks for more {} than is offered: it will receive nothing'
-    tell = _teller(said, topic, 'publisher', incompatible, log)
-    return PublisherEventCallbacks(incompatible_qos=tell)
-
-
-def _teller(
-    said: str, topic: str, ours: str, incompatible: dict[str, str], log: Any
-) -> Callable[[Any], None]:
-    """Make what notes and logs the policy on which two sides do not agree."""
+def unlike(ours: str, topic: str, incompatible: dict[str, str], log: Any) -> Any:
+    """Make what notes, by a topic's relative name, and logs the policy that two don't agree on."""
+    callbacks, said = _UNLIKE[ours]
 
     def tell(event: Any) -> None:
         policy = str(qos_policy_name_from_kind(event.last_policy_kind)).lower()
@@ -106,7 +100,7 @@ def _teller(
             'node, or the quality of service of the other side.'
         )
 
-    return tell
+    return callbacks(incompatible_qos=tell)
 
 
 def wrench_message(stamp_ns: int, frame_id: str, values: Iterable[float]) -> WrenchStamped:

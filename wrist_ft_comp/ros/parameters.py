@@ -23,7 +23,7 @@ from rclpy.parameter import Parameter as RosParameter
 from wrist_ft_comp.calibration.settings import CalibrationSettings, METHODS
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.payload.weight import FARTHEST_M, MOST_KG
-from wrist_ft_comp.model.ranges import PERIODS_S
+from wrist_ft_comp.model.ranges import PERIODS_S, range_words
 from wrist_ft_comp.model.signals import Reference
 from wrist_ft_comp.stream.compensator import StreamSettings
 
@@ -91,15 +91,10 @@ class Parameter:
         """The allowed scalars, in words."""
         if self.choices:
             return f'one of {", ".join(self.choices)}'
-        words = _TYPES[self.element_type][2]
-        unit = f' {self.unit}' if self.unit else ''
-        if math.isfinite(self.minimum) and math.isfinite(self.maximum):
-            return f'{words} from {self.minimum:g} to {self.maximum:g}{unit}'
-        if math.isfinite(self.minimum):
-            return f'{words} of at least {self.minimum:g}{unit}'
-        if math.isfinite(self.maximum):
-            return f'{words} of at most {self.maximum:g}{unit}'
-        return f'a finite number{unit}' if self.element_type is float else words
+        limits = range_words(self.minimum, self.maximum)
+        finite = 'a finite number' if self.element_type is float and not limits else ''
+        words = finite or _TYPES[self.element_type][2], limits, self.unit
+        return ' '.join(filter(None, words))
 
 
 def declare(node: Node, table: Sequence[Parameter]) -> None:

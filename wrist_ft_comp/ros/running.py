@@ -49,13 +49,10 @@ USER_ERRORS = (
 
 
 def run_nodes(factory: NodesFactory, argv: Sequence[str] | None = None, usage: str = '') -> int:
-    """
-    Run the nodes of ``factory(context=…)`` on one executor until SIGINT, SIGTERM, or an error.
-
-    The first node's parameter ``executor`` chooses it, where it is declared. Returned is the exit
-    code: 0 after a signal, or when ``--help`` showed the usage; 1 after an error of this package,
-    which was logged as one sentence.
-    """
+    """Run the nodes of ``factory(context=…)`` on one executor until a signal or an error."""
+    # The first node's parameter ``executor`` chooses it, where it is declared. Returned is the
+    # exit code: 0 after a signal, or when ``--help`` showed the usage; 1 after an error of this
+    # package, which was logged as one sentence.
     words = list(sys.argv if argv is None else argv)
     if usage and not set(HELP).isdisjoint(words[1:]):
         sys.stdout.write(usage)
@@ -157,12 +154,9 @@ def _stop_flag() -> Iterator[threading.Event]:
 
 
 def node_per_sensor(make: Callable[..., SensorNode], **options: Any) -> list[SensorNode]:
-    """
-    Make a node for each sensor that the parameter ``sensors`` lists, or one when it lists none.
-
-    ``make`` is called as a node class that also takes ``sensor=NAME``; a node's ``own_topics`` are
-    its alone. WristFtCompError when a name is unusable or two sensors would share a topic.
-    """
+    """Make a node for each sensor that the parameter ``sensors`` lists, or one for none."""
+    # ``make`` is called as a node class that also takes ``sensor=NAME``; a node's ``own_topics``
+    # are its alone. WristFtCompError when a name is unusable or two sensors would share a topic.
     asking: Any = Node(NODE_NAME, enable_rosout=False, start_parameter_services=False, **options)
     try:
         declare(asking, PROCESS_PARAMETERS)

@@ -27,15 +27,7 @@ from wrist_ft_comp.ros.messages import opening, overridable, own, SLOW_SENSOR
 from wrist_ft_comp.ros.parameters import declare, EXECUTOR_PARAMETER, Parameter, values
 from wrist_ft_comp.ros.running import run_nodes
 from wrist_ft_comp.ros.simulated.robot import SimulatedRobot
-from wrist_ft_comp.simulation.ft_sensor import (
-    build_sensor,
-    digitised_temperatures,
-    digitised_wrench,
-    measured_wrench,
-    start,
-    thermometer_temperatures,
-    trajectory,
-)
+from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
 from wrist_ft_comp.simulation.run import (
     draw_run,
@@ -127,8 +119,8 @@ class SimulatedSensor(Node):
         random = np.random.SeedSequence([chosen['seed'], chosen['run']]).spawn(3)
         draws, self._wrench_rng, self._temperature_rng = map(np.random.default_rng, random)
         self._run = draw_run(run_settings(chosen), draws)
-        self._sensor = build_sensor(FtSensorSettings(), chosen['seed'])
-        self._state = start(self._sensor, float(room_temperature(self._run, 0.0)))
+        self._sensor = ft_sensor.build_sensor(FtSensorSettings(), chosen['seed'])
+        self._state = ft_sensor.start(self._sensor, float(room_temperature(self._run, 0.0)))
         self._step = 0
         self._speed: float = chosen['speed']
         self._wrenches = _Ticks(chosen['wrench_rate'], self._speed)
@@ -204,11 +196,13 @@ class SimulatedSensor(Node):
         elapsed_s = wrench_ns / NANOSECONDS
         true = true_wrench(self._run, elapsed_s)
         if self._robot is not None:
-            near_c = thermometer_temperatures(self._sensor, wrench_nodes_c)[:, 0]
+            near_c = ft_sensor.thermometer_temperatures(self._sensor, wrench_nodes_c)[:, 0]
             true = self._robot.move(elapsed_s, near_c, true)
-        ideal = measured_wrench(self._sensor, wrench_nodes_c, true)
-        raw = digitised_wrench(self._sensor, ideal, self._wrench_rng)
-        read = digitised_temperatures(self._sensor, temperature_nodes_c, self._temperature_rng)
+        ideal = ft_sensor.measured_wrench(self._sensor, wrench_nodes_c, true)
+        raw = ft_sensor.digitised_wrench(self._sensor, ideal, self._wrench_rng)
+        read = ft_sensor.digitised_temperatures(
+            self._sensor, temperature_nodes_c, self._temperature_rng
+        )
         waiting = list(zip(temperature_ns.tolist(), read.tolist(), strict=True))[::-1]
         wrenches = zip(wrench_ns.tolist(), true.tolist(), raw.tolist(), strict=True)
         for number, (elapsed_ns, load, reading) in enumerate(wrenches):
@@ -230,7 +224,7 @@ class SimulatedSensor(Node):
         self._step = max(first, *(int(each[-1]) for each in steps if len(each)), first)
         begins_s: FloatArray = np.arange(first, self._step, dtype=np.float64) * step_s
         passed = drive(self._run, begins_s)
-        nodes_c = trajectory(self._sensor, self._state, passed)
+        nodes_c = ft_sensor.trajectory(self._sensor, self._state, passed)
         self._state = nodes_c[-1]
         return [nodes_c[np.maximum(each - first, 0)] for each in steps]
 

@@ -28,15 +28,11 @@ OnForce = Callable[[int, tuple[float, float, float], float | None], None]
 
 
 class GravitySource:
-    """
-    Hears what the parameters ``gravity.…`` say, and gives each specific force to a callback.
+    """Hears what the parameters ``gravity.…`` say, and gives each specific force to a callback."""
 
-    An IMU may send at a kilohertz, and being woken for each message would cost as much as the
-    wrench does. So no executor waits for it: ``subscribe_unserved`` makes a subscription that only
-    keeps messages, and ``poll`` takes them. The frame, of which ``frame`` tells the name, is that
-    of the wrench; '' before it is known.
-    SettingsError when TF is asked for and cannot be had.
-    """
+    # As field_inputs, it polls what ``subscribe_unserved`` keeps: an IMU may send at a kilohertz.
+    # The frame, of which ``frame`` tells the name, is that of the wrench; '' before it is known.
+    # SettingsError when TF is asked for and cannot be had.
 
     def __init__(
         self,

@@ -83,12 +83,12 @@ class FieldTopic:
 
 
 class FieldInputs:
-    """All thermometers that are fields: number from 0, full name of the topic, and where in it."""
+    """All thermometers that are fields, of all thermometers: full names of topics, and where."""
 
     def __init__(
         self,
         node: Node,
-        sources: Iterable[tuple[int, str, TemperatureSource]],
+        sources: Iterable[tuple[str, TemperatureSource]],
         subscribe: Subscribe,
         take: Take,
     ) -> None:
@@ -96,11 +96,10 @@ class FieldInputs:
         self.unreadable = 0
         self._take = take
         self._topics: dict[str, FieldTopic] = {}
-        for j, topic, source in sources:
-            inputs = self._topics.setdefault(
-                topic, FieldTopic(node, topic, source.topic, subscribe)
-            )
-            inputs.thermometers[j] = source
+        for j, (topic, source) in enumerate(sources):
+            if source.path:
+                new = FieldTopic(node, topic, source.topic, subscribe)
+                self._topics.setdefault(topic, new).thermometers[j] = source
         #: Why a thermometer could not be read; and which are not read until the next look, because
         #: finding out what there is instead takes time.
         self._misread: dict[int, str] = {}

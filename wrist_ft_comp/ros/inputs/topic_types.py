@@ -7,10 +7,9 @@ from typing import Any
 from rclpy.node import Node
 
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.files.cdr import TEMPERATURE
 from wrist_ft_comp.model.temperature_source import may_be_temperature, numbers_in, path_text
 
-TEMPERATURE = 'sensor_msgs/msg/Temperature'
-WRENCH = 'geometry_msgs/msg/WrenchStamped'
 _NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
 #: So many numbers of a message are proposed.
 _PROPOSED = 3

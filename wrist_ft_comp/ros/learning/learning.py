@@ -15,8 +15,7 @@ from wrist_ft_comp.files.model_file import restore_model
 from wrist_ft_comp.ros.learning.diary import DiaryKeeper
 from wrist_ft_comp.ros.live_model import LiveModel
 from wrist_ft_comp.ros.node_log import NodeLog
-from wrist_ft_comp.ros.services.calibrate import CalibrateService, CalibrationProcess
-from wrist_ft_comp.ros.services.job_maker import JobMaker
+from wrist_ft_comp.ros.services.calibrate import CalibrateService, CalibrationProcess, JobMaker
 
 #: How long to wait where a job cannot run, s.
 _WAIT_S = 60.0
@@ -187,14 +186,12 @@ class Learner:
         if before.offered not in {'', self.memory.offered} and before.sha256 != self._live.sha256:
             self._jobs.store.discard(offered)
 
-    def on_adopt(self, _request: Any, response: Any) -> Any:
-        """Make the offered model live."""
+    def adopt(self) -> str:
+        """Make the offered model live; say which."""
         try:
-            response.message, response.success = self._adopt(), True
+            return self._adopt()
         except WristFtCompError as error:
-            response.message, response.success = f'{error} The running model stays.', False
-            self._log.note_refusal('~/adopt', response.message)
-        return response
+            raise SettingsError(f'{error} The running model stays.') from error
 
     def _adopt(self) -> str:
         """Swap the offered model in; say which."""

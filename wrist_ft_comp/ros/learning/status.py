@@ -11,20 +11,10 @@ def learning_status(learner: Learner) -> Iterator[Status]:
     if learner.mode == 'off':
         return
     numbers = _numbers(learner)
-    trouble = next(filter(None, _troubles(learner)), '')
-    if trouble:
-        yield Status('learning', WARN, trouble, numbers)
-    else:
-        yield Status('learning', OK, _well(learner), numbers)
-
-
-def _troubles(learner: Learner) -> Iterator[str]:
-    """Say what a person should look at, the worst first."""
-    yield learner.why_not
-    yield learner.diary.problem if learner.diary else ''
-    yield learner.problem
-    yield learner.memory.paused
-    yield learner.memory.incident
+    memory, resting = learner.memory, learner.diary.problem if learner.diary else ''
+    # What a person should look at, the worst first.
+    trouble = learner.why_not or resting or learner.problem or memory.paused or memory.incident
+    yield Status('learning', WARN if trouble else OK, trouble or _well(learner), numbers)
 
 
 def _well(learner: Learner) -> str:

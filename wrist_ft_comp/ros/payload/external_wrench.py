@@ -1,22 +1,27 @@
 """The wrench without drift and payload, and the parameters that say which payload is held."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.files.cdr import Layout
+from wrist_ft_comp.files.payload_file import add_payloads, Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.ros.live_model import LiveModel
 from wrist_ft_comp.ros.node_log import NodeLog
-from wrist_ft_comp.ros.payload.shelf import Shelf
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.payload import Force, LivePayload, RecentForces
 
 #: What payload.active says for what payload.mass and payload.center_of_mass say.
 MANUAL = 'manual'
+#: What the names of payloads that were identified in operation begin with.
+_IDENTIFIED = 'identified'
 #: An IMU is not asked while its newest sample is no older: to take each at a kilohertz would cost
 #: a third of what the wrench does, and this much leaves 0.03 N at 1 rad/s and 1.5 kg.
 _FRESH_NS = 2_000_000
@@ -25,18 +30,46 @@ _NAMES = {'payload.active', 'payload.mass', 'payload.center_of_mass'}
 Collect = Callable[[int, list[float], Force, float], None]
 
 
+class Shelf:
+    """Looks into a folder of models, and into that of the live model; source is this node's."""
+
+    def __init__(self, models: Path, live: LiveModel, source: str) -> None:
+        self._own, self._live, self.source = models / PAYLOADS, live, source
+
+    def payloads(self) -> Learnt:
+        """Read what there is, oldest first; of the same name the node's own counts."""
+        stored, own = self._live.stored, load_payloads(self._own)
+        beside = {} if stored is None else load_payloads(stored.path.parent / PAYLOADS)
+        return {**{name: each for name, each in beside.items() if name not in own}, **own}
+
+    def frames(self) -> dict[str, ForceFrame]:
+        """Give the frames of payloads, but for those that another source told, oldest first."""
+        known = {name: frame for name, (_, frame) in self.payloads().items()}
+        return {name: each for name, each in known.items() if each.source in ('', self.source)}
+
+    def sensor(self) -> ForceFrame | None:
+        """Tell what the last calibration found of the accelerometer: it saw more than a minute."""
+        calibrated = [
+            each for name, each in self.frames().items() if not name.startswith(f'{_IDENTIFIED}-')
+        ]
+        return calibrated[-1] if calibrated else None
+
+    def keep(self, payload: Payload, frame: ForceFrame) -> str:
+        """Keep a payload that was identified, and name it."""
+        frame = replace(frame, source=self.source)
+        return add_payloads(self._own, _IDENTIFIED, [payload], frame, self.payloads())[0]
+
+
 class _UnknownTurnError(SettingsError):
     """Nobody knows how the IMU is mounted."""
 
 
 class ExternalWrench:
-    """
-    Knows the payload that is held, and what it weighs at every wrench.
+    """Knows the payload that is held, and what it weighs at every wrench."""
 
-    WristFtCompError when payload.active can't be had. The node sets ``publish``; ``poll``, which
-    lets specific force that has come be given to ``add_force``; and ``mount``, which tells how TF
-    turns specific force into the wrench's frame, or None.
-    """
+    # WristFtCompError when payload.active can't be had. The node sets ``publish``; ``poll``, which
+    # lets specific force that has come be given to ``add_force``; and ``mount``, which tells how
+    # TF turns specific force into the wrench's frame, or None.
 
     def __init__(
         self,

@@ -1,13 +1,13 @@
 """The service ~/identify_payload: what is mounted, from a minute of motion."""
 
+from dataclasses import dataclass
 import time
 from typing import Any
 
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.model.payload.learnt import payload_line
 from wrist_ft_comp.ros.node_log import NodeLog
-from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench
-from wrist_ft_comp.ros.payload.shelf import Shelf
+from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench, Shelf
 from wrist_ft_comp.ros.services.deferred import Reply
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.payload import Force
@@ -17,25 +17,21 @@ from wrist_ft_comp.stream.payload_motion import DURATION_S, Identified, identify
 _PATIENCE_S = 10.0
 
 
+@dataclass(eq=False)
 class IdentifyService:
     """Learns a payload from the wrenches of a minute; the shelf keeps it, the answer names it."""
 
-    def __init__(
-        self,
-        compensator: Compensator,
-        external: ExternalWrench,
-        shelf: Shelf,
-        node_name: str,
-        log: NodeLog,
-    ) -> None:
-        #: What the last one answered; empty before the first.
-        self.last_outcome = ''
-        self._compensator, self._external, self._shelf = compensator, external, shelf
-        self._node_name, self._log = node_name, log
-        self._running: tuple[MotionCollector, Reply] | None = None
-        self._heard_s = 0.0
-        #: What must not change meanwhile: it would step the wrenches.
-        self._tare: Any = None
+    _compensator: Compensator
+    _external: ExternalWrench
+    _shelf: Shelf
+    _node_name: str
+    _log: NodeLog
+    #: What the last one answered; empty before the first.
+    last_outcome: str = ''
+    _running: tuple[MotionCollector, Reply] | None = None
+    _heard_s: float = 0.0
+    #: What must not change meanwhile: it would step the wrenches.
+    _tare: Any = None
 
     @property
     def progress(self) -> float | None:

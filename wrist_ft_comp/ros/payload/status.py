@@ -1,6 +1,7 @@
 """What the diagnostics say of the payload: ``PayloadReport`` judges it once a second."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 import math
 import time
 
@@ -18,24 +19,19 @@ _SAME_CLOCK_S = 3600.0
 _NORMS, _FROZEN = (0.5 * GRAVITY, 2.0 * GRAVITY), 5
 
 
+@dataclass(eq=False)
 class PayloadReport:
-    """
-    Judges the payload in operation.
+    """Judges the payload in operation."""
 
-    ``problem`` tells why specific force can't come, where its source knows; or nothing.
-    """
-
-    def __init__(
-        self,
-        compensator: Compensator,
-        external: ExternalWrench,
-        identify: IdentifyService,
-        problem: Callable[[], str],
-    ) -> None:
-        self._compensator, self._external, self._identify = compensator, external, identify
-        self._problem = problem
-        self._before = time.monotonic(), 0, 0, 0
-        self._same: tuple[Force | None, int] = None, 0
+    _compensator: Compensator
+    _external: ExternalWrench
+    _identify: IdentifyService
+    #: Tells why specific force can't come, where its source knows; or nothing.
+    _problem: Callable[[], str]
+    _before: tuple[float, int, int, int] = field(
+        default_factory=lambda: (time.monotonic(), 0, 0, 0)
+    )
+    _same: tuple[Force | None, int] = None, 0
 
     def status(self, newest_ns: int | None) -> Status:
         """Judge how it stands at the stamp of the newest wrench, ns."""
@@ -57,9 +53,7 @@ class PayloadReport:
         for axis, value in zip(AXES, self._compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
         trouble = external.waiting or next(self._troubles(age_s, heard, missed), '')
-        if trouble:
-            return Status('payload', WARN, trouble, numbers)
-        return Status('payload', OK, self._well(), numbers)
+        return Status('payload', WARN if trouble else OK, trouble or self._well(), numbers)
 
     def _well(self) -> str:
         """Say what is done where nothing is wrong."""

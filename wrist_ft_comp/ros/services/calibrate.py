@@ -1,7 +1,8 @@
-"""The service ~/calibrate: a process that fits, and what becomes of its outcome."""
+"""The service ~/calibrate: what is asked of a process that fits, and what becomes of it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, replace
 import json
 import os
 from pathlib import Path
@@ -12,12 +13,16 @@ import time
 from typing import Any
 
 from wrist_ft_comp import ONE_THREAD
-from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
-from wrist_ft_comp.files.job_request import CalibrationJob, encode_job, UNTIL_CLOSED
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, WristFtCompError
+from wrist_ft_comp.files.job_request import CalibrationJob, encode_job, Learning, UNTIL_CLOSED
 from wrist_ft_comp.files.model_file import restore_model
+from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.model.drift_model import StoredModel
+from wrist_ft_comp.model.signals import NANOSECONDS, Topics
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.services.deferred import Reply
+from wrist_ft_comp.ros.services.recorder import Recorder
 
 #: What runs a job that comes on standard input, and ends when that is closed: also when this
 #: process is killed and cannot say so.
@@ -101,23 +106,70 @@ class CalibrationProcess:
                 pipe.close()
 
 
+@dataclass(frozen=True, eq=False)
+class JobMaker:
+    """Makes jobs; ``topics`` takes the present parameters and tells topics by their full names."""
+
+    store: ModelStore
+    _settings: Callable[[], dict[str, Any]]
+    _topics: Callable[[dict[str, Any]], Topics]
+    recorder: Recorder
+
+    def calibration(self) -> CalibrationJob:
+        """Ask for what ``~/calibrate`` does."""
+        chosen = self._settings()
+        named = tuple(self.store.locate(path) for path in chosen['calibration.recordings'])
+        recordings = named or tuple(self.store.recordings())
+        if not recordings:
+            raise RecordingError(
+                f'There is no recording in {self.store.directory / "recordings"}. Record a '
+                'warm-up with ~/record, or set calibration.recordings.'
+            )
+        return self._make(recordings, chosen, skip_unusable=not named)
+
+    def learning(self, days: Sequence[Path], champion: Path | None, since: str) -> CalibrationJob:
+        """Ask for what can be learnt from days."""
+        chosen = self._settings()
+        kept_mb = 0.8 * chosen['learning.max_mb']  # leaves room for the day that goes on
+        job = self._make(tuple(days), chosen, skip_unusable=True)
+        return replace(
+            job,
+            settings=replace(job.settings, reference='payload'),
+            learning=Learning(champion, since, chosen['learning.keep_days'], kept_mb),
+        )
+
+    def _make(
+        self, recordings: tuple[Path, ...], chosen: dict[str, Any], *, skip_unusable: bool
+    ) -> CalibrationJob:
+        """Make a job."""
+        output = self.store.new_model_path()
+        return CalibrationJob(
+            recordings=recordings,
+            output=output,
+            report=output.with_suffix('.html'),
+            settings=CalibrationSettings(
+                reference=chosen['calibration.reference'],
+                min_temperature_span_k=chosen['calibration.min_temperature_span'],
+                identification=IdentificationSettings(method=chosen['calibration.method']),
+            ),
+            period_s=self.recorder.period_ns / NANOSECONDS,
+            topics=self._topics(chosen),
+            skip_unusable=skip_unusable,
+        )
+
+
+@dataclass(eq=False)
 class CalibrateService:
     """Runs a calibration in a process of its own; ``go_live`` returns a warning, or nothing."""
 
-    def __init__(
-        self,
-        make_request: Callable[[], CalibrationJob],
-        go_live: Callable[[StoredModel], str],
-        log: NodeLog,
-    ) -> None:
-        #: What the last one answered; empty before the first.
-        self.last_outcome = ''
-        #: Whether the last one changed nothing.
-        self.refused = False
-        self._make_request = make_request
-        self._go_live = go_live
-        self._log = log
-        self._running: tuple[CalibrationProcess, Reply, float] | None = None
+    _make_request: Callable[[], CalibrationJob]
+    _go_live: Callable[[StoredModel], str]
+    _log: NodeLog
+    #: What the last one answered; empty before the first.
+    last_outcome: str = ''
+    #: Whether the last one changed nothing.
+    refused: bool = False
+    _running: tuple[CalibrationProcess, Reply, float] | None = None
 
     @property
     def running_s(self) -> float | None:

@@ -1,46 +1,36 @@
 """The service ~/record: starting and ending the node's own recording."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from wrist_ft_comp.errors import RecordingError, WristFtCompError
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.files.documents import writing
 from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.model.signals import NANOSECONDS
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.services.recorder import OwnRecording, Recorder, REMEDY
 
 
+@dataclass(eq=False)
 class RecordService:
     """Starts and ends a recording; ``subscribe_reference`` returns what ends its subscription."""
 
-    def __init__(
-        self,
-        recorder: Recorder,
-        store: ModelStore,
-        subscribe_reference: Callable[[], Callable[[], object]],
-        log: NodeLog,
-    ) -> None:
-        #: The recording that runs, and its file, or that of the last one.
-        self.current: OwnRecording | None = None
-        self.path = Path()
-        #: Why the last one ended early; empty when it did not.
-        self.failure = ''
-        self._recorder = recorder
-        self._store = store
-        self._subscribe_reference = subscribe_reference
-        self._log = log
-        self._unsubscribe: Callable[[], object] = lambda: None
+    _recorder: Recorder
+    _store: ModelStore
+    _subscribe_reference: Callable[[], Callable[[], object]]
+    _log: NodeLog
+    _unsubscribe: Callable[[], object] = lambda: None
+    #: The recording that runs, and its file, or that of the last one.
+    current: OwnRecording | None = None
+    path: Path = Path()
+    #: Why the last one ended early; empty when it did not.
+    failure: str = ''
 
-    def on_request(self, request: Any, response: Any) -> Any:
-        """Start or end the recording, as SetBool's data says."""
-        try:
-            response.message = self.start() if request.data else self._finish()
-            response.success = True
-        except WristFtCompError as error:
-            response.success, response.message = False, str(error)
-            self._log.note_refusal('~/record', str(error))
-        return response
+    def on_request(self, request: Any) -> str:
+        """Start or end the recording, as SetBool's data says; say where to, or what it holds."""
+        return self.start() if request.data else self._finish()
 
     def start(self) -> str:
         """Start recording; say where to."""
@@ -51,12 +41,9 @@ class RecordService:
                 f'A recording runs already, into {self.path}. End it first, with data: false.'
             )
         try:
-            path = self._store.new_recording_path()
-            writer = CsvRecordingWriter(path, self._recorder.channels)
-        except OSError as error:
-            raise RecordingError(
-                f'{self._store.directory} cannot be written: {error.strerror}. {REMEDY}.'
-            ) from error
+            with writing(self._store.directory):
+                path = self._store.new_recording_path()
+                writer = CsvRecordingWriter(path, self._recorder.channels)
         except RecordingError as error:
             raise RecordingError(f'{error} {REMEDY}.') from error
         self.current = self._recorder.begin(writer, self._fail, self._follow_period)

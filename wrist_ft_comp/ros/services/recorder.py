@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Protocol
 
 from wrist_ft_comp.errors import RecordingError
@@ -23,23 +24,18 @@ class Writer(Protocol):
         """Write what is left."""
 
 
+@dataclass(eq=False)
 class OwnRecording:
     """A recording in progress, a row per thermal cell; RecordingError when the disk refuses."""
 
-    def __init__(
-        self,
-        writer: Writer,
-        averager: CellAverager,
-        period_ns: int,
-        on_failure: Callable[[RecordingError], None],
-        on_period: Callable[[], None],
-    ) -> None:
-        self.averager, self.period_ns = averager, period_ns
-        self.rows = 0
-        #: Told when the disk refuses, after which nothing more is written, and when thermal cells
-        #: get another length.
-        self.on_failure, self.on_period = on_failure, on_period
-        self._writer = writer
+    _writer: Writer
+    averager: CellAverager
+    period_ns: int
+    #: Told when the disk refuses, after which nothing more is written, and when thermal cells get
+    #: another length.
+    on_failure: Callable[[RecordingError], None]
+    on_period: Callable[[], None]
+    rows: int = 0
 
     def write(self, *, final: bool = False) -> None:
         """Append the rows that are complete; all there are when nothing more will come."""

@@ -1,6 +1,7 @@
 """The services ~/tare and ~/reset_tare."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 import time
 from typing import Any
 
@@ -18,26 +19,20 @@ from wrist_ft_comp.stream.tare import TareCollector
 _GRACE_S = 2.0
 
 
+@dataclass(eq=False)
 class TareService:
     """Takes a tare from the wrenches that are pushed to it; ``save`` keeps it over a restart."""
 
     # Where a payload is held, the external wrench is tared, too.
 
-    def __init__(
-        self,
-        compensator: Compensator,
-        external: ExternalWrench,
-        settings: Callable[[], Mapping[str, Any]],
-        save: Callable[[], None],
-        log: NodeLog,
-    ) -> None:
-        self._compensator, self._external = compensator, external
-        self._settings = settings
-        self._save = save
-        self._log = log
-        self._running: tuple[TareCollector, Reply, float] | None = None
-        #: Of the payload, N and N m; None where nobody knew.
-        self._weights: list[list[float] | None] = []
+    _compensator: Compensator
+    _external: ExternalWrench
+    _settings: Callable[[], Mapping[str, Any]]
+    _save: Callable[[], None]
+    _log: NodeLog
+    _running: tuple[TareCollector, Reply, float] | None = None
+    #: Of the payload, N and N m; None where nobody knew.
+    _weights: list[list[float] | None] = field(default_factory=list)
 
     def on_request(self, _request: Any, reply: Reply) -> None:
         """Start to collect wrenches; the answer comes when there are enough."""
@@ -51,12 +46,11 @@ class TareService:
         deadline = time.monotonic() + chosen['tare.duration'] + _GRACE_S
         self._running, self._weights = (collector, reply, deadline), []
 
-    def on_reset(self, _request: Any, response: Any) -> Any:
+    def reset(self) -> str:
         """Forget the tare."""
         self._compensator.reset_tare()
         self._save()
-        response.success, response.message = True, 'the tare is zero again'
-        return response
+        return 'the tare is zero again'
 
     def add(self, stamp_ns: int, raw: Sequence[float]) -> None:
         """Take one wrench, N and N m; answer when there are enough."""
