@@ -7,12 +7,11 @@ import pytest
 
 from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.calibration.cross_validation import (
-    _left_out_bins,
+    _refit,
     CandidateData,
     fold_bins,
     JUDGED_PARTS,
     part_errors,
-    uncompensated_bins,
     unexplained,
 )
 from wrist_ft_comp.calibration.result import rms_by_fold
@@ -38,10 +37,10 @@ TEMPERATURE_C = np.linspace(20, 40, CELLS)
 
 
 def in_cells(problem):
-    """Fit and judge candidates in single cells, on a grid of few time constants."""
-    cells, judged = bin_axis_data(problem, 1), bin_axis_data(problem, 1, means=True)
+    """Fit candidates in single cells, on a grid of few time constants."""
+    cells = bin_axis_data(problem, 1)
     moments = accumulate(cells, bank_inputs(cells, FEATURES, GRID), GRID)
-    return CandidateData(problem, FEATURES, cells, judged, moments)
+    return CandidateData(problem, FEATURES, cells, moments)
 
 
 @pytest.mark.parametrize('structure', [Structure('one', 2, 1), Structure('two', 1, 2)], ids=str)
@@ -52,35 +51,20 @@ def test_held_out_errors_are_those_of_refitting_without_each_block(
     data, degree = in_cells(noisy_problem), structure.degree
     features, start_s = data.features_of(structure), GRID[[2, 4]][: structure.free_time_constants]
     for block in range(3):
-        taus = search_time_constants(data.fitted.without(block), features, start_s, 1e-5)
+        part = noisy_problem.without(block)
+        taus = search_time_constants(bin_axis_data(part, 1), features, start_s, 1e-5)
         banked = textbook_bank(noisy_problem, taus, degree)
         x, y, places = stack_samples(noisy_problem, banked, {0, 1, 2} - {block})
         x, y = (whiten(values, places, noisy_problem) for values in (x, y))
         theta = np.linalg.lstsq(x, y, rcond=None)[0]
         x, y, _ = stack_samples(noisy_problem, banked, {block})
         left = y - x @ theta
-        (bins,) = _left_out_bins(data, features, start_s, block)
-        np.testing.assert_allclose(bins.errors, left - left[:6].mean(), atol=1e-4 * np.ptp(left))
-
-
-def test_without_compensation_a_recording_is_left_from_its_first_minute_on(noisy_problem):
-    expected = []
-    for values in noisy_problem.residual:
-        seen = values[np.isfinite(values)]
-        expected += [part.mean() for part in np.array_split((seen - seen[:6].mean()) ** 2, 4)]
-    uncompensated = part_errors(uncompensated_bins(in_cells(noisy_problem)))
-    np.testing.assert_allclose(uncompensated, expected, rtol=1e-8)
-
-
-def test_a_plateau_is_scored_around_the_mean_of_the_others(noisy_problem):
-    """Chamber tests are not tared: what differs between plateaus is the drift."""
-    folds = tuple(np.arange(len(values)) // 60 for values in noisy_problem.folds)
-    chamber = replace(noisy_problem, folds=folds, tared=False)
-    for recording, fold, cells, errors in uncompensated_bins(in_cells(chamber)):
-        values = noisy_problem.residual[recording]
-        others = np.nanmean(values[folds[recording] != fold])
-        np.testing.assert_allclose(errors, values[cells.astype(int)] - others, atol=1e-9)
-        assert (folds[recording][cells.astype(int)] == fold).all()
+        model, _ = _refit(data, features, start_s, part)
+        rest = unexplained(noisy_problem, model)[block]
+        rest = rest[np.isfinite(rest)]
+        np.testing.assert_allclose(
+            rest - rest[:6].mean(), left - left[:6].mean(), atol=1e-4 * np.ptp(left)
+        )
 
 
 def test_what_a_model_leaves_is_the_measurement_minus_its_free_run(make_axis_data, lagged):

@@ -30,18 +30,14 @@ def problem(request, make_axis_data):
     return make_axis_data(temperatures, raws, loads, folds=folds, period_s=1.0)
 
 
-@pytest.mark.parametrize('means', [False, True])
-def test_every_sum_is_the_textbook_loop(problem, means):
-    """With means, each bin counts once."""
-    binned = bin_axis_data(problem, WIDTH, means=means)
+def test_every_sum_is_the_textbook_loop(problem):
+    binned = bin_axis_data(problem, WIDTH)
     for i, sums in enumerate(binned.sums):
         for n in range(CELLS // WIDTH + 1):
             cells = range(n * WIDTH, min((n + 1) * WIDTH, CELLS))
             there = [k for k in cells if np.isfinite(problem.residual[i][k])]
             y = [problem.residual[i][k] for k in there]
             w = [0.0 if problem.load is None else problem.load[i][k] for k in there]
-            if means:
-                y, w = ([np.mean(each)] if there else [] for each in (y, w))
             expected = {
                 'count': len(y),
                 'load': sum(w),
@@ -59,17 +55,6 @@ def test_a_last_bin_that_is_not_full_keeps_its_own_mean_temperature(make_axis_da
     np.testing.assert_allclose(binned.temperature_c[0][:, 0], [4.5, 14.5, 22.0])
     np.testing.assert_array_equal(binned.sums[0].count, [10, 10, 5])
     assert binned.period_s == 10.0
-
-
-def test_a_fold_that_is_held_out_loses_its_samples_only(problem):
-    binned = bin_axis_data(problem, WIDTH)
-    part = binned.without(1)
-    for folds, all_sums, sums in zip(binned.folds, binned.sums, part.sums, strict=True):
-        assert set(folds) > {1}
-        np.testing.assert_array_equal(sums.count, np.where(folds == 1, 0, all_sums.count))
-        assert sums.residual is all_sums.residual
-    assert part.temperature_c is binned.temperature_c
-    assert part.longest_s == binned.longest_s == 250.0
 
 
 @pytest.mark.parametrize('tau', [3.0, 25.0, 400.0])

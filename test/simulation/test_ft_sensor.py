@@ -251,29 +251,6 @@ def test_seed_makes_the_specimen():
     assert (np.abs(drifts[0] - drifts[2]) > 1e-3).all()
 
 
-@pytest.mark.parametrize(
-    'wrong',
-    [
-        {'step_s': 0.0},
-        {'cells': 1},
-        {'body_w_per_k': -1.0},
-        {'body_w_per_k': np.inf},
-        {'max_motor_power_w': -1.0},
-        {'tool_convection_w_per_k': np.nan},
-        {'thermometer_positions': (0.9, 1.1)},
-        {'thermometer_positions': (np.nan, 0.1)},
-        {'thermometer_noise_k': -0.01},
-        {'gauge_coefficient_per_k': np.nan},
-        {'zero_coefficient_per_k': (65e-6, 45e-6)},
-        {'zero_coefficient_per_k': (45e-6, np.inf)},
-        {'torque_quantum_nm': -1.0},
-    ],
-)
-def test_settings_without_meaning_are_refused(wrong):
-    with pytest.raises(SettingsError, match=next(iter(wrong))):
-        FtSensorSettings(**wrong)
-
-
 # What drives it
 
 

@@ -1,21 +1,23 @@
 """
 Where a candidate is scored: on folds that it did not see, in free run, averaged over bins.
 
-Free relaxations are fitted from sums (``cross_validate``), the paper's methods by refitting and
-running (``refit_bins``); ``auto`` scores all pairs of candidates at once, on its own.
-``part_errors`` sums errors up, ``simplest_good`` compares the sums, and ``hold_out`` keeps the
+Free relaxations (``cross_validate``) and the paper's methods are refitted and run
+(``refit_bins``); ``auto`` scores all pairs of candidates at once, on its own. ``part_errors`` sums
+errors up, ``simplest_good`` compares the sums, and ``hold_out`` keeps the
 winner's errors for pictures.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from wrist_ft_comp.calibration.result import HeldOut
 from wrist_ft_comp.identification.axis_data import AxisData
-from wrist_ft_comp.identification.bins import bin_axis_data, BinnedData, Sums, tare
+from wrist_ft_comp.identification.bins import bin_axis_data, BinnedData, tare
+from wrist_ft_comp.identification.gains import anchored, build_axis_model, by_relaxation
 from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
 from wrist_ft_comp.identification.regression import best_on_grid, least_squares, Structure
 from wrist_ft_comp.identification.time_constants import search_time_constants
@@ -35,7 +37,7 @@ _GRID_POINTS, _SHORTEST_TAU_S, _LONGEST_TAU_S = 13, 20.0, 7200.0
 
 @dataclass(frozen=True, eq=False)
 class CandidateData:
-    """What all candidates of an axis are fitted from and scored on."""
+    """What all candidates of an axis are fitted from."""
 
     # Features are those of one relaxation's temperatures, of the highest degree; moments hold all
     # of them behind a grid of time constants.
@@ -43,12 +45,7 @@ class CandidateData:
     axis_data: AxisData
     features: Features
     fitted: BinnedData
-    judged: BinnedData
     fitted_moments: Moments
-
-    def inputs(self, structure: Structure) -> int:
-        """Count the features of a structure: powers up to its degree, or all hats."""
-        return len(self.features_of(structure).names)
 
     def features_of(self, structure: Structure) -> Features:
         """Features of one relaxation's temperatures."""
@@ -60,11 +57,9 @@ class CandidateData:
 def build_candidate_data(data: AxisData, features: Features) -> CandidateData:
     """Pass the temperatures through the grid of time constants, and sum."""
     grid = time_constant_grid(data)
-    fitted_cells, judged_cells = data.bin_cells
-    fitted = bin_axis_data(data, fitted_cells)
-    judged = bin_axis_data(data, judged_cells, means=True)
+    fitted = bin_axis_data(data, data.bin_cells[0])
     moments = accumulate(fitted, bank_inputs(fitted, features, grid), grid)
-    return CandidateData(data, features, fitted, judged, moments)
+    return CandidateData(data, features, fitted, moments)
 
 
 def time_constant_grid(data: AxisData) -> FloatArray:
@@ -100,68 +95,28 @@ def cross_validate(data: CandidateData, structure: Structure) -> CvScore:
     """Score a candidate on folds that it did not see."""
     moments, features = data.fitted_moments, data.features_of(structure)
     # All combinations on the grid were the starts; the best of them is followed.
-    start_s = best_on_grid(moments, structure, data.inputs(structure))
+    start_s = best_on_grid(moments, structure, len(features.names))
     tau_s = search_time_constants(data.fitted, features, start_s, _TOLERANCE)
-    bins = [
-        each
-        for fold in np.unique(moments.fold).tolist()
-        for each in _left_out_bins(data, features, tau_s, fold)
-    ]
+    bins = refit_bins(data.axis_data, partial(_refit, data, features, tau_s))
     return CvScore(structure, bins, tau_s)
 
 
-def _left_out_bins(
-    data: CandidateData, features: Features, start_s: FloatArray, fold: int
-) -> list[FoldBins]:
-    """Fit time constants and gains to all folds but one, and keep their errors there."""
-    fitted, judged = data.fitted.without(fold), data.judged
-    tau_s = search_time_constants(fitted, features, start_s, _TOLERANCE)
-    moments = accumulate(fitted, bank_inputs(fitted, features, tau_s), tau_s)
+def _refit(
+    data: CandidateData, features: Features, start_s: FloatArray, part: AxisData
+) -> tuple[AxisModel | None, tuple[str, ...]]:
+    """Fit time constants, from a start, and gains to what is not held out."""
+    binned = bin_axis_data(part, data.fitted.cells)
+    tau_s = search_time_constants(binned, features, start_s, _TOLERANCE)
+    inputs = bank_inputs(binned, features, tau_s)
+    moments = accumulate(binned, inputs, tau_s)
     columns = moments.columns(range(len(tau_s)), moments.inputs)
-    gains, _ = least_squares(moments.centred(), columns)
-    banked = bank_inputs(judged, features, tau_s)
-    bins = []
-    for i in _recordings_with(data, fold):
-        design = _design(banked[i], judged.sums[i], loaded=judged.loaded)[:, columns]
-        bins.append(_around_level(data, i, fold, judged.sums[i].residual - design @ gains))
-    return bins
-
-
-def _recordings_with(data: CandidateData, fold: int) -> list[int]:
-    """List the recordings with samples in a fold."""
-    pairs = zip(data.judged.sums, data.judged.folds, strict=True)
-    return [i for i, (sums, folds) in enumerate(pairs) if (sums.count[folds == fold] > 0).any()]
-
-
-def _around_level(data: CandidateData, i: int, fold: int, errors: FloatArray) -> FoldBins:
-    """Count a recording's errors, (n,), in a fold from its first minute, or from the others."""
-    judged, present = data.judged, data.judged.sums[i].count > 0
-    held = (judged.folds[i] == fold) & present
-    if judged.tared:
-        remaining = tare(errors[held], judged.period_s)
-    else:
-        remaining = errors[held] - errors[~held & present].mean()
-    cells = judged.period_s / data.axis_data.period_s
-    middles = (np.flatnonzero(held) + 0.5) * cells - 0.5
-    last = len(data.axis_data.residual[i]) - 1
-    return FoldBins(i, fold, np.minimum(middles, last), remaining)
-
-
-def _design(x: FloatArray, sums: Sums, *, loaded: bool) -> FloatArray:
-    """Draw the regressors of the equation in ``regression``, without the constant."""
-    #   [ x_f(H_τ T) … | w x_f(H_τ T) … | w ]     with load
-    #   [ x_f(H_τ T) … ]                          without
-    w = sums.load[:, np.newaxis]
-    return np.concatenate((x, w * x, w), axis=1) if loaded else x
-
-
-def uncompensated_bins(data: CandidateData) -> list[FoldBins]:
-    """Keep the errors of doing nothing, as those of CvScore."""
-    return [
-        _around_level(data, i, fold, data.judged.sums[i].residual)
-        for fold in np.unique(data.fitted_moments.fold).tolist()
-        for i in _recordings_with(data, fold)
-    ]
+    values, _ = least_squares(moments.centred(), columns)
+    gains = by_relaxation(values, len(tau_s), moments.inputs, loaded=moments.loaded)
+    model = build_axis_model(features, tau_s, gains, inputs, part.period_s)
+    if model is None or not moments.loaded:
+        return model, ()
+    at_rest = features.expand(features.reference_c) @ gains[:, :, 1].sum(axis=0) + values[-1]
+    return anchored(model, [0.0, float(at_rest)]), ()
 
 
 def part_errors(bins: Sequence[FoldBins]) -> FloatArray:

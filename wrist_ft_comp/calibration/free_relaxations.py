@@ -10,8 +10,8 @@ from wrist_ft_comp.calibration.cross_validation import (
     CvScore,
     hold_out,
     part_errors,
+    refit_bins,
     simplest_good,
-    uncompensated_bins,
 )
 from wrist_ft_comp.calibration.features import build_features
 from wrist_ft_comp.calibration.result import AxisFit, OUTPUTS, Term
@@ -39,7 +39,7 @@ def identify_free_relaxations(data: AxisData, settings: IdentificationSettings) 
         structure.name: cross_validate(candidate_data, structure)
         for structure in _structures(settings, features)
     }
-    bins = {'none': uncompensated_bins(candidate_data)}
+    bins = {'none': refit_bins(data, lambda _: (None, ()))}
     bins |= {name: score.bins for name, score in scores.items()}
     errors = {name: part_errors(each) for name, each in bins.items()}
     fit = _choose(candidate_data, scores, errors)

@@ -6,7 +6,7 @@ features, and of r - w and w the sums that least squares asks for: nothing of a 
 load is lost, and the work shrinks with the bin.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -58,14 +58,6 @@ class BinnedData:
         """Duration of the longest recording, s."""
         return max(len(temperature_c) for temperature_c in self.temperature_c) * self.period_s
 
-    def without(self, fold: int) -> 'BinnedData':
-        """Hold a fold out: its samples no longer count, its temperatures stay."""
-        sums = tuple(
-            replace(each, count=np.where(folds == fold, 0.0, each.count))
-            for folds, each in zip(self.folds, self.sums, strict=True)
-        )
-        return replace(self, sums=sums)
-
     def nuisances(self, recording: int) -> FloatArray:
         """Draw what no temperature has to explain in a recording, shape (n, N)."""
         # A constant; where a fold has one of its own, also a random walk in cosines, so that slow
@@ -103,22 +95,15 @@ class BinnedData:
         return mean_relaxation(time_constant_s, self.period_s / self.cells, self.cells)
 
 
-def bin_axis_data(data: AxisData, cells: int, *, means: bool = False) -> BinnedData:
-    """Sum an axis over bins of some cells; with means, the mean of each counts as one sample."""
+def bin_axis_data(data: AxisData, cells: int) -> BinnedData:
+    """Sum an axis over bins of some cells."""
     sums = []
     for i, residual in enumerate(data.residual):
         w = np.zeros_like(residual) if data.load is None else data.load[i]
         present = np.isfinite(residual) & np.isfinite(w)
         y, w = np.where(present, residual, 0.0), np.where(present, w, 0.0)
         rows = [present.astype(float), w, w * w, y, y * y, w * y]
-        if means:
-            count, load, _, total, _, _ = (_sum_bins(row, cells) for row in rows)
-            some = np.maximum(count, 1.0)
-            w, y = load / some, total / some
-            rows = [(count > 0).astype(float), w, w * w, y, y * y, w * y]
-        else:
-            rows = [_sum_bins(row, cells) for row in rows]
-        sums.append(Sums(*rows))
+        sums.append(Sums(*(_sum_bins(row, cells) for row in rows)))
     return BinnedData(
         period_s=cells * data.period_s, cells=cells,
         temperature_c=tuple(_mean_bins(values, cells) for values in data.temperature_c),
