@@ -7,12 +7,11 @@ from importlib.util import find_spec
 import json
 import os
 from pathlib import Path
-import queue
+import select
 import subprocess
 import sys
 import tempfile
-import threading
-from typing import NoReturn, TextIO
+from typing import Any, NoReturn, TextIO
 
 from tqdm import tqdm
 
@@ -29,7 +28,7 @@ _END_TIMEOUT_S = 10.0
 _LOOK_AFTER_S = 0.5
 #: Domains that Linux keeps free of ephemeral ports, from the end that people don't begin with.
 _DOMAINS = range(60, 101)
-_Process = subprocess.Popen[str]
+_Process = subprocess.Popen[bytes]
 _Event = dict[str, object]
 
 
@@ -64,20 +63,18 @@ def _show(event: _Event, bar: 'tqdm[NoReturn]', messages: TextIO) -> None:
 
 def _events(operator: _Process, running: Mapping[str, _Process]) -> Iterator[_Event]:
     """Read what the operator tells, a JSON object a line, while the others are alive."""
-    lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-    threading.Thread(target=_read_lines, args=(operator, lines), daemon=True).start()
+    output: Any = operator.stdout
     while True:
-        try:
-            line = lines.get(timeout=_LOOK_AFTER_S)
-        except queue.Empty:
+        if not select.select([output], [], [], _LOOK_AFTER_S)[0]:
             for name, process in running.items():
                 if process.poll() is not None:
                     raise RecordingError(
                         f'The {name} of the demonstration ended early, with exit code '
                         f'{process.returncode}; see the messages above.'
-                    ) from None
+                    )
             continue
-        if line is None:
+        line = output.readline()
+        if not line:
             return
         try:
             event = json.loads(line)
@@ -86,15 +83,6 @@ def _events(operator: _Process, running: Mapping[str, _Process]) -> Iterator[_Ev
         # Whatever else a library may print there is not for us.
         if isinstance(event, dict) and 'event' in event:
             yield event
-
-
-def _read_lines(operator: _Process, lines: 'queue.SimpleQueue[str | None]') -> None:
-    """Hand lines over until the operator has ended, then None."""
-    if operator.stdout is not None:
-        with operator.stdout:
-            for line in operator.stdout:
-                lines.put(line)
-    lines.put(None)
 
 
 def _environment() -> dict[str, str]:
@@ -111,21 +99,19 @@ def _environment() -> dict[str, str]:
 @contextmanager
 def _process(module: str, *arguments: str, stdout: int | None = None) -> Iterator[_Process]:
     """Run one of the package's programs; end it by its own id."""
-    process = subprocess.Popen(  # noqa: S603 -- our own modules, no shell
-        [sys.executable, '-m', f'wrist_ft_comp.ros.{module}', *arguments],
-        env=_environment(),
-        stdout=stdout,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.terminate()
+    command = [sys.executable, '-m', f'wrist_ft_comp.ros.{module}', *arguments]
+    # Without a buffer, in which lines would wait unseen by select.
+    with subprocess.Popen(  # noqa: S603 -- our own modules, no shell
+        command, env=_environment(), stdout=stdout, bufsize=0
+    ) as process:
         try:
-            process.wait(_END_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+            yield process
+        finally:
+            process.terminate()
+            try:
+                process.wait(_END_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
 
 
 EXAMPLES = """\
