@@ -107,9 +107,10 @@ class Lived:
     def worse(self) -> FloatArray:
         """By how much more of a usual day's and of its own drift a change left, two columns."""
         near = np.zeros(len(self.days), dtype=bool)
-        for number in self.events.named().values():
-            at = int(np.searchsorted(self.days, number))
-            near[at : at + NAMED_DAYS + 1] = True
+        for kind, number in self.events.named().items():
+            end = self.events.replaced if kind == 'thermometer' else number
+            first, last = np.searchsorted(self.days, (number, end))
+            near[first : last + NAMED_DAYS + 1] = True
         more = np.where(near, 0.0, self.left[:, LEARNING] - self.left[:, BEFORE])
         return np.stack((more, more / self.left[:, NEVER]), axis=1)
 

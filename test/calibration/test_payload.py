@@ -8,7 +8,7 @@ import pytest
 
 from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.calibration.payload.accelerometer import set_right
-from wrist_ft_comp.calibration.payload.separation import separate
+from wrist_ft_comp.calibration.payload.separation import separate, separate_again
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError
 
@@ -110,6 +110,16 @@ class TestDrift:
         left = drift - theta
         before, after = np.nanmean(left[:907], axis=0), np.nanmean(left[907:], axis=0)
         np.testing.assert_allclose(before, after, atol=0.2)
+
+    def test_beside_a_model_a_long_press_is_neither_drift_nor_a_step(self, plain):
+        day, cells = plain[0], np.arange(len(plain[0]))
+        pressed = (cells >= 700) & (cells < 850)
+        force = np.array([10, 10, 10, 1, 1, 1]) * pressed[:, None]
+        model = calibrate(plain, AT_WORK).model
+        again = separate_again(separate([replace(day, wrench=day.wrench + force)]), model)
+        assert again.steps == [[]]
+        assert not np.isfinite(again.drift[0].wrench[pressed]).any()
+        assert np.isfinite(again.drift[0].wrench[~pressed]).mean() > 0.6
 
     def test_a_recording_without_specific_force_counts_as_constant(self, plain, make_working_day):
         still = make_working_day(3, poses=np.array([[0.0, 0, 1]]), part=False, contacts=0.0)

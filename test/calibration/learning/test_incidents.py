@@ -64,6 +64,15 @@ def test_a_tare_of_the_driver_is_no_incident(looked, before):
     assert incident(replace(day, recording=zeroed), describe(day), before) == ('', '')
 
 
+def test_a_press_that_lasts_is_no_incident(looked, before):
+    day = looked(9, jump=5.0)
+    (step,) = day.steps
+    pressed = day.drift.wrench.copy()
+    pressed[step.cell : step.cell + 60] = np.nan
+    day = replace(day, drift=replace(day.drift, wrench=pressed))
+    assert incident(day, describe(day), before) == ('', '')
+
+
 def test_the_next_day_with_another_tool_is_ordinary(looked, before):
     tool = {'mass_kg': 2.5, 'center_m': (0.02, 0.0, 0.2)}
     changed = replace(describe(looked(9, **tool)), kind='tool', incident='Another tool.')

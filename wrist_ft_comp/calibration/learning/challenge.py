@@ -84,11 +84,11 @@ def worthiest(days: Sequence[DayEntry], most: int) -> list[DayEntry]:
 
 
 def evidence(
-    newest: DayEntry, before: Mapping[str, DayEntry], calibration: Calibration,
+    unseen: Sequence[DayEntry], before: Mapping[str, DayEntry], calibration: Calibration,
     days: Sequence[str], champion: str,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Collect shares that were left of the newest day, and of days before that were held out."""
-    pairs = [(share(newest, champion), share(newest, CHALLENGER))]
+    """Collect shares that were left of days that none was learnt from, and of held-out ones."""
+    pairs = [(share(each, champion), share(each, CHALLENGER)) for each in unseen]
     held_out = np.full((len(days), len(AXES)), np.nan)
     for axis, fit in calibration.fits.items():
         if fit.held_out is not None and len(days) > 1:  # of a single day, parts were held out

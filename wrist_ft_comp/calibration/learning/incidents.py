@@ -32,6 +32,9 @@ AGREE, _COMPARED = 3, 20
 #: the sensor's where it is larger than so much of the drift of a day, and times the noise, and so
 #: many cells away from a tare.
 _TO_ZERO, _OF_DRIFT, _OF_NOISE, _ECHO = 1.0, 0.3, 50.0, 120
+#: … and where of so many cells before and behind it this share is free of contact: a press that
+#: lasts looks like a step, too.
+_NEAR, _FREE = 60, 0.2
 #: Shares of the time in contact and of what no payload explains; turn of the mounting, deg; noise
 #: by what is usual; payloads of another gain: their ratios alike, centres of mass as near, m.
 _CONTACT, _UNEXPLAINED, _TURNED_DEG, _LOUD, _GAIN, _NEAR_M = 0.6, 0.1, 5.0, 3.0, 0.03, 0.005
@@ -149,16 +152,18 @@ def _jumped(day: Day, entry: DayEntry) -> Incident | None:
     recording, noise = day.recording, day.noise
     raw = recording.wrench[:, [axis in recording.axes_present for axis in AXES]]
     drift = np.array(entry.left[NONE])[np.isfinite(entry.left[NONE])]
-    tared = -np.inf
+    free = np.isfinite(day.drift.wrench).any(axis=1)
+    tared: list[int] = []
     for step in sorted(day.steps, key=lambda each: -np.linalg.norm(each.jump / noise)):
         at, size = step.cell, np.linalg.norm(step.jump / noise)
         reached = np.concatenate((raw[max(0, at - 4) : at] + step.jump, raw[at : at + 2]))
         if np.nanmin(np.linalg.norm(reached / noise, axis=1)) < _TO_ZERO * size:
-            tared = at  # and steps near it are echoes
+            tared.append(at)  # and steps near it are echoes
         elif (
             size > _OF_NOISE
             and np.median(np.abs(step.jump) / drift) > _OF_DRIFT
-            and abs(at - tared) > _ECHO
+            and all(abs(at - other) > _ECHO for other in tared)
+            and min(free[max(0, at - _NEAR) : at].mean(), free[at : at + _NEAR].mean()) > _FREE
         ):
             sizes = ', '.join(f'{each:.2g}' for each in step.jump)
             time = clock(recording, np.arange(len(recording)) >= at)

@@ -89,14 +89,17 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
     if not why or not learnt:
         return Lesson(replace(entry, verdict=f'{said}No reason to learn anew.'))
     settings = replace(settings or CalibrationSettings(), reference='recorded')
-    asked = {each.name: each for each in before if each.name > max(since, champion.newest)}
+    asked = {
+        each.name: each for each in good_days(before) if each.name > max(since, champion.newest)
+    }
     entry, better = replace(entry, challenged=True), None
     try:
         challenger = calibrate([look(each.name).drift for each in learnt], settings)
-        theirs = left(challenger.model, look(name))
-        entry = replace(entry, left={**entry.left, CHALLENGER: theirs})
         days = [each.name for each in learnt]
-        wins, what = judge(*evidence(entry, asked, challenger, days, champion.key or NONE))
+        entry = _judged(entry, challenger, look)
+        unseen = [asked[each] for each in there if each in asked and each not in days]
+        direct = [entry, *(_judged(each, challenger, look) for each in unseen)]
+        wins, what = judge(*evidence(direct, asked, challenger, days, champion.key or NONE))
         if wins:
             learnt = worthiest([*learnt, entry], MOST_DAYS)
             better = calibrate([look(each.name).drift for each in learnt], settings)
@@ -106,3 +109,9 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
         return Lesson(replace(entry, verdict=f'{said}No challenger was learnt: {error}'))
     verdict = f'{said}A challenger ({why}) was {"" if wins else "not surely "}better: {what}.'
     return Lesson(replace(entry, verdict=verdict), better, tuple(each.name for each in learnt))
+
+
+def _judged(entry: DayEntry, challenger: Calibration, look: Look) -> DayEntry:
+    """Write down what a challenger leaves of a day that it was not learnt from."""
+    theirs = left(challenger.model, look(entry.name))
+    return replace(entry, left={**entry.left, CHALLENGER: theirs})
