@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from wrist_ft_comp.calibration.learning.day import share
-from wrist_ft_comp.calibration.learning.entry import Cell, CHALLENGER, DayEntry
+from wrist_ft_comp.calibration.learning.entry import Cell, CHALLENGER, DayEntry, NONE
 from wrist_ft_comp.calibration.learning.incidents import FORGETTING, LEARNT_FROM
 from wrist_ft_comp.calibration.result import Calibration, rms_by_fold
 from wrist_ft_comp.errors import CalibrationRefusedError
@@ -33,7 +33,7 @@ _SPENT_S, _SPENT_DAYS = 1500.0, 30
 #: Usual spread of a day's logarithm, what it counts for, days, and standard errors of a proof.
 _SPREAD, _COUNTS, _SURE = 0.5, 2.0, 2.0
 #: What is better by less, as a logarithm, is not worth a change; nor one that leaves more on any
-#: day, by this share of the drift.
+#: day, by this share of a usual day's drift.
 _MARGIN, _WORSE = 0.1, 0.15
 #: Drift that is left below this share is no difference.
 _FLOOR = 0.01
@@ -87,26 +87,29 @@ def evidence(
     unseen: Sequence[DayEntry], before: Mapping[str, DayEntry], calibration: Calibration,
     days: Sequence[str], champion: str,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Collect shares that were left of days that none was learnt from, and of held-out ones."""
-    pairs = [(share(each, champion), share(each, CHALLENGER)) for each in unseen]
+    """
+    Collect what both leave of days that none was learnt from, and of held-out ones: (n, 6) each.
+
+    In units of what these days drift usually, so that days which hardly drift prove little.
+    """
+    told = [(each, share(each, CHALLENGER)) for each in unseen]
     held_out = np.full((len(days), len(AXES)), np.nan)
     for axis, fit in calibration.fits.items():
         if fit.held_out is not None and len(days) > 1:  # of a single day, parts were held out
             errors, rows = rms_by_fold(fit.held_out), np.unique(fit.held_out.recording)
             held_out[rows, AXES.index(axis)] = errors.after / np.maximum(errors.before, 1e-12)
-    pairs += [
-        (share(before[name], champion), theirs)
-        for name, theirs in zip(days, held_out, strict=True)
-        if name in before
-    ]
-    told = [pair for pair in pairs if np.isfinite(pair[0] + pair[1]).any()]
-    if not told:
+    pairs = zip(days, held_out, strict=True)
+    told += [(before[name], ours) for name, ours in pairs if name in before]
+    both = [(each.left[NONE], share(each, champion), ours) for each, ours in told]
+    both = [each for each in both if np.isfinite(each[1] + each[2]).any()]
+    if not both:
         raise CalibrationRefusedError(
             'The live model cannot be judged on these days; it is for other thermometers, or '
             'another thermal_period. Call ~/calibrate.'
         )
-    theirs, ours = zip(*told, strict=True)
-    return np.array(theirs), np.array(ours)
+    drift, theirs, ours = (np.array(each) for each in zip(*both, strict=True))
+    usual = drift / np.maximum(np.mean(drift, axis=0), 1e-12)
+    return theirs * usual, ours * usual
 
 
 def judge(champion: FloatArray, challenger: FloatArray) -> tuple[bool, str]:
@@ -121,5 +124,6 @@ def judge(champion: FloatArray, challenger: FloatArray) -> tuple[bool, str]:
     return bool(proof < -_MARGIN and worse < _WORSE), (
         f'{after:.2f} of the drift, the live model {before:.2f}, on {len(logs)} '
         f'{"day" if len(logs) == 1 else "days"} that neither was learnt from; with what chance '
-        f'may do, it leaves up to {np.exp(proof):.2f} times as much'
+        f'may do, it leaves up to {np.exp(proof):.2f} times as much, and at worst {worse:+.2f} of '
+        'the drift on a day'
     )

@@ -14,7 +14,7 @@ from wrist_ft_comp.calibration.learning.day import Day, longest_stills
 from wrist_ft_comp.calibration.learning.entry import DayEntry, NONE
 from wrist_ft_comp.model.payload.learnt import same_payload
 from wrist_ft_comp.model.payload.weight import Payload
-from wrist_ft_comp.model.signals import AXES, BoolArray, NANOSECONDS, Recording
+from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, NANOSECONDS, Recording
 
 #: Kinds of incidents: nothing can be told of a day (UNREADABLE), or only of the sensor …
 UNREADABLE, CONTACTS, THERMOMETER = 'unreadable', 'contacts', 'thermometer'
@@ -32,9 +32,9 @@ AGREE, _COMPARED = 3, 20
 #: the sensor's where it is larger than so much of the drift of a day, and times the noise, and so
 #: many cells away from a tare.
 _TO_ZERO, _OF_DRIFT, _OF_NOISE, _ECHO = 1.0, 0.3, 50.0, 120
-#: … and where of so many cells before and behind it this share is free of contact: a press that
-#: lasts looks like a step, too.
-_NEAR, _FREE = 60, 0.2
+#: … and where of so many cells before and behind it this share is free of contact, and they differ
+#: by this share of the step at least: a press that lasts and sudden heat look like steps, too.
+_NEAR, _FREE, _SEEN = 60, 0.2, 0.5
 #: Shares of the time in contact and of what no payload explains; turn of the mounting, deg; noise
 #: by what is usual; payloads of another gain: their ratios alike, centres of mass as near, m.
 _CONTACT, _UNEXPLAINED, _TURNED_DEG, _LOUD, _GAIN, _NEAR_M = 0.6, 0.1, 5.0, 3.0, 0.03, 0.005
@@ -45,8 +45,14 @@ _STOPPED_S, _UNUSUAL, _MOVED_K = 900.0, 4.0, 1.0
 Incident = tuple[str, str]
 
 
-def incident(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incident:
-    """Tell what happened on a day, ('', '') where nothing did; days before come oldest first."""
+def incident(
+    day: Day, entry: DayEntry, before: Sequence[DayEntry], known: FloatArray | float = 0.0
+) -> Incident:
+    """
+    Tell what happened on a day, ('', '') where nothing did; days before come oldest first.
+
+    What is known of its drift, N and N m (N, 6), is no jump of the zero.
+    """
     start = max((n for n, each in enumerate(before) if each.kind in FORGETTING), default=0)
     like = [each for each in before[start:] if each.hours][-_COMPARED:]
     found = (
@@ -54,7 +60,7 @@ def incident(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incident:
         or _pressed(day)
         or _remounted(entry, like)
         or _reweighed(day, entry, like)
-        or _jumped(day, entry)
+        or _jumped(day, entry, known)
         or _loud(entry, like)
     )
     return found or ('', '')
@@ -147,12 +153,14 @@ def _reweighed(day: Day, entry: DayEntry, like: Sequence[DayEntry]) -> Incident 
     return TOOL, f'Another tool: payloads of {masses} kg, on the day before {before}.'
 
 
-def _jumped(day: Day, entry: DayEntry) -> Incident | None:
+def _jumped(day: Day, entry: DayEntry, known: FloatArray | float) -> Incident | None:
     """Find steps of the zero that no tare of the driver made, and that matter."""
     recording, noise = day.recording, day.noise
-    raw = recording.wrench[:, [axis in recording.axes_present for axis in AXES]]
+    present = [axis in recording.axes_present for axis in AXES]
+    raw = recording.wrench[:, present]
     drift = np.array(entry.left[NONE])[np.isfinite(entry.left[NONE])]
-    free = np.isfinite(day.drift.wrench).any(axis=1)
+    rest = (recording.wrench - day.drift.reference - known)[:, present] / noise
+    rest[np.isnan(day.drift.wrench[:, present])] = np.nan
     tared: list[int] = []
     for step in sorted(day.steps, key=lambda each: -np.linalg.norm(each.jump / noise)):
         at, size = step.cell, np.linalg.norm(step.jump / noise)
@@ -163,7 +171,7 @@ def _jumped(day: Day, entry: DayEntry) -> Incident | None:
             size > _OF_NOISE
             and np.median(np.abs(step.jump) / drift) > _OF_DRIFT
             and all(abs(at - other) > _ECHO for other in tared)
-            and min(free[max(0, at - _NEAR) : at].mean(), free[at : at + _NEAR].mean()) > _FREE
+            and _goes(rest, at, step.jump / noise)
         ):
             sizes = ', '.join(f'{each:.2g}' for each in step.jump)
             time = clock(recording, np.arange(len(recording)) >= at)
@@ -172,6 +180,15 @@ def _jumped(day: Day, entry: DayEntry) -> Incident | None:
                 'that: an overload?'
             )
     return None
+
+
+def _goes(rest: FloatArray, at: int, jump: FloatArray) -> bool:
+    """Tell whether cells that are free of contact go as far as a step, both by the noise."""
+    before, after = rest[max(0, at - _NEAR) : at], rest[at : at + _NEAR]
+    if min(np.isfinite(each[:, 0]).mean() for each in (before, after)) < _FREE:
+        return False
+    gone = np.nanmedian(after, axis=0) - np.nanmedian(before, axis=0)
+    return bool(gone @ jump > _SEEN * jump @ jump)
 
 
 def _loud(entry: DayEntry, like: Sequence[DayEntry]) -> Incident | None:

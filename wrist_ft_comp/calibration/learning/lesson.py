@@ -22,6 +22,8 @@ from wrist_ft_comp.calibration.result import Calibration
 from wrist_ft_comp.calibration.settings import CalibrationSettings
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.model.offline import simulate_drift
+from wrist_ft_comp.model.signals import FloatArray
 
 #: Reads and separates a day by its name.
 Look = Callable[[str], Day]
@@ -49,16 +51,19 @@ def describe_day(
     name: str, look: Look, before: Sequence[DayEntry], champion: Champion
 ) -> DayEntry:
     """Write a day's entry: what it saw, what happened, and what the live model left."""
+    known: FloatArray | float = 0.0
     try:
         day = look(name)
         entry = replace(describe(day), name=name, live=champion.key)
-        kind, what = incident(day, entry, before)
+        with suppress(WristFtCompError):  # a model for other thermometers, or another period
+            if champion.model is not None:
+                known = simulate_drift(champion.model, day.drift).zero
+                theirs = left(champion.model, day)
+                entry = replace(entry, left={**entry.left, champion.key: theirs})
+        kind, what = incident(day, entry, before, known)
     except WristFtCompError as error:
         what = f'Nothing can be told of this day: {error}'
         return DayEntry(name, live=champion.key, kind=UNREADABLE, incident=what)
-    with suppress(WristFtCompError):  # a model for other thermometers, or another period
-        if champion.model is not None:
-            entry = replace(entry, left={**entry.left, champion.key: left(champion.model, day)})
     return replace(entry, kind=kind, incident=what)
 
 
