@@ -107,7 +107,7 @@ class Lived:
     def worse(self) -> FloatArray:
         """By how much more of a usual day's and of its own drift a change left, two columns."""
         near = np.zeros(len(self.days), dtype=bool)
-        for kind, number in self.events.named().items():
+        for kind, number in {'moved': self.events.moved, **self.events.named()}.items():
             end = self.events.replaced if kind == 'thermometer' else number
             first, last = np.searchsorted(self.days, (number, end))
             near[first : last + NAMED_DAYS + 1] = True

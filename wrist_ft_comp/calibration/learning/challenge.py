@@ -32,6 +32,8 @@ _BADLY, _MUCH = 2.0, 0.1
 _SPENT_S, _SPENT_DAYS = 1500.0, 30
 #: Usual spread of a day's logarithm, what it counts for, days, and standard errors of a proof.
 _SPREAD, _COUNTS, _SURE = 0.5, 2.0, 2.0
+#: So many of the newest days are judged by themselves, too.
+_NEWEST = 6
 #: What is better by less, as a logarithm, is not worth a change; nor one that leaves more on any
 #: day, by this share of a usual day's drift.
 _MARGIN, _WORSE = 0.1, 0.15
@@ -70,14 +72,14 @@ def reason(entries: Sequence[DayEntry], champion: str) -> str:
 
 
 def worthiest(days: Sequence[DayEntry], most: int) -> list[DayEntry]:
-    """Choose so many days, in their order: the newest, and those that know what no other does."""
-    chosen = list(days)
+    """Choose so many days in their order: the newer half, and those that know like no other."""
+    chosen, newer = list(days), max(most // 2, 1)
     while len(chosen) > max(most, 1):
         good = {each.name: each.kind in LEARNT_FROM for each in chosen}
         count = Counter(cell for each in chosen if good[each.name] for cell in each.known)
         worth = [
             sum(1 / count[cell] for cell in each.known) if good[each.name] else -1.0
-            for each in chosen[:-1]
+            for each in chosen[:-newer]
         ]
         del chosen[int(np.argmin(worth))]
     return chosen
@@ -90,7 +92,7 @@ def evidence(
     """
     Collect what both leave of days that none was learnt from, and of held-out ones: (n, 6) each.
 
-    In units of what these days drift usually, so that days which hardly drift prove little.
+    Newest first, in units of what these days drift usually: those that hardly drift prove little.
     """
     told = [(each, share(each, CHALLENGER)) for each in unseen]
     held_out = np.full((len(days), len(AXES)), np.nan)
@@ -100,6 +102,7 @@ def evidence(
             held_out[rows, AXES.index(axis)] = errors.after / np.maximum(errors.before, 1e-12)
     pairs = zip(days, held_out, strict=True)
     told += [(before[name], ours) for name, ours in pairs if name in before]
+    told.sort(key=lambda each: each[0].name, reverse=True)
     both = [(each.left[NONE], share(each, champion), ours) for each, ours in told]
     both = [each for each in both if np.isfinite(each[1] + each[2]).any()]
     if not both:
@@ -113,10 +116,10 @@ def evidence(
 
 
 def judge(champion: FloatArray, challenger: FloatArray) -> tuple[bool, str]:
-    """Tell whether a challenger is better, and how sure, by what is left of days, (n, 6)."""
+    """Tell whether a challenger is better, and how sure, by what is left of days (n, 6)."""
     logs = np.nanmean(np.log((challenger + _FLOOR) / (champion + _FLOOR)), axis=1)
-    spread = _COUNTS * _SPREAD**2 + np.sum((logs - logs.mean()) ** 2)
-    proof = logs.mean() + _SURE * np.sqrt(spread / (_COUNTS + len(logs) - 1) / len(logs))
+    # Rooms and robots change: where that shows on the newest days, older ones do not matter.
+    proof = min(_at_most(logs), _at_most(logs[:_NEWEST]))
     worse = np.nanmean(challenger - champion, axis=1).max()
     before, after = (
         float(np.exp(np.nanmean(np.log(each + _FLOOR)))) for each in (champion, challenger)
@@ -127,3 +130,10 @@ def judge(champion: FloatArray, challenger: FloatArray) -> tuple[bool, str]:
         f'may do, it leaves up to {np.exp(proof):.2f} times as much, and at worst {worse:+.2f} of '
         'the drift on a day'
     )
+
+
+def _at_most(logs: FloatArray) -> float:
+    """Bound the mean of logarithms, one a day, from above by what chance may do."""
+    spread = _COUNTS * _SPREAD**2 + np.sum((logs - logs.mean()) ** 2)
+    error = np.sqrt(spread / (_COUNTS + len(logs) - 1) / len(logs))
+    return float(logs.mean() + _SURE * error)
