@@ -2,12 +2,12 @@
 Champion against challenger: when one is learnt, from which days, and whether it is better.
 
 A challenger is learnt from good days but the newest. Days are the unit of evidence: the errors of
-a day are one error. On the newest day both are judged directly; on other days since the champion
-was learnt, its own error of that day is compared with the challenger's on the same day held out.
+a day are one error. On days since the champion was learnt its error is compared with the
+challenger's: directly where the challenger was not learnt from that day, else on the day held out.
 The logarithm of what the challenger leaves by what the champion leaves is averaged over axes. Its
-mean over days has to be below zero by two standard errors and a margin, where the spread between
-days is not believed to be smaller than two days of a usual spread say: a single day has to be
-three times as good, ten days by a quarter.
+mean over all these days, or over the newest six, has to be below zero by two standard errors and a
+margin, where the spread between days is not believed to be smaller than two days of a usual spread
+say: a single day has to be three times as good, ten days by a quarter.
 """
 
 from collections import Counter
