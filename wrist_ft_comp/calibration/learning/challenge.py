@@ -29,7 +29,7 @@ _GROWN, _AT_LATEST = 1 / 3, 20
 #: … or when the champion left so many times what it usually leaves, and at least this share.
 _BADLY, _MUCH = 2.0, 0.1
 #: Processor time that learning may take in the last days, s: less than a minute a day.
-_SPENT_S, _SPENT_DAYS = 1500.0, 30
+_SPENT_S, _SPENT_DAYS = 1400.0, 30
 #: Usual spread of a day's logarithm, what it counts for, days, and standard errors of a proof.
 _SPREAD, _COUNTS, _SURE = 0.5, 2.0, 2.0
 #: So many of the newest days are judged by themselves, too.
