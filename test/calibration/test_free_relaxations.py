@@ -46,7 +46,8 @@ def test_what_was_fitted_is_what_runs(make_problem, lagged, loaded, thermometers
     assert len(structures) == (3 if kind == 'hats' else 5)
     temperature_c = problem.temperature_c[0]
     for structure in structures:
-        features, fitted = data.features_of(structure), _fit(data, cross_validate(data, structure))
+        _, tau_s = cross_validate(data, structure)
+        features, fitted = data.features_of(structure), _fit(data, structure, tau_s)
         assert len(fitted.time_constants_s) == structure.free_time_constants
         expected = np.zeros((CELLS, 1 + loaded))
         for term in fitted.terms:

@@ -84,10 +84,10 @@ def test_the_thermometer_that_spans_most_leads(seen):
 def test_loads_are_those_of_the_reference(make_recording):
     load = np.where(np.arange(HOUR) < 10, np.nan, np.linspace(-20, 40, HOUR))
     recording = make_recording(ramp(20, 30), nothing(HOUR), {'force_y': load})
-    ((axis, seen_load),) = cover([recording]).loads.items()
+    ((axis, (low, high, deviation)),) = cover([recording]).loads.items()
     assert axis == 'force_y'
-    assert (seen_load.low, seen_load.high) == (np.nanmin(load), 40.0)
-    assert seen_load.deviation == pytest.approx(np.nanstd(load))
+    assert (low, high) == (np.nanmin(load), 40.0)
+    assert deviation == pytest.approx(np.nanstd(load))
 
 
 def test_unseen_temperatures_are_named_in_one_sentence(seen):

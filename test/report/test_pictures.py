@@ -12,7 +12,7 @@ import pytest
 
 from wrist_ft_comp.report import pictures
 from wrist_ft_comp.report.pictures import draw_drift, png_bytes
-from wrist_ft_comp.report.view import ErrorSeries, ThermometerSeries
+from wrist_ft_comp.report.view import ErrorSeries
 
 XLINK = '{http://www.w3.org/1999/xlink}href'
 COLOURS = re.compile(r'#[0-9a-fA-F]{6}\b')
@@ -27,10 +27,7 @@ def series(points=300, parts=1):
 
 def thermometers(count):
     t = np.linspace(0, 3, 50)
-    return tuple(
-        ThermometerSeries(f'thermometer {j}', t, 20 + j + t, np.zeros(50, dtype=int))
-        for j in range(count)
-    )
+    return t, 20 + np.arange(count) + t[:, np.newaxis], np.zeros(50, dtype=int)
 
 
 def drawn():
@@ -70,7 +67,7 @@ def test_both_lines_differ_without_colour_and_axes_have_units():
     panel = pictures.errors_over_temperature(series(), 'N').axes[0]
     assert panel.lines[0].get_marker() != panel.lines[1].get_marker()
     assert panel.get_xlabel() == 'temperature, °C'
-    first, second = pictures.temperatures_over_time(thermometers(2)).axes[0].lines
+    first, second = pictures.temperatures_over_time(*thermometers(2)).axes[0].lines
     assert first.get_linestyle() != second.get_linestyle()
 
 
@@ -172,5 +169,5 @@ def test_long_recordings_are_thinned_out_but_not_to_a_sketch():
 def test_more_thermometers_than_colours_are_all_drawn():
     t = np.arange(10.0)
     drawn = draw_drift([], [(str(j), t, t + j) for j in range(9)])
-    for picture in (drawn, pictures.temperatures_over_time(thermometers(9))):
+    for picture in (drawn, pictures.temperatures_over_time(*thermometers(9))):
         assert len(picture.axes[-1].lines) == 9

@@ -78,27 +78,17 @@ class FoldBins(NamedTuple):
     errors: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class CvScore:
-    """How a candidate did on held-out folds; its time constants fitted to all, (K,), s."""
-
-    structure: Structure
-    bins: list[FoldBins]
-    time_constants_s: FloatArray
-
-
 #: Fits an axis, of which a fold may be held out: a model or None, and what had to be mended.
 Refit = Callable[[AxisData], tuple[AxisModel | None, tuple[str, ...]]]
 
 
-def cross_validate(data: CandidateData, structure: Structure) -> CvScore:
-    """Score a candidate on folds that it did not see."""
+def cross_validate(data: CandidateData, structure: Structure) -> tuple[list[FoldBins], FloatArray]:
+    """Score a candidate on folds that it did not see; time constants, fitted to all, (K,), s."""
     moments, features = data.fitted_moments, data.features_of(structure)
     # All combinations on the grid were the starts; the best of them is followed.
     start_s = best_on_grid(moments, structure, len(features.names))
     tau_s = search_time_constants(data.fitted, features, start_s, _TOLERANCE)
-    bins = refit_bins(data.axis_data, partial(_refit, data, features, tau_s))
-    return CvScore(structure, bins, tau_s)
+    return refit_bins(data.axis_data, partial(_refit, data, features, tau_s)), tau_s
 
 
 def _refit(

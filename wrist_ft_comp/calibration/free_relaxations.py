@@ -7,7 +7,6 @@ from wrist_ft_comp.calibration.cross_validation import (
     build_candidate_data,
     CandidateData,
     cross_validate,
-    CvScore,
     hold_out,
     part_errors,
     refit_bins,
@@ -35,14 +34,12 @@ def identify_free_relaxations(data: AxisData, settings: IdentificationSettings) 
     """Let free time constants compete on the simulation error (eq. 16); refuse slow drift."""
     features = build_features(data.temperature_c, settings)
     candidate_data = build_candidate_data(data, features)
-    scores = {
-        structure.name: cross_validate(candidate_data, structure)
-        for structure in _structures(settings, features)
-    }
-    bins = {'none': refit_bins(data, lambda _: (None, ()))}
-    bins |= {name: score.bins for name, score in scores.items()}
+    bins, found = {'none': refit_bins(data, lambda _: (None, ()))}, {}
+    for structure in _structures(settings, features):
+        bins[structure.name], tau_s = cross_validate(candidate_data, structure)
+        found[structure.name] = structure, tau_s
     errors = {name: part_errors(each) for name, each in bins.items()}
-    fit = _choose(candidate_data, scores, errors)
+    fit = _choose(candidate_data, found, errors)
     return replace(fit, held_out=hold_out(data, bins['none'], bins[fit.chosen]))
 
 
@@ -63,12 +60,14 @@ def _structures(settings: IdentificationSettings, features: Features) -> list[St
 
 
 def _choose(
-    data: CandidateData, scores: Mapping[str, CvScore], errors: Mapping[str, FloatArray]
+    data: CandidateData,
+    found: Mapping[str, tuple[Structure, FloatArray]],
+    errors: Mapping[str, FloatArray],
 ) -> AxisFit:
     """Fit the simplest good candidate to everything."""
-    competing = list(scores)
+    competing = list(found)
     chosen = competing[simplest_good([errors[name] for name in competing])]
-    fitted, longest_s = _fit(data, scores[chosen]), data.axis_data.longest_s
+    fitted, longest_s = _fit(data, *found[chosen]), data.axis_data.longest_s
     if max(fitted.time_constants_s, default=0.0) < (1 - _AT_BOUND) * longest_s:
         return finish(data.axis_data, fitted, chosen, errors, competing)
     slow = (
@@ -82,11 +81,11 @@ def _choose(
     return _refuse(data.axis_data, chosen, slow, errors)
 
 
-def _fit(data: CandidateData, score: CvScore) -> Fitted:
+def _fit(data: CandidateData, structure: Structure, start_s: FloatArray) -> Fitted:
     """Fit a candidate to all samples, its time constants refined on them, with standard errors."""
-    axis_data, features = data.axis_data, data.features_of(score.structure)
+    axis_data, features = data.axis_data, data.features_of(structure)
     cells = bin_axis_data(axis_data, 1)
-    tau_s = search_time_constants(cells, features, score.time_constants_s)
+    tau_s = search_time_constants(cells, features, start_s)
     fit = fit_gains(cells, features, tau_s)
     inputs = bank_inputs(cells, features, tau_s)
     return Fitted(

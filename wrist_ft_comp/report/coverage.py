@@ -20,15 +20,6 @@ BIN_K = 1.0
 _TREND_S = 300.0
 
 
-@dataclass(frozen=True)
-class LoadRange:
-    """Smallest and largest load of one axis, and its standard deviation, N or N m."""
-
-    low: float
-    high: float
-    deviation: float
-
-
 @dataclass(frozen=True, eq=False)
 class Coverage:
     """What recordings have seen, all together."""
@@ -43,8 +34,8 @@ class Coverage:
     #: How far it went up and down.
     risen_k: float
     fallen_k: float
-    #: By axis, where a reference was recorded.
-    loads: dict[str, LoadRange]
+    #: Smallest, largest and standard deviation, N or N m, by axis where a reference was recorded.
+    loads: dict[str, tuple[float, float, float]]
 
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
@@ -100,12 +91,12 @@ def _moves(recording: Recording, at: IntArray, thermometer: int) -> FloatArray:
     return np.diff(bin_means(recording.temperature_c[at, thermometer], at, cells))
 
 
-def _loads(recordings: Sequence[Recording]) -> dict[str, LoadRange]:
+def _loads(recordings: Sequence[Recording]) -> dict[str, tuple[float, float, float]]:
     """Range of the reference wrench, by axis."""
     reference = np.concatenate([recording.reference for recording in recordings])
     loads = {}
     for axis, column in zip(AXES, reference.T, strict=True):
         known = column[np.isfinite(column)]
         if len(known):
-            loads[axis] = LoadRange(float(known.min()), float(known.max()), float(known.std()))
+            loads[axis] = float(known.min()), float(known.max()), float(known.std())
     return loads

@@ -20,7 +20,7 @@ import numpy as np
 
 from wrist_ft_comp.model.signals import FloatArray, IntArray
 from wrist_ft_comp.report.coverage import Coverage, WORKING_RANGE_C
-from wrist_ft_comp.report.view import ErrorSeries, StepResponses, ThermometerSeries, WorkView
+from wrist_ft_comp.report.view import ErrorSeries, WorkView
 
 # Placeholders for the page's colours; the style sheet defines what they stand for.
 _INK, _GRID, _WITHOUT, _WITH = '#0a0b01', '#0a0b02', '#0a0b03', '#0a0b04'
@@ -78,27 +78,27 @@ def errors_over_temperature(series: ErrorSeries, unit: str) -> Figure:
     return figure
 
 
-def drift_after_a_step(responses: StepResponses, unit: str) -> Figure:
+def drift_after_a_step(unit: str, minutes: FloatArray, drift: FloatArray) -> Figure:
     """Draw how the drift follows each thermometer that warms by 1 K: what it adds, and when."""
     figure, panel = _panel('minutes after the thermometer warmed', f'drift, {unit} per K')
-    for j, values in enumerate(responses.drift):
+    for j, values in enumerate(drift):
         colour, style = _THERMOMETERS[j % len(_THERMOMETERS)]
         every = np.zeros(len(values), dtype=np.int64)
-        _line(panel, responses.minutes, values, every, color=colour, ls=style, lw=1.4,
+        _line(panel, minutes, values, every, color=colour, ls=style, lw=1.4,
               label=f'thermometer {j + 1}')  # fmt: skip
     panel.axhline(0.0, color=_INK, lw=0.6)
-    _legend(panel, columns=min(len(responses.drift), 3))
+    _legend(panel, columns=min(len(drift), 3))
     return figure
 
 
-def temperatures_over_time(thermometers: tuple[ThermometerSeries, ...]) -> Figure:
-    """Draw all thermometers over time."""
+def temperatures_over_time(hours: FloatArray, temperature_c: FloatArray, part: IntArray) -> Figure:
+    """Draw all thermometers, (n, J), over time, broken between parts."""
     figure, panel = _panel('time, h', 'temperature, °C')
-    for j, each in enumerate(thermometers):
+    for j, values in enumerate(temperature_c.T):
         colour, style = _THERMOMETERS[j % len(_THERMOMETERS)]
-        _line(panel, each.hours, each.temperature_c, each.part, color=colour, ls=style, lw=1.4,
-              label=each.name)  # fmt: skip
-    _legend(panel, columns=min(len(thermometers), 3))
+        _line(panel, hours, values, part, color=colour, ls=style, lw=1.4,
+              label=f'thermometer {j + 1}')  # fmt: skip
+    _legend(panel, columns=min(temperature_c.shape[1], 3))
     return figure
 
 

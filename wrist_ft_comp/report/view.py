@@ -37,16 +37,6 @@ class ErrorSeries:
 
 
 @dataclass(frozen=True, eq=False)
-class StepResponses:
-    """How zero drift follows each thermometer that warms by 1 K, at T_ref, and stays there."""
-
-    #: Since it warmed, min, shape (n,).
-    minutes: FloatArray
-    #: By thermometer, in the axis' unit, shape (J, n).
-    drift: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class AxisView:
     """One axis."""
 
@@ -71,18 +61,9 @@ class AxisView:
     candidates: tuple[Candidate, ...]
     #: What could not be learnt, and the like.
     notes: tuple[str, ...]
-    #: Without a model, none.
-    responses: StepResponses | None
-
-
-@dataclass(frozen=True, eq=False)
-class ThermometerSeries:
-    """One thermometer over time; arrays of shape (n,), a part is a recording."""
-
-    name: str
-    hours: FloatArray
-    temperature_c: FloatArray
-    part: IntArray
+    #: How zero drift follows each thermometer that warms by 1 K, at T_ref, and stays there: min
+    #: since it warmed, (n,), and what is added, (J, n). Without a model, none.
+    responses: tuple[FloatArray, FloatArray] | None
 
 
 @dataclass(frozen=True)
@@ -146,21 +127,13 @@ class ReportView:
         return model_sources(self.stored)
 
     @property
-    def thermometers(self) -> tuple[ThermometerSeries, ...]:
-        """The one inside the sensor first."""
-        starts = recording_starts_h(self.recordings)
-        hours = np.concatenate(
-            [
-                start + each.elapsed_s / 3600
-                for start, each in zip(starts, self.recordings, strict=True)
-            ]
-        )
-        part = np.concatenate([np.full(len(each), i) for i, each in enumerate(self.recordings)])
-        columns = np.concatenate([each.temperature_c for each in self.recordings]).T
-        return tuple(
-            ThermometerSeries(f'thermometer {j + 1}', hours, column, part)
-            for j, column in enumerate(columns)
-        )
+    def temperatures(self) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Times, h, (n,), temperatures, °C, (n, J), and which recording they are of, (n,)."""
+        pairs = zip(recording_starts_h(self.recordings), self.recordings, strict=True)
+        hours = [start + each.elapsed_s / 3600 for start, each in pairs]
+        part = np.repeat(np.arange(len(hours)), [len(each) for each in hours])
+        columns = np.concatenate([each.temperature_c for each in self.recordings])
+        return np.concatenate(hours), columns, part
 
     @property
     def provenance(self) -> dict[str, str]:
@@ -214,7 +187,7 @@ def axis_view(  # noqa: PLR0913 -- what is known of one axis, each a plain value
     )
 
 
-def _step_responses(model: AxisModel, period_ns: int) -> StepResponses:
+def _step_responses(model: AxisModel, period_ns: int) -> tuple[FloatArray, FloatArray]:
     """Warm one thermometer after the other."""
     period_s = period_ns / NANOSECONDS
     cells = max(round(_RESPONSE_S / period_s), 2)
@@ -224,7 +197,7 @@ def _step_responses(model: AxisModel, period_ns: int) -> StepResponses:
         for kelvin in np.eye(model.thermometers)
     ]
     settled = model.step(rest, model.reference_c)[1][0]
-    return StepResponses((np.arange(cells) + 1) * period_s / 60, np.array(drift) - settled)
+    return (np.arange(cells) + 1) * period_s / 60, np.array(drift) - settled
 
 
 def drifts_removed(model: AxisModel | None) -> str:
