@@ -96,8 +96,9 @@ class Learner:
         if self.diary is None:
             return
         if self._live.sha256 != self.memory.champion:
-            now = self._live.stored
-            self._decide(f'{now.path.name if now else "no model"} was made live by hand')
+            now, offered = self._live.stored, self._live.sha256 == self.memory.sha256
+            how = f'adopted: {self.memory.why}' if offered else 'made live by hand'
+            self._decide(f'{now.path.name if now else "no model"} was {how}')
         self.diary.poll()
         if self._calibration.running_s is not None:
             self._end_job()  # a person's goes first; the day is judged afterwards
@@ -149,8 +150,9 @@ class Learner:
     def _take(self, path: Path, outcome: dict[str, Any]) -> None:
         """Make a better model live, or offer it."""
         sha256, why = outcome['sha256'], outcome['message']
+        # First of all, so that after a kill a model that is live is known to be this one.
+        self._remember(offered=path.name, sha256=sha256, why=why)
         if self.mode == 'propose' or self.memory.paused:
-            self._remember(offered=path.name, sha256=sha256, why=why)
             self._log.info(f'a better model, {path}, is offered: call ~/adopt to make it live')
             return
         try:

@@ -98,6 +98,17 @@ def test_auto_goes_live_without_a_step_but_not_while_learning_is_paused(learner,
     assert node.asked()[-1]['learning']['since'] == '', 'nobody decided'
 
 
+def test_a_kill_right_after_an_adoption_does_not_make_it_a_persons(learner, models):
+    node = learner(model_file=str(models[0].path))
+    node.find(models[1])
+    node.a_day()
+    node.node.live.take(node.node.live.load(node.node.learning.offered))
+    node.node.destroy_node()
+    node = learner(model_file=str(models[0].path))
+    node.wait(lambda: node.node.learning.memory.champion == models[1].sha256, 'its notice')
+    assert node.node.learning.memory.change.endswith('was adopted: leaves half')
+
+
 def test_a_calibration_goes_first(learner, models):
     node = learner(model_file=str(models[0].path))
     node.answer()
