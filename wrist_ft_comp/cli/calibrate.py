@@ -24,6 +24,10 @@ from wrist_ft_comp.model.ranges import PERIODS_S
 from wrist_ft_comp.report.of_calibration import calibration_verdicts
 from wrist_ft_comp.report.verdict import Verdict
 
+HELP = 'learn the drift from recordings'
+DESCRIPTION = """\
+Learn the drift of every recorded axis and write a model file.
+An existing model file is replaced; any other existing file is not."""
 EXAMPLES = """\
 examples:
   wrist_ft_comp calibrate warm_up.mcap -o model.yaml
@@ -34,16 +38,8 @@ examples:
 """
 
 
-def add_parser(commands: options.Commands) -> None:
-    """Add the command."""
-    parser = commands.add_parser(
-        'calibrate',
-        help='learn the drift from recordings',
-        description='Learn the drift of every recorded axis and write a model file.\n'
-        'An existing model file is replaced; any other existing file is not.',
-        epilog=EXAMPLES,
-    )
-    parser.set_defaults(run=run)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
     options.add_recordings(parser)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='MODEL.yaml')
     options.add_reference(parser)

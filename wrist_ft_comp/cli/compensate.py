@@ -21,6 +21,11 @@ from wrist_ft_comp.model.signals import AXES, Correction, FloatArray, NANOSECOND
 
 #: Specific force is taken off on cells of this length, s, or longer ones of a long recording.
 _FINE_S, _MOST_CELLS = 0.02, 2_000_000
+HELP = 'remove the drift from a recording'
+DESCRIPTION = """\
+Write a recording of the same kind with compensated wrenches.
+In CSV files they replace the raw ones; in bags they come beside them, on a
+topic of their own. An existing file or folder is never overwritten."""
 EXAMPLES = """\
 examples:
   wrist_ft_comp compensate model.yaml run.csv -o compensated.csv
@@ -29,17 +34,8 @@ examples:
 """
 
 
-def add_parser(commands: options.Commands) -> None:
-    """Add the command."""
-    parser = commands.add_parser(
-        'compensate',
-        help='remove the drift from a recording',
-        description='Write a recording of the same kind with compensated wrenches.\n'
-        'In CSV files they replace the raw ones; in bags they come beside them, on a\n'
-        'topic of their own. An existing file or folder is never overwritten.',
-        epilog=EXAMPLES,
-    )
-    parser.set_defaults(run=run)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
     parser.add_argument('model', type=Path, metavar='MODEL.yaml')
     parser.add_argument('recording', type=Path, metavar='REC', help=options.RECORDING_HELP)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='OUT')

@@ -4,9 +4,10 @@ import argparse
 from importlib.util import find_spec
 from pathlib import Path
 
-from wrist_ft_comp.cli import options
 from wrist_ft_comp.errors import SettingsError
 
+HELP = 'print a script that completes words in a shell'
+DESCRIPTION = 'Print a script that lets a shell complete commands, options and files.'
 EXAMPLES = """\
 examples:
   wrist_ft_comp completion bash > \\
@@ -18,16 +19,9 @@ zsh looks into ~/.zfunc when ~/.zshrc says, before compinit: fpath+=~/.zfunc
 _SHELLS = ('bash', 'zsh')
 
 
-def add_parser(commands: options.Commands, parser: argparse.ArgumentParser) -> None:
-    """Add the command; the parser is the one whose words are completed."""
-    own = commands.add_parser(
-        'completion',
-        help='print a script that completes words in a shell',
-        description='Print a script that lets a shell complete commands, options and files.',
-        epilog=EXAMPLES,
-    )
-    own.set_defaults(run=run, whole=parser, commands=commands)
-    own.add_argument('shell', choices=_SHELLS, metavar='SHELL', help=', '.join(_SHELLS))
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument('shell', choices=_SHELLS, metavar='SHELL', help=', '.join(_SHELLS))
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -114,6 +114,13 @@ def _process(module: str, *arguments: str, stdout: int | None = None) -> Iterato
                 process.kill()
 
 
+HELP = 'watch the node learn and remove a simulated drift'
+DESCRIPTION = """\
+Start a simulated sensor and the compensator as processes, record a
+warm-up, calibrate, let the robot cool down and warm up differently, and print
+what is left of the drift. With --at-work the robot never stands empty.
+Exit code 0 when drift of force z fell at least 10 times; at work, 5 times, and
+the tool's mass was found within 5 %."""
 EXAMPLES = """\
 examples:
   wrist_ft_comp demo
@@ -123,19 +130,8 @@ examples:
 """
 
 
-def add_parser(commands: options.Commands) -> None:
-    """Add the command."""
-    parser = commands.add_parser(
-        'demo',
-        help='watch the node learn and remove a simulated drift',
-        description='Start a simulated sensor and the compensator as processes, record a\n'
-        'warm-up, calibrate, let the robot cool down and warm up differently, and print\n'
-        'what is left of the drift. With --at-work the robot never stands empty.\n'
-        'Exit code 0 when drift of force z fell at least 10 times; at work, 5 times, and\n'
-        "the tool's mass was found within 5 %.",
-        epilog=EXAMPLES,
-    )
-    parser.set_defaults(run=run)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
     parser.add_argument(
         '--output', type=Path, default=Path('out'), metavar='FOLDER',
         help='for the picture, demo.png (default: %(default)s)')  # fmt: skip

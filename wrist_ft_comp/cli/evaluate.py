@@ -20,6 +20,8 @@ from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_
 from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
 from wrist_ft_comp.report.page import page
 
+HELP = 'judge a model on recordings'
+DESCRIPTION = 'Compare raw and compensated wrenches with the reference, both tared first.'
 EXAMPLES = """\
 examples:
   wrist_ft_comp evaluate model.yaml wednesday.mcap
@@ -28,15 +30,8 @@ examples:
 """
 
 
-def add_parser(commands: options.Commands) -> None:
-    """Add the command."""
-    parser = commands.add_parser(
-        'evaluate',
-        help='judge a model on recordings',
-        description='Compare raw and compensated wrenches with the reference, both tared first.',
-        epilog=EXAMPLES,
-    )
-    parser.set_defaults(run=run)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
     parser.add_argument('model', type=Path, metavar='MODEL.yaml')
     options.add_recordings(parser)
     options.add_reference(parser)

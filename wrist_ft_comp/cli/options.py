@@ -9,7 +9,7 @@ import json
 import math
 from pathlib import Path
 import re
-from typing import Any, get_args, TypeAlias
+from typing import Any, get_args
 
 from tqdm import tqdm
 
@@ -18,8 +18,6 @@ from wrist_ft_comp.model.ranges import range_words
 from wrist_ft_comp.model.signals import Progress, Reference, Topics
 from wrist_ft_comp.model.temperature_source import parse_sources
 
-#: What a command adds its parser to.
-Commands: TypeAlias = 'argparse._SubParsersAction[Parser]'  # noqa: SLF001 -- it has no public name
 RECORDING_HELP = (
     'a rosbag2 folder, a bare .mcap or .db3, a CSV file, or a chamber table '
     '(see the README for their columns)'

@@ -28,6 +28,11 @@ _PURPOSE = (
     'It predicts from temperatures how a wrist force/torque sensor drifts. The node',
     '"compensator" runs it (parameter model_file); wrist_ft_comp evaluate judges it.',
 )
+HELP = 'say what a model, a recording, payloads.json or a diary holds'
+DESCRIPTION = """\
+Say what a model file or a recording holds. Of a bag, which topics could be
+wrench, temperature (also inside other messages), IMU and TF, how good they
+are, and the commands that learn from them, judge the model and run it."""
 EXAMPLES = """\
 examples:
   wrist_ft_comp show model.yaml
@@ -36,17 +41,8 @@ examples:
 """
 
 
-def add_parser(commands: options.Commands) -> None:
-    """Add the command."""
-    parser = commands.add_parser(
-        'show',
-        help='say what a model, a recording, payloads.json or a diary holds',
-        description='Say what a model file or a recording holds. Of a bag, which topics could be\n'
-        'wrench, temperature (also inside other messages), IMU and TF, how good they\n'
-        'are, and the commands that learn from them, judge the model and run it.',
-        epilog=EXAMPLES,
-    )
-    parser.set_defaults(run=run)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
     parser.add_argument(
         'file', type=Path, metavar='FILE',
         help='MODEL.yaml, REC, payloads.json, or a data_directory with days')  # fmt: skip
