@@ -12,7 +12,7 @@ one model with a bank of relaxations. docs/algorithm.md says why each piece is t
 4. What the average leaves held out decides how much of it is used: a gate.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -36,7 +36,7 @@ from wrist_ft_comp.identification.pool import FreeTimeConstants, GRID_S, near, R
 from wrist_ft_comp.model.arx import free_run
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import BoolArray, FloatArray
+from wrist_ft_comp.model.signals import BoolArray, FloatArray, Progress
 
 _STRENGTHS = (1e-2, 1e-4, 1e-6)
 #: Candidates are compared by means over so long, s, or all look alike where a robot moves; so many
@@ -196,7 +196,7 @@ class _Body:
 def identify_together(
     axes: Sequence[AxisData],
     settings: IdentificationSettings,
-    progress: Callable[[float], None] = lambda _: None,
+    progress: Progress = lambda _: None,
 ) -> list[AxisFit]:
     """Learn the drift of all axes of a sensor from many fits, each as far as it holds unseen."""
     body = _Body(axes, settings)

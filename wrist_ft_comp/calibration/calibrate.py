@@ -1,6 +1,6 @@
 """A calibration from recordings to a model and its evidence, and its summary in a few lines."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,9 +15,8 @@ from wrist_ft_comp.calibration.settings import CalibrationSettings, Identificati
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
 from wrist_ft_comp.model.drift_model import DriftModel
-from wrist_ft_comp.model.signals import AXES, IntArray, Recording
+from wrist_ft_comp.model.signals import AXES, IntArray, Progress, Recording
 
-Progress = Callable[[float], None]
 #: What a start looks at: long enough for the noise of a thermometer, short for a thermal body, s.
 _START_S = 10.0
 #: A time constant below this many thermal cells is at its lower bound.

@@ -8,6 +8,7 @@ are read together.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -33,15 +34,12 @@ _SECONDS, _NANOSECONDS = ('header', 'stamp', 'sec'), ('header', 'stamp', 'nanose
 _MOST_PARTS = 100_000
 
 
-class Decoded:
+class Decoded(SimpleNamespace):
     """A message, or a part of one, as rclpy would give it: its fields are attributes."""
-
-    def __init__(self, values: dict[str, Any]) -> None:
-        self.__dict__.update(values)
 
     def get_fields_and_field_types(self) -> dict[str, Any]:
         """Name the fields."""
-        return self.__dict__
+        return vars(self)
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,7 @@ class _Layout:
             raise RecordingError(f'The definition of {kind} is missing.')
         if not fields:
             self._take(1, 1)  # so much is sent of a message without fields
-        return Decoded({name: self._field(*what, (*path, name)) for name, what in fields})
+        return Decoded(**{name: self._field(*what, (*path, name)) for name, what in fields})
 
     def _field(self, kind: str, times: int | None, path: Path) -> Any:
         """Follow a field."""

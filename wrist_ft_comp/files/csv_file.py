@@ -6,7 +6,7 @@ end may be only the beginning of what was to be written: if it is incomplete it 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 import csv
 from dataclasses import dataclass
 from decimal import Decimal
@@ -72,7 +72,7 @@ class CsvRecording:
         #: What was left out; complete when the pieces are through.
         self.warnings: list[str] = []
         with self._open() as text:
-            first = self._lines(text, 1)
+            first = text.readlines(1)
         if not first or not first[0].strip():
             raise RecordingError(
                 f'{path.name} is empty; expected a header such as '
@@ -110,9 +110,9 @@ class CsvRecording:
         rows = 0
         with self._open() as text:
             size = os.fstat(text.fileno()).st_size
-            self._lines(text, 1)
+            text.readlines(1)
             line = 2
-            while lines := self._lines(text, CHUNK):
+            while lines := text.readlines(CHUNK):
                 last = None if lines[-1].endswith('\n') else lines.pop()
                 complete = self._piece(lines, line)
                 line += len(lines)
@@ -132,17 +132,12 @@ class CsvRecording:
         for piece in self.pieces(progress):
             yield from samples_of(self.groups, piece.stamps_ns, piece.values, piece.filled)
 
-    def _open(self) -> io.TextIOWrapper:
-        """Open the file as text; a byte order mark at its start is skipped."""
+    @contextmanager
+    def _open(self) -> Iterator[io.TextIOWrapper]:
+        """Open the file to be read as text; a byte order mark at its start is skipped."""
         try:
-            return self.path.open(encoding='utf-8-sig')
-        except OSError as error:
-            raise RecordingError(f'{self.path} cannot be read: {error.strerror}.') from error
-
-    def _lines(self, text: io.TextIOWrapper, characters: int) -> list[str]:
-        """Read whole lines of about as many characters."""
-        try:
-            return text.readlines(characters)
+            with self.path.open(encoding='utf-8-sig') as text:
+                yield text
         except UnicodeDecodeError as error:
             raise RecordingError(
                 f'{self.path.name} is no UTF-8 text (byte {error.object[error.start]:#04x}); '
