@@ -8,7 +8,7 @@ Only the learning job writes the diary, in one step. One that is broken or missi
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 import fcntl
 import os
@@ -48,11 +48,12 @@ def diary_path(directory: Path) -> Path:
 
 def load_diary(directory: Path) -> Diary:
     """Read a diary; an empty one where there is none that can be read."""
-    try:
-        document = KIND.load_json(diary_path(directory))
-        return Diary() if document is None else _diary(document)
-    except (RecordingError, ModelFileError, OSError):
-        return Diary()
+    with suppress(RecordingError, ModelFileError, OSError):
+        if document := KIND.load_json(diary_path(directory)):
+            entries = tuple(_entry(values) for values in document['days'])
+            decisions = tuple(Decision(**each) for each in document['decisions'])
+            return Diary(entries, decisions, document['paused'])
+    return Diary()
 
 
 def save_diary(directory: Path, diary: Diary) -> None:
@@ -102,13 +103,6 @@ def _entry_values(entry: DayEntry) -> Document:
     }
     values: Document = plain({**vars(entry), 'known': sorted(entry.known), 'left': rounded})
     return values
-
-
-def _diary(document: Document) -> Diary:
-    """Build a diary from a document that was checked."""
-    entries = tuple(_entry(values) for values in document['days'])
-    decisions = tuple(Decision(**each) for each in document['decisions'])
-    return Diary(entries, decisions, document['paused'])
 
 
 def _entry(values: Document) -> DayEntry:
