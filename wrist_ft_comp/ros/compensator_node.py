@@ -38,7 +38,7 @@ from wrist_ft_comp.ros.inputs.field_inputs import FieldInputs
 from wrist_ft_comp.ros.inputs.topic_types import no_temperature, wrong_type
 from wrist_ft_comp.ros.learning.learning import Learner
 from wrist_ft_comp.ros.learning.status import learning_status
-from wrist_ft_comp.ros.live_model import choose_first_model, LiveModel
+from wrist_ft_comp.ros.live_model import LiveModel
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.parameters import declare, NODE_NAME, PARAMETERS, values
 from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench, Shelf
@@ -74,15 +74,14 @@ class CompensatorNode(Node):
         sources = self._thermometers(chosen['temperature_topics'])
         name = self.get_fully_qualified_name()
         store = ModelStore(node_directory(chosen['data_directory'], sensor, name))
-        first = choose_first_model(store, chosen['model_file'], len(sources), log)
-        model = None if first.stored is None else first.stored.model
+        self.live = LiveModel(store, chosen['model_file'], len(sources), self._swap, log)
+        model = None if self.live.stored is None else self.live.stored.model
         compensator = Compensator(len(sources), _stream_settings(chosen), model)
         self._log = log
         self._sources = sources
         self.store = store
         self.compensator = compensator
         self.health = InputHealth(len(sources))
-        self.live = LiveModel(store, len(sources), first, self._swap, log)
         self.state_keeper = StateKeeper(
             compensator, lambda: self.live.sha256, store.directory / 'state.json', chosen, log
         )

@@ -1,7 +1,6 @@
 """Which model is live: choosing the first, swapping, rolling back, remembering."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,117 +12,74 @@ from wrist_ft_comp.ros.diagnostics import summary
 from wrist_ft_comp.ros.node_log import NodeLog
 
 
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """The model to start with."""
-
-    #: None is no compensation.
-    stored: StoredModel | None
-    #: Newest last, the chosen one included; None stands for no compensation.
-    history: list[Path | None]
-    #: Why the model that should be live is not, or will not be after a restart.
-    problem: str = ''
-
-
-def choose_first_model(
-    store: ModelStore, model_file: str, thermometers: int, node_log: NodeLog
-) -> Choice:
-    """Choose the model to start with: the newest decision counts; a given one must be usable."""
-    # A model_file that differs from the one of the last start, in name or in content, is a new
-    # decision of the operator's. One that does not is as old as that start, an empty one is none:
-    # what a calibration or a rollback made live since goes on.
-    store.sweep()
-    given = load_fitting(store.locate(model_file), thermometers) if model_file else None
-    choice = _last_choice(store, thermometers, node_log)
-    if given is not None:
-        choice = _newer(store, given, choice, node_log)
-    if choice.stored is None:
-        node_log.warning(
-            'no model: wrenches are not compensated. Record a warm-up (~/record), then call '
-            '~/calibrate.'
-        )
-    else:
-        _announce(choice.stored, node_log)
-    return choice
-
-
-def _last_choice(store: ModelStore, thermometers: int, node_log: NodeLog) -> Choice:
-    """Load the model that was live last; one that cannot be used leaves none live."""
-    history: list[Path | None] = []
-    try:
-        history = store.history()
-        last = history[-1] if history else None
-        stored = None if last is None else load_fitting(last, thermometers)
-    except WristFtCompError as error:
-        problem = f'The last model cannot be used: {error}'
-        node_log.error(problem)
-        return Choice(None, [*history[:-1], None], problem)
-    return Choice(stored, history)
-
-
-def _newer(store: ModelStore, given: StoredModel, last: Choice, node_log: NodeLog) -> Choice:
-    """Decide between the operator's model and the one that was live last."""
-    if given.sha256 == store.given() and last.history and not last.problem:
-        if last.stored is None or last.stored.sha256 != given.sha256:
-            now = 'no model' if last.stored is None else last.stored.path
-            node_log.warning(
-                f'model_file is {given.path} as at the last start, and {now} was made live '
-                'after that: the latter goes on. Call ~/rollback, or set model_file while '
-                'running, to go back.'
-            )
-        return last
-    history = last.history
-    if not history or history[-1] != given.path:
-        history = [*history, given.path]
-    return Choice(given, history, _remember(store, history, node_log, given.sha256))
-
-
-def _remember(
-    store: ModelStore, history: list[Path | None], node_log: NodeLog, given: str | None = None
-) -> str:
-    """Keep the history over a restart; return what went wrong, if anything did."""
-    try:
-        store.activate(history, given)
-    except WristFtCompError as error:
-        node_log.error(str(error))
-        return str(error)
-    return ''
-
-
-def _announce(stored: StoredModel, node_log: NodeLog) -> None:
-    """Log what is live."""
-    node_log.info(f'{summary(stored)} with {stored.path} ({stored.sha256[:12]})')
-
-
-def load_fitting(path: Path, thermometers: int) -> StoredModel:
-    """Load a model, and refuse one of other thermometers or units than the node has."""
-    stored = load_model(path)
-    check_fits(stored.model, thermometers, name=path)
-    return stored
-
-
 class LiveModel:
     """Owns the live model and those before it; ``swap`` makes one live, or raises and does not."""
+
+    # It begins with the newest decision. A model_file that differs from the one of the last start,
+    # in name or in content, is a new decision of the operator's, and must be usable. One that does
+    # not is as old as that start, an empty one is none: what a calibration or a rollback made live
+    # since goes on.
 
     def __init__(
         self,
         store: ModelStore,
+        model_file: str,
         thermometers: int,
-        first: Choice,
         swap: Callable[[DriftModel | None], None],
         log: NodeLog,
     ) -> None:
-        #: What is live; None is no compensation.
-        self.stored = first.stored
         #: Why the model that should be live is not, or will not be after a restart.
-        self.problem = first.problem
-        self._history = first.history
-        self._store = store
-        self._thermometers = thermometers
-        self._swap = swap
-        self._log = log
+        self.problem = ''
+        self._store, self._thermometers = store, thermometers
+        self._swap, self._log = swap, log
+        #: Newest last, the live one included; None stands for no compensation.
+        self._history: list[Path | None] = []
         #: Kept, because it goes live next, and reading it takes tens of milliseconds.
         self._validated: StoredModel | None = None
+        store.sweep()
+        given = self.load(store.locate(model_file)) if model_file else None
+        #: What is live; None is no compensation.
+        self.stored = self._last()
+        if given is not None:
+            self._prefer(given)
+        if self.stored is None:
+            log.warning(
+                'no model: wrenches are not compensated. Record a warm-up (~/record), then call '
+                '~/calibrate.'
+            )
+        else:
+            self._announce(self.stored)
+
+    def _last(self) -> StoredModel | None:
+        """Load the model that was live last; one that cannot be used leaves none live."""
+        try:
+            self._history = self._store.history()
+            last = self._history[-1] if self._history else None
+            return None if last is None else self.load(last)
+        except WristFtCompError as error:
+            self.problem = f'The last model cannot be used: {error}'
+            self._log.error(self.problem)
+            self._history = [*self._history[:-1], None]
+            return None
+
+    def _prefer(self, given: StoredModel) -> None:
+        """Take the operator's model, unless what was live last is a newer decision."""
+        if given.sha256 == self._store.given() and self._history and not self.problem:
+            if self.sha256 != given.sha256:
+                now = 'no model' if self.stored is None else self.stored.path
+                self._log.warning(
+                    f'model_file is {given.path} as at the last start, and {now} was made live '
+                    'after that: the latter goes on. Call ~/rollback, or set model_file while '
+                    'running, to go back.'
+                )
+            return
+        self.stored = given
+        again = self._history[-1:] == [given.path]
+        self._remember(self._history if again else [*self._history, given.path], given.sha256)
+
+    def _announce(self, stored: StoredModel) -> None:
+        """Log what is live."""
+        self._log.info(f'{summary(stored)} with {stored.path} ({stored.sha256[:12]})')
 
     @property
     def sha256(self) -> str | None:
@@ -131,8 +87,10 @@ class LiveModel:
         return None if self.stored is None else self.stored.sha256
 
     def load(self, path: Path) -> StoredModel:
-        """Load a model that could go live."""
-        return load_fitting(path, self._thermometers)
+        """Load a model, and refuse one of other thermometers or units than the node has."""
+        stored = load_model(path)
+        check_fits(stored.model, self._thermometers, name=path)
+        return stored
 
     def take(self, stored: StoredModel) -> str:
         """Make a new model live; return why it could not be remembered, or nothing."""
@@ -144,12 +102,16 @@ class LiveModel:
         self._swap(None if stored is None else stored.model)
         self.stored = stored
         if stored is not None:
-            _announce(stored, self._log)
+            self._announce(stored)
 
-    def _remember(self, history: list[Path | None]) -> str:
+    def _remember(self, history: list[Path | None], given: str | None = None) -> str:
         """Keep the history over a restart; return what went wrong, if anything did."""
-        self._history = history
-        self.problem = _remember(self._store, history, self._log)
+        self._history, self.problem = history, ''
+        try:
+            self._store.activate(history, given)
+        except WristFtCompError as error:
+            self.problem = str(error)
+            self._log.error(self.problem)
         return self.problem
 
     def check_parameters(self, parameters: Sequence[Any]) -> None:
@@ -175,7 +137,7 @@ class LiveModel:
                     f'model_file must be a file; {path} is none. Make one with wrist_ft_comp '
                     'calibrate.'
                 )
-            self._validated = load_fitting(path, self._thermometers)
+            self._validated = self.load(path)
 
     def use_file(self, given: str) -> None:
         """Make the model of a file live and remember it; it was validated before."""
@@ -183,7 +145,7 @@ class LiveModel:
             path, stored = self._store.locate(given), self._validated
             self._validated = None
             if stored is None or stored.path != path:
-                stored = load_fitting(path, self._thermometers)
+                stored = self.load(path)
             self._make_live(stored)
         except WristFtCompError as error:
             self._log.error(str(error))
@@ -200,7 +162,7 @@ class LiveModel:
             )
         *earlier, before, live = self._history
         try:
-            self._make_live(None if before is None else load_fitting(before, self._thermometers))
+            self._make_live(None if before is None else self.load(before))
         except WristFtCompError as error:
             # Taken off the list, or it would bar the way to those before it.
             self._remember([*earlier, live])
