@@ -1,15 +1,8 @@
 """
 Method ``auto``: an average of many fits, weighted by what they leave of recordings held out.
 
-Picking the best of many candidates on few recordings is itself an overfit, so none is picked. All
-are vectors of gains on one pool of columns (``identification/pool.py``), and so is their average:
-one model with a bank of relaxations. docs/algorithm.md says why each piece is there.
-
-1. Candidates: polynomials, three banks in ridge of three strengths, one or two free time constants
-   that all axes share (one body); each with and without a start that was not soaked.
-2. All are fitted without each fold in turn and judged on it; errors are quadratic forms of gains.
-3. Weights fall with a power of the held-out error, in the geometric mean of all axes.
-4. What the average leaves held out decides how much of it is used: a gate.
+All are vectors of gains on one pool of columns (``identification/pool.py``), and so is their
+average: one model with a bank of relaxations. docs/algorithm.md says why each piece is there.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

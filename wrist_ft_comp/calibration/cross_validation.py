@@ -1,11 +1,4 @@
-"""
-Where a candidate is scored: on folds that it did not see, in free run, averaged over bins.
-
-Free relaxations (``cross_validate``) and the paper's methods are refitted and run
-(``refit_bins``); ``auto`` scores all pairs of candidates at once, on its own. ``part_errors`` sums
-errors up, ``simplest_good`` compares the sums, and ``hold_out`` keeps the
-winner's errors for pictures.
-"""
+"""Where a candidate is scored: on folds that it did not see, in free run, averaged over bins."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

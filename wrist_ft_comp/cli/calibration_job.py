@@ -1,12 +1,9 @@
 """
 The calibration job: read recordings, fit, save the model. One function, and a process around it.
 
-The command line calls ``run_job``. The node starts this module as a program instead
-(``python -m wrist_ft_comp.cli.calibration_job``), because a fit in its own process neither stops
-the stream nor fights it for the interpreter: the job comes as one JSON object on standard input,
-the outcome goes as one to standard output. With ``--until-closed`` the job is a line, and standard
-input stays open for as long as somebody waits for the outcome: where it is closed, as it is when
-the node is killed, the process ends.
+The command line calls ``run_job``, the node starts a process: the job comes as one JSON object on
+standard input, the outcome goes as one to standard output. With ``--until-closed`` the job is a
+line, and where standard input is closed, as it is when the node is killed, the process ends.
 """
 
 from collections.abc import Mapping

@@ -1,8 +1,4 @@
-"""
-The command ``wrist_ft_comp``.
-
-Exit code 0 done, 1 refused or failed with one sentence on standard error, 2 usage.
-"""
+"""The command ``wrist_ft_comp``: exit code 0 done, 1 refused with one sentence, 2 usage."""
 
 from collections.abc import Sequence
 import io

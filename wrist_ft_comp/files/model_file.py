@@ -1,9 +1,4 @@
-"""
-Model files: YAML that people can read, checked against a schema, refused when of another version.
-
-A file holds what runs (per axis the features and the dynamics), the evidence (candidates, scores,
-time constants) and where it came from. Numbers are written so that they read back exactly.
-"""
+"""Model files: YAML that people can read, checked against a schema, exact to the last digit."""
 
 from collections.abc import Mapping
 from datetime import datetime, timezone

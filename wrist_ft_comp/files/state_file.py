@@ -1,9 +1,4 @@
-"""
-The state that a restart goes on from: thermal state and tare, as JSON, and a thread that saves it.
-
-Waiting for a disk takes milliseconds to seconds. A thread that waits there does not hold the
-interpreter, so the callbacks of a node go on.
-"""
+"""What a restart goes on from, as JSON, and a thread that saves it while callbacks go on."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,8 +1,4 @@
-"""
-Sums over samples, all that least squares needs: made once, for every candidate and fold.
-
-A candidate is a choice of columns, a held-out fold a difference of sums.
-"""
+"""Sums over samples, all that least squares needs: made once, for every candidate and fold."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,10 +1,4 @@
-"""
-Fits on one pool of columns, each a vector of gains: so every average of fits is one, too.
-
-The pool holds all features behind relaxations on a grid of time constants and, with load, the same
-times the load; its moments are summed once. A relaxation is smooth in ln τ, so one between the
-grid's is a mixture of its four neighbours, and free time constants need no pass over samples.
-"""
+"""Fits on one pool of columns, each a vector of gains: so every average of fits is one, too."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

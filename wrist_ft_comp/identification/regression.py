@@ -1,14 +1,9 @@
 """
 Least squares from moments: fits on the simulation error (eq. 16) behind relaxations.
 
-Thermal diffusion has no other dynamics than relaxations H_τ, so the drift is
-
     r - w = Σ_τ Σ_f g_τf x_f(H_τ T)  +  w · Σ_τ Σ_f k_τf x_f(H_τ T)  +  s_0 w  +  constant
 
-with the features x_f of every relaxation's temperatures; for given time constants everything else
-is linear. All candidates are fitted from one matrix of moments whose columns hold every feature
-behind every relaxation of a grid of time constants. Least squares works on correlations, so that
-its ridge means the same whatever the units.
+It works on correlations, so that its ridge means the same whatever the units.
 """
 
 from dataclasses import dataclass

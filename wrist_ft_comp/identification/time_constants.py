@@ -1,10 +1,4 @@
-"""
-The search for free time constants.
-
-For given time constants every gain is linear, so only their logarithms are searched and the gains
-are solved inside (variable projection). The slope of what is left comes from the same sums: it is
-twice the product of what is left with the column that a small change of τ adds.
-"""
+"""The search for free time constants: gains are solved inside (variable projection)."""
 
 from dataclasses import dataclass, replace
 

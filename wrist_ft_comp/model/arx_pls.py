@@ -5,8 +5,6 @@ Outer and inner model together: the paper's ARX-PLS (eq. 15).
     t(k) = Rᵀ [(x(k) - x̄) ∘ W_x]                 (R,)   eq. 4; R = W (PᵀW)⁻¹
     u_r(k) = H_r(t_r)                            (R,)   eq. 15 and 20, one ARX per latent
     y(k) = ȳ + [Q u(k)] / W_y                    (M,)   eq. 15
-
-It runs free: each latent feeds back its own past u, never a measured value.
 """
 
 from collections.abc import Sequence

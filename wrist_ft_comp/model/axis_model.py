@@ -4,10 +4,6 @@ The drift of one axis: dynamic filters, features, and the outer and inner model 
     T'(k) = H_1(T), …, H_K(T)     (K·J,)  dynamic filter before the outer model (eq. 11)
     x(k)  = features of T'        (F,)
     y(k)  = ARX-PLS of x          (M,)    eq. 15
-
-Strain gauges and body lag behind the thermometers, and how they bend with temperature is a
-matter of *their* temperature: so powers are taken behind the filters. A model without filters is
-the paper's, its dynamics all in the latents.
 """
 
 from dataclasses import dataclass, replace

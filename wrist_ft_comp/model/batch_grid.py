@@ -1,10 +1,4 @@
-"""
-Samples of a recording onto the thermal grid, as a batch.
-
-Drift moves over minutes, wrenches come at kilohertz. Everything dynamic therefore runs on cells of
-period h: samples are averaged per cell by their stamps, and a cell without a sample holds the last
-value, because a stream (``stream_grid``) cannot know the next one.
-"""
+"""Samples of a recording onto the thermal grid, as a batch: an empty cell holds the last value."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator

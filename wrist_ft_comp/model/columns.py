@@ -1,10 +1,8 @@
 """
 Tables of named columns: which channels they hold, and a recording made of ones in memory.
 
-Columns are named as those of a CSV recording: ``stamp_s`` or ``stamp_ns``, any of ``force_x`` …
-``torque_z``, ``temperature_c``, ``temperature_2_c`` …, ``reference_force_x`` …,
-``linear_acceleration_x`` …, ``rotation_speed``; others are not used. A table is what has ``keys``
-and columns by name: a dict of arrays, or a pandas DataFrame.
+A table is what has ``keys`` and columns by name, a stamp and channels (``signals``): a dict of
+arrays, or a pandas DataFrame.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -1,9 +1,4 @@
-"""
-Features: what the outer model sees of the temperatures.
-
-Either powers of θ_j = T_j - T_ref,j, or hat functions at given temperatures: coefficients known at
-discrete temperatures and interpolated linearly between them (the paper's section 3.2).
-"""
+"""Features of temperatures: powers of θ_j = T_j - T_ref,j, or hat functions (the paper's 3.2)."""
 
 from dataclasses import dataclass, field
 from typing import Literal

@@ -1,9 +1,4 @@
-"""
-The node ``compensator``: raw wrench and temperatures in, compensated wrench out.
-
-A callback converts, steps, publishes. What it means is the stream's business, and what can be
-asked of the node that of its services: this module wires topics, services and parameters to them.
-"""
+"""The node ``compensator``: what it hears and offers, wired to the stream and to its services."""
 
 from collections.abc import Callable, Sequence
 from copy import copy

@@ -1,8 +1,4 @@
-"""
-What is ROS about messages: quality of service, and typed messages where speed does not matter.
-
-Raw wrenches and temperatures are read as bytes (files/cdr.py).
-"""
+"""What is ROS about messages: quality of service, and typed ones where speed does not matter."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager

@@ -1,8 +1,4 @@
-"""
-Parameters: what a table's row is, how a node declares a table, and the compensator's own table.
-
-Defaults are those of the settings classes, where these have them.
-"""
+"""Parameters: what a table's row is, how a node declares a table, and the compensator's own."""
 
 from collections.abc import Sequence
 from contextlib import suppress

@@ -1,9 +1,4 @@
-"""
-How nodes run: until a signal or an error, on one executor, one node for each sensor.
-
-``sensors:=[left, right]`` makes ``/left/wrist_ft_comp`` and ``/right/wrist_ft_comp``. They share
-the process and its executor, nothing else. Without it there is one node, named as ever.
-"""
+"""How nodes run: until a signal or an error, on one executor, one node for each sensor."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence

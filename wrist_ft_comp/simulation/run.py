@@ -1,8 +1,4 @@
-"""
-What happens to a simulated wrist during a run: duty cycle, room temperature and load over time.
-
-Times are simulated seconds since the run began.
-"""
+"""What happens to a simulated wrist, by simulated seconds since it began: duty, room and load."""
 
 from dataclasses import dataclass, field
 

@@ -1,10 +1,4 @@
-"""
-Averages of a running stream, one row per thermal cell: what the node's own recording holds.
-
-The fit works on cell means, so a row per cell loses nothing that it would use, and an hour at
-1 kHz is 3600 rows. Wrenches wait for the temperatures of their cell; when those stay away, both
-get rows of their own, and memory does not grow.
-"""
+"""Averages of a running stream, a row per thermal cell: what the node's own recording holds."""
 
 from collections.abc import Iterator, Sequence
 from math import isnan, sqrt

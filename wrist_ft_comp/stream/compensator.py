@@ -1,11 +1,4 @@
-"""
-The stream: drift and tare around a wrench.
-
-Temperatures move the drift once per thermal cell (drift_tracker.py); it is kept within limits, and
-every wrench is corrected with the drift of its time, ramped over one cell from where the output
-stood, so that it has no steps. The force path itself has no memory: what comes out depends on the
-wrench that came in and on the drift, only.
-"""
+"""The stream: drift, limits and tare around a wrench; the force path itself has no memory."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,10 +1,4 @@
-"""
-From temperatures to drift: here the model is stepped, once per thermal cell.
-
-Samples pass the timestamp filter and the thermal grid; completed cells go into the history, for
-a model that comes later, and move the state of the model that is there. What of its drift is
-subtracted, and how fast, is the compensator's business.
-"""
+"""From temperatures to drift: here the model is stepped, once per thermal cell."""
 
 from collections import deque
 

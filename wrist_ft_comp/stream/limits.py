@@ -1,9 +1,4 @@
-"""
-Limits of the correction: how large it may be, and how fast it may move.
-
-A model knows what drift follows from a temperature; it does not know that a thermometer has come
-loose. Whatever it says, the correction stays within these limits.
-"""
+"""Limits of the correction, whatever a model says: how large it is, and how fast it moves."""
 
 import numpy as np
 

@@ -1,10 +1,4 @@
-"""
-Temperatures that are numbers in messages of any type: ``topic:field`` in ``temperature_topics``.
-
-A driver may publish its state at a kilohertz, where a thermal cell needs a few samples. So no
-executor waits for these messages: being woken for each would cost as much as the wrench does. The
-middleware keeps the newest one, and ``poll`` takes it some times a second.
-"""
+"""Temperatures that are numbers in messages of any type, polled: being woken costs much."""
 
 from collections.abc import Callable, Iterable
 from typing import Any

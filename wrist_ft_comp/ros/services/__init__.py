@@ -1,6 +1,1 @@
-"""
-The node's services, a file each.
-
-A service is given what it needs: the compensator, the present parameters, where to log, and what
-remembers a refusal for the diagnostics. ``deferred`` lets a service answer later.
-"""
+"""The node's services, a file each, and ``recorder``; ``deferred`` lets one answer later."""
