@@ -16,8 +16,8 @@ class Example(Node):
     def __init__(self, **kwargs):
         super().__init__('example', use_global_arguments=False, **kwargs)
         self.replies, self.todo, self.ticks = queue.Queue(), queue.Queue(), queue.Queue()
-        self.service = DeferredService(self, SetBool, '~/work', self.on_work)
-        self.at_once = DeferredService(self, Trigger, '~/at_once', self.on_at_once)
+        self.service = DeferredService(self, SetBool, '~/work', self.on_work, print)
+        self.at_once = DeferredService(self, Trigger, '~/at_once', self.on_at_once, print)
         self.create_timer(0.005, self.tick)
 
     def on_work(self, request, reply):

@@ -121,6 +121,11 @@ def _parse(content: bytes) -> Any:
 def _build_model(document: Document) -> DriftModel:
     """Build what runs."""
     thermometers = len(document['thermometers'])
+    others = (
+        entry['unit']
+        for axis, entry in document['axes'].items()
+        if entry['model'] is not None and entry['unit'] not in {'', axis_unit(axis)}
+    )
     return DriftModel(
         period_ns=document['period_ns'],
         thermometers=thermometers,
@@ -131,14 +136,7 @@ def _build_model(document: Document) -> DriftModel:
         },
         deviation={axis: entry['rms_after'] for axis, entry in document['axes'].items()},
         start_s=document.get('start_s', 0.0),
-        unit=next(
-            (
-                entry['unit']
-                for axis, entry in document['axes'].items()
-                if entry['model'] is not None and entry['unit'] not in {'', axis_unit(axis)}
-            ),
-            '',
-        ),
+        unit=next(others, ''),
     )
 
 

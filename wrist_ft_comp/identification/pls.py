@@ -118,10 +118,4 @@ def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
     slopes = y.T @ scores / np.sum(scores**2, axis=0)
     inner = np.linalg.norm(slopes, axis=0)
     output_loadings = np.divide(slopes, inner, out=np.zeros_like(slopes), where=inner > 0)
-    return Pls(
-        weights=weights,
-        loadings=weights,
-        inner=inner,
-        output_loadings=output_loadings,
-        scores=scores,
-    )
+    return Pls(weights, weights, inner, output_loadings, scores)

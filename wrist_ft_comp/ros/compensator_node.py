@@ -118,13 +118,16 @@ class CompensatorNode(Node):
             compensator, self.external, self.identification, self.gravity.problem
         )
         self._offered = [
-            DeferredService(self, Trigger, '~/calibrate', self.calibration.on_request),
-            DeferredService(self, Trigger, '~/tare', self.tare.on_request),
-            self._serve(Trigger, '~/reset_tare', lambda _: self.tare.reset()),
-            DeferredService(self, Trigger, '~/identify_payload', self.identification.on_request),
-            self._serve(SetBool, '~/record', self.recording.on_request),
-            self._serve(Trigger, '~/rollback', lambda _: self.live.roll_back()),
-            self._serve(Trigger, '~/adopt', lambda _: self.learning.adopt()),
+            DeferredService(self, kind, f'~/{name}', handler, log.note_refusal)
+            for kind, name, handler in (
+                (Trigger, 'calibrate', self.calibration.on_request),
+                (Trigger, 'tare', self.tare.on_request),
+                (Trigger, 'reset_tare', self.tare.reset),
+                (Trigger, 'identify_payload', self.identification.on_request),
+                (SetBool, 'record', self.recording.on_request),
+                (Trigger, 'rollback', self.live.roll_back),
+                (Trigger, 'adopt', self.learning.adopt),
+            )
         ]
         self.add_on_set_parameters_callback(self._validate_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
@@ -181,19 +184,6 @@ class CompensatorNode(Node):
         """Make a publisher."""
         with messages.opening(topic):
             return self.create_publisher(kind, topic, messages.own(messages.OUTPUT), **options)
-
-    def _serve(self, kind: Any, name: str, work: Callable[[Any], str]) -> Any:
-        """Offer a service that answers a request at once: what was done, or why it was refused."""
-
-        def answer(request: Any, response: Any) -> Any:
-            try:
-                response.message, response.success = work(request), True
-            except WristFtCompError as error:
-                response.message, response.success = str(error), False
-                self._log.note_refusal(name, str(error))
-            return response
-
-        return self.create_service(kind, name, answer, qos_profile=messages.SERVICE)
 
     def _subscribe(
         self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any

@@ -69,7 +69,7 @@ class InputHealth:
             return
         self._looked_at, self.last_wrench_s = self.counts.wrenches, now_s
         self._wrench_stamp_ns = stamp_ns
-        self.sensor.look(self._looked_at, stamp_ns if stamped else 0, raw)
+        self.sensor.look(stamp_ns if stamped else 0, raw)
         if self.frame and frame != self.frame:
             self.frame_changes += 1
             self.last_frames = (self.frame, frame)

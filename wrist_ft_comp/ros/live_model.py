@@ -154,7 +154,7 @@ class LiveModel:
         again = before[-1] == stored.path
         self._remember(before if again else [*before, stored.path])
 
-    def roll_back(self) -> str:
+    def roll_back(self, *_: Any) -> str:
         """Go back to the model before the live one; say which."""
         if len(self._history) < 2:
             raise SettingsError(

@@ -249,14 +249,9 @@ class Compensator:
 
     def _refresh_correction(self) -> None:
         """Lay out what is constant over a ramp, per axis: offset, its step, gain, its step."""
-        zero, *others = (
-            self._ramp.zero,
-            self._ramp.zero_step,
-            self._ramp.gain,
-            self._ramp.gain_step,
-        )
+        ramp = self._ramp
         self._correction, self._external = (
-            np.stack((zero + tare, *others), axis=1).tolist()
+            np.stack((ramp.zero + tare, ramp.zero_step, ramp.gain, ramp.gain_step), 1).tolist()
             for tare in (self.tare, self.external_tare)
         )
 

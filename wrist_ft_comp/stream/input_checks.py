@@ -26,7 +26,6 @@ class SensorWatch:
         #: Whether the newest wrench had no stamp.
         self.unstamped = False
         self._looks = looks
-        self._received = 0
         self._raw: Sequence[float] = ()
         self._same = [0] * len(AXES)
         self._least = [inf] * len(AXES)
@@ -35,13 +34,8 @@ class SensorWatch:
         self._step_ns = 0
         self._same_stamps = 0
 
-    def look(self, received: int, stamp_ns: int, raw: Sequence[float]) -> None:
-        """Look at the newest wrench, N and N m, and its stamp, ns; 0 when it has none."""
-        # Without a new one since the last look, by how many were received, there is nothing to
-        # see.
-        if received == self._received:
-            return
-        self._received = received
+    def look(self, stamp_ns: int, raw: Sequence[float]) -> None:
+        """Look at another wrench, N and N m, and its stamp, ns; 0 when it has none."""
         for i, value in enumerate(raw):
             self._same[i] = self._same[i] + 1 if self._raw and value == self._raw[i] else 0
             self._least[i] = min(self._least[i], value)

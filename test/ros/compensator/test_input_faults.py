@@ -12,8 +12,9 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 
+from wrist_ft_comp.ros.input_health import InputHealth
 from wrist_ft_comp.ros.messages import wrench_message
-from wrist_ft_comp.stream.input_checks import SensorWatch
+from wrist_ft_comp.stream.input_checks import LOOKS, SensorWatch
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -87,6 +88,15 @@ def look_at(node, wrenches, stamps=None):
 
 def noisy(count, scale=0.01):
     return RAW + np.random.default_rng(0).normal(0, scale, (count, 6))
+
+
+def test_looks_without_a_new_wrench_do_not_count():
+    health = InputHealth(1)
+    health.counts.wrenches = 1
+    for _ in range(10 * LOOKS):
+        health.look(1.0, 5, RAW.tolist(), '', stamped=True)
+    assert not health.sensor.frozen
+    assert not health.sensor.stamps_stand_still
 
 
 class TestWrench:

@@ -15,6 +15,7 @@ from wrist_ft_comp.files.cdr_fields import Definitions, read_numbers
 from wrist_ft_comp.model.payload.directions import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS, Progress, Topics
 from wrist_ft_comp.model.temperature_source import Path, path_text
+from wrist_ft_comp.stream.input_checks import is_plausible
 
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
 _ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}
@@ -24,8 +25,6 @@ _TREATED = re.compile(r'compensat|filter|tare|zero|bias|external|reference|drift
 _NEAR = re.compile(r'sensor|force|wrench|torque|tool|flange|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
 #: A thermometer that moves by less sees no warm-up.
 _MOVES_K = 0.5
-#: What a thermometer at a wrist reads, °C; as in the node, kelvins are outside.
-_PLAUSIBLE_C = (-100.0, 200.0)
 #: As many thermometers are suggested: one inside the sensor, and one at the motor's side.
 _SUGGESTED = 2
 
@@ -62,9 +61,7 @@ class Candidate:
     @property
     def usable(self) -> bool:
         """Whether it is a temperature that moved, in °C as far as one can tell."""
-        return self.moves and all(
-            _PLAUSIBLE_C[0] <= value <= _PLAUSIBLE_C[1] for value in self.reads or ()
-        )
+        return self.moves and all(map(is_plausible, self.reads or ()))
 
 
 @dataclass(eq=False)

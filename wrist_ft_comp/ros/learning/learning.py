@@ -188,7 +188,7 @@ class Learner:
         if before.offered not in {'', self.memory.offered} and before.sha256 != self._live.sha256:
             self._jobs.store.discard(offered)
 
-    def adopt(self) -> str:
+    def adopt(self, *_: Any) -> str:
         """Make the offered model live; say which."""
         try:
             return self._adopt()

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 import time
 from typing import Any
 
-from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
 from wrist_ft_comp.model.payload.learnt import payload_line
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench, Shelf
@@ -42,12 +42,11 @@ class IdentifyService:
         """Start to collect; the answer comes after a minute of stamps."""
         if self._running is not None:
             passed = self._running[0].share * DURATION_S
-            reply(
-                success=False,
-                message=f'A payload is being identified for {passed:.0f} of {DURATION_S:g} s; '
-                'wait for its answer, then call again.',
+            raise CalibrationRefusedError(
+                f'A payload is being identified for {passed:.0f} of {DURATION_S:g} s; wait for '
+                'its answer, then call again.'
             )
-        elif self._external.forces.newest is None:
+        if self._external.forces.newest is None:
             self._refuse(
                 'No specific force has come. Set gravity.source to imu or tf, and look whether '
                 'that is published.',

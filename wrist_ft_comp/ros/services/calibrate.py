@@ -179,12 +179,10 @@ class CalibrateService:
     def on_request(self, _request: Any, reply: Reply) -> None:
         """Start a calibration; the answer comes when it is done."""
         if self._running is not None:
-            reply(
-                success=False,
-                message=f'A calibration has been running for {self.running_s:.0f} s; wait for its '
-                'answer, then call again.',
+            raise CalibrationRefusedError(
+                f'A calibration has been running for {self.running_s:.0f} s; wait for its answer, '
+                'then call again.'
             )
-            return
         try:
             process = CalibrationProcess(self._make_request())
         except WristFtCompError as error:

@@ -11,6 +11,7 @@ from typing import Any
 
 from rclpy.node import Node
 
+from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.ros.messages import SERVICE
 
 
@@ -40,12 +41,19 @@ class Reply:
 
 
 class DeferredService:
-    """A service whose handler gets a Reply beside the request, instead of returning a response."""
+    """A service that answers with what its handler returns or refuses, or later by the Reply."""
+
+    # A handler gets request and reply. Refusals are WristFtCompErrors, told to ``refused``, too.
 
     def __init__(
-        self, node: Node, service_type: Any, name: str, handler: Callable[[Any, Reply], None]
+        self,
+        node: Node,
+        service_type: Any,
+        name: str,
+        handler: Callable[[Any, Reply], str | None],
+        refused: Callable[[str, str], None],
     ) -> None:
-        self._handler = handler
+        self._name, self._handler, self._refused = name, handler, refused
         self._replies: dict[int, Reply] = {}
         self.service: Any = node.create_service(
             service_type, name, self._on_request, qos_profile=SERVICE
@@ -56,7 +64,14 @@ class DeferredService:
     def _on_request(self, request: Any, response: Any) -> Any:
         """Give the request to the handler; the executor then asks to send what is returned."""
         reply = Reply(response, self._send)
-        self._handler(request, reply)
+        try:
+            said = self._handler(request, reply)
+        except WristFtCompError as error:
+            self._refused(self._name, str(error))
+            reply(success=False, message=str(error))
+        else:
+            if said is not None:
+                reply(success=True, message=said)
         self._replies[id(response)] = reply  # which keeps the response, so the id stays its own
         return response
 

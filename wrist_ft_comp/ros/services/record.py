@@ -28,7 +28,7 @@ class RecordService:
     #: Why the last one ended early; empty when it did not.
     failure: str = ''
 
-    def on_request(self, request: Any) -> str:
+    def on_request(self, request: Any, _reply: Any) -> str:
         """Start or end the recording, as SetBool's data says; say where to, or what it holds."""
         return self.start() if request.data else self._finish()
 

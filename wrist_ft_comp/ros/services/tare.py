@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.errors import TareRefusedError, WristFtCompError
 from wrist_ft_comp.model.signals import AXES, axis_unit
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench
@@ -37,16 +37,13 @@ class TareService:
     def on_request(self, _request: Any, reply: Reply) -> None:
         """Start to collect wrenches; the answer comes when there are enough."""
         if self._running is not None:
-            reply(
-                success=False, message='A tare is running; wait for its answer, then call again.'
-            )
-            return
+            raise TareRefusedError('A tare is running; wait for its answer, then call again.')
         chosen = self._settings()
         collector = TareCollector(chosen['tare.duration'], chosen['tare.max_deviation'])
         deadline = time.monotonic() + chosen['tare.duration'] + _GRACE_S
         self._running, self._weights = (collector, reply, deadline), []
 
-    def reset(self) -> str:
+    def reset(self, *_: Any) -> str:
         """Forget the tare."""
         self._compensator.reset_tare()
         self._save()
