@@ -26,14 +26,10 @@ def build_features(
         where = everything if observed is None else np.concatenate(list(observed))
         knots = tuple(_knots(column, settings) for column in where.T)
     return Features(
-        kind=settings.features,
-        reference_c=everything.mean(axis=0),
-        lower_c=everything.min(axis=0),
-        upper_c=everything.max(axis=0),
+        kind=settings.features, reference_c=everything.mean(axis=0),
+        lower_c=everything.min(axis=0), upper_c=everything.max(axis=0),
         degree=settings.highest_degree if settings.features == 'powers' else 1,
-        knots_c=knots,
-        beyond=beyond,
-    )
+        knots_c=knots, beyond=beyond)  # fmt: skip
 
 
 def _knots(temperature_c: FloatArray, settings: IdentificationSettings) -> FloatArray:

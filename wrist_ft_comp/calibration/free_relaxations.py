@@ -88,23 +88,16 @@ def _fit(data: CandidateData, structure: Structure, start_s: FloatArray) -> Fitt
     tau_s = search_time_constants(cells, features, start_s)
     fit = fit_gains(cells, features, tau_s)
     inputs = bank_inputs(cells, features, tau_s)
-    return Fitted(
-        model=build_axis_model(features, tau_s, fit.gains, inputs, axis_data.period_s),
-        time_constants_s=tuple(fit.time_constants_s.tolist()),
-        time_constant_errors_s=tuple(fit.time_constant_errors_s.tolist()),
-        terms=tuple(
-            Term(
-                output,
-                float(tau),
-                feature,
-                float(fit.gains[k, f, m]),
-                float(fit.gain_errors[k, f, m]),
-            )
-            for m, output in zip(range(fit.gains.shape[2]), OUTPUTS, strict=False)
-            for k, tau in enumerate(fit.time_constants_s)
-            for f, feature in enumerate(features.names)
-        ),
+    model = build_axis_model(features, tau_s, fit.gains, inputs, axis_data.period_s)
+    times_s, errors_s = fit.time_constants_s.tolist(), fit.time_constant_errors_s.tolist()
+    gains, gain_errors = fit.gains.tolist(), fit.gain_errors.tolist()
+    terms = tuple(
+        Term(output, tau, feature, gains[k][f][m], gain_errors[k][f][m])
+        for m, output in zip(range(fit.gains.shape[2]), OUTPUTS, strict=False)
+        for k, tau in enumerate(times_s)
+        for f, feature in enumerate(features.names)
     )
+    return Fitted(model, tuple(times_s), tuple(errors_s), terms)
 
 
 def _refuse(data: AxisData, chosen: str, why: str, errors: Mapping[str, FloatArray]) -> AxisFit:

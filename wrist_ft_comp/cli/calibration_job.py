@@ -91,12 +91,8 @@ def _read(
 def _read_one(job: CalibrationJob, path: Path, report: Progress) -> Recording:
     """Read a recording; where others may do, refuse one that this calibration cannot use."""
     recording = read_recording(
-        path,
-        period_s=job.period_s,
-        topics=job.topics,
-        keep_copied_columns=job.keep_copied_columns,
-        progress=report,
-    )
+        path, period_s=job.period_s, topics=job.topics,
+        keep_copied_columns=job.keep_copied_columns, progress=report)  # fmt: skip
     if not job.skip_unusable:
         return recording
     thermometers = len(job.topics.temperatures)

@@ -70,21 +70,17 @@ def _document(state: SavedState) -> Document:
 def _state(document: Document) -> SavedState:
     """Build a state from a document that was checked."""
     thermal = document['thermal']
-    return SavedState(
-        document['saved_ns'],
-        document['model_sha256'],
-        _array(document['tare']),
-        thermal
-        and ThermalMemory(
-            thermal['end_ns'],
-            thermal['period_ns'],
-            _array(thermal['temperature_c']),
-            {axis: _array(values) for axis, values in thermal['filters'].items()},
-            Drift(_array(thermal['zero']), _array(thermal['sensitivity'])),
-            tuple((_array(each['temperature_c']), each['cells']) for each in thermal['history']),
-        ),
-        _array(document.get('external_tare', [0.0] * len(AXES))),
+    memory = thermal and ThermalMemory(
+        thermal['end_ns'],
+        thermal['period_ns'],
+        _array(thermal['temperature_c']),
+        {axis: _array(values) for axis, values in thermal['filters'].items()},
+        Drift(_array(thermal['zero']), _array(thermal['sensitivity'])),
+        tuple((_array(each['temperature_c']), each['cells']) for each in thermal['history']),
     )
+    external = _array(document.get('external_tare', [0.0] * len(AXES)))
+    known = document['saved_ns'], document['model_sha256'], _array(document['tare'])
+    return SavedState(*known, memory, external)
 
 
 def _array(values: Any) -> FloatArray:

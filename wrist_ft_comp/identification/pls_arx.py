@@ -65,16 +65,9 @@ def identify(
     latents = tuple(static_gain(gain) for gain in outer.inner)
     if method == 'arx_pls':
         latents, notes = _inner_arx(xy_block, outer, mean, weight, orders)
-    model = ArxPls(
-        input_mean=mean,
-        input_weight=weight,
-        rotations=outer.rotations,
-        latents=latents,
-        output_loadings=outer.output_loadings,
-        output_weight=xy_block.output_weight,
-        output_mean=np.zeros(len(xy_block.output_weight)),
-    )
-    return model, notes
+    output_mean = np.zeros(len(xy_block.output_weight))
+    known = outer.output_loadings, xy_block.output_weight, output_mean
+    return ArxPls(mean, weight, outer.rotations, latents, *known), notes
 
 
 def observe_drift(data: AxisData) -> list[FloatArray]:

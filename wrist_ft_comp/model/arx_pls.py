@@ -180,12 +180,6 @@ def from_gains(
             latents.append(dynamics)
     if not latents:
         return None
-    return ArxPls(
-        input_mean=input_mean,
-        input_weight=input_weight,
-        rotations=np.stack(rotations, axis=1),
-        latents=tuple(latents),
-        output_loadings=np.stack(loadings, axis=1),
-        output_weight=output_weight,
-        output_mean=np.zeros(len(output_weight)),
-    )
+    known = np.stack(rotations, axis=1), tuple(latents), np.stack(loadings, axis=1)
+    output_mean = np.zeros(len(output_weight))
+    return ArxPls(input_mean, input_weight, *known, output_weight, output_mean)

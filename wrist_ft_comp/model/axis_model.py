@@ -86,13 +86,9 @@ class AxisModel:
 
     def without_gain_drift(self) -> 'AxisModel':
         """Keep the zero drift only."""
-        dynamics = replace(
-            self.dynamics,
-            output_loadings=self.dynamics.output_loadings[:1],
-            output_weight=self.dynamics.output_weight[:1],
-            output_mean=self.dynamics.output_mean[:1],
-        )
-        return replace(self, dynamics=dynamics)
+        names = 'output_loadings', 'output_weight', 'output_mean'
+        first = {name: getattr(self.dynamics, name)[:1] for name in names}
+        return replace(self, dynamics=replace(self.dynamics, **first))
 
     @property
     def poles(self) -> FloatArray:

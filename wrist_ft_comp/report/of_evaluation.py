@@ -54,17 +54,12 @@ def evaluation_view(
         parts = [(name, judged[axis]) for name, judged in named if axis in judged]
         after, part = series[axis].after, series[axis].part
         evidence = Evidence(
-            unit=recordings[0].unit_of(axis),
-            before=errors.rms_before,
-            after=errors.rms_after,
+            unit=recordings[0].unit_of(axis), before=errors.rms_before, after=errors.rms_after,
             noise=noise_level([after[part == each] for each in np.unique(part)]),
-            compensated=axis in stored.model.axes,
+            compensated=axis in stored.model.axes, block_name='recording',
             blocks=FoldErrors(
                 np.array([each.rms_before for _, each in parts]),
-                np.array([each.rms_after for _, each in parts]),
-            ),
-            block_name='recording',
-        )
+                np.array([each.rms_after for _, each in parts])))  # fmt: skip
         axes.append(axis_view(stored, axis, evidence, errors, series[axis], parts=parts))
     ranges_c = [tuple(each['range_c']) for each in stored.document['thermometers']]
     references = ', '.join(dict.fromkeys(each.reference for each in evaluated))
@@ -76,19 +71,14 @@ def evaluation_view(
         if recording.name in learnt
     ]
     return ReportView(
-        kind='evaluation',
-        stored=stored,
-        recordings=recordings,
-        coverage=coverage,
-        explanation=(
-            'The model ran on the temperatures of these recordings alone. Raw and compensated '
-            f'wrenches were both tared on the first {tare_s:g} s. Reference: {references}.'
-        ),
-        axes=tuple(axes),
-        advice=(what_was_not_learnt(coverage, ranges_c),),
+        kind='evaluation', stored=stored, recordings=recordings, coverage=coverage,
+        explanation='The model ran on the temperatures of these recordings alone. Raw and '
+        f'compensated wrenches were both tared on the first {tare_s:g} s. Reference: '
+        f'{references}.',
+        axes=tuple(axes), advice=(what_was_not_learnt(coverage, ranges_c),),
         warnings=(*no_proof, *dict.fromkeys(w for each in recordings for w in each.warnings)),
         tables={each.recording.name: each.figures for each in evaluated if each.figures},
-    )
+    )  # fmt: skip
 
 
 def _series(evaluated: Sequence[EvaluatedRecording], leading: int) -> dict[str, ErrorSeries]:

@@ -167,14 +167,8 @@ def axis_view(  # noqa: PLR0913 -- what is known of one axis, each a plain value
     model = stored.model.axes.get(axis)
     spreads = entry.get('time_constant_errors_s', ())
     return AxisView(
-        axis=axis,
-        unit=evidence.unit,
-        verdict=judge(evidence),
-        errors=errors,
-        series=series,
-        parts=parts,
-        drifts=drifts_removed(model),
-        chosen=entry.get('chosen', 'none'),
+        axis=axis, unit=evidence.unit, verdict=judge(evidence), errors=errors, series=series,
+        parts=parts, drifts=drifts_removed(model), chosen=entry.get('chosen', 'none'),
         reason='' if evidence.refusal else entry.get('reason', ''),
         time_constants_s=tuple(entry.get('time_constants_s', ())),
         time_constant_errors_s=tuple(math.nan if each is None else each for each in spreads),
@@ -184,7 +178,7 @@ def axis_view(  # noqa: PLR0913 -- what is known of one axis, each a plain value
         ),
         notes=tuple(entry.get('notes', ())),
         responses=None if model is None else _step_responses(model, stored.model.period_ns),
-    )
+    )  # fmt: skip
 
 
 def _step_responses(model: AxisModel, period_ns: int) -> tuple[FloatArray, FloatArray]:

@@ -166,19 +166,16 @@ class CompensatorNode(Node):
     def _create_publishers(self) -> None:
         """Create publishers; QoS of the output may be overridden by parameters."""
         self._output, self._external_output = (
-            self._advertise(
-                WrenchStamped,
-                topic,
-                qos_overriding_options=messages.overridable(),
-                event_callbacks=messages.unlike(
-                    'publisher', topic, self.health.incompatible, self._log
-                ),
-            )
+            self._advertise(WrenchStamped, topic, **self._negotiable('publisher', topic))
             for topic in ('wrench', 'wrench_external')
         )
         self.external.publish = self._external_output.publish
         self._drift = self._advertise(WrenchStamped, '~/drift')
         self._diagnostics = self._advertise(DiagnosticArray, '/diagnostics')
+
+    def _negotiable(self, ours: str, topic: str) -> dict[str, Any]:
+        """Make options of a topic whose QoS may be overridden by parameters."""
+        return messages.negotiable(ours, topic, self.health.incompatible, self._log)
 
     def _advertise(self, kind: Any, topic: str, **options: Any) -> Any:
         """Make a publisher."""
@@ -190,17 +187,9 @@ class CompensatorNode(Node):
     ) -> Any:
         """Subscribe to serialized messages; QoS may be overridden by parameters."""
         with messages.opening(topic):
-            return self.create_subscription(
-                kind,
-                topic,
-                callback,
-                messages.own(qos),
-                raw=True,
-                qos_overriding_options=messages.overridable(),
-                event_callbacks=messages.unlike(
-                    'subscription', topic, self.health.incompatible, self._log
-                ),
-            )
+            options = self._negotiable('subscription', topic)
+            own = messages.own(qos)
+            return self.create_subscription(kind, topic, callback, own, raw=True, **options)
 
     def _subscribe_unserved(self, kind: Any, topic: str, qos: Any = messages.NEWEST) -> Any:
         """Subscribe to messages that no executor takes."""
@@ -376,34 +365,23 @@ class CompensatorNode(Node):
         reported_s, before = self._reported
         now_s, recording = time.monotonic(), self.recording.current
         self._reported = now_s, copy(self.health.counts)
+        saved, raw = self.state_keeper.writer, self._raw.topic_name
         return Snapshot(
-            now_s=now_s,
-            health=self.health,
-            stream=self.compensator,
-            before=before,
-            elapsed_s=now_s - reported_s,
-            model=self.live.stored,
-            model_problem=self.live.problem,
-            state_origin=self.state_keeper.outcome,
-            save_problem=self.state_keeper.writer.problem,
-            saves=self.state_keeper.writer.written,
-            save_took_s=self.state_keeper.writer.took_s,
+            now_s=now_s, health=self.health, stream=self.compensator, before=before,
+            elapsed_s=now_s - reported_s, model=self.live.stored, model_problem=self.live.problem,
+            state_origin=self.state_keeper.outcome, save_problem=saved.problem,
+            saves=saved.written, save_took_s=saved.took_s,
             calibrating_s=self.calibration.running_s,
             last_calibration=self.calibration.last_outcome,
             calibration_refused=self.calibration.refused,
             recording=None if recording is None else (self.recording.path, recording.rows),
-            recording_failure=self.recording.failure,
-            last_refusal=self._log.last_refusal,
-            wrench_topic=self._raw.topic_name,
-            temperature_topics=tuple(each.topic for each in self._sources),
-            unreadable=self._fields.unreadable,
-            thermometer_problems=self._thermometer_problems(),
-            wrench_publishers=self.count_publishers(self._raw.topic_name),
-            wrench_problem=(
-                '' if self._newest else wrong_type(self, self._raw.topic_name, WRENCH)
-            ),
+            recording_failure=self.recording.failure, last_refusal=self._log.last_refusal,
+            wrench_topic=raw, temperature_topics=tuple(each.topic for each in self._sources),
+            unreadable=self._fields.unreadable, thermometer_problems=self._thermometer_problems(),
+            wrench_publishers=self.count_publishers(raw),
+            wrench_problem='' if self._newest else wrong_type(self, raw, WRENCH),
             temperature_publishers=tuple(map(self.count_publishers, self._topics)),
-        )
+        )  # fmt: skip
 
     def _thermometer_problems(self) -> dict[int, str]:
         """Tell, by thermometer from 0, why no temperatures can be had of what it is on."""

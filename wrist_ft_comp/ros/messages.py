@@ -84,8 +84,9 @@ _UNLIKE = {
 }
 
 
-def unlike(ours: str, topic: str, incompatible: dict[str, str], log: Any) -> Any:
-    """Make what notes, by a topic's relative name, and logs the policy that two don't agree on."""
+def negotiable(ours: str, topic: str, incompatible: dict[str, str], log: Any) -> dict[str, Any]:
+    """Make options: policies are overridable; one that two don't agree on is noted and logged."""
+    # It is noted by the topic's relative name.
     callbacks, said = _UNLIKE[ours]
 
     def tell(event: Any) -> None:
@@ -96,7 +97,8 @@ def unlike(ours: str, topic: str, incompatible: dict[str, str], log: Any) -> Any
             'node, or the quality of service of the other side.'
         )
 
-    return callbacks(incompatible_qos=tell)
+    events = callbacks(incompatible_qos=tell)
+    return {'event_callbacks': events, 'qos_overriding_options': overridable()}
 
 
 def wrench_message(stamp_ns: int, frame_id: str, values: Iterable[float]) -> WrenchStamped:

@@ -135,15 +135,8 @@ class StateKeeper:
         saved_ns = time.time_ns()
         if self._loaded is not None and compensator.tracker.awaiting_gap:
             saved_ns = self._loaded.saved_ns  # what is not yet in use is as old as it was
-        self.writer.put(
-            SavedState(
-                saved_ns,
-                self._live_sha256(),
-                compensator.tare,
-                compensator.memory(),
-                compensator.external_tare,
-            )
-        )
+        known = self._live_sha256(), compensator.tare, compensator.memory()
+        self.writer.put(SavedState(saved_ns, *known, compensator.external_tare))
 
     def end(self) -> None:
         """Save once more, and wait for the disk."""

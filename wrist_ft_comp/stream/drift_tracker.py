@@ -170,14 +170,8 @@ class DriftTracker:
             return self._awaited[0]
         if self._state is None or self.temperature_c is None:
             return None
-        return ThermalMemory(
-            self.end_ns,
-            self.grid.period_ns,
-            self.temperature_c,
-            self._state,
-            compensation,
-            self.history.means(),
-        )
+        known = self.end_ns, self.grid.period_ns, self.temperature_c, self._state
+        return ThermalMemory(*known, compensation, self.history.means())
 
     def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
         """Go on from what another stream left, as if its last temperature had been held."""
