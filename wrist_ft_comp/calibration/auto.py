@@ -187,9 +187,7 @@ class _Body:
 
 
 def identify_together(
-    axes: Sequence[AxisData],
-    settings: IdentificationSettings,
-    progress: Progress = lambda _: None,
+    axes: Sequence[AxisData], settings: IdentificationSettings, progress: Progress = lambda _: None
 ) -> list[AxisFit]:
     """Learn the drift of all axes of a sensor from many fits, each as far as it holds unseen."""
     body = _Body(axes, settings)
@@ -384,14 +382,9 @@ def _whole_over_parts(axis: _Axis, tared: FloatArray) -> float:
 
 def _model(body: _Body, axis: _Axis, gains: FloatArray) -> AxisModel | None:
     """Write gains of the pool, (P + 1,), as a model whose zero drift is none at rest at T_ref."""
-    shape = (len(GRID_S), axis.moments.inputs)
-    model = build_axis_model(
-        body.features,
-        GRID_S,
-        by_relaxation(gains[:-1], *shape, loaded=axis.binned.loaded),
-        body.inputs,
-        body.bins.period_s / body.bins.cells,
-    )
+    shape, period_s = (len(GRID_S), axis.moments.inputs), body.bins.period_s / body.bins.cells
+    by_tau = by_relaxation(gains[:-1], *shape, loaded=axis.binned.loaded)
+    model = build_axis_model(body.features, GRID_S, by_tau, body.inputs, period_s)
     if model is None:
         return None
     at_rest = [0.0, float(gains[-2])] if axis.binned.loaded else [0.0]

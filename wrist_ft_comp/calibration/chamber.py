@@ -126,12 +126,8 @@ def leave_out_copies(table: ChamberTable) -> ChamberTable:
             left_out.append((temperature, reason))
         else:
             keep.append(column)
-    return replace(
-        table,
-        temperatures_c=table.temperatures_c[keep],
-        output=table.output[:, keep],
-        left_out=tuple(left_out),
-    )
+    temperatures_c, output = table.temperatures_c[keep], table.output[:, keep]
+    return replace(table, temperatures_c=temperatures_c, output=output, left_out=tuple(left_out))
 
 
 @dataclass(frozen=True)

@@ -80,13 +80,10 @@ def _judge(
     arguments: argparse.Namespace, stored: StoredModel, path: Path, progress: Progress
 ) -> EvaluatedRecording:
     """Read a recording and compare; chamber tables have loads and figures of their own."""
-    keep = arguments.keep_copied_columns
+    keep, topics = arguments.keep_copied_columns, options.topics_from(arguments)
+    period_s = stored.model.period_ns / NANOSECONDS
     recording = read_recording(
-        path,
-        period_s=stored.model.period_ns / NANOSECONDS,
-        topics=options.topics_from(arguments),
-        keep_copied_columns=keep,
-        progress=progress,
+        path, period_s=period_s, topics=topics, keep_copied_columns=keep, progress=progress
     )
     is_table = path.is_file() and is_chamber_table(path)
     reference: Reference = arguments.reference or ('recorded' if is_table else 'unloaded')

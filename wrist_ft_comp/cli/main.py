@@ -32,12 +32,9 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
     parser.add_argument('--version', action='version', version=wrist_ft_comp.__version__)
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
     for command in (calibrate, evaluate, compensate, show, demo, completion):
-        own = commands.add_parser(
-            command.__name__.rpartition('.')[2],
-            help=command.HELP,
-            description=command.DESCRIPTION,
-            epilog=command.EXAMPLES,
-        )
+        texts = {'description': command.DESCRIPTION, 'epilog': command.EXAMPLES}
+        name = command.__name__.rpartition('.')[2]
+        own = commands.add_parser(name, help=command.HELP, **texts)
         own.set_defaults(run=command.run, whole=parser, commands=commands)
         command.add_arguments(own)
     return parser, dict(commands.choices)

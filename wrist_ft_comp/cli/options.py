@@ -110,13 +110,8 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
     """Build the topics that were given; SettingsError when they can't be meant so."""
     temperatures = tuple(arguments.temperature_topic or Topics().temperatures)
     parse_sources(temperatures, lambda topic: topic.strip('/'))
-    return Topics(
-        wrench=arguments.wrench_topic,
-        temperatures=temperatures,
-        reference=arguments.reference_topic,
-        imu=arguments.imu_topic,
-        gravity_frame=arguments.gravity_frame,
-    )
+    force = arguments.imu_topic, arguments.gravity_frame
+    return Topics(arguments.wrench_topic, temperatures, arguments.reference_topic, *force)
 
 
 def add_reference(parser: argparse.ArgumentParser) -> None:

@@ -112,13 +112,9 @@ def _layout(size: int, encapsulation: bytes, frame_length: bytes, count: int) ->
             'itemsize': size,
         }
     )
-    return Layout(
-        _FRAME + frame_bytes,
-        offset,
-        struct.Struct(f'{order}{count}d'),
-        struct.Struct(f'{order}4xiI{offset - 12}x{count}d'),
-        record,
-    )
+    doubles = struct.Struct(f'{order}{count}d')
+    numbers = struct.Struct(f'{order}4xiI{offset - 12}x{count}d')
+    return Layout(_FRAME + frame_bytes, offset, doubles, numbers, record)
 
 
 def decode_many(messages: Sequence[bytes], count: int) -> tuple[IntArray, FloatArray]:

@@ -31,25 +31,17 @@ def build_axis_model(
     # ``bank_inputs``, say how far each moves. None without gains; constants stay open.
     count = len(time_constants_s)
     joined = replace(
-        features,
-        reference_c=np.tile(features.reference_c, count),
-        lower_c=np.tile(features.lower_c, count),
-        upper_c=np.tile(features.upper_c, count),
-        knots_c=features.knots_c * count,
-    )
+        features, reference_c=np.tile(features.reference_c, count),
+        lower_c=np.tile(features.lower_c, count), upper_c=np.tile(features.upper_c, count),
+        knots_c=features.knots_c * count)  # fmt: skip
     everything = np.concatenate(inputs)
     mean, deviation = (
         _by_power(each.reshape(count, -1, 1), features)[:, 0]
         for each in (everything.mean(axis=0), everything.std(axis=0))
     )
     flat = _by_power(gains, features)
-    dynamics = from_gains(
-        [static_gain()],
-        flat[np.newaxis],
-        mean,
-        1.0 / np.where(deviation > 0, deviation, 1.0),
-        np.ones(flat.shape[1]),
-    )
+    weights = 1.0 / np.where(deviation > 0, deviation, 1.0), np.ones(flat.shape[1])
+    dynamics = from_gains([static_gain()], flat[np.newaxis], mean, *weights)
     if dynamics is None:
         return None
     bank = tuple(relaxation(float(tau), period_s) for tau in time_constants_s)

@@ -40,13 +40,9 @@ def search_time_constants(
     rows = np.concatenate((each[:1], each[1:] - each[:-1], each[-1:]))
     least = np.concatenate(([lower], np.full(count - 1, np.log(_APART)), [-np.inf]))
     most = np.concatenate((np.full(count, np.inf), [upper]))
+    ordered, options = LinearConstraint(rows, least, most), {'ftol': tolerance, 'maxiter': 60}
     optimum = minimize(
-        scaled,
-        start,
-        jac=True,
-        method='SLSQP',
-        constraints=LinearConstraint(rows, least, most),
-        options={'ftol': tolerance, 'maxiter': 60},
+        scaled, start, jac=True, method='SLSQP', constraints=ordered, options=options
     )
     return np.sort(np.exp(np.clip(optimum.x, lower, upper)))
 

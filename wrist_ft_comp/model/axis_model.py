@@ -100,12 +100,8 @@ class AxisModel:
     def _thermometer_features(self) -> Features:
         """Features of the thermometers themselves, to clamp them before a filter remembers."""
         return replace(
-            self.features,
-            reference_c=self.reference_c,
-            lower_c=self.lower_c,
-            upper_c=self.upper_c,
-            knots_c=self.features.knots_c[: self.thermometers],
-        )
+            self.features, reference_c=self.reference_c, lower_c=self.lower_c,
+            upper_c=self.upper_c, knots_c=self.features.knots_c[: self.thermometers])  # fmt: skip
 
     @cached_property
     def _filter_bank(self) -> ArxPls | None:
@@ -114,14 +110,11 @@ class AxisModel:
             return None
         thermometers, filtered = self.thermometers, self.features.thermometers
         return ArxPls(
-            input_mean=np.zeros(thermometers),
-            input_weight=np.ones(thermometers),
+            input_mean=np.zeros(thermometers), input_weight=np.ones(thermometers),
             rotations=np.tile(np.eye(thermometers), len(self.filters)),  # (J, K·J)
             latents=tuple(each for each in self.filters for _ in range(thermometers)),
-            output_loadings=np.eye(filtered),
-            output_weight=np.ones(filtered),
-            output_mean=np.zeros(filtered),
-        )
+            output_loadings=np.eye(filtered), output_weight=np.ones(filtered),
+            output_mean=np.zeros(filtered))  # fmt: skip
 
     def start(self, temperature_c: FloatArray) -> FloatArray:
         """State of a soaked sensor, shape (S,): that of the filters, then that of the latents."""

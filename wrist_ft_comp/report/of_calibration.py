@@ -59,14 +59,10 @@ def calibration_view(
     levels: dict[str, Level] = {
         each.axis: 'weak' if fits[each.axis].refusal else each.verdict.level for each in axes
     }
-    advice = what_to_record_next(
-        coverage,
-        levels,
-        reference,
-        durations_s,
-        max(map(_slowest_s, fits.values()), default=0.0),
-        chamber=not all(_held_out(fit).tared for fit in fits.values()),
-    )
+    slowest_s = max(map(_slowest_s, fits.values()), default=0.0)
+    chamber = not all(_held_out(fit).tared for fit in fits.values())
+    known = coverage, levels, reference, durations_s, slowest_s
+    advice = what_to_record_next(*known, chamber=chamber)
     # Refusals are verdicts here.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportView(

@@ -106,13 +106,8 @@ class CompensatorNode(Node):
                 self._subscribe(Temperature, source.topic, callback, messages.SLOW_SENSOR)
         named = zip(self._topics, sources, strict=True)
         self._fields = FieldInputs(self, named, self._subscribe_unserved, self._take_temperature)
-        self.gravity = GravitySource(
-            chosen,
-            self._subscribe,
-            self._subscribe_unserved,
-            lambda: self.frame_id,
-            self._on_force,
-        )
+        subscribe = self._subscribe, self._subscribe_unserved
+        self.gravity = GravitySource(chosen, *subscribe, lambda: self.frame_id, self._on_force)
         self.external.poll, self.external.mount = self.gravity.poll, self.gravity.mount
         self._payload_report = PayloadReport(
             compensator, self.external, self.identification, self.gravity.problem
@@ -307,16 +302,14 @@ class CompensatorNode(Node):
 
     def _full_topics(self, chosen: dict[str, Any]) -> Topics:
         """Tell topics by their full names."""
-        return Topics(
-            wrench=self._raw.topic_name,
-            temperatures=tuple(
-                topic + source.entry.removeprefix(source.topic)
-                for topic, source in zip(self._topics, self._sources, strict=True)
-            ),
-            reference=self.resolve_topic_name('wrench_reference'),
-            imu=self.resolve_topic_name('imu') if chosen['gravity.source'] == 'imu' else '',
-            gravity_frame=chosen['gravity.frame'] if chosen['gravity.source'] == 'tf' else '',
+        temperatures = tuple(
+            topic + source.entry.removeprefix(source.topic)
+            for topic, source in zip(self._topics, self._sources, strict=True)
         )
+        reference, by = self.resolve_topic_name('wrench_reference'), chosen['gravity.source']
+        imu = self.resolve_topic_name('imu') if by == 'imu' else ''
+        frame = chosen['gravity.frame'] if by == 'tf' else ''
+        return Topics(self._raw.topic_name, temperatures, reference, imu, frame)
 
     def _validate_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
         """Allow or refuse parameters, changing nothing that runs."""

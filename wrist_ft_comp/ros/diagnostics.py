@@ -1,8 +1,4 @@
-"""
-What the node says about itself: ``diagnostics`` judges a snapshot, and does nothing else.
-
-Thermometers are counted from 0 in a snapshot, and from 1 in what is said of them.
-"""
+"""What the node says of itself: ``diagnostics`` judges a snapshot; thermometer 0 is called 1."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -323,20 +319,17 @@ def _output(now: Snapshot) -> Status:
         'origin': stream.tracker.origin,
         **_axis_numbers(stream),
     }
-    if stream.limits.too_large:
-        names = ', '.join(stream.limits.too_large)
-        return Status('output', ERROR, f'drift of {names} is at its limit', numbers)
-    if stream.limits.too_fast:
-        names = ', '.join(stream.limits.too_fast)
-        why = f'drift of {names} moves at its limit (max_drift_rate) and lags behind the model'
-        return Status('output', WARN, why, numbers)
-    if not stream.compensating:
-        return Status('output', WARN, 'not compensated: no model or no temperature yet', numbers)
-    policy = now.health.incompatible.get('wrench')
-    if policy:
+    large, fast = map(', '.join, (stream.limits.too_large, stream.limits.too_fast))
+    level, why = WARN, 'not compensated: no model or no temperature yet'
+    if large:
+        level, why = ERROR, f'drift of {large} is at its limit'
+    elif fast:
+        why = f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
+    elif stream.compensating and (policy := now.health.incompatible.get('wrench')):
         why = f'a subscriber of wrench asks for more {policy} than is offered and gets nothing'
-        return Status('output', WARN, why, numbers)
-    return Status('output', OK, 'compensated', numbers)
+    elif stream.compensating:
+        level, why = OK, 'compensated'
+    return Status('output', level, why, numbers)
 
 
 def _axis_numbers(stream: Compensator) -> dict[str, str]:

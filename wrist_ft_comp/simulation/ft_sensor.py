@@ -46,12 +46,9 @@ class SimulatedRun:
 
 def build_sensor(settings: FtSensorSettings, seed: int) -> FtSensor:
     """Build the specimen whose gauges a seed draws; another seed is another specimen."""
-    return FtSensor(
-        settings,
-        build_heat_flow(settings),
-        draw_gauges(settings, np.random.default_rng(seed)),
-        interpolation(settings.cells, np.array(settings.thermometer_positions)),
-    )
+    gauges = draw_gauges(settings, np.random.default_rng(seed))
+    weights = interpolation(settings.cells, np.array(settings.thermometer_positions))
+    return FtSensor(settings, build_heat_flow(settings), gauges, weights)
 
 
 def steady_state(sensor: FtSensor, duty_cycle: float, room_c: float) -> FloatArray:

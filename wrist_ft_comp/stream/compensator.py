@@ -67,12 +67,9 @@ class Compensator:
         settings = settings or StreamSettings()
         self.settings = settings
         self.thermometers = thermometers
-        self.tracker = DriftTracker(
-            thermometers,
-            round(settings.thermal_period_s * NANOSECONDS),
-            settings.temperature_timeout_s,
-            settings.history_s,
-        )
+        period_ns = round(settings.thermal_period_s * NANOSECONDS)
+        patience_s, history_s = settings.temperature_timeout_s, settings.history_s
+        self.tracker = DriftTracker(thermometers, period_ns, patience_s, history_s)
         self.limits = Limits(settings.max_drift_n, settings.max_drift_rate_n_s)
         #: Of the wrench, and of the wrench without the payload's weight; raw, N and N m, (6,).
         self.tare: FloatArray = np.zeros(len(AXES))

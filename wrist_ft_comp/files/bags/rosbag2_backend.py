@@ -108,14 +108,7 @@ def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
 def _add_topic(writer: Any, like: Connection, topic: str) -> str:
     """Add a topic with the type, hash and quality of service of another."""
     known = like.native
-    writer.create_topic(
-        rosbag2_py.TopicMetadata(
-            id=0,
-            name=topic,
-            type=known.type,
-            serialization_format=known.serialization_format,
-            offered_qos_profiles=known.offered_qos_profiles,
-            type_description_hash=known.type_description_hash,
-        )
-    )
+    kept = 'type', 'serialization_format', 'offered_qos_profiles', 'type_description_hash'
+    same = {name: getattr(known, name) for name in kept}
+    writer.create_topic(rosbag2_py.TopicMetadata(id=0, name=topic, **same))
     return topic

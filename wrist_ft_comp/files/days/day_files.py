@@ -1,10 +1,4 @@
-"""
-Days being written: ``days/day_00001.csv`` and so on, each a recording of thermal cells.
-
-A day is 24 h of stamps, or ends when none come for 2 h; no calendar and no clock but the stamps'
-decide. Values have five digits, and at least three decimals from a hundred on: a resolution of
-1 mN and 1 mK at worst, and a third less to keep than what ``~/record`` writes.
-"""
+"""Days being written, ``days/day_00001.csv`` …, ended by stamps alone (docs/learning.md)."""
 
 from collections.abc import Sequence
 from contextlib import suppress

@@ -143,18 +143,15 @@ class JobMaker:
     ) -> CalibrationJob:
         """Make a job."""
         output = self.store.new_model_path()
+        settings = CalibrationSettings(
+            reference=chosen['calibration.reference'],
+            min_temperature_span_k=chosen['calibration.min_temperature_span'],
+            identification=IdentificationSettings(method=chosen['calibration.method']),
+        )
+        period_s = self.recorder.period_ns / NANOSECONDS
+        known = recordings, output, settings, period_s, self._topics(chosen)
         return CalibrationJob(
-            recordings=recordings,
-            output=output,
-            report=output.with_suffix('.html'),
-            settings=CalibrationSettings(
-                reference=chosen['calibration.reference'],
-                min_temperature_span_k=chosen['calibration.min_temperature_span'],
-                identification=IdentificationSettings(method=chosen['calibration.method']),
-            ),
-            period_s=self.recorder.period_ns / NANOSECONDS,
-            topics=self._topics(chosen),
-            skip_unusable=skip_unusable,
+            *known, skip_unusable=skip_unusable, report=output.with_suffix('.html')
         )
 
 
