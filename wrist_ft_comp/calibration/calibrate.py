@@ -117,13 +117,10 @@ def _learn(
     if refusals and all(fit.model is None for fit in found):
         raise CalibrationRefusedError(f'{refusals[0]}.')
     model = DriftModel(
-        period_ns=recordings[0].period_ns,
-        thermometers=recordings[0].thermometers,
+        period_ns=recordings[0].period_ns, thermometers=recordings[0].thermometers,
         axes={axis: fit.model for axis, fit in fits.items() if fit.model is not None},
         deviation={axis: fit.rms_after for axis, fit in fits.items()},
-        start_s=_START_S,
-        unit=recordings[0].unit,
-    )
+        start_s=_START_S, unit=recordings[0].unit)  # fmt: skip
     return fits, model
 
 

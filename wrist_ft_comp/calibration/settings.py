@@ -58,26 +58,16 @@ class IdentificationSettings:
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """
-    What a person chose for a calibration.
+    """What a person chose for a calibration."""
 
-    Attributes
-    ----------
-    reference : {'unloaded', 'constant', 'payload', 'recorded'}
-        What the true wrench was: zero, an unknown constant, that of an unknown payload whose
-        specific force was recorded, or recorded beside the raw one.
-    min_temperature_span_k : float
-        Refuse when no thermometer spans at least this much, K.
-    max_gap_s : float
-        Warn when temperatures are missing for longer than this, s.
-    identification : IdentificationSettings
-        Method and structure.
-
-    """
-
+    #: What the true wrench was: unloaded (zero), constant (unknown), that of an unknown payload
+    #: whose specific force was recorded, or recorded beside the raw one.
     reference: Reference = 'unloaded'
+    #: Refuse when no thermometer spans at least this much, K.
     min_temperature_span_k: float = 3.0
+    #: Warn when temperatures are missing for longer than this, s.
     max_gap_s: float = 600.0
+    #: Method and structure.
     identification: IdentificationSettings = field(default_factory=IdentificationSettings)
 
     def __post_init__(self) -> None:

@@ -127,14 +127,9 @@ def _job(arguments: argparse.Namespace) -> CalibrationJob:
         ),
     )
     return CalibrationJob(
-        recordings=tuple(arguments.recordings),
-        output=arguments.output,
-        settings=settings,
-        period_s=arguments.thermal_period,
-        topics=options.topics_from(arguments),
-        keep_copied_columns=arguments.keep_copied_columns,
-        report=arguments.report,
-    )
+        tuple(arguments.recordings), arguments.output, settings, arguments.thermal_period,
+        options.topics_from(arguments), keep_copied_columns=arguments.keep_copied_columns,
+        report=arguments.report)  # fmt: skip
 
 
 def _as_json(
@@ -142,6 +137,7 @@ def _as_json(
 ) -> dict[str, object]:
     """Everything a script may want."""
     calibration = outcome.calibration
+    told = 'chosen', 'rms_before', 'rms_after', 'time_constants_s', 'candidates', 'notes'
     return {
         'model': str(outcome.stored.path),
         'sha256': outcome.stored.sha256,
@@ -149,12 +145,7 @@ def _as_json(
             axis: {
                 'verdict': verdicts[axis].level,
                 'why': verdicts[axis].sentence,
-                'chosen': fit.chosen,
-                'rms_before': fit.rms_before,
-                'rms_after': fit.rms_after,
-                'time_constants_s': fit.time_constants_s,
-                'candidates': fit.candidates,
-                'notes': fit.notes,
+                **{name: getattr(fit, name) for name in told},
             }
             for axis, fit in calibration.fits.items()
         },

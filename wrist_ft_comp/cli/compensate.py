@@ -60,27 +60,20 @@ def run(arguments: argparse.Namespace) -> int:
     paths.check_model(arguments.model)
     paths.check_recordings([arguments.recording])
     stored = load_model(arguments.model)
-    model = stored.model
-    topics = options.topics_from(arguments)
+    model, topics = stored.model, options.topics_from(arguments)
+    period_s = model.period_ns / NANOSECONDS
     with options.progress_bar('compensating') as progress, _without_garbage_collector():
         recording = read_recording(
-            arguments.recording,
-            period_s=model.period_ns / NANOSECONDS,
-            topics=topics,
-            progress=lambda done: progress(done / 3),
-        )
+            arguments.recording, period_s=period_s, topics=topics,
+            progress=lambda done: progress(done / 3))  # fmt: skip
         track = track_drift(model, recording)
         tare = _tare(arguments, model, recording)
         external, said = _external(arguments, stored, recording)
         warnings = rewrite_recording(
-            arguments.recording,
-            arguments.output,
-            lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare),
-            topics=topics,
-            output_topic=arguments.output_topic,
-            external=external,
-            progress=lambda done: progress((1 + 2 * done) / 3),
-        )
+            arguments.recording, arguments.output,
+            lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare), topics=topics,
+            output_topic=arguments.output_topic, external=external,
+            progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
     warnings = (*recording.warnings, *warnings, *range_warnings(stored, recording), *said)
     if arguments.json:
         answer = {'output': arguments.output, 'tare': dict(zip(AXES, tare.tolist(), strict=True))}

@@ -55,15 +55,9 @@ def _entries(path: Path) -> Document:
 
 def payload_figures(payload: Payload) -> Document:
     """Turn a payload into plain values; what is not known is null."""
-    values = {
-        'mass_kg': payload.mass_kg,
-        'center_of_mass_m': payload.center_m,
-        'mass_error_kg': payload.mass_error_kg,
-        'center_error_m': payload.center_error_m,
-        'share': payload.share,
-    }
-    arrays = {name: np.asarray(value, dtype=float) for name, value in values.items()}
-    return {name: a.tolist() if np.isfinite(a).all() else None for name, a in arrays.items()}
+    arrays = {name: np.asarray(value, dtype=float) for name, value in vars(payload).items()}
+    values = {name: a.tolist() if np.isfinite(a).all() else None for name, a in arrays.items()}
+    return {'center_of_mass_m' if k == 'center_m' else k: value for k, value in values.items()}
 
 
 def _payload(path: Path, name: str, entry: Document) -> tuple[Payload, ForceFrame]:

@@ -1,10 +1,4 @@
-"""
-An axis' observations summed over bins of cells: all that a fit on the simulation error needs.
-
-Features change by next to nothing within some seconds, loads do not. So a bin keeps one set of
-features, and of r - w and w the sums that least squares asks for: nothing of a quickly changing
-load is lost, and the work shrinks with the bin.
-"""
+"""An axis' observations summed over bins of cells: features hardly change within, loads do."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -118,17 +118,14 @@ class GridBuilder:
             force, doubts = _scale_to_gravity(force, self._name)
             warnings += doubts
         return Recording(
-            name=self._name,
-            period_ns=self._period_ns,
-            first_cell=first,
+            name=self._name, period_ns=self._period_ns, first_cell=first,
             temperature_c=self._hold(temperature_c, wanted, first),
             measured=np.isfinite(temperature_c),
             wrench=np.stack([dense.get(axis, absent) for axis in AXES], axis=1),
             reference=np.stack([dense.get(c, absent) for c in REFERENCE_CHANNELS], axis=1),
-            warnings=warnings,
-            specific_force=force,
+            warnings=warnings, specific_force=force,
             rotation_speed=np.sqrt(dense[ROTATION_CHANNEL]) if ROTATION_CHANNEL in dense else None,
-        )
+        )  # fmt: skip
 
     def _judge_tallies(self) -> tuple[str, ...]:
         """Report what was dropped; refuse when it is too much."""

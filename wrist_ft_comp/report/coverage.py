@@ -1,8 +1,4 @@
-"""
-Which temperatures and loads recordings have covered, and which they have not.
-
-Only what was seen together with a wrench counts: elsewhere nothing of the drift was seen.
-"""
+"""Which temperatures and loads recordings have covered, seen together with a wrench."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

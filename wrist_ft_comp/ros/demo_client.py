@@ -1,9 +1,4 @@
-"""
-The operator of the demonstration: records, calibrates, listens, by topics and services only.
-
-It is a program of its own (``python -m wrist_ft_comp.ros.demo_client``) that writes one JSON
-object a line to standard output: what it does, how far it is. What it received goes into a file.
-"""
+"""The operator of the demonstration, a program of its own: by topics and services only."""
 
 import argparse
 from collections.abc import Callable, Sequence

@@ -1,9 +1,4 @@
-"""
-The executables that are nodes, as setup.py names them.
-
-This module imports no rclpy, so that a node asked for where there is no ROS 2 ends with a
-sentence.
-"""
+"""The executables that are nodes, as setup.py names them; no rclpy is imported to say so."""
 
 import gc
 from importlib import import_module
@@ -21,7 +16,7 @@ def simulated_sensor() -> int:
 
 
 def _run(name: str) -> int:
-    """Run a node's main function, or say why there can be no node."""
+    """Run a node's main function, or say in a sentence why there can be no node."""
     gc.disable()  # what start-up makes lives as long as the node (running.py enables it)
     try:
         module = import_module(f'wrist_ft_comp.ros.{name}_node')

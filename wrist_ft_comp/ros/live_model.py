@@ -1,6 +1,7 @@
 """Which model is live: choosing the first, swapping, rolling back, remembering."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, InitVar
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from wrist_ft_comp.ros.diagnostics import summary
 from wrist_ft_comp.ros.node_log import NodeLog
 
 
+@dataclass(eq=False)
 class LiveModel:
     """Owns the live model and those before it; ``swap`` makes one live, or raises and does not."""
 
@@ -20,30 +22,29 @@ class LiveModel:
     # not is as old as that start, an empty one is none: what a calibration or a rollback made live
     # since goes on.
 
-    def __init__(
-        self,
-        store: ModelStore,
-        model_file: str,
-        thermometers: int,
-        swap: Callable[[DriftModel | None], None],
-        log: NodeLog,
-    ) -> None:
-        #: Why the model that should be live is not, or will not be after a restart.
-        self.problem = ''
-        self._store, self._thermometers = store, thermometers
-        self._swap, self._log = swap, log
-        #: Newest last, the live one included; None stands for no compensation.
-        self._history: list[Path | None] = []
-        #: Kept, because it goes live next, and reading it takes tens of milliseconds.
-        self._validated: StoredModel | None = None
-        store.sweep()
-        given = self.load(store.locate(model_file)) if model_file else None
-        #: What is live; None is no compensation.
+    _store: ModelStore
+    model_file: InitVar[str]
+    _thermometers: int
+    _swap: Callable[[DriftModel | None], None]
+    _log: NodeLog
+    #: Why the model that should be live is not, or will not be after a restart.
+    problem: str = ''
+    #: What is live; None is no compensation.
+    stored: StoredModel | None = None
+    #: Newest last, the live one included; None stands for no compensation.
+    _history: list[Path | None] = field(default_factory=list)
+    #: Kept, because it goes live next, and reading it takes tens of milliseconds.
+    _validated: StoredModel | None = None
+
+    def __post_init__(self, model_file: str) -> None:
+        """Choose the first."""
+        self._store.sweep()
+        given = self.load(self._store.locate(model_file)) if model_file else None
         self.stored = self._last()
         if given is not None:
             self._prefer(given)
         if self.stored is None:
-            log.warning(
+            self._log.warning(
                 'no model: wrenches are not compensated. Record a warm-up (~/record), then call '
                 '~/calibrate.'
             )

@@ -1,6 +1,7 @@
 """Warm restarts of the node: saving thermal state and tare, and going on from them."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 import time
 from typing import Any
@@ -19,35 +20,30 @@ _SET_BACK_S = 1.0
 _SOAKED = 'the drift starts at the steady state of the first temperatures'
 
 
+@dataclass(eq=False)
 class StateKeeper:
     """Goes on from the state of the node before, and saves this one's."""
 
     # The compensator's first model is live and no temperature has come. Settings are save_period,
     # and use_sim_time, with which the system's clock tells nothing of gaps.
 
-    def __init__(
-        self,
-        compensator: Compensator,
-        live_sha256: Callable[[], str | None],
-        path: Path,
-        settings: Mapping[str, Any],
-        log: NodeLog,
-    ) -> None:
-        #: What became of the saved state, a sentence.
-        self.outcome = 'there was no saved state'
-        self._compensator = compensator
-        self._live_sha256 = live_sha256
-        self._path = path
-        self._period_s: float = settings['save_period']
-        self._simulated_time: bool = settings['use_sim_time']
-        self._log = log
+    _compensator: Compensator
+    _live_sha256: Callable[[], str | None]
+    _path: Path
+    _settings: Mapping[str, Any]
+    _log: NodeLog
+    #: What became of the saved state, a sentence.
+    outcome: str = 'there was no saved state'
+    _complained: str = ''
+    #: The saved state, until the first thermal cell tells what is made of it.
+    _loaded: SavedState | None = None
+
+    def __post_init__(self) -> None:
+        """Begin to go on, and to save."""
         #: What saves states, and knows why it cannot.
-        self.writer = StateWriter(path)
-        self._due = time.monotonic() + self._period_s
-        self._told = compensator.tracker.origin
-        self._complained = ''
-        #: The saved state, until the first thermal cell tells what is made of it.
-        self._loaded: SavedState | None = None
+        self.writer = StateWriter(self._path)
+        self._due = time.monotonic() + self._settings['save_period']
+        self._told = self._compensator.tracker.origin
         self._restore()
         self._saved, self._saved_end_ns = self._key(), self._end_ns()
 
@@ -72,7 +68,8 @@ class StateKeeper:
 
     def _resume(self, state: SavedState, memory: ThermalMemory, model: Any) -> None:
         """Go on from a thermal state, unless it makes no sense."""
-        gap_s = 0.0 if self._simulated_time else (time.time_ns() - state.saved_ns) / NANOSECONDS
+        simulated = self._settings['use_sim_time']
+        gap_s = 0.0 if simulated else (time.time_ns() - state.saved_ns) / NANOSECONDS
         if not belongs_to(model, memory):
             self._begin_anew(f'{self._path} does not fit the model it names')
         elif gap_s < -_SET_BACK_S:
@@ -130,7 +127,7 @@ class StateKeeper:
     def save(self) -> None:
         """Have the present state saved; returns at once."""
         compensator = self._compensator
-        self._due = time.monotonic() + self._period_s
+        self._due = time.monotonic() + self._settings['save_period']
         self._saved, self._saved_end_ns = self._key(), self._end_ns()
         saved_ns = time.time_ns()
         if self._loaded is not None and compensator.tracker.awaiting_gap:

@@ -1,9 +1,4 @@
-"""
-A robot at work: it moves from pose to pose, holds a tool, at times a part, and presses on things.
-
-What is drawn is one program of legs, each a motion and a rest; the robot repeats it for ever.
-Poses turn the sensor's frame into the world's, whose z points up.
-"""
+"""A robot at work, by legs that repeat: it moves, holds a tool and parts, and presses."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -1,10 +1,7 @@
 """
 The diary of a node that learns by itself: ``days/diary.json``, and which recordings are kept.
 
-    <directory>/days/day_*.csv     thermal cells of a day, an ordinary recording
-    <directory>/days/diary.json    one entry per day, also of days whose recording is gone
-
-Only the learning job writes the diary, in one step. One that is broken or missing is made anew.
+Only the learning job writes it, in one step. One that is broken or missing is made anew.
 """
 
 from collections.abc import Iterator

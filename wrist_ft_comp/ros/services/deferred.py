@@ -7,6 +7,7 @@ keeps the request's header; the original is called when the work is done.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass, field, InitVar
 from typing import Any
 
 from rclpy.node import Node
@@ -40,24 +41,23 @@ class Reply:
             self._send(self._response, header)
 
 
+@dataclass(eq=False)
 class DeferredService:
     """A service that answers with what its handler returns or refuses, or later by the Reply."""
 
     # A handler gets request and reply. Refusals are WristFtCompErrors, told to ``refused``, too.
 
-    def __init__(
-        self,
-        node: Node,
-        service_type: Any,
-        name: str,
-        handler: Callable[[Any, Reply], str | None],
-        refused: Callable[[str, str], None],
-    ) -> None:
-        self._name, self._handler, self._refused = name, handler, refused
-        self._replies: dict[int, Reply] = {}
-        self.service: Any = node.create_service(
-            service_type, name, self._on_request, qos_profile=SERVICE
-        )
+    node: InitVar[Node]
+    service_type: InitVar[Any]
+    _name: str
+    _handler: Callable[[Any, Reply], str | None]
+    _refused: Callable[[str, str], None]
+    _replies: dict[int, Reply] = field(default_factory=dict)
+
+    def __post_init__(self, node: Node, service_type: Any) -> None:
+        """Offer the service."""
+        kind, answer = service_type, self._on_request
+        self.service: Any = node.create_service(kind, self._name, answer, qos_profile=SERVICE)
         self._send = self.service.send_response
         self.service.send_response = self._on_header  # type: ignore[method-assign] # see above
 

@@ -55,18 +55,15 @@ class TareService:
             return
         self._weights.append(self._external.weight_at(stamp_ns))
         if self._running[0].add(stamp_ns, raw):
-            self._finish()
+            self._finish(*self._running)
 
     def poll(self) -> None:
         """Answer with what there is when wrenches stay away."""
         if self._running is not None and time.monotonic() > self._running[2]:
-            self._finish()
+            self._finish(*self._running)
 
-    def _finish(self) -> None:
+    def _finish(self, collector: TareCollector, reply: Reply, _: float) -> None:
         """Set the tare, or say why not."""
-        if self._running is None:
-            return
-        collector, reply, _ = self._running
         self._running = None
         try:
             mean, stamp_ns = collector.result()
