@@ -140,14 +140,8 @@ class _Body:
         """Draw columns and r - w of a fold, in the range that the others know, (n, P + 1)."""
         #   [ x_f(H_τ T) … | w x_f(H_τ T) … | w | r - w ]     with load
         i = self.recording_of(fold)
-        others = np.concatenate(
-            [
-                temperature_c[folds != fold]
-                for temperature_c, folds in zip(
-                    self.bins.temperature_c, self.bins.folds, strict=True
-                )
-            ]
-        )
+        pairs = zip(self.bins.temperature_c, self.bins.folds, strict=True)
+        others = np.concatenate([each_c[folds != fold] for each_c, folds in pairs])
         known = replace(self.features, lower_c=others.min(axis=0), upper_c=others.max(axis=0))
         x = self._expand(known, i)
         for axis in self.axes:

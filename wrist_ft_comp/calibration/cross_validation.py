@@ -115,9 +115,8 @@ def part_errors(bins: Sequence[FoldBins]) -> FloatArray:
 
 def simplest_good(errors: Sequence[FloatArray]) -> int:
     """Find the simplest candidate within one standard error of the best, or within 15 % of it."""
-    # The standard error is that of the difference to the best, part by part: parts differ in
-    # difficulty far more than candidates do. Mean square errors (parts,), simplest candidate
-    # first.
+    # The standard error is that of the difference to the best, part by part: parts differ far
+    # more than candidates do. Mean square errors (parts,), simplest candidate first.
     means = [float(error.mean()) for error in errors]
     best = int(np.argmin(means))
     for position, error in enumerate(errors):

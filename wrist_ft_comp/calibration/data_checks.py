@@ -212,7 +212,7 @@ def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[
                     f'Thermometer {j + 1} of {recording.name} is silent for {gap_s:.0f} s; its '
                     'last value was held.'
                 )
-        present = np.any(np.isfinite(recording.wrench), axis=1, keepdims=True)[:, 0]
+        present = np.any(np.isfinite(recording.wrench), axis=1)
         gap_s = _longest_gap(present) * recording.period_s
         if gap_s > max_gap_s and find_plateaus(recordings) is None:
             sentences.append(

@@ -42,9 +42,8 @@ def identify_paper_method(
 
 def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     """Let held-out folds choose between none and piecewise linear drift."""
-    # What ``auto`` does at the plateaus of a chamber test. Gain drift is left alone unless the
-    # gain of a fold that was held out comes out better: between a few temperatures it is easily
-    # worse.
+    # What ``auto`` does at the plateaus of a chamber test. Gain drift is left alone unless held
+    # out gains come out better: between a few temperatures they are easily worse.
     hats = replace(settings, features='hats')
     every = settings.latents or len(_features(data, hats).names)
     zero, both = partial(_fit_zero, hats, every), partial(_fit, hats, 'pls', every)

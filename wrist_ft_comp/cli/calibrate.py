@@ -119,13 +119,9 @@ def _job(arguments: argparse.Namespace) -> CalibrationJob:
         reference=arguments.reference or ('recorded' if tables else 'unloaded'),
         min_temperature_span_k=arguments.min_temperature_span,
         identification=IdentificationSettings(
-            method=arguments.method,
-            features=arguments.features or default,
-            degree=arguments.degree,
-            hat_temperatures_c=arguments.hat_temperatures,
-            latents=arguments.latents,
-        ),
-    )
+            method=arguments.method, features=arguments.features or default,
+            degree=arguments.degree, hat_temperatures_c=arguments.hat_temperatures,
+            latents=arguments.latents))  # fmt: skip
     return CalibrationJob(
         tuple(arguments.recordings), arguments.output, settings, arguments.thermal_period,
         options.topics_from(arguments), keep_copied_columns=arguments.keep_copied_columns,

@@ -102,8 +102,7 @@ def restore_model(path: Path, sha256: str, document: Document) -> StoredModel:
 def _parse(content: bytes) -> Any:
     """Read safe YAML: plain values only."""
     # Aliases, which no model file needs, can blow up when they are expanded, deep nesting exhausts
-    # the stack, and many values take long; so all are looked for in the events, which build
-    # nothing.
+    # the stack, and many values take long: looked for in the events, which build nothing.
     depth = 0
     for number, event in enumerate(yaml.parse(content, Loader=_LOADER)):
         problem = 'aliases are not allowed' if isinstance(event, yaml.AliasEvent) else ''
@@ -127,17 +126,14 @@ def _build_model(document: Document) -> DriftModel:
         if entry['model'] is not None and entry['unit'] not in {'', axis_unit(axis)}
     )
     return DriftModel(
-        period_ns=document['period_ns'],
-        thermometers=thermometers,
+        period_ns=document['period_ns'], thermometers=thermometers,
         axes={
             axis: _build_axis(entry['model'], thermometers)
             for axis, entry in document['axes'].items()
             if entry['model'] is not None
         },
         deviation={axis: entry['rms_after'] for axis, entry in document['axes'].items()},
-        start_s=document.get('start_s', 0.0),
-        unit=next(others, ''),
-    )
+        start_s=document.get('start_s', 0.0), unit=next(others, ''))  # fmt: skip
 
 
 def _build_axis(entry: Document, thermometers: int) -> AxisModel:

@@ -75,14 +75,11 @@ class FreeTimeConstants:
         inputs = (self.degree * self.thermometers, self.thermometers)
 
         def cost(bank: Sequence[int]) -> float:
-            return sum(
-                float(
-                    np.log(
-                        _solve(normal, np.eye(len(normal) - 1)[:, each.columns(bank, *inputs)])[2]
-                    )
-                )
-                for each, normal in zip(moments, normals, strict=True)
-            )
+            total = 0.0
+            for each, normal in zip(moments, normals, strict=True):
+                mixtures = np.eye(len(normal) - 1)[:, each.columns(bank, *inputs)]
+                total += float(np.log(_solve(normal, mixtures)[2]))
+            return total
 
         best = min(combinations(range(1, len(GRID_S)), self.count), key=cost)
         return np.asarray(_LOGS[np.array(best) - 1])

@@ -20,9 +20,8 @@ TINY_RIDGE = 1e-9
 
 def _correlations(products: FloatArray, columns: IntArray) -> tuple[FloatArray, FloatArray]:
     """Scale centred products so that each column, by the positions (…, p), has variance one."""
-    # Return correlations with the target behind the columns, (…, p + 1, p + 1), and what turns
-    # coefficients of scaled columns into those of columns, for a target that is not scaled, (…,
-    # p).
+    # Return correlations, the target behind the columns and not scaled, (…, p + 1, p + 1), and
+    # what turns coefficients of scaled columns into those of columns, (…, p).
     diagonal = np.diagonal(products)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     scale[-1] = 1.0
@@ -39,9 +38,8 @@ def least_squares(products: FloatArray, columns: IntArray) -> tuple[FloatArray, 
     matrix, target = both[..., :-1, :-1], both[..., :-1, -1]
     damped = matrix + TINY_RIDGE * np.eye(columns.shape[-1])
     scaled = np.linalg.solve(damped, target[..., np.newaxis])[..., 0]
-    fitted = np.einsum(
-        '...p,...p', scaled, 2 * target - (matrix @ scaled[..., np.newaxis])[..., 0]
-    )
+    explained = (matrix @ scaled[..., np.newaxis])[..., 0]
+    fitted = np.einsum('...p,...p', scaled, 2 * target - explained)
     return scaled * scale, products[-1, -1] - fitted
 
 

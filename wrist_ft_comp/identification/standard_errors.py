@@ -76,12 +76,8 @@ def _standard_errors(projection: VarPro, free: BoolArray) -> FloatArray:
         )
     used = np.diagonal(bread) > 0
     scale = 1.0 / np.sqrt(np.where(used, np.diagonal(bread), 1.0))
-    inverse = (
-        scale[:, np.newaxis]
-        * np.linalg.pinv(bread * scale * scale[:, np.newaxis], rcond=1e-12, hermitian=True)
-        * scale
-    )
-    spread = scores @ inverse
+    scaled = np.linalg.pinv(bread * scale * scale[:, np.newaxis], rcond=1e-12, hermitian=True)
+    spread = scores @ (scale[:, np.newaxis] * scaled * scale)
     clusters, fitted = len(scores), int(used.sum()) + len(np.unique(moments.recording))
     if clusters <= fitted:
         return np.full(len(bread), np.nan)

@@ -163,8 +163,7 @@ def from_gains(
     output_weight: FloatArray,
 ) -> ArxPls | None:
     """Write a sum of filtered linear maps as an ARX-PLS model, exactly (eq. 15)."""
-    # y ∘ W_y = Σ_k G_kᵀ H_k(x): the singular vectors of W_x⁻¹ G_k are latents with the dynamics
-    # H_k.
+    # y ∘ W_y = Σ_k G_kᵀ H_k(x): singular vectors of W_x⁻¹ G_k are latents with the dynamics H_k.
     # G_k, of shape (K, F, M), go from inputs in their own unit to outputs times output_weight.
     # Inputs of weight 0 must have no gain. The output mean is zero; all gains zero give None.
     rotations: list[FloatArray] = []

@@ -159,8 +159,7 @@ def numbers_in(message: Any, path: Path = ()) -> Iterator[tuple[Path, float]]:
 def temperatures_in(message: Any, topic: str = '') -> list[Path]:
     """Find the numbers of a message that are probably temperatures, in its order."""
     # By their fields' names; in an array, by a text at the same place of an array beside it, as in
-    # control_msgs/DynamicJointState; else, where the topic is named like a temperature, all
-    # numbers.
+    # control_msgs/DynamicJointState; else all, where the topic is named like a temperature.
     paths = [path for path, _ in numbers_in(message) if path[:1] != ('layout',)]
     named = [path for path in paths if may_be_temperature(path) or _named_beside(message, path)]
     return named or (paths if _TELLING.search(topic) else [])

@@ -20,11 +20,8 @@ from wrist_ft_comp.calibration.result import FoldErrors, HARMFUL_RATIO, SURE_SHA
 Level = Literal['good', 'weak', 'harmful', 'uncalibrated']
 #: For people, the best first.
 LEVEL_NAMES: dict[Level, str] = {
-    'good': 'good',
-    'weak': 'weak',
-    'harmful': 'harmful',
-    'uncalibrated': 'not calibrated',
-}
+    'good': 'good', 'weak': 'weak', 'harmful': 'harmful', 'uncalibrated': 'not calibrated',
+}  # fmt: skip
 #: Largest share of the drift that a good axis leaves.
 GOOD_REMAINDER = 0.25
 #: What is no larger than this many times the noise counts as noise.

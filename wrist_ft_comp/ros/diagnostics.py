@@ -359,12 +359,9 @@ def diagnostic_array(
     array.header.stamp = stamp
     array.status = [
         DiagnosticStatus(
-            level=status.level,
-            name=f'{node_name}: {status.name}',
-            message=status.message,
+            level=status.level, name=f'{node_name}: {status.name}', message=status.message,
             hardware_id=hardware_id,
-            values=[KeyValue(key=key, value=value) for key, value in status.values.items()],
-        )
+            values=[KeyValue(key=key, value=value) for key, value in status.values.items()])
         for status in statuses
-    ]
+    ]  # fmt: skip
     return array

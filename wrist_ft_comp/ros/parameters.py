@@ -152,12 +152,10 @@ def descriptor(row: Parameter, read_only: bool | None = None) -> ParameterDescri
     unit = f' Unit: {row.unit}.' if row.unit else ''
     when = 'Read at start-up only.' if row.read_only else 'May change at run time.'
     result = ParameterDescriptor(
-        name=row.name,
-        type=row.ros_type.value,
+        name=row.name, type=row.ros_type.value,
         description=f'{row.description}{unit} {when}',
         additional_constraints=f'Must be {row.allowed}.',
-        read_only=row.read_only if read_only is None else read_only,
-    )
+        read_only=row.read_only if read_only is None else read_only)  # fmt: skip
     low, high = row.minimum, row.maximum
     if row.is_array or (low, high) == (-math.inf, math.inf):
         return result

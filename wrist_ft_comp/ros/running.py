@@ -133,7 +133,6 @@ def _create_and_spin(factory: NodesFactory, context: Context, stop: threading.Ev
 def _stop_flag() -> Iterator[threading.Event]:
     """Yield a flag that SIGINT and SIGTERM set, however often; only in the main thread."""
     stop = threading.Event()
-
     if threading.current_thread() is not threading.main_thread():
         yield stop
         return

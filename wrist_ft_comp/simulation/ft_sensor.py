@@ -1,9 +1,8 @@
 """
 A wrist force/torque sensor that warms up: what the simulated sensor measures.
 
-Heat flows through the body (``heat_flow``), on which strain gauges (``strain_gauges``) and two
-thermometers sit. Its state is the temperature of the M nodes of ``HeatFlow``, and a reading at
-step k is of the state before the heat of step k has flowed.
+Its state is the temperature of the M nodes of ``HeatFlow``; a reading at step k is of the state
+before the heat of step k has flowed.
 """
 
 from dataclasses import dataclass, field

@@ -1,9 +1,7 @@
 """
-The payload that is held, live: what it weighs at a wrench's stamp.
+The payload that is held, live: what it weighs at a wrench's stamp, in plain floats, not arrays.
 
-Specific force comes at a rate of its own, before or after the wrench that it belongs to. The
-newest sample at or before the wrench's stamp is taken, or else the one nearest to it, so nothing
-waits and nothing is filtered. All this runs for every wrench: plain floats, no arrays.
+The newest specific force at or before the stamp is taken, or else the nearest, so nothing waits.
 """
 
 from collections import deque

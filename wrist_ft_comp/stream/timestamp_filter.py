@@ -1,11 +1,10 @@
 """
 Temperatures whose stamps leap: one stray stamp must not cost an hour of thermal memory.
 
-A stamp that is hours off would let the drift run through hours that never were. So a sample far
-from the one before is kept back until the next ones of its thermometer tell. When one goes on from
-there, as two neighbours do or with a third in their order, time did leap (a long silence, a clock
-that was set, a simulation that began anew), and they count. When one goes on from before, what was
-kept back is dropped.
+A sample far from the one before is kept back until the next ones of its thermometer tell. When one
+goes on from there, as two neighbours do or with a third in their order, time did leap (a long
+silence, a clock that was set, a simulation that began anew), and they count. When one goes on from
+before, what was kept back is dropped.
 """
 
 from wrist_ft_comp.model.signals import NANOSECONDS

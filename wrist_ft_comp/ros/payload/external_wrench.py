@@ -1,7 +1,7 @@
 """The wrench without drift and payload, and the parameters that say which payload is held."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 from pathlib import Path
 from typing import Any
@@ -64,6 +64,7 @@ class _UnknownTurnError(SettingsError):
     """Nobody knows how the IMU is mounted."""
 
 
+@dataclass(eq=False)
 class ExternalWrench:
     """Knows the payload that is held, and what it weighs at every wrench."""
 
@@ -71,31 +72,30 @@ class ExternalWrench:
     # lets specific force that has come be given to ``add_force``; and ``mount``, which tells how
     # TF turns specific force into the wrench's frame, or None.
 
-    def __init__(
-        self,
-        compensator: Compensator,
-        settings: Callable[[], Mapping[str, Any]],
-        shelf: Shelf,
-        log: NodeLog,
-    ) -> None:
-        chosen = settings()
+    _compensator: Compensator
+    _settings: Callable[[], Mapping[str, Any]]
+    _shelf: Shelf
+    _log: NodeLog
+    #: Of the newest specific force, rad/s; NaN where nobody knows.
+    speed: float = math.nan
+    #: Wrenches that went, and that did not, because specific force was too old.
+    published: int = 0
+    missed: int = 0
+    #: The payload that is held; None when none is active.
+    payload: LivePayload | None = None
+    #: What every wrench is given to; None when nobody wants it.
+    on_wrench: Callable[[int, Sequence[float], bytes, Layout], None] | None = None
+    _collect: Collect | None = None
+    poll: Callable[[], object] = lambda: None
+    publish: Callable[[bytes], object] = lambda _: None
+    mount: Callable[[], ForceFrame | None] = lambda: None
+    #: Why a payload is not held yet: TF may take its time.
+    waiting: str = ''
+
+    def __post_init__(self) -> None:
+        """Hold what is to be held from the start."""
+        chosen = self._settings()
         self.forces = RecentForces(chosen['gravity.timeout'])
-        #: Of the newest specific force, rad/s; NaN where nobody knows.
-        self.speed = math.nan
-        #: Wrenches that went, and that did not, because specific force was too old.
-        self.published = self.missed = 0
-        #: The payload that is held; None when none is active.
-        self.payload: LivePayload | None = None
-        #: What every wrench is given to; None when nobody wants it.
-        self.on_wrench: Callable[[int, Sequence[float], bytes, Layout], None] | None = None
-        self._collect: Collect | None = None
-        self.poll: Callable[[], object] = lambda: None
-        self.publish: Callable[[bytes], object] = lambda _: None
-        self.mount: Callable[[], ForceFrame | None] = lambda: None
-        self._compensator, self._settings, self._shelf = compensator, settings, shelf
-        self._log = log
-        #: Why a payload is not held yet: TF may take its time.
-        self.waiting = ''
         try:
             self._hold(self._choose(chosen))
         except _UnknownTurnError as error:
