@@ -1,7 +1,7 @@
 """
 Kill the node again and again while it learns, adopts and tidies up, and load every file.
 
-``python bench/learning_kills.py [KILLS] [--seed N]``, 20 unless told; 200 take an hour. Each life
+``python bench/learning_kills.py [KILLS] [--seed N]``, 20 unless told; 200 take half an hour. Each life
 of the node finds some days at work that nobody has judged, and is ended by SIGKILL: at a random
 time, or a moment after a model, the list of models, the diary or what the node remembers was
 written. The first half of the lives have to be asked to adopt, the others adopt by themselves.
