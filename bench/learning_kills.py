@@ -1,10 +1,10 @@
 """
 Kill the node again and again while it learns, adopts and tidies up, and load every file.
 
-``python bench/learning_kills.py [KILLS] [--seed N]``, 20 unless told; 200 take half an hour. Each life
-of the node finds some days at work that nobody has judged, and is ended by SIGKILL: at a random
-time, or a moment after a model, the list of models, the diary or what the node remembers was
-written. The first half of the lives have to be asked to adopt, the others adopt by themselves.
+``python bench/learning_kills.py [KILLS] [--seed N]``, 20 unless told; 200 take half an hour. Each
+life of the node finds some days at work that nobody has judged, and is ended by SIGKILL: at a
+random time, or a moment after a model, the list of models, the diary or what the node remembers
+was written. The first half of the lives have to be asked to adopt, the others adopt by themselves.
 After each, every file is loaded, and the live model has to be the one from before or a new one.
 Figures on standard output and in ``out/learning_kills.json``; exit code 1 when one does not load.
 """
