@@ -271,12 +271,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument('--dev', action='store_true', help='years to develop on')
+    parser.add_argument('--first', type=int, help='seed of the first year')
     parser.add_argument('--years', type=int, default=2)
     parser.add_argument('--length', type=int, default=365, help='days of a year, at least 130')
     parser.add_argument('--jobs', type=int, default=min(2, os.cpu_count() or 1))
     parser.add_argument('--picture', type=Path, help='of the first year')
     options = parser.parse_args()
-    first = DEVELOPMENT_SEED if options.dev else report_seed()
+    first = options.first or (DEVELOPMENT_SEED if options.dev else report_seed())
     years = []
     with ProcessPoolExecutor(options.jobs) as pool:
         seeds = range(first, first + options.years)
