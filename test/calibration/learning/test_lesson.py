@@ -110,6 +110,19 @@ def wins(logs):
     return judge(0.3 * np.ones_like(shares), 0.3 * shares)[0]
 
 
+def test_what_shows_on_the_newest_days_only_counts_and_on_the_oldest_not():
+    live, challenger = np.full((30, 6), 0.4), np.full((30, 6), 0.4)
+    challenger[:6] = 0.1
+    assert judge(live, challenger)[0]
+    assert not judge(live, challenger[::-1])[0]
+
+
+def test_the_newer_half_is_always_learnt_from():
+    common = [DayEntry(f'day_{n}', known=frozenset({(0, 0)})) for n in range(6)]
+    rare = [DayEntry(f'day_{n}', known=frozenset({(n, n)})) for n in range(-6, 0)]
+    assert [each.name for each in worthiest([*rare, *common], 4)][2:] == ['day_4', 'day_5']
+
+
 def test_chance_proves_nothing():
     by_chance = sum(
         wins(np.random.default_rng(seed).normal(0, 0.4, days))
