@@ -230,6 +230,17 @@ class TestDoubts:
         with pytest.raises(CalibrationRefusedError, match='at least 120 are needed'):
             calibrate([bare], AT_WORK)
 
+    def test_rows_farther_apart_than_cells_are_refused(self, plain):
+        wrench = np.full_like(plain[0].wrench, np.nan)
+        wrench[::10] = plain[0].wrench[::10]
+        with pytest.raises(CalibrationRefusedError, match=r'every 10 s;.* Set .* period to 10 s'):
+            calibrate([replace(plain[0], wrench=wrench)], AT_WORK)
+
+    def test_cells_without_a_neighbour_that_turns_slowly_are_separated(self, plain):
+        spin = np.tile([0.0, 9.0], len(plain[0]))[: len(plain[0])]
+        found = separate([replace(plain[0], rotation_speed=spin)])
+        assert found.bodies().mass_kg[0] == pytest.approx(1.3, rel=0.01)
+
 
 def without_load(make_working_day, seed):
     day = make_working_day(seed)

@@ -87,7 +87,22 @@ def separate(recordings: Sequence[Recording]) -> Separation:
             'with wrench and specific force that turn slowly; at least '
             f'{_FEWEST} are needed for the reference payload. Record both at the same time.'
         )
+    for recording, force in zip(recordings, accelerometer.forces, strict=True):
+        _check_rows(recording, force)
     return _separated(recordings, accelerometer, find_states(cells), None)
+
+
+def _check_rows(recording: Recording, force: FloatArray) -> None:
+    """Refuse rows farther apart than cells: contacts are told by what neighbours say."""
+    rows = np.column_stack([recording.wrench[:, axes_of([recording])], force])
+    there = np.isfinite(rows.sum(axis=1))
+    if 2 * np.sum(there[1:] & there[:-1]) < there.sum():
+        apart_s = recording.period_s * float(np.median(np.diff(np.flatnonzero(there))))
+        raise CalibrationRefusedError(
+            f'{recording.name} holds wrench and specific force every {apart_s:g} s; the reference '
+            f'payload needs them in most thermal cells, of {recording.period_s:g} s each. Set the '
+            f'thermal period to {apart_s:g} s, or record more often.'
+        )
 
 
 def separate_again(found: Separation, model: DriftModel) -> Separation:
