@@ -33,8 +33,8 @@ from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.model.signals import AXES, GRAVITY, NANOSECONDS
 from wrist_ft_comp.stream.cell_averager import row_channels
 
-#: Length of a thermal cell, s, and cells and number of the days that are found.
-CELL_S, CELLS, DAYS = 10, 900, 4
+#: Lengths of a thermal cell, of a day and of a pose, s, and number of the days that are found.
+CELL_S, DAY_S, POSE_S, DAYS = 10, 9000, 60, 4
 START_S = 1_700_000_000
 #: What is held: kg, and where its centre is, m.
 MASS_KG, CENTRE_M = 1.2, np.array([0.01, -0.02, 0.08])
@@ -43,25 +43,28 @@ AIMS = ('', 'models/*', 'days/diary.json', '', 'active.json', 'learning.json', '
 LONGEST_S = 40.0
 
 
-def write_days(data: Path, rng: np.random.Generator) -> None:
+def write_days(
+    data: Path, rng: np.random.Generator, days: int = DAYS, cell_s: int = CELL_S
+) -> None:
     """Write days at work of a sensor that lags its thermometer."""
-    names = row_channels(1, with_force=True)
-    for day in range(DAYS):
+    names, cells = row_channels(1, with_force=True), DAY_S // cell_s
+    for day in range(days):
         files = DayFiles(data, names, 1e9)
-        heat = np.repeat(rng.uniform(0.0, 20.0, CELLS // 180), 180)
+        heat = np.repeat(rng.uniform(0.0, 20.0, 5), cells // 5)
         celsius, lagged, warmth, lag = [], [], float(heat[0]), float(heat[0])
         for each in heat:
-            warmth += (each - warmth) * CELL_S / 400.0
-            lag += (warmth - lag) * CELL_S / 300.0
+            warmth += (each - warmth) * cell_s / 400.0
+            lag += (warmth - lag) * cell_s / 300.0
             celsius.append(20.0 + warmth + 2.0 * day)
             lagged.append(lag + 2.0 * day)
-        tilts = np.repeat(rng.normal((0.0, 0.0, 1.0), 0.6, (CELLS // 6, 3)), 6, axis=0)
+        tilts = rng.normal((0.0, 0.0, 1.0), 0.6, (DAY_S // POSE_S, 3))
+        tilts = np.repeat(tilts, POSE_S // cell_s, axis=0)
         force = GRAVITY * tilts / np.linalg.norm(tilts, axis=1, keepdims=True)
         push = -MASS_KG * force
         wrench = np.column_stack([push, np.cross(CENTRE_M, push)])
         wrench += np.outer(lagged, GAINS) + rng.normal(0.0, 1.0, wrench.shape) * NOISE
-        for cell in range(CELLS):
-            stamp_ns = (START_S + 86_400 * day + CELL_S * cell) * NANOSECONDS
+        for cell in range(cells):
+            stamp_ns = (START_S + 86_400 * day + cell_s * cell) * NANOSECONDS
             absent = [np.nan] * len(AXES)
             files.append(stamp_ns, [*wrench[cell], *absent, celsius[cell], *force[cell], 0.01])
         files.close()

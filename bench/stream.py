@@ -7,8 +7,8 @@ executor, a relay of bytes on the events executor, and the compensator with a mo
 the time and are used one after the other in short runs, so that a noisy machine is as noisy to
 each; figures are medians of the runs, losses are sums. Then: the compensator during a calibration,
 with a thermometer that is a field of another kilohertz message, with a payload and an IMU of
-1 kHz, and with 1, 2 and 5 sensors in one process; last, the computation alone. ``--payload``
-measures the payload only.
+1 kHz, while it learns from days, and with 1, 2 and 5 sensors in one process; last, the computation
+alone. ``--payload`` measures the payload only, ``--learning`` the learning.
 
 Where a wrench was lost is known by counting: the sensor counts what it sends, the compensator's
 diagnostics tell what it received and published, and the receiver counts the different stamps that
@@ -29,12 +29,14 @@ import tempfile
 import time
 from typing import Any
 
+from learning_kills import write_days
 import numpy as np
 from stream_roles import STATE_ENTRY, wrench_bytes
 from stream_table import draw, print_header, print_row, Run, summary
 from warm_up import make_model, write_warm_up
 
 from wrist_ft_comp.files.cdr import locate, WRENCH_DOUBLES
+from wrist_ft_comp.files.days.memory import load_memory
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.payload_file import add_payloads, PAYLOADS
 from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
@@ -45,6 +47,7 @@ RELAYS = ('typed', 'bytes')
 NODE = 'compensator'
 DIAGNOSTICS_S = 1.2
 SETTLE_S = 2.0
+LEARNT_DAYS = 12
 ROLES = str(Path(__file__).with_name('stream_roles.py'))
 
 
@@ -280,6 +283,29 @@ def with_a_payload(
     return rows
 
 
+def while_learning(folder: Path, seconds: float) -> list[Any]:
+    """Measure at 1 kHz while the node learns from days that it finds, and afterwards."""
+    write_days(folder / 'learns', np.random.default_rng(0), LEARNT_DAYS, cell_s=1)
+    told = 'gravity.source:=imu', 'calibration.reference:=payload', 'learning:=auto'
+    with ExitStack() as stack:
+        line = Line(stack, {'learns': compensator(folder, 'learns', *told)})
+
+        def measure() -> Run:
+            return line.measure('learns', 1000, seconds, imu_every=1)
+
+        busy = [measure()]
+        while not (found := load_memory(folder / 'learns')) or not found.verdict:
+            busy.append(measure())
+        runs = {'learning': busy[:-1], 'afterwards': [measure() for _ in busy[:-1]]}
+    rows = [summary(name, 1000, measured) for name, measured in runs.items()]
+    for row in rows:
+        print_row(row)
+    print(
+        f'          p99 while learning: {rows[0]["p99_us"] / rows[1]["p99_us"]:.2f} of afterwards'
+    )
+    return rows
+
+
 def several_sensors(folder: Path, seconds: float, repeats: int) -> list[Any]:
     """Measure 1, 2 and 5 sensors in one process, each at 1 kHz."""
     rows = []
@@ -317,6 +343,7 @@ def main() -> None:
     parser.add_argument('--seconds', type=float, default=2.0, help='length of a run')
     parser.add_argument('--repeats', type=int, default=5)
     parser.add_argument('--payload', action='store_true', help='measure the payload only')
+    parser.add_argument('--learning', action='store_true', help='measure the learning only')
     parser.add_argument('rates', nargs='*', type=float, default=RATES_HZ, metavar='RATE')
     arguments = parser.parse_args()
     seconds, repeats = arguments.seconds, arguments.repeats
@@ -332,6 +359,9 @@ def main() -> None:
         if arguments.payload:
             with_a_payload(folder, arguments.rates, seconds, repeats)
             return
+        if arguments.learning:
+            while_learning(folder, seconds)
+            return
         with ExitStack() as stack:
             relays = {relay: [ROLES, 'relay', relay] for relay in RELAYS}
             line = Line(stack, {**relays, NODE: compensator(folder, NODE)})
@@ -342,6 +372,7 @@ def main() -> None:
             figures['calibration'] = during_calibration(line, folder, seconds)
         figures['field'] = with_a_field(folder, seconds, 2 * repeats)
         figures['payload'] = with_a_payload(folder, (1000, 2000), seconds, repeats)
+        figures['learning'] = while_learning(folder, seconds)
         figures['sensors'] = several_sensors(folder, seconds, repeats)
     out = Path('out')
     out.mkdir(exist_ok=True)
