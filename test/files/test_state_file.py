@@ -1,6 +1,7 @@
 """State files: what comes back, and what is refused."""
 
 import copy
+from dataclasses import replace
 import json
 import os
 import threading
@@ -82,6 +83,23 @@ def test_a_state_without_an_external_tare_is_what_earlier_versions_read_and_wrot
     document = plain(example())
     assert 'external_tare' not in document
     assert not load(document).external_tare.any()
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 1e101])
+@pytest.mark.parametrize('place', range(7))
+def test_what_is_written_can_be_read_whatever_numbers_a_model_makes(tmp_path, place, value):
+    """The thermal state goes as a whole, each tare by itself, and nothing else."""
+    state = replace(example(), external_tare=np.arange(6.0))
+    assert state.thermal is not None
+    zero, sensitivity = state.thermal.compensation
+    filters, (mean, _) = state.thermal.filters['force_z'], state.thermal.history[1]
+    arrays = state.tare, state.external_tare, zero, sensitivity, filters, mean
+    (*arrays, state.thermal.temperature_c)[place][0] = value
+    save_state(tmp_path / 'state.json', state)
+    back = load_state(tmp_path / 'state.json')
+    assert back is not None
+    assert (back.tare.any(), back.external_tare.any()) == (place != 0, place != 1)
+    assert (back.thermal is None) == (place > 1)
 
 
 def test_no_file_is_no_state(tmp_path):

@@ -22,6 +22,9 @@ KIND = Kind(
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; until then a restart loses the thermal state and the tare.')  # fmt: skip
 
+#: The schema has no room for larger numbers, nor for NaN and infinities.
+_LARGEST = 1e100
+
 
 @dataclass(frozen=True, eq=False)
 class SavedState:
@@ -51,8 +54,16 @@ def load_state(path: Path) -> SavedState | None:
 
 
 def _document(state: SavedState) -> Document:
-    """Turn a state into plain values."""
-    memory = state.thermal
+    """Turn a state into plain values; what could not be read again is left out."""
+    memory, nothing = state.thermal, np.zeros(len(AXES))
+    if memory is not None:
+        means = (mean for mean, _ in memory.history)
+        filters = memory.filters.values()
+        if not _readable(memory.temperature_c, *filters, *memory.compensation, *means):
+            memory = None
+    tare, external_tare = (
+        each if _readable(each) else nothing for each in (state.tare, state.external_tare)
+    )
     thermal = memory and {
         'end_ns': memory.end_ns,
         'period_ns': memory.period_ns,
@@ -61,10 +72,15 @@ def _document(state: SavedState) -> Document:
         **memory.compensation._asdict(),
         'history': [{'cells': n, 'temperature_c': block} for block, n in memory.history],
     }
-    external = {'external_tare': state.external_tare} if state.external_tare.any() else {}
-    known = {'saved_ns': state.saved_ns, 'model_sha256': state.model_sha256, 'tare': state.tare}
+    external = {'external_tare': external_tare} if external_tare.any() else {}
+    known = {'saved_ns': state.saved_ns, 'model_sha256': state.model_sha256, 'tare': tare}
     document: Document = plain({**known, **external, 'thermal': thermal})
     return document
+
+
+def _readable(*arrays: FloatArray) -> bool:
+    """Tell whether all numbers can be read again."""
+    return all((np.abs(each) <= _LARGEST).all() for each in arrays)
 
 
 def _state(document: Document) -> SavedState:

@@ -46,11 +46,12 @@ class TareCollector:
                 'Check that the sensor publishes on wrench_raw, or raise tare.duration.'
             )
         wrenches = np.array(self._wrenches)
-        if not np.isfinite(wrenches).all():
+        with np.errstate(all='ignore'):
+            mean: FloatArray = wrenches.mean(axis=0)
+        if not np.isfinite(mean).all():
             raise TareRefusedError(
                 'Taring needs finite wrenches; got NaN or infinity. Check the sensor.'
             )
-        mean: FloatArray = wrenches.mean(axis=0)
         parts = [part.mean(axis=0) for part in np.array_split(wrenches, _PARTS)]
         deviation = np.max(np.abs(np.stack(parts) - mean), axis=0)
         worst = int(np.argmax(deviation / self._limits))
