@@ -1,7 +1,7 @@
 """Averages of a running stream, a row per thermal cell: what the node's own recording holds."""
 
 from collections.abc import Iterator, Sequence
-from math import isnan, sqrt
+from math import inf, isnan, sqrt
 
 from wrist_ft_comp.model.signals import (
     AXES,
@@ -17,6 +17,10 @@ _NAN = float('nan')
 _PATIENCE_CELLS = 50
 #: So many cells of wrenches wait for temperatures.
 _HELD_CELLS = 600
+
+#: What comes, and how many numbers that is; of the speed of rotation it is the square.
+RAW, REFERENCE, FORCE, SPEED = range(4)
+_WIDTHS = (len(AXES), len(AXES), 3, 1)
 
 #: Stamp of a cell's middle, ns, and values in the order of row_channels.
 Row = tuple[int, list[float]]
@@ -35,26 +39,42 @@ class CellAverager:
     def __init__(self, period_ns: int, thermometers: int, *, with_force: bool = False) -> None:
         self._period_ns, self._thermometers = period_ns, thermometers
         self._with_force = with_force
-        self._raw, self._reference = _CellMeans(), _CellMeans()
-        self._force, self._square_speed = _CellMeans(3), _CellMeans(1)
-        self._all = self._raw, self._reference, self._force, self._square_speed
+        #: Per cell: count and sums of everything that comes.
+        self._cells: dict[int, list[list[float]]] = {}
+        #: The newest cell of everything that comes.
+        self._latest = [-1] * len(_WIDTHS)
+        #: Cells before it have their row; what comes for them is too late.
+        self._begin = -inf
         self._waiting: list[tuple[int, list[float]]] = []
         #: Whether wrenches got rows of their own since the last temperature.
         self._silent = False
 
     def add_raw(self, stamp_ns: int, wrench: Sequence[float]) -> None:
         """Take a raw wrench, N and N m, axis order AXES."""
-        self._raw.add(stamp_ns // self._period_ns, wrench)
+        self._add(RAW, stamp_ns, wrench)
 
     def add_reference(self, stamp_ns: int, wrench: Sequence[float]) -> None:
         """Take a reference wrench, N and N m, axis order AXES."""
-        self._reference.add(stamp_ns // self._period_ns, wrench)
+        self._add(REFERENCE, stamp_ns, wrench)
 
     def add_force(self, stamp_ns: int, force: Sequence[float], speed: float | None) -> None:
         """Take a specific force, m/s², and the speed of rotation, rad/s, where it is known."""
-        self._force.add(stamp_ns // self._period_ns, force)
+        self._add(FORCE, stamp_ns, force)
         if speed is not None:
-            self._square_speed.add(stamp_ns // self._period_ns, (speed * speed,))
+            self._add(SPEED, stamp_ns, (speed * speed,))
+
+    def _add(self, what: int, stamp_ns: int, values: Sequence[float]) -> None:
+        """Add to the sums of a cell."""
+        cell = stamp_ns // self._period_ns
+        self._latest[what] = max(self._latest[what], cell)
+        if cell < self._begin:
+            return
+        if cell not in self._cells:
+            self._cells[cell] = _no_sums()
+        sums = self._cells[cell][what]
+        sums[0] += 1.0
+        for i, value in enumerate(values, start=1):
+            sums[i] += value
 
     def add_cells(self, completed: Sequence[CompletedCells]) -> None:
         """Take cells whose temperatures are complete; held values are not written as measured."""
@@ -64,9 +84,9 @@ class CellAverager:
                 float(value) if measured else _NAN
                 for value, measured in zip(cells.temperature_c, cells.measured, strict=True)
             ]
-            first, end = cells.first_cell, cells.first_cell + cells.count
-            self._waiting.append((first, temperatures))
-            self._waiting += [(cell, temperatures) for cell in self._raw.between(first + 1, end)]
+            others = range(cells.first_cell + 1, cells.first_cell + cells.count)
+            with_samples = sorted(cell for cell in self._cells if cell in others)
+            self._waiting += [(cell, temperatures) for cell in (cells.first_cell, *with_samples)]
 
     def rows(self, *, final: bool = False) -> list[Row]:
         """Take rows that are complete or overdue, but not empty; all, when nothing more comes."""
@@ -75,13 +95,10 @@ class CellAverager:
     def _complete(self, *, final: bool) -> Iterator[Row]:
         """Take complete cells, those without any sample included."""
         yield from self._complete_with_temperatures(final=final)
-        absent = [_NAN] * self._thermometers
         held = 0 if final and self._silent else _HELD_CELLS
-        for cell in sorted({cell for means in self._all for cell in means.overdue(held)}):
-            self._silent = True
-            yield self._row(cell, absent)
-            for means in self._all:
-                means.begin = cell + 1
+        for cell in sorted(self._cells)[: max(len(self._cells) - held, 0)]:
+            self._silent, self._begin = True, cell + 1
+            yield self._row(cell, [_NAN] * self._thermometers)
 
     def _complete_with_temperatures(self, *, final: bool) -> Iterator[Row]:
         """Take cells whose temperatures are complete, too."""
@@ -89,60 +106,29 @@ class CellAverager:
             cell, temperatures = self._waiting[0]
             overdue = self._waiting[-1][0] - cell > _PATIENCE_CELLS
             # A reference is waited for when there is one at all, and so is specific force.
-            others = (self._reference.latest, self._force.latest)
-            behind = self._raw.latest <= cell or any(0 <= latest <= cell for latest in others)
+            others = self._latest[REFERENCE], self._latest[FORCE]
+            behind = self._latest[RAW] <= cell or any(0 <= latest <= cell for latest in others)
             if behind and not overdue and not final:
                 return
             del self._waiting[0]
             yield self._row(cell, temperatures)
-            for means in self._all:
-                means.forget_before(cell)
+            for late in [each for each in self._cells if each < cell]:
+                del self._cells[late]
 
     def _row(self, cell: int, temperatures: list[float]) -> Row:
         """Make a cell's row of its temperatures, °C, and its means."""
-        values = [*self._raw.pop(cell), *self._reference.pop(cell), *temperatures]
-        force, square = self._force.pop(cell), *self._square_speed.pop(cell)
-        values += [*force, sqrt(square)] if self._with_force else []
+        raw, reference, force, (square,) = map(_mean, self._cells.pop(cell, _no_sums()))
+        felt = [*force, sqrt(square)] if self._with_force else []
+        values = [*raw, *reference, *temperatures, *felt]
         return cell * self._period_ns + self._period_ns // 2, values
 
 
-class _CellMeans:
-    """Sums of one channel of several numbers per cell."""
+def _no_sums() -> list[list[float]]:
+    """Begin a cell."""
+    return [[0.0] * (1 + width) for width in _WIDTHS]
 
-    def __init__(self, width: int = len(AXES)) -> None:
-        self._width = width
-        self.latest = -1
-        self._cells: dict[int, list[float]] = {}
-        #: Cells before it have their row; what comes for them is too late.
-        self.begin: int | None = None
 
-    def add(self, cell: int, wrench: Sequence[float]) -> None:
-        """Add one wrench to its cell."""
-        self.latest = max(self.latest, cell)
-        if self.begin is not None and cell < self.begin:
-            return
-        sums = self._cells.get(cell)
-        if sums is None:
-            self._cells[cell] = [1.0, *wrench]
-            return
-        sums[0] += 1.0
-        for i, value in enumerate(wrench, start=1):
-            sums[i] += value
-
-    def overdue(self, held: int) -> list[int]:
-        """List the oldest cells, those that are more than may be held."""
-        return sorted(self._cells)[: max(len(self._cells) - held, 0)]
-
-    def between(self, first: int, end: int) -> list[int]:
-        """List the cells from first to end, end excluded, that have a wrench."""
-        return sorted(cell for cell in self._cells if first <= cell < end)
-
-    def pop(self, cell: int) -> list[float]:
-        """Take a cell's means, NaN where there were none."""
-        sums = self._cells.pop(cell, None)
-        return [_NAN] * self._width if sums is None else [value / sums[0] for value in sums[1:]]
-
-    def forget_before(self, cell: int) -> None:
-        """Drop what came too late."""
-        for old in [number for number in self._cells if number < cell]:
-            del self._cells[old]
+def _mean(sums: list[float]) -> list[float]:
+    """Divide sums by their count, NaN where there is none."""
+    count, *others = sums
+    return [value / count if count else _NAN for value in others]

@@ -74,11 +74,12 @@ class Compensator:
         #: Of the wrench, and of the wrench without the payload's weight; raw, N and N m, (6,).
         self.tare: FloatArray = np.zeros(len(AXES))
         self.external_tare: FloatArray = np.zeros(len(AXES))
-        #: What is subtracted when the present ramp ends: the model's drift, within the limits.
-        self.compensation = no_drift()
+        #: What is subtracted when the present ramp ends, which lasts one cell: the model's drift,
+        #: within the limits. From what it began, and at which stamp, ns.
+        self.compensation = self._begun = no_drift()
+        self._begun_ns = 0
         #: Whether the first cell may not move the output: after a tare or a change of model.
         self._keep_output = False
-        self._ramp = _Ramp()
         self._refresh_correction()
         if model is not None:
             self.go_live(model)
@@ -133,9 +134,8 @@ class Compensator:
             if resting:
                 self._settle(target, self._reading(keep_output_of) if self._keep_output else None)
             period_s = self.tracker.grid.period_ns / NANOSECONDS
-            here = self.compensation_at(stamp_ns)
-            self.compensation = self.limits.rate_limit(target, here, period_s)
-            self._ramp.restart(stamp_ns, self._share(stamp_ns), self.compensation)
+            self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
+            self.compensation = self.limits.rate_limit(target, self._begun, period_s)
             self._refresh_correction()
         return cells
 
@@ -155,8 +155,8 @@ class Compensator:
 
     def compensation_at(self, stamp_ns: int) -> Drift:
         """Tell what is subtracted at a stamp, ns, arrays of shape (6,)."""
-        zero, gain = self._ramp.at(self._share(stamp_ns))
-        return Drift(zero, gain - 1.0)
+        share, ends = self._share(stamp_ns), zip(self._begun, self.compensation, strict=True)
+        return Drift(*(before + share * (after - before) for before, after in ends))
 
     def go_live(self, model: DriftModel | None, keep_output_of: Wrench | None = None) -> None:
         """
@@ -220,7 +220,7 @@ class Compensator:
 
     def _share(self, stamp_ns: int) -> float:
         """Share of the ramp that is done at a stamp, 0 to 1."""
-        share = (stamp_ns - self._ramp.start_ns) / self.tracker.grid.period_ns
+        share = (stamp_ns - self._begun_ns) / self.tracker.grid.period_ns
         return 0.0 if share < 0.0 else min(share, 1.0)
 
     def _reading(self, wrench: Wrench | None) -> _Reading | None:
@@ -234,8 +234,7 @@ class Compensator:
 
     def _settle(self, target: Drift, reading: _Reading | None) -> None:
         """Stand at a drift at once; the tares take up what this would move the reading by."""
-        self.compensation = target
-        self._ramp.settle(target)
+        self.compensation = self._begun = target
         self.limits.too_fast = ()
         if reading is not None:
             raw, *corrected = reading
@@ -246,33 +245,9 @@ class Compensator:
 
     def _refresh_correction(self) -> None:
         """Lay out what is constant over a ramp, per axis: offset, its step, gain, its step."""
-        ramp = self._ramp
+        zero, gain = self._begun.zero, 1.0 + self._begun.sensitivity
+        zero_step, gain_step = np.subtract(self.compensation, self._begun)
         self._correction, self._external = (
-            np.stack((ramp.zero + tare, ramp.zero_step, ramp.gain, ramp.gain_step), 1).tolist()
+            np.stack((zero + tare, zero_step, gain, gain_step), axis=1).tolist()
             for tare in (self.tare, self.external_tare)
         )
-
-
-class _Ramp:
-    """Zero drift and gain, 1 + sensitivity drift, on their way from one cell's to the next's."""
-
-    def __init__(self) -> None:
-        #: Stamp at which it began, ns; it lasts one cell.
-        self.start_ns = 0
-        self.settle(no_drift())
-
-    def at(self, share: float) -> tuple[FloatArray, FloatArray]:
-        """Zero drift and gain where a share of the way, 0 to 1, is done."""
-        return self.zero + share * self.zero_step, self.gain + share * self.gain_step
-
-    def restart(self, start_ns: int, share: float, target: Drift) -> None:
-        """Go to a new target from where the ramp stands."""
-        self.start_ns = start_ns
-        self.zero, self.gain = self.at(share)
-        self.zero_step = target.zero - self.zero
-        self.gain_step = 1.0 + target.sensitivity - self.gain
-
-    def settle(self, target: Drift) -> None:
-        """Stand at a target."""
-        self.zero, self.gain = target.zero, 1.0 + target.sensitivity
-        self.zero_step, self.gain_step = np.zeros(len(AXES)), np.zeros(len(AXES))

@@ -22,23 +22,19 @@ class History:
         self._full: deque[tuple[FloatArray, int]] = deque(
             maxlen=max(most // self._cells_per_span, 1)
         )
-        self._sum: FloatArray = np.zeros(0)
+        self._sum: FloatArray = np.zeros(1)
         self._count = 0
 
     def add(self, temperature_c: FloatArray, count: int) -> int:
         """Add cells of the same temperatures, °C, shape (J,); tell how many have room."""
         count = min(count, self.cells.maxlen or count)
         self.cells.extend([temperature_c] * count)
-        waiting = count
-        while waiting:
-            part = min(waiting, self._cells_per_span - self._count)
-            self._sum = part * temperature_c + (self._sum if self._count else 0.0)
-            self._count += part
-            waiting -= part
+        for _ in range(count):
+            self._sum, self._count = self._sum + temperature_c, self._count + 1
             # The very first cell stays alone: it is where a model starts from.
             if self._count == self._cells_per_span or not self._full:
                 self._full.append((self._sum / self._count, self._count))
-                self._count = 0
+                self._sum, self._count = np.zeros(1), 0
         return count
 
     def means(self) -> tuple[tuple[FloatArray, int], ...]:

@@ -11,6 +11,7 @@ from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.model.signals import GRAVITY
+from wrist_ft_comp.stream.cell_averager import FORCE
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -28,7 +29,7 @@ def record(node, put):
         stamps = START + cell * SECOND + np.arange(20) * SECOND // 20
         for stamp in stamps.tolist():
             put(stamp)
-        node.wait_until(lambda: averager._force.latest == cell + START // SECOND, 'the force')  # noqa: B023
+        node.wait_until(lambda: averager._latest[FORCE] == cell + START // SECOND, 'the force')  # noqa: B023
         node.stream(stamps, np.ones((20, 6)))
         node.warm(int(stamps[10]), 25.0)
     assert node.call('record', False).success

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.files.recordings import read_recording
+from wrist_ft_comp.stream.cell_averager import REFERENCE
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -40,7 +41,7 @@ def test_rows_are_the_means_per_cell(wired, executor):
         send_reference(START + k * SECOND + 5, [k + 1.0] * 6)
     averager = node.node.recording.current.averager
     newest = START // SECOND + 7
-    node.wait_until(lambda: averager._reference.latest == newest, 'the references')
+    node.wait_until(lambda: averager._latest[REFERENCE] == newest, 'the references')
     sent = feed(node, 8, celsius=(20.0, 40.0))
     answer = node.call('record', False)
     assert answer.success
