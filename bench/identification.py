@@ -39,10 +39,10 @@ def wrist(run: int, hours: float, *, loaded: bool) -> Recording:
     true = simulated_run.true_wrench(drawn, elapsed_s)
     drive = simulated_run.drive(drawn, elapsed_s)
     start = ft_sensor.start(sensor, float(drive[0, 1]))
-    made = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
-    measured = np.ones(made.temperature_c.shape, dtype=bool)
+    wrench, temperature_c = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
+    measured = np.ones(temperature_c.shape, dtype=bool)
     name = f'run {run}'
-    return Recording(name, NANOSECONDS, 0, made.temperature_c, measured, made.wrench, true)
+    return Recording(name, NANOSECONDS, 0, temperature_c, measured, wrench, true)
 
 
 def print_times() -> None:

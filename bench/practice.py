@@ -58,8 +58,8 @@ def day(seed: int) -> Recording:
     true[:, Z] += contacts()
     drive = simulated_run.drive(drawn, elapsed_s)
     start = ft_sensor.start(sensor, float(drive[0, 1]))
-    result = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
-    return recording(result.temperature_c, result.wrench[:, Z], true[:, Z])
+    wrench, temperature_c = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
+    return recording(temperature_c, wrench[:, Z], true[:, Z])
 
 
 def tared(force: FloatArray) -> FloatArray:

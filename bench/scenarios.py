@@ -73,8 +73,8 @@ def wrist(
     true = simulated_run.true_wrench(drawn, elapsed_s)
     drive = simulated_run.drive(drawn, elapsed_s)
     start = ft_sensor.start(sensor, float(drive[0, 1]))
-    result = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
-    return recording(result.temperature_c[:, :thermometers], result.wrench[:, Z], true[:, Z])
+    wrench, temperature_c = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
+    return recording(temperature_c[:, :thermometers], wrench[:, Z], true[:, Z])
 
 
 def still(seed: int, run: int, noise_n: float) -> Recording:

@@ -210,29 +210,33 @@ def test_batch_equals_the_fold_of_single_steps():
     noisy = replace(CLEAN, force_noise_n=0.1, torque_noise_nm=0.01, thermometer_noise_k=0.1)
     sensor = replace(sensor, settings=noisy)
     course, wrench = random_drive(300), np.random.default_rng(1).normal(0, 10, (300, 6))
-    run = simulate(sensor, start(sensor, 22.0), course, wrench, noise())
+    readings, celsius = simulate(sensor, start(sensor, 22.0), course, wrench, noise())
     nodes_c, generators = start(sensor, 22.0), noise()
     for k in range(300):
-        one = simulate(sensor, nodes_c, course[k : k + 1], wrench[k : k + 1], generators)
-        np.testing.assert_allclose(run.wrench[k], one.wrench[0], atol=1e-9)
-        np.testing.assert_allclose(run.temperature_c[k], one.temperature_c[0], atol=1e-9)
-        nodes_c = one.nodes_c
-    np.testing.assert_allclose(run.nodes_c, nodes_c, atol=1e-9)
+        now = course[k : k + 1]
+        reading, one_celsius = simulate(sensor, nodes_c, now, wrench[k : k + 1], generators)
+        np.testing.assert_allclose(readings[k], reading[0], atol=1e-9)
+        np.testing.assert_allclose(celsius[k], one_celsius[0], atol=1e-9)
+        nodes_c = trajectory(sensor, nodes_c, now)[-1]
+    whole = trajectory(sensor, start(sensor, 22.0), course)
+    np.testing.assert_allclose(whole[-1], nodes_c, atol=1e-9)
 
 
 def test_readings_lie_on_the_grid_of_the_converter(sensor):
-    run = simulate(sensor, start(sensor, 22.0), random_drive(500), np.zeros((500, 6)), noise())
+    wrench, celsius = simulate(
+        sensor, start(sensor, 22.0), random_drive(500), np.zeros((500, 6)), noise()
+    )
     quanta = np.repeat([SETTINGS.force_quantum_n, SETTINGS.torque_quantum_nm], 3)
-    for values, quantum in ((run.wrench, quanta), (run.temperature_c, 0.0625)):
+    for values, quantum in ((wrench, quanta), (celsius, 0.0625)):
         np.testing.assert_allclose(values / quantum, np.round(values / quantum), atol=1e-6)
-    assert len(np.unique(run.wrench[:, 2])) > 10
+    assert len(np.unique(wrench[:, 2])) > 10
 
 
 def test_noise_has_the_stated_deviation(sensor):
     idle, load = np.tile([0.0, 22.0], (20_000, 1)), np.zeros((20_000, 6))
-    run = simulate(sensor, start(sensor, 22.0), idle, load, noise())
-    np.testing.assert_allclose(run.wrench[:, :3].std(axis=0), SETTINGS.force_noise_n, rtol=0.05)
-    np.testing.assert_allclose(run.wrench[:, 3:].std(axis=0), SETTINGS.torque_noise_nm, rtol=0.05)
+    wrench, _ = simulate(sensor, start(sensor, 22.0), idle, load, noise())
+    np.testing.assert_allclose(wrench[:, :3].std(axis=0), SETTINGS.force_noise_n, rtol=0.05)
+    np.testing.assert_allclose(wrench[:, 3:].std(axis=0), SETTINGS.torque_noise_nm, rtol=0.05)
 
 
 def test_thermometers_see_other_temperatures_than_the_gauges(sensor):

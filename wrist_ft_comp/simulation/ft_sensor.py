@@ -31,18 +31,6 @@ class FtSensor:
     thermometer_weights: FloatArray = field(repr=False)
 
 
-@dataclass(frozen=True, eq=False)
-class SimulatedRun:
-    """A simulated record."""
-
-    #: Readings, N and N m, axis order AXES, shape (N, 6).
-    wrench: FloatArray
-    #: Readings of the two thermometers, electronics and flange, °C, shape (N, 2).
-    temperature_c: FloatArray
-    #: State behind the last step, °C, shape (M,).
-    nodes_c: FloatArray
-
-
 def build_sensor(settings: FtSensorSettings, seed: int) -> FtSensor:
     """Build the specimen whose gauges a seed draws; another seed is another specimen."""
     gauges = draw_gauges(settings, np.random.default_rng(seed))
@@ -106,16 +94,15 @@ def simulate(
     drive: FloatArray,
     wrench: FloatArray,
     noise: tuple[np.random.Generator, np.random.Generator],
-) -> SimulatedRun:
-    """Let heat flow as ``trajectory``, and read the sensor under true wrenches, (N, 6)."""
+) -> tuple[FloatArray, FloatArray]:
+    """Read wrenches, (N, 6), under true ones, and thermometers, (N, 2), as ``trajectory`` goes."""
     # Noise comes from two sources, the wrench's and the thermometers', so that both streams equal
     # those of single steps.
-    states_c = trajectory(sensor, nodes_c, drive)
-    wrench_rng, thermometer_rng = noise
-    return SimulatedRun(
-        digitised_wrench(sensor, measured_wrench(sensor, states_c[:-1], wrench), wrench_rng),
-        digitised_temperatures(sensor, states_c[:-1], thermometer_rng),
-        states_c[-1],
+    states_c = trajectory(sensor, nodes_c, drive)[:-1]
+    measured = measured_wrench(sensor, states_c, wrench)
+    return (
+        digitised_wrench(sensor, measured, noise[0]),
+        digitised_temperatures(sensor, states_c, noise[1]),
     )
 
 

@@ -14,7 +14,7 @@ and room temperature, and a time step is exact.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.signal import cont2discrete
 
 from wrist_ft_comp.model.signals import FloatArray
 
@@ -109,20 +109,10 @@ def build_heat_flow(settings: FtSensorSettings) -> HeatFlow:
     motor = np.zeros(n + 2)
     motor[0] = s.max_motor_power_w
     inputs = np.column_stack((motor, convection)) / capacity[:, None]
-    return HeatFlow(rates, inputs, *_one_step(rates, inputs, settings.step_s))
-
-
-def _one_step(
-    rates: FloatArray, inputs: FloatArray, step_s: float
-) -> tuple[FloatArray, FloatArray]:
-    """Discretise exactly for inputs that are constant over a step (zero-order hold)."""
-    # exp [ A h  B h ]   [ Φ  Γ ]
-    #     [  0    0  ] = [ 0  I ]
-    m = len(rates)
-    block = np.zeros((m + 2, m + 2))
-    block[:m, :m], block[:m, m:] = rates * step_s, inputs * step_s
-    solution = expm(block)
-    return solution[:m, :m], solution[:m, m:]
+    # The outputs, which the library wants as well, are the states.
+    space = rates, inputs, np.eye(n + 2), np.zeros((n + 2, 2))
+    transition, step_inputs, *_ = cont2discrete(space, s.step_s)
+    return HeatFlow(rates, inputs, transition, step_inputs)
 
 
 def interpolation(cells: int, positions: FloatArray) -> FloatArray:

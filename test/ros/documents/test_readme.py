@@ -36,8 +36,7 @@ def simulate(number, duty):
     drive = simulated_run.drive(run, elapsed_s)
     start = ft_sensor.start(sensor, float(drive[0, 1]))
     true = simulated_run.true_wrench(run, elapsed_s)
-    result = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
-    return result.wrench, result.temperature_c
+    return ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
 
 
 def day(messages, number, duty):
