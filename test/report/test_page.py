@@ -96,8 +96,8 @@ def test_every_axis_has_its_verdict_and_its_numbers(kind, text, view):
         assert whole.count(axis.verdict.sentence) == 2  # at the top, and at the axis
         for value in astuple(axis.errors):
             assert number(value) in whole
-        for candidate in axis.candidates:
-            assert number(candidate.rms) in whole
+        for candidate in axis.entry['candidates']:
+            assert number(candidate['rms']) in whole
 
 
 def test_a_sensor_gets_the_verdict_it_deserves(view):
@@ -131,7 +131,7 @@ def test_a_refused_axis_is_said_once_at_the_top(make, tmp_path):
     axis = next(axis for axis in view.axes if axis.axis == 'force_z')
     assert axis.verdict.level == 'uncalibrated'
     assert axis.verdict.sentence.startswith(refusal)
-    assert axis.reason == ''
+    assert axis.entry['reason'] == ''
 
 
 def test_a_calibration_says_what_was_held_out(text):
@@ -152,10 +152,12 @@ def test_pictures_of_a_calibration_show_its_held_out_errors(view):
 
 
 def test_an_evaluation_says_what_was_learnt_and_tells_recordings_apart(view):
+    names = [each.name for each in view('evaluation').recordings]
     for axis in view('evaluation').axes:
-        assert axis.reason.startswith('pls')
-        assert len(axis.time_constant_errors_s) == len(axis.time_constants_s)
-        assert [name for name, _ in axis.parts] == [s.name for s in view('evaluation').sources]
+        assert axis.entry['reason'].startswith('pls')
+        spreads = axis.entry['time_constant_errors_s']
+        assert len(spreads) == len(axis.entry['time_constants_s'])
+        assert [name for name, _ in axis.parts] == names
         squares = np.square([errors.rms_after for _, errors in axis.parts])
         assert np.sqrt(squares.mean()) == pytest.approx(axis.errors.rms_after)
     whole = Outline(page(view('evaluation'))).whole
@@ -229,12 +231,13 @@ def test_loads_are_shown_where_they_are_known(make, tmp_path):
 
 
 def test_standard_errors_and_reasons_are_shown_where_they_are_known(view):
-    first = replace(
-        view('good').axes[0],
-        time_constants_s=(60.0, 7200.0),
-        time_constant_errors_s=(3.0, float('nan')),
-        reason='It was the simplest.',
-    )
+    told = {
+        'time_constants_s': [60.0, 7200.0],
+        'time_constant_errors_s': [3.0, None],
+        'reason': 'It was the simplest.',
+    }
+    first = view('good').axes[0]
+    first = replace(first, entry={**first.entry, **told})
     whole = Outline(page(replace(view('good'), axes=(first,)))).whole
     assert '60 ± 3 s, 2.0 h' in whole
     assert 'It was the simplest.' in whole

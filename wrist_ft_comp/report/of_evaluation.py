@@ -19,7 +19,7 @@ from wrist_ft_comp.report.view import (
     axis_view,
     ErrorSeries,
     model_sources,
-    recording_starts_h,
+    one_after_the_other,
     ReportView,
 )
 
@@ -63,7 +63,7 @@ def evaluation_view(
         axes.append(axis_view(stored, axis, evidence, errors, series[axis], parts=parts))
     ranges_c = [tuple(each['range_c']) for each in stored.document['thermometers']]
     references = ', '.join(dict.fromkeys(each.reference for each in evaluated))
-    learnt = {Path(source.name).name for source in model_sources(stored)}
+    learnt = {Path(name).name for name, _ in model_sources(stored)}
     no_proof = [
         f'By its name, {recording.name} is among the recordings that the model was learnt from, '
         'so it does not show what the model does on another day.'
@@ -83,13 +83,9 @@ def evaluation_view(
 
 def _series(evaluated: Sequence[EvaluatedRecording], leading: int) -> dict[str, ErrorSeries]:
     """Lay errors of all recordings out over time and temperature, by axis."""
-    starts = recording_starts_h([each.recording for each in evaluated])
-    parts = []
-    for number, each in enumerate(evaluated):
-        hours = starts[number] + each.recording.elapsed_s / 3600
-        at = each.recording.temperature_c[:, leading]
-        parts.append((hours, at, *each.errors, np.full(len(hours), number)))
-    hours, at, before, after, part = map(np.concatenate, zip(*parts, strict=True))
+    hours, temperature_c, part = one_after_the_other([each.recording for each in evaluated])
+    errors = zip(*(each.errors for each in evaluated), strict=True)
+    at, before, after = temperature_c[:, leading], *map(np.concatenate, errors)
     series = {}
     for column, axis in enumerate(AXES):
         rows = np.isfinite(before[:, column]) & np.isfinite(after[:, column])

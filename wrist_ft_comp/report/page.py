@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
+from itertools import repeat
 import math
 import re
 
@@ -12,7 +13,7 @@ from wrist_ft_comp.calibration.chamber import FIGURE_TITLES
 from wrist_ft_comp.model.payload.weight import Payload
 from wrist_ft_comp.report import GENERATOR, pictures
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
-from wrist_ft_comp.report.view import AxisView, ReportView
+from wrist_ft_comp.report.view import AxisView, model_sources, one_after_the_other, ReportView
 
 #: A number and its unit stay on one line, and so does N m.
 _UNITS = re.compile(r'(?<=\d) (?=(?:N m|N|°C|K|%|h|min|s)(?!\w))|(?<=N) (?=m)')
@@ -51,7 +52,8 @@ def _environment() -> Environment:
     environment.filters.update(number=number, svg=pictures.svg_text)
     environment.globals.update(
         centers=_centers, figure_titles=FIGURE_TITLES, generator=GENERATOR, learnt=_learnt,
-        levels=LEVEL_NAMES, number=number, pictures=pictures)  # fmt: skip
+        levels=LEVEL_NAMES, model_sources=model_sources, number=number,
+        one_after_the_other=one_after_the_other, pictures=pictures)  # fmt: skip
     return environment
 
 
@@ -71,20 +73,19 @@ def _join_units(value: object) -> object:
 def _learnt(axis: AxisView) -> Iterator[tuple[str, str]]:
     """List what was learnt."""
     yield 'removed drift', axis.drifts
-    yield 'chosen', axis.chosen
-    if axis.reason:
-        yield 'because', axis.reason
-    if axis.time_constants_s:
-        unknown = (math.nan,) * len(axis.time_constants_s)
-        errors = axis.time_constant_errors_s or unknown
-        pairs = zip(axis.time_constants_s, errors, strict=True)
+    entry = axis.entry
+    yield 'chosen', entry['chosen']
+    if entry['reason']:
+        yield 'because', entry['reason']
+    if times_s := entry['time_constants_s']:
+        pairs = zip(times_s, entry['time_constant_errors_s'] or repeat(None), strict=False)
         yield 'time constants', ', '.join(_duration(tau, error) for tau, error in pairs)
 
 
-def _duration(seconds: float, error: float) -> str:
+def _duration(seconds: float, error: float | None) -> str:
     """Write a time for people, and its standard error in the same unit, where that is known."""
     unit, size, digits = 's', 1, 0
     if seconds >= 120:
         unit, size, digits = ('min', 60, 1) if seconds < 7200 else ('h', 3600, 1)
-    spread = '' if math.isnan(error) else f' ± {error / size:.{digits}f}'
+    spread = '' if error is None else f' ± {error / size:.{digits}f}'
     return f'{seconds / size:.{digits}f}{spread} {unit}'

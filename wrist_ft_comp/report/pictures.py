@@ -29,6 +29,8 @@ _VARIABLES = {
     _INK: 'ink', _GRID: 'grid', _WITHOUT: 'without', _WITH: 'with',
     **{colour: f'thermometer-{j + 1}' for j, (colour, _) in enumerate(_THERMOMETERS)},
 }  # fmt: skip
+_SOLID: dict[str, Any] = {'color': _WITH, 'ls': '-', 'lw': 1.4}
+_DASHED: dict[str, Any] = {'color': _WITHOUT, 'ls': (0, (4, 1.5)), 'lw': 1.2}
 _SIZE = (4.6, 2.7)
 #: Parts of a line in which the lowest and the highest point are kept.
 _BUCKETS = 240
@@ -51,15 +53,10 @@ _PNG_POINTS = 4000
 
 def errors_over_time(series: ErrorSeries, unit: str) -> Figure:
     """Draw the errors of an axis over time; thin lines where one part ends and the next begins."""
-    figure, panel = _panel('time, h', f'error, {unit}')
-    for at in np.flatnonzero(np.diff(series.part)):
-        panel.axvline(series.hours[at : at + 2].mean(), color=_INK, lw=0.6, ls=':')
-    for values, colour, style, width, label in (
-        (series.before, _WITHOUT, (0, (4, 1.5)), 1.2, 'without compensation'),
-        (series.after, _WITH, '-', 1.4, 'with'),
-    ):
-        _line(panel, series.hours, values, series.part, color=colour, ls=style, lw=width,
-              label=label)  # fmt: skip
+    figure, panel = _panel_of_parts(f'error, {unit}', series.hours, series.part)
+    label = 'without compensation'
+    _line(panel, series.hours, series.before, series.part, label=label, **_DASHED)
+    _line(panel, series.hours, series.after, series.part, label='with', **_SOLID)
     _legend(panel)
     return figure
 
@@ -81,24 +78,15 @@ def errors_over_temperature(series: ErrorSeries, unit: str) -> Figure:
 def drift_after_a_step(unit: str, minutes: FloatArray, drift: FloatArray) -> Figure:
     """Draw how the drift follows each thermometer that warms by 1 K: what it adds, and when."""
     figure, panel = _panel('minutes after the thermometer warmed', f'drift, {unit} per K')
-    for j, values in enumerate(drift):
-        colour, style = _THERMOMETERS[j % len(_THERMOMETERS)]
-        every = np.zeros(len(values), dtype=np.int64)
-        _line(panel, minutes, values, every, color=colour, ls=style, lw=1.4,
-              label=f'thermometer {j + 1}')  # fmt: skip
+    _thermometer_lines(panel, minutes, drift.T, np.zeros(len(minutes), dtype=np.int64))
     panel.axhline(0.0, color=_INK, lw=0.6)
-    _legend(panel, columns=min(len(drift), 3))
     return figure
 
 
 def temperatures_over_time(hours: FloatArray, temperature_c: FloatArray, part: IntArray) -> Figure:
     """Draw all thermometers, (n, J), over time, broken between parts."""
     figure, panel = _panel('time, h', 'temperature, °C')
-    for j, values in enumerate(temperature_c.T):
-        colour, style = _THERMOMETERS[j % len(_THERMOMETERS)]
-        _line(panel, hours, values, part, color=colour, ls=style, lw=1.4,
-              label=f'thermometer {j + 1}')  # fmt: skip
-    _legend(panel, columns=min(temperature_c.shape[1], 3))
+    _thermometer_lines(panel, hours, temperature_c, part)
     return figure
 
 
@@ -141,13 +129,9 @@ def directions_seen(directions: FloatArray) -> Figure:
 
 def used_over_time(work: WorkView) -> Figure:
     """Draw the shares of the time that counted, and that were taken for contact."""
-    figure, panel = _panel('time, h', 'share of the time, %')
-    for at in np.flatnonzero(np.diff(work.part)):
-        panel.axvline(work.hours[at : at + 2].mean(), color=_INK, lw=0.6, ls=':')
-    _line(panel, work.hours, 100 * work.used, work.part, color=_WITH, ls='-', lw=1.4,
-          label='learnt from')  # fmt: skip
-    _line(panel, work.hours, 100 * work.pushed, work.part, color=_WITHOUT, ls=(0, (4, 1.5)),
-          lw=1.2, label='taken for contact')  # fmt: skip
+    figure, panel = _panel_of_parts('share of the time, %', work.hours, work.part)
+    _line(panel, work.hours, 100 * work.used, work.part, label='learnt from', **_SOLID)
+    _line(panel, work.hours, 100 * work.pushed, work.part, label='taken for contact', **_DASHED)
     panel.set_ylim(0, 100)
     _legend(panel)
     return figure
@@ -200,6 +184,23 @@ def _panel(x_label: str, y_label: str) -> tuple[Figure, Axes]:
     panel.spines[['top', 'right']].set_visible(False)
     panel.spines[['bottom', 'left']].set_color(_INK)
     return figure, panel
+
+
+def _panel_of_parts(y_label: str, hours: FloatArray, part: IntArray) -> tuple[Figure, Axes]:
+    """Prepare a picture over time; thin lines where one part ends and the next begins."""
+    figure, panel = _panel('time, h', y_label)
+    for at in np.flatnonzero(np.diff(part)):
+        panel.axvline(hours[at : at + 2].mean(), color=_INK, lw=0.6, ls=':')
+    return figure, panel
+
+
+def _thermometer_lines(panel: Axes, x: FloatArray, columns: FloatArray, part: IntArray) -> None:
+    """Draw a line per thermometer, (n, J)."""
+    for j, values in enumerate(columns.T):
+        colour, style = _THERMOMETERS[j % len(_THERMOMETERS)]
+        label = f'thermometer {j + 1}'
+        _line(panel, x, values, part, color=colour, ls=style, lw=1.4, label=label)
+    _legend(panel, columns=min(columns.shape[1], 3))
 
 
 def _legend(panel: Axes, columns: int = 2) -> None:

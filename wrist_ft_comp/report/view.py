@@ -2,13 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-import math
 from typing import Any, Literal
 
 import numpy as np
 
 from wrist_ft_comp.calibration.chamber import ChamberFigures
-from wrist_ft_comp.calibration.result import Candidate
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.learnt import LearntPayloads
@@ -19,6 +17,8 @@ from wrist_ft_comp.report.verdict import Evidence, judge, Verdict
 
 #: What a body does later is hardly seen in a warm-up, s.
 _RESPONSE_S = 7200.0
+#: What a model says of an axis that it does not know.
+_NOTHING = {'chosen': 'none', 'reason': '', 'time_constants_s': [], 'candidates': [], 'notes': []}
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,28 +51,11 @@ class AxisView:
     parts: Sequence[tuple[str, AxisEvaluation]]
     #: Which drifts are removed.
     drifts: str
-    #: Name of the candidate that was chosen, and why; the reason may be unknown.
-    chosen: str
-    reason: str
-    #: With their standard errors, NaN where unknown.
-    time_constants_s: tuple[float, ...]
-    time_constant_errors_s: tuple[float, ...]
-    #: All that were tried.
-    candidates: tuple[Candidate, ...]
-    #: What could not be learnt, and the like.
-    notes: tuple[str, ...]
+    #: What the model's file says of it (model.schema.json).
+    entry: Mapping[str, Any]
     #: How zero drift follows each thermometer that warms by 1 K, at T_ref, and stays there: min
     #: since it warmed, (n,), and what is added, (J, n). Without a model, none.
     responses: tuple[FloatArray, FloatArray] | None
-
-
-@dataclass(frozen=True)
-class Source:
-    """A recording: path or name, length if known, hash of its bytes if known."""
-
-    name: str
-    hours: float | None = None
-    sha256: str = ''
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,25 +100,6 @@ class ReportView:
     work: WorkView | None = None
 
     @property
-    def sources(self) -> tuple[Source, ...]:
-        """The recordings that the errors are of."""
-        return tuple(Source(each.name, each.duration_s / 3600) for each in self.recordings)
-
-    @property
-    def learnt_from(self) -> tuple[Source, ...]:
-        """What the model was made of."""
-        return model_sources(self.stored)
-
-    @property
-    def temperatures(self) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Times, h, (n,), temperatures, °C, (n, J), and which recording they are of, (n,)."""
-        pairs = zip(recording_starts_h(self.recordings), self.recordings, strict=True)
-        hours = [start + each.elapsed_s / 3600 for start, each in pairs]
-        part = np.repeat(np.arange(len(hours)), [len(each) for each in hours])
-        columns = np.concatenate([each.temperature_c for each in self.recordings])
-        return np.concatenate(hours), columns, part
-
-    @property
     def provenance(self) -> dict[str, str]:
         """Where the model came from, for people, by what it says."""
         document = self.stored.document
@@ -163,20 +127,12 @@ def axis_view(  # noqa: PLR0913 -- what is known of one axis, each a plain value
     parts: Sequence[tuple[str, AxisEvaluation]] = (),
 ) -> AxisView:
     """Judge an axis, and say of it what the model's file does; a model need not know it."""
-    entry = stored.document['axes'].get(axis, {})
+    entry = stored.document['axes'].get(axis, _NOTHING)
     model = stored.model.axes.get(axis)
-    spreads = entry.get('time_constant_errors_s', ())
     return AxisView(
         axis=axis, unit=evidence.unit, verdict=judge(evidence), errors=errors, series=series,
-        parts=parts, drifts=drifts_removed(model), chosen=entry.get('chosen', 'none'),
-        reason='' if evidence.refusal else entry.get('reason', ''),
-        time_constants_s=tuple(entry.get('time_constants_s', ())),
-        time_constant_errors_s=tuple(math.nan if each is None else each for each in spreads),
-        candidates=tuple(
-            Candidate(c['name'], c['rms'], c.get('weight', 0.0))
-            for c in entry.get('candidates', ())
-        ),
-        notes=tuple(entry.get('notes', ())),
+        parts=parts, drifts=drifts_removed(model),
+        entry={**entry, 'reason': ''} if evidence.refusal else entry,
         responses=None if model is None else _step_responses(model, stored.model.period_ns),
     )  # fmt: skip
 
@@ -207,16 +163,26 @@ def recording_starts_h(recordings: Sequence[Recording]) -> FloatArray:
     return np.concatenate(([0.0], ends_h[:-1]))
 
 
-def model_sources(stored: StoredModel) -> tuple[Source, ...]:
-    """List what a model was made from; people may have edited its provenance."""
+def one_after_the_other(
+    recordings: Sequence[Recording],
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Give times, h, (n,), temperatures, °C, (n, J), and which recording they are of, (n,)."""
+    pairs = zip(recording_starts_h(recordings), recordings, strict=True)
+    hours = np.concatenate([start + each.elapsed_s / 3600 for start, each in pairs])
+    temperature_c = np.concatenate([each.temperature_c for each in recordings])
+    part = np.repeat(np.arange(len(recordings)), [len(each) for each in recordings])
+    return hours, temperature_c, part
+
+
+def model_sources(stored: StoredModel) -> list[tuple[str, str]]:
+    """List paths and hashes, if known, of what a model was made from; people may have edited."""
     recordings = stored.document['provenance'].get('recordings')
-    if not isinstance(recordings, list):
-        return ()
-    return tuple(
-        Source(str(each.get('path', '?')), sha256=str(each.get('sha256', '')))
-        for each in recordings
+    known = recordings if isinstance(recordings, list) else []
+    return [
+        (str(each.get('path', '?')), str(each.get('sha256', '')))
+        for each in known
         if isinstance(each, dict)
-    )
+    ]
 
 
 def _listed(values: Any) -> str:
