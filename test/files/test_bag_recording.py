@@ -174,15 +174,6 @@ def test_a_bare_file_with_compressed_messages_sends_to_the_folder(make_bag):
         read(path / 'bag.mcap')
 
 
-@pytest.mark.parametrize(
-    ('name', 'sentence'), [('no.mcap', 'no.mcap does not exist'), ('a.txt', 'a.txt is no bag')]
-)
-def test_what_is_no_bag_is_refused(tmp_path, name, sentence):
-    (tmp_path / 'a.txt').write_text('text')
-    with pytest.raises(RecordingError, match=sentence):
-        read(tmp_path / name)
-
-
 @pytest.mark.parametrize('text', ['', '{', 'a: b', 'rosbag2_bagfile_information: {version: 99}'])
 def test_broken_metadata_is_refused(make_bag, text):
     path = make_bag(count=100)

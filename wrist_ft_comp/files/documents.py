@@ -9,7 +9,7 @@ from importlib import resources
 import json
 import os
 from pathlib import Path
-import tempfile
+from secrets import token_hex
 import time
 from typing import Any
 
@@ -35,14 +35,14 @@ def replace_file(target: Path, content: str | bytes) -> None:
     if target.exists() and not (target.is_file() or target.is_dir()):
         raise FileExistsError(errno.EEXIST, 'It is no regular file', str(target))
     data = content.encode(errors='replace') if isinstance(content, str) else content
-    handle, name = tempfile.mkstemp(_SUFFIX, f'.{target.name}.', target.parent)
-    neighbour = Path(name)
+    neighbour = target.parent / f'.{target.name}.{token_hex(4)}{_SUFFIX}'
     try:
-        with open(handle, 'wb') as file:  # noqa: PTH123 -- a handle has no path
-            os.fchmod(handle, _mode(target))
+        with neighbour.open('xb') as file:
+            if target.exists():
+                neighbour.chmod(target.stat().st_mode & 0o777)
             file.write(data)
             file.flush()
-            os.fsync(handle)
+            os.fsync(file.fileno())
         neighbour.replace(target)
         _sync_folder(target.parent)
     except BaseException:
@@ -60,15 +60,6 @@ def remove_leftovers(folder: Path) -> int:
                 path.unlink()
                 removed += 1
     return removed
-
-
-def _mode(target: Path) -> int:
-    """Permissions of the file that is replaced, or what a new file would get."""
-    if target.exists():
-        return target.stat().st_mode & 0o777
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask
 
 
 def _sync_folder(folder: Path) -> None:

@@ -62,22 +62,15 @@ def encode_job(job: CalibrationJob) -> str:
 def decode_job(text: str) -> CalibrationJob:
     """Read a job that encode_job wrote."""
     job = tuples(json.loads(text))
-    settings = job['settings']
+    settings, learning = job['settings'], job['learning']
     identification = settings['identification']
     identification['orders'] = Orders(**identification['orders'])
     settings['identification'] = IdentificationSettings(**identification)
-    learning = job['learning']
-    if learning is not None:
-        champion = learning['champion']
-        learning = Learning(**{**learning, 'champion': champion and Path(champion)})
-    return CalibrationJob(
-        **{
-            **job,
-            'recordings': tuple(Path(path) for path in job['recordings']),
-            'output': Path(job['output']),
-            'report': None if job['report'] is None else Path(job['report']),
-            'settings': CalibrationSettings(**settings),
-            'topics': Topics(**job['topics']),
-            'learning': learning,
-        }
-    )
+    job['settings'] = CalibrationSettings(**settings)
+    job['topics'] = Topics(**job['topics'])
+    job['recordings'] = tuple(map(Path, job['recordings']))
+    job['output'], job['report'] = Path(job['output']), job['report'] and Path(job['report'])
+    if learning:
+        learning['champion'] = learning['champion'] and Path(learning['champion'])
+        job['learning'] = Learning(**learning)
+    return CalibrationJob(**job)

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 import wrist_ft_comp
-from wrist_ft_comp.calibration.result import AxisFit, Calibration
+from wrist_ft_comp.calibration.result import Calibration
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.files.documents import beginning, Kind, plain
 from wrist_ft_comp.model.arx import Arx
@@ -27,6 +27,11 @@ _MAX_DEPTH = 30
 _MAX_EVENTS = 100_000
 #: libyaml's, where PyYAML was built with it, is six times as fast.
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+#: What is written of an axis.
+_KEPT = (
+    'chosen', 'unit', 'rms_before', 'rms_after', 'reason', 'time_constants_s',
+    'time_constant_errors_s', 'terms', 'notes', 'candidates', 'model',
+)  # fmt: skip
 # A model of six axes with hats and banks takes some tens of kilobytes.
 KIND = Kind(
     name='model file', says='wrist_ft_comp drift model', version=1, schema='model.schema.json',
@@ -214,10 +219,10 @@ def save_model(
         'format': KIND.says,
         'version': KIND.version,
         'period_ns': calibration.model.period_ns,
-        'thermometers': [{'range_c': row.tolist()} for row in calibration.temperature_range_c],
+        'thermometers': [{'range_c': row} for row in calibration.temperature_range_c],
         'duration_s': calibration.duration_s,
         'start_s': calibration.model.start_s,
-        'warnings': list(calibration.warnings),
+        'warnings': calibration.warnings,
         'provenance': {
             'created': datetime.now(timezone.utc).isoformat(timespec='seconds'),
             'versions': {
@@ -227,22 +232,24 @@ def save_model(
                 'scipy': version('scipy'),
             },
             'recordings': [{'path': source} for source in calibration.sources],
-            'settings': plain(calibration.settings),
+            'settings': calibration.settings,
             **(provenance or {}),
         },
-        'axes': {axis: _axis_document(fit) for axis, fit in calibration.fits.items()},
+        'axes': {
+            axis: {name: getattr(fit, name) for name in _KEPT}
+            for axis, fit in calibration.fits.items()
+        },
     }
-    text = yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=99)
+    # In plain values no list occurs twice, which YAML would write as an alias.
+    text = yaml.dump(
+        plain(document), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=99
+    )
     KIND.write(path, text)
     return load_model(path)
 
 
 class _Dumper(yaml.SafeDumper):
-    """Safe YAML with vectors on one line and without aliases."""
-
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 -- the library's signature
-        """Write everything out."""
-        return True
+    """Safe YAML with vectors on one line."""
 
 
 def _represent_list(dumper: _Dumper, data: list[Any]) -> yaml.Node:
@@ -252,12 +259,3 @@ def _represent_list(dumper: _Dumper, data: list[Any]) -> yaml.Node:
 
 
 _Dumper.add_representer(list, _represent_list)
-
-
-def _axis_document(fit: AxisFit) -> Document:
-    """Turn one axis into plain values, as the schema's "axis"."""
-    names = (
-        'chosen', 'unit', 'rms_before', 'rms_after', 'reason', 'time_constants_s',
-        'time_constant_errors_s', 'terms', 'notes', 'candidates', 'model',
-    )  # fmt: skip
-    return {name: plain(getattr(fit, name)) for name in names}

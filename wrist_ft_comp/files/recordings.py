@@ -36,6 +36,7 @@ from wrist_ft_comp.model.signals import (
     FORCE_CHANNELS,
     Progress,
     Recording,
+    REFERENCE_CHANNELS,
     ROTATION_CHANNEL,
     Samples,
     Topics,
@@ -46,6 +47,12 @@ BAG, CSV, TABLE = 'rosbag2', 'CSV recording', 'chamber table'
 REFERENCE = 'reference'
 SPECIFIC_FORCE = 'specific force'
 EXTERNAL_TOPIC = '/wrench_external'
+#: Of channels that are no temperatures.
+_ROLES = {
+    **dict.fromkeys(AXES, RAW_WRENCH),
+    **dict.fromkeys(REFERENCE_CHANNELS, REFERENCE),
+    **dict.fromkeys((*FORCE_CHANNELS, ROTATION_CHANNEL), SPECIFIC_FORCE),
+}
 _HASHED_AT_ONCE = 1 << 20
 
 
@@ -309,11 +316,6 @@ def _describe_samples(
 
 def _describe_channel(channel: str, samples: int, kind: str) -> ChannelSummary:
     """Name unit and role of a channel."""
-    if channel in {*FORCE_CHANNELS, ROTATION_CHANNEL}:
-        return ChannelSummary(channel, axis_unit(channel), samples, SPECIFIC_FORCE)
-    axis = channel.removeprefix('reference_')
-    if axis not in AXES:
-        return ChannelSummary(channel, '°C', samples, TEMPERATURE)
-    role = RAW_WRENCH if axis == channel else REFERENCE
-    unit = OUTPUT_UNIT if kind == TABLE else axis_unit(axis)
-    return ChannelSummary(channel, unit, samples, role)
+    role = _ROLES.get(channel, TEMPERATURE)
+    unit = OUTPUT_UNIT if kind == TABLE else axis_unit(channel.removeprefix('reference_'))
+    return ChannelSummary(channel, '°C' if role == TEMPERATURE else unit, samples, role)

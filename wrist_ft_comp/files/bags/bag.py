@@ -187,8 +187,6 @@ def write_bag(folder: Path, like: Bag, compression: str) -> AbstractContextManag
 
 def _choose(path: Path) -> Path:
     """Decide what to hand to the backend: the folder, or a storage file."""
-    if not path.exists():
-        raise RecordingError(f'{path} does not exist; expected a bag folder, .mcap or .db3 file.')
     chosen = path
     if path.is_dir() and not (path / 'metadata.yaml').exists():
         files = sorted(file for file in path.iterdir() if file.suffix in SUFFIXES)
@@ -203,8 +201,6 @@ def _choose(path: Path) -> Path:
                 'file. Name the folder that ros2 bag record made.'
             )
         chosen = files[0]
-    if chosen.is_file() and chosen.suffix not in SUFFIXES:
-        raise RecordingError(f'{path} is no bag: expected a folder, .mcap or .db3 file.')
     if chosen.is_file() and not chosen.stat().st_size:
         raise RecordingError(f'{chosen} is empty (0 bytes); nothing was recorded. Record again.')
     journals = chosen.glob('*.db3-wal') if chosen.is_dir() else [Path(f'{chosen}-wal')]

@@ -6,7 +6,6 @@ Only the learning job writes it, in one step. One that is broken or missing is m
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 import fcntl
 import os
 from pathlib import Path
@@ -104,10 +103,8 @@ def _entry_values(entry: DayEntry) -> Document:
 
 def _entry(values: Document) -> DayEntry:
     """Build an entry from values that were checked."""
-    known = frozenset(tuples(values['known']))
-    left = {
-        model: tuple(np.nan if each is None else float(each) for each in axes)
-        for model, axes in values['left'].items()
-    }
-    entry = DayEntry(**{key: tuples(value) for key, value in values.items() if key != 'left'})
-    return replace(entry, known=known, left=left)
+    entry = tuples(values)
+    entry['known'] = frozenset(entry['known'])
+    for model, axes in entry['left'].items():
+        entry['left'][model] = tuple(np.nan if each is None else float(each) for each in axes)
+    return DayEntry(**entry)
