@@ -93,6 +93,7 @@ class CompensatorNode(Node):
         self.calibration = CalibrateService(self.jobs.calibration, self.live.take, log)
         self.learning = Learner(chosen, self.live, self.calibration, self.jobs, log)
         self._silent = chosen['uncalibrated'] == 'silent'
+        self._unserved: list[Any] = []
         self._newest: tuple[int, Sequence[float], bytes] | None = None
         self._reported = time.monotonic(), copy(self.health.counts)
         self._create_publishers()
@@ -127,8 +128,7 @@ class CompensatorNode(Node):
         self.add_on_set_parameters_callback(self._validate_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self._check_topics()
-        later = [self.resolve_topic_name('wrench_reference'), *self._topics]
-        tell_unknown(self, later, log)
+        tell_unknown(self, (self.resolve_topic_name('wrench_reference'), *self._topics), log)
         # A steady clock: the node looks after itself where simulated time stands still, too.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_HOUSEKEEPING_PERIOD_S, self._keep_house, clock=steady)
@@ -191,11 +191,13 @@ class CompensatorNode(Node):
         result = self._subscribe(kind, topic, lambda _: None, qos)
         # Executors serve what stands in this list, at once or at their next wake-up.
         self._subscriptions.remove(result)
+        self._unserved.append(result)
         return result
 
     def destroy_subscription(self, subscription: Any) -> bool:
         """Destroy a subscription, also one that no executor takes."""
-        if subscription not in self._subscriptions:
+        if subscription in self._unserved:
+            self._unserved.remove(subscription)
             self._subscriptions.append(subscription)
         return bool(super().destroy_subscription(subscription))
 
@@ -400,8 +402,8 @@ class CompensatorNode(Node):
         self.recording.end()
         self.learning.end()
         self.state_keeper.end()
-        self._fields.end()
-        self.gravity.end(self.destroy_subscription)
+        for each in tuple(self._unserved):
+            self.destroy_subscription(each)
         if any(waiting):
             time.sleep(_FAREWELL_S)
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it

@@ -101,6 +101,17 @@ def negotiable(ours: str, topic: str, incompatible: dict[str, str], log: Any) ->
     return {'event_callbacks': events, 'qos_overriding_options': overridable()}
 
 
+def waiting(subscription: Any) -> Iterator[bytes]:
+    """Take, one after the other, what came to a subscription that no executor serves."""
+    handle = subscription.handle
+    for _ in range(subscription.qos_profile.depth):
+        with handle:
+            taken = handle.take_message(subscription.msg_type, True)  # as bytes
+        if taken is None:
+            return
+        yield taken[0]
+
+
 def wrench_message(stamp_ns: int, frame_id: str, values: Iterable[float]) -> WrenchStamped:
     """Build a message of six numbers, N and N m, axis order AXES."""
     message = WrenchStamped()

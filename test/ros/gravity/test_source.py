@@ -6,10 +6,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.signals import GRAVITY
 from wrist_ft_comp.ros.gravity.source import GravitySource
+from wrist_ft_comp.ros.messages import FAST_SENSOR
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -21,7 +23,8 @@ class Kept:
     """A subscription that only keeps messages."""
 
     def __init__(self):
-        self.handle, self.messages = self, []
+        self.handle, self.msg_type, self.qos_profile = self, Imu, FAST_SENSOR
+        self.messages = []
 
     def __enter__(self):
         return self

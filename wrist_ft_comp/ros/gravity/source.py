@@ -69,15 +69,9 @@ class GravitySource:
 
     def poll(self) -> None:
         """Take what an IMU has sent."""
-        if self._imu is None:
-            return
-        handle = self._imu.handle
-        with handle:
-            for _ in range(messages.FAST_SENSOR.depth):
-                taken = handle.take_message(Imu, True)  # as bytes
-                if taken is None:
-                    return
-                self._on_imu(taken[0])
+        if self._imu is not None:
+            for data in messages.waiting(self._imu):
+                self._on_imu(data)
 
     def mount(self) -> ForceFrame | None:
         """Tell how TF turns specific force into the wrench's frame; None where it does not."""
@@ -89,12 +83,6 @@ class GravitySource:
         self._tree.lower = locate(self._newest, IMU_DOUBLES).frame_id(self._newest)
         (rotation,) = self._tree.rotations(np.zeros(1, np.int64))
         return ForceFrame(rotation) if np.isfinite(rotation).all() else None
-
-    def end(self, destroy: Callable[[Any], object]) -> None:
-        """End what no executor knows of."""
-        if self._imu is not None:
-            destroy(self._imu)
-            self._imu = None
 
     def _on_imu(self, data: bytes) -> None:
         """Take one sensor_msgs/Imu; a gyroscope that is not there leaves zeros."""

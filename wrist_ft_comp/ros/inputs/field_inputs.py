@@ -1,5 +1,6 @@
 """Temperatures that are numbers in messages of any type, polled: being woken costs much."""
 
+from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -9,6 +10,7 @@ from rclpy.serialization import deserialize_message
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.temperature_source import header_stamp_ns, TemperatureSource
 from wrist_ft_comp.ros.inputs.topic_types import load_type, short, types_on
+from wrist_ft_comp.ros.messages import waiting
 
 #: Makes a subscription that no executor serves, of a type to a topic by its name as written.
 Subscribe = Callable[[Any, str], Any]
@@ -26,7 +28,6 @@ class FieldTopic:
         self._node, self._topic, self._name = node, topic, name
         self._subscribe = subscribe
         self._type = ''
-        self._kind: Any = None
         self._subscription: Any = None
 
     def look(self) -> None:
@@ -36,10 +37,11 @@ class FieldTopic:
             self.problem = f'{self._topic} has no publisher yet, so what it carries is not known'
         if not types or self._type in types:
             return
-        self.end()
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+        self._subscription, self._type = None, ''
         try:
-            self._kind = load_type(self._topic, types[0])
-            self._subscription = self._subscribe(self._kind, self._name)
+            self._subscription = self._subscribe(load_type(self._topic, types[0]), self._name)
         except SettingsError as error:
             self.problem = str(error).rstrip('.')
             return
@@ -49,17 +51,11 @@ class FieldTopic:
         """Take the newest message that came since the last time; None when there is none."""
         if self._subscription is None:
             return None
-        newest, handle = None, self._subscription.handle
-        for _ in range(self._subscription.qos_profile.depth):
-            with handle:
-                taken = handle.take_message(self._kind, True)  # as bytes
-            if taken is None:
-                break
-            newest = taken[0]
-        if newest is None:
+        newest = deque(waiting(self._subscription), maxlen=1)
+        if not newest:
             return None
         try:
-            message = deserialize_message(newest, self._kind)
+            message = deserialize_message(newest[0], self._subscription.msg_type)
         except RuntimeError:
             self.problem = (
                 f"a message of {self._topic} can't be read as {short(self._type)}; is the package "
@@ -68,12 +64,6 @@ class FieldTopic:
             return None
         self.problem = ''
         return message
-
-    def end(self) -> None:
-        """End the subscription, if there is one."""
-        if self._subscription is not None:
-            self._node.destroy_subscription(self._subscription)
-        self._subscription, self._type = None, ''
 
 
 class FieldInputs:
@@ -132,8 +122,3 @@ class FieldInputs:
             if each.problem:
                 found.update(dict.fromkeys(each.thermometers, each.problem))
         return found
-
-    def end(self) -> None:
-        """End all subscriptions."""
-        for each in self._topics.values():
-            each.end()
