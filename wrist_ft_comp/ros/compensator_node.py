@@ -26,7 +26,7 @@ from wrist_ft_comp.model.temperature_source import parse_sources, TemperatureSou
 from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.arguments.unknown import tell_unknown
 from wrist_ft_comp.ros.arguments.usage import usage
-from wrist_ft_comp.ros.diagnostics import diagnostic_array, diagnostics, Snapshot
+from wrist_ft_comp.ros.diagnostics import diagnostics, Snapshot
 from wrist_ft_comp.ros.gravity.source import GravitySource
 from wrist_ft_comp.ros.input_health import InputHealth
 from wrist_ft_comp.ros.inputs.field_inputs import FieldInputs
@@ -46,6 +46,7 @@ from wrist_ft_comp.ros.services.record import RecordService
 from wrist_ft_comp.ros.services.recorder import Recorder
 from wrist_ft_comp.ros.services.tare import TareService
 from wrist_ft_comp.ros.state_keeper import StateKeeper
+from wrist_ft_comp.ros.status import diagnostic_array
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.input_checks import is_plausible
 
@@ -358,19 +359,13 @@ class CompensatorNode(Node):
         """Take down what the diagnostics need."""
         self._look()
         reported_s, before = self._reported
-        now_s, recording = time.monotonic(), self.recording.current
+        now_s, raw = time.monotonic(), self._raw.topic_name
         self._reported = now_s, copy(self.health.counts)
-        saved, raw = self.state_keeper.writer, self._raw.topic_name
         return Snapshot(
-            now_s=now_s, health=self.health, stream=self.compensator, before=before,
-            elapsed_s=now_s - reported_s, model=self.live.stored, model_problem=self.live.problem,
-            state_origin=self.state_keeper.outcome, save_problem=saved.problem,
-            saves=saved.written, save_took_s=saved.took_s,
-            calibrating_s=self.calibration.running_s,
-            last_calibration=self.calibration.last_outcome,
-            calibration_refused=self.calibration.refused,
-            recording=None if recording is None else (self.recording.path, recording.rows),
-            recording_failure=self.recording.failure, last_refusal=self._log.last_refusal,
+            now_s=now_s, health=self.health, stream=self.compensator, live=self.live,
+            state_keeper=self.state_keeper, calibration=self.calibration,
+            recording=self.recording, last_refusal=self._log.last_refusal,
+            before=before, elapsed_s=now_s - reported_s,
             wrench_topic=raw, temperature_topics=tuple(each.topic for each in self._sources),
             unreadable=self._fields.unreadable, thermometer_problems=self._thermometer_problems(),
             wrench_publishers=self.count_publishers(raw),

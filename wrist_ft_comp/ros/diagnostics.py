@@ -1,37 +1,22 @@
 """What the node says of itself: ``diagnostics`` judges a snapshot; thermometer 0 is called 1."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Iterator, Mapping
+from typing import NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 
-from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray
 from wrist_ft_comp.ros.input_health import Counts, InputHealth
+from wrist_ft_comp.ros.live_model import LiveModel, summary
+from wrist_ft_comp.ros.services.calibrate import CalibrateService
+from wrist_ft_comp.ros.services.record import RecordService
+from wrist_ft_comp.ros.state_keeper import StateKeeper
+from wrist_ft_comp.ros.status import ERROR, OK, STALE, Status, WARN
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.input_checks import other_unit, PLAUSIBLE_C
 
-OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
-ERROR, STALE = DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 #: Stamps of wrenches and temperatures that differ by more come from different clocks.
 _SAME_CLOCK_S = 3600.0
-
-
-@dataclass(frozen=True)
-class Status:
-    """How it stands with one thing, such as ``temperature``."""
-
-    name: str
-    #: OK, WARN, ERROR or STALE.
-    level: bytes
-    #: What is, and what to do.
-    message: str
-    #: Numbers behind it.
-    values: dict[str, str] = field(default_factory=dict)
 
 
 class Snapshot(NamedTuple):
@@ -40,38 +25,26 @@ class Snapshot(NamedTuple):
     now_s: float
     health: InputHealth
     stream: Compensator
-    #: What had been counted at the report before, and how long ago that was.
-    before: Counts = Counts()
-    elapsed_s: float = 1.0
-    #: The live model, and what is wrong with it or with the one that should be live.
-    model: StoredModel | None = None
-    model_problem: str = ''
-    #: What became of the state of the last run, why this one's cannot be saved, how often it was
-    #: and how long that took the last time.
-    state_origin: str = ''
-    save_problem: str = ''
-    saves: int = 0
-    save_took_s: float = 0.0
-    #: How long a calibration has been running, what the last one answered, and if it was refused.
-    calibrating_s: float | None = None
-    last_calibration: str = ''
-    calibration_refused: bool = False
-    #: The running recording and its rows, and why the last one ended early.
-    recording: tuple[Path, int] | None = None
-    recording_failure: str = ''
+    live: LiveModel
+    state_keeper: StateKeeper
+    calibration: CalibrateService
+    recording: RecordService
     #: Which request was refused last, and why.
-    last_refusal: str = ''
+    last_refusal: str
+    #: What had been counted at the report before, and how long ago that was.
+    before: Counts
+    elapsed_s: float
     #: Full name, and relative ones; how many publishers each has.
-    wrench_topic: str = 'wrench_raw'
-    temperature_topics: tuple[str, ...] = ('temperature',)
+    wrench_topic: str
+    temperature_topics: tuple[str, ...]
     #: What the topic carries instead of wrenches; empty when it is right.
-    wrench_problem: str = ''
+    wrench_problem: str
     #: Messages of which no temperature could be read.
-    unreadable: int = 0
+    unreadable: int
     #: Why a thermometer, counted from 0, can't be read; only those that can't.
-    thermometer_problems: Mapping[int, str] = MappingProxyType({})
-    wrench_publishers: int = 1
-    temperature_publishers: tuple[int, ...] = (1,)
+    thermometer_problems: Mapping[int, str]
+    wrench_publishers: int
+    temperature_publishers: tuple[int, ...]
 
     def rate_hz(self, what: str) -> float:
         """Messages of one count per second, since the report before."""
@@ -154,14 +127,14 @@ def _temperature(now: Snapshot) -> Status:
     """Judge the thermometers: silent, unusable, on another clock, out of range, or well."""
     health, tracker = now.health, now.stream.tracker
     numbers = {
-        'state': now.state_origin,
+        'state': now.state_keeper.outcome,
         'rate_hz': f'{now.rate_hz("temperatures"):.1f}',
         'rejected': str(tracker.grid.rejected),
         'stray_stamps': str(tracker.timestamp_filter.strays),
         'stamps_leapt': str(tracker.timestamp_filter.leaps),
         'stamps_restarted': str(tracker.grid.restarts),
         'unusable': str(health.counts.bad_temperatures + now.unreadable),
-        'jumps': str(sum(health.thermometers.jumps)),
+        'jumps': str(health.thermometers.jumps.sum()),
     }
     for j, last_s in enumerate(health.last_temperature_s, start=1):
         numbers[f'thermometer_{j}_age_s'] = now.age(last_s)
@@ -207,8 +180,7 @@ def _thermometer_troubles(now: Snapshot) -> Iterator[str]:
         yield 'a temperature was dropped, because its stamp was far from those around it'
     yield from _outside(now)
     if 'jump' in recent:
-        jumps = health.thermometers.jumps
-        worst = max(range(len(jumps)), key=jumps.__getitem__)
+        worst = int(np.argmax(health.thermometers.jumps))
         yield (
             f'thermometer {worst + 1} jumped by {health.thermometers.last_jump_k[worst]:.1f} K, '
             'faster than metal can; is it loose? The correction follows at max_drift_rate'
@@ -254,8 +226,8 @@ def _outside(now: Snapshot) -> Iterator[str]:
     if not outside or temperature_c is None:
         return
     hint = ''
-    if now.model is not None:
-        low_c, high_c = now.model.document['thermometers'][outside[0]]['range_c']
+    if now.live.stored is not None:
+        low_c, high_c = now.live.stored.document['thermometers'][outside[0]]['range_c']
         unit = other_unit(float(temperature_c[outside[0]]), low_c, high_c)
         hint = f'. In {unit} it would be inside: check the unit' if unit else ''
     yield (
@@ -266,12 +238,15 @@ def _outside(now: Snapshot) -> Iterator[str]:
 
 def _model(now: Snapshot) -> Status:
     """Tell which model is live."""
-    stored = now.model
-    numbers = {'state_saves': str(now.saves), 'state_save_took_ms': f'{1e3 * now.save_took_s:.1f}'}
+    stored, problem, saved = now.live.stored, now.live.problem, now.state_keeper.writer
+    numbers = {
+        'state_saves': str(saved.written),
+        'state_save_took_ms': f'{1e3 * saved.took_s:.1f}',
+    }
     if stored is None:
-        why = now.model_problem or 'no model; record a warm-up and call ~/calibrate'
-        why = f'{why}; {now.save_problem}' if now.save_problem else why
-        return Status('model', ERROR if now.model_problem else WARN, why, numbers)
+        why = problem or 'no model; record a warm-up and call ~/calibrate'
+        why = f'{why}; {saved.problem}' if saved.problem else why
+        return Status('model', ERROR if problem else WARN, why, numbers)
     numbers |= {
         'file': str(stored.path),
         'sha256': stored.sha256,
@@ -281,32 +256,26 @@ def _model(now: Snapshot) -> Status:
     }
     for j, entry in enumerate(stored.document['thermometers'], start=1):
         numbers[f'thermometer_{j}_calibrated_c'] = '{:.1f} to {:.1f}'.format(*entry['range_c'])
-    trouble = now.model_problem or now.save_problem
+    trouble = problem or saved.problem
     return Status('model', WARN if trouble else OK, trouble or summary(stored), numbers)
-
-
-def summary(stored: StoredModel) -> str:
-    """Say what a live model compensates, in a few words."""
-    count = len(stored.model.axes)
-    return f'compensating {count} {"axis" if count == 1 else "axes"}'
 
 
 def _calibration(now: Snapshot) -> Status:
     """Report recording, running calibration, and last outcome."""
+    calibration, recording = now.calibration, now.recording.current
     numbers = {
-        'last': now.last_calibration or 'none yet',
+        'last': calibration.last_outcome or 'none yet',
         'last_refusal': now.last_refusal or 'none yet',
     }
-    if now.recording is not None:
-        path, rows = now.recording
-        numbers |= {'recording': str(path), 'recorded_cells': str(rows)}
-    if now.calibrating_s is not None:
-        return Status('calibration', OK, f'running for {now.calibrating_s:.0f} s', numbers)
-    if now.recording_failure:
-        return Status('calibration', WARN, now.recording_failure, numbers)
-    if now.calibration_refused:
+    if recording is not None:
+        numbers |= {'recording': str(now.recording.path), 'recorded_cells': str(recording.rows)}
+    if calibration.running_s is not None:
+        return Status('calibration', OK, f'running for {calibration.running_s:.0f} s', numbers)
+    if now.recording.failure:
+        return Status('calibration', WARN, now.recording.failure, numbers)
+    if calibration.refused:
         return Status('calibration', WARN, 'the last one was refused; see "last"', numbers)
-    return Status('calibration', OK, 'recording' if now.recording else 'idle', numbers)
+    return Status('calibration', OK, 'recording' if recording else 'idle', numbers)
 
 
 def _output(now: Snapshot) -> Status:
@@ -349,19 +318,3 @@ def _axis_numbers(stream: Compensator) -> dict[str, str]:
         numbers[f'{axis}_sensitivity'] = f'{100 * sensitivity:.3g} %'
         numbers[f'{axis}_tare'] = f'{tare:.4g} {unit}'
     return numbers
-
-
-def diagnostic_array(
-    stamp: Any, node_name: str, hardware_id: str, statuses: Sequence[Status]
-) -> DiagnosticArray:
-    """Build what goes to /diagnostics; each status is named "node: status" (REP-107)."""
-    array = DiagnosticArray()
-    array.header.stamp = stamp
-    array.status = [
-        DiagnosticStatus(
-            level=status.level, name=f'{node_name}: {status.name}', message=status.message,
-            hardware_id=hardware_id,
-            values=[KeyValue(key=key, value=value) for key, value in status.values.items()])
-        for status in statuses
-    ]  # fmt: skip
-    return array

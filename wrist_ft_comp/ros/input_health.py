@@ -102,7 +102,7 @@ class InputHealth:
             'frame': self.frame_changes,
             'ran_back': self.sensor.ran_back,
             'leapt': self.sensor.leapt,
-            'jump': sum(self.thermometers.jumps),
+            'jump': int(self.thermometers.jumps.sum()),
             'stray temperature': strays,
             'temperature leapt': tracker.timestamp_filter.leaps + grid.restarts,
         }

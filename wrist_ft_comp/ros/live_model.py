@@ -9,7 +9,6 @@ from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.model.drift_model import check_fits, DriftModel, StoredModel
-from wrist_ft_comp.ros.diagnostics import summary
 from wrist_ft_comp.ros.node_log import NodeLog
 
 
@@ -177,3 +176,9 @@ class LiveModel:
             else f'compensating with {before} again'
         )
         return f'{now}\nwarning: {problem}' if problem else now
+
+
+def summary(stored: StoredModel) -> str:
+    """Say what a live model compensates, in a few words."""
+    count = len(stored.model.axes)
+    return f'compensating {count} {"axis" if count == 1 else "axes"}'

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import re
 from typing import Any
 
-from wrist_ft_comp.ros.diagnostics import ERROR, OK, STALE, Status
+from wrist_ft_comp.ros.status import ERROR, OK, STALE, Status
 
 #: Reports for which a driver may take its time to start.
 _PATIENCE = 5

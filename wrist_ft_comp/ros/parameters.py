@@ -1,7 +1,6 @@
 """Parameters: what a table's row is, how a node declares a table, and the compensator's own."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 import math
@@ -102,9 +101,7 @@ def declare(node: Node, table: Sequence[Parameter]) -> None:
         given = node.get_parameter(row.name).value
         node.undeclare_parameter(row.name)
         value = converted(row, row.default if given is None else given)
-        node.declare_parameter(
-            row.name, row.ros_type, descriptor(row, read_only=False), ignore_override=True
-        )
+        node.declare_parameter(row.name, row.ros_type, ignore_override=True)
         node.set_parameters([ros_parameter(row, value)])
         node.set_descriptor(row.name, descriptor(row))
     rows = {row.name: row for row in table}
@@ -147,15 +144,14 @@ def _converted_scalar(row: Parameter, value: Any) -> Any:
     )
 
 
-def descriptor(row: Parameter, read_only: bool | None = None) -> ParameterDescriptor:
-    """Describe a parameter as ``ros2 param describe`` shows it; read_only overrides the row's."""
+def descriptor(row: Parameter) -> ParameterDescriptor:
+    """Describe a parameter as ``ros2 param describe`` shows it."""
     unit = f' Unit: {row.unit}.' if row.unit else ''
     when = 'Read at start-up only.' if row.read_only else 'May change at run time.'
     result = ParameterDescriptor(
         name=row.name, type=row.ros_type.value,
         description=f'{row.description}{unit} {when}',
-        additional_constraints=f'Must be {row.allowed}.',
-        read_only=row.read_only if read_only is None else read_only)  # fmt: skip
+        additional_constraints=f'Must be {row.allowed}.', read_only=row.read_only)  # fmt: skip
     low, high = row.minimum, row.maximum
     if row.is_array or (low, high) == (-math.inf, math.inf):
         return result
@@ -179,18 +175,21 @@ def _converted_where_possible(
     rows: dict[str, Parameter], given: Sequence[RosParameter]
 ) -> list[RosParameter]:
     """Convert the parameters of a set request; what cannot be converted stays as it is."""
-    result = list(given)
-    for place, each in enumerate(given):
-        row = rows.get(each.name)
-        if row is None or each.value is None:
-            continue
-        with suppress(SettingsError):
-            result[place] = ros_parameter(row, converted(row, each.value))
-            continue
-        if row.ros_type == _Type.DOUBLE and type(each.value) is int:
+    return [
+        _converted_if_possible(rows[each.name], each) if each.name in rows else each
+        for each in given
+    ]
+
+
+def _converted_if_possible(row: Parameter, given: RosParameter) -> RosParameter:
+    """Convert one of these."""
+    try:
+        return ros_parameter(row, converted(row, given.value))
+    except SettingsError:
+        if row.ros_type == _Type.DOUBLE and type(given.value) is int:
             # So that the refusal speaks of the range, not of a type that would do.
-            result[place] = ros_parameter(row, float(each.value))
-    return result
+            return ros_parameter(row, float(given.value))
+        return given
 
 
 def _validated(rows: dict[str, Parameter], wanted: Sequence[RosParameter]) -> SetParametersResult:

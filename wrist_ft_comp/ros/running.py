@@ -1,6 +1,5 @@
 """How nodes run: until a signal or an error, on one executor, one node for each sensor."""
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, ExitStack
 import gc
@@ -45,9 +44,9 @@ USER_ERRORS = (
 
 def run_nodes(factory: NodesFactory, argv: Sequence[str] | None = None, usage: str = '') -> int:
     """Run the nodes of ``factory(context=…)`` on one executor until a signal or an error."""
-    # The first node's parameter ``executor`` chooses it, where it is declared. Returned is the
-    # exit code: 0 after a signal, or when ``--help`` showed the usage; 1 after an error of this
-    # package, which was logged as one sentence.
+    # The first node's parameter ``executor`` chooses it. Returned is the exit code: 0 after a
+    # signal, or when ``--help`` showed the usage; 1 after an error of this package, which was
+    # logged as one sentence.
     words = list(sys.argv if argv is None else argv)
     if usage and not set(HELP).isdisjoint(words[1:]):
         sys.stdout.write(usage)
@@ -116,9 +115,7 @@ def _create_and_spin(factory: NodesFactory, context: Context, stop: threading.Ev
         nodes: Sequence[Any] = factory(context=context)
         for node in nodes:
             stack.callback(node.destroy_node)
-        declared = nodes[0].has_parameter('executor')
-        choice = nodes[0].get_parameter('executor').value if declared else 'auto'
-        executor = make_executor(choice, context)
+        executor = make_executor(nodes[0].get_parameter('executor').value, context)
         stack.callback(executor.shutdown)
         for node in nodes:
             executor.add_node(node)
@@ -187,8 +184,8 @@ def _make_nodes(
 
 def _check_names(names: Sequence[str]) -> None:
     """Refuse what cannot be a namespace of its own."""
-    for name, count in Counter(names).items():
-        if count > 1:
+    for name in names:
+        if (count := names.count(name)) > 1:
             raise SettingsError(
                 f'sensors must name every sensor once; got {name} {count} times. Give each wrist '
                 'a name of its own.'

@@ -1,9 +1,10 @@
 """Readings that no sensor makes: frozen, saturated, leaping, jumping, or in another unit."""
 
 from collections.abc import Sequence
-from math import inf
 
-from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
+import numpy as np
+
+from wrist_ft_comp.model.signals import AXES, FloatArray, IntArray, NANOSECONDS
 
 #: Looks in a row with the same reading after which it counts as frozen.
 LOOKS = 50
@@ -26,21 +27,21 @@ class SensorWatch:
         #: Whether the newest wrench had no stamp.
         self.unstamped = False
         self._looks = looks
-        self._raw: Sequence[float] = ()
-        self._same = [0] * len(AXES)
-        self._least = [inf] * len(AXES)
-        self._most = [-inf] * len(AXES)
+        #: Per axis: the newest reading, how often it was the same, and its least and largest.
+        self._raw: FloatArray = np.full(len(AXES), np.nan)
+        self._same: IntArray = np.zeros(len(AXES), np.int64)
+        self._least: FloatArray = self._raw
+        self._most: FloatArray = self._raw
         self._stamp_ns: int | None = None
         self._step_ns = 0
         self._same_stamps = 0
 
     def look(self, stamp_ns: int, raw: Sequence[float]) -> None:
         """Look at another wrench, N and N m, and its stamp, ns; 0 when it has none."""
-        for i, value in enumerate(raw):
-            self._same[i] = self._same[i] + 1 if self._raw and value == self._raw[i] else 0
-            self._least[i] = min(self._least[i], value)
-            self._most[i] = max(self._most[i], value)
-        self._raw = raw
+        before, self._raw = self._raw, np.array(raw)
+        self._same = np.where(self._raw == before, self._same + 1, 0)
+        self._least = np.fmin(self._least, self._raw)
+        self._most = np.fmax(self._most, self._raw)
         self.unstamped = not stamp_ns
         if stamp_ns:
             self._look_at_stamp(stamp_ns)
@@ -63,20 +64,16 @@ class SensorWatch:
     @property
     def frozen(self) -> bool:
         """Whether the reading has been the same, to the last bit, on all axes."""
-        return min(self._same) >= self._looks
+        return bool(self._same.min() >= self._looks)
 
     @property
     def saturated(self) -> tuple[str, ...]:
         """Axes that moved once and stay exactly at their largest or least value; others move."""
         if self.frozen:
             return ()
-        return tuple(
-            axis
-            for axis, same, value, least, most in zip(
-                AXES, self._same, self._raw or self._same, self._least, self._most, strict=True
-            )
-            if same >= self._looks and least < most and value in {least, most}
-        )
+        extreme = (self._raw == self._least) | (self._raw == self._most)
+        stuck = (self._same >= self._looks) & (self._least < self._most) & extreme
+        return tuple(AXES[i] for i in np.flatnonzero(stuck))
 
 
 class ThermometerWatch:
@@ -84,9 +81,9 @@ class ThermometerWatch:
 
     def __init__(self, thermometers: int) -> None:
         #: Jumps of each thermometer.
-        self.jumps = [0] * thermometers
+        self.jumps: IntArray = np.zeros(thermometers, np.int64)
         #: The newest jump of each, K.
-        self.last_jump_k = [0.0] * thermometers
+        self.last_jump_k: FloatArray = np.zeros(thermometers)
         self._before: FloatArray | None = None
 
     def look(self, temperature_c: FloatArray, cells: int, period_ns: int) -> None:
@@ -95,10 +92,10 @@ class ThermometerWatch:
         if before is None:
             return
         limit_k = _JUMP_K + _JUMP_K_S * cells * period_ns / NANOSECONDS
-        for j, step_k in enumerate((temperature_c - before).tolist()):
-            if abs(step_k) > limit_k:
-                self.jumps[j] += 1
-                self.last_jump_k[j] = step_k
+        step_k = temperature_c - before
+        jumped = np.abs(step_k) > limit_k
+        self.jumps += jumped
+        self.last_jump_k[jumped] = step_k[jumped]
 
 
 def other_unit(value: float, lower_c: float, upper_c: float) -> str:

@@ -21,8 +21,8 @@ from std_srvs.srv import SetBool, Trigger
 from wrist_ft_comp.calibration.result import AxisFit, Calibration
 from wrist_ft_comp.files.model_file import save_model
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
-from wrist_ft_comp.ros.diagnostics import Status
 from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros.status import Status
 
 TIMEOUT_S = 60.0
 SECOND = 1_000_000_000

@@ -1,15 +1,17 @@
 """What the node says of itself; of faults that come in, see test_input_faults.py."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.ros import compensator_node
-from wrist_ft_comp.ros.diagnostics import diagnostics, Snapshot, Status
-from wrist_ft_comp.ros.input_health import InputHealth
+from wrist_ft_comp.ros.diagnostics import diagnostics
+from wrist_ft_comp.ros.input_health import Counts, InputHealth
 from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros.status import Status
 from wrist_ft_comp.stream.compensator import Compensator
 
 SECOND = 1_000_000_000
@@ -35,13 +37,16 @@ def test_diagnostics_come_once_a_second_unless_a_test_hurries_them():
     assert compensator_node._DIAGNOSTICS_PERIOD_S == 1.0
 
 
-def test_they_are_a_function_of_a_snapshot_and_nothing_else():
+def test_they_are_a_function_of_a_snapshot_and_nothing_else(rig):
     health = InputHealth(2)
     health.counts.wrenches = 1000
     health.look(9.0, START, LOAD, 'tool0', stamped=True)
     for thermometer in (0, 1):
         health.take_temperature(9.5, thermometer, START, stamped=True)
-    snapshot = Snapshot(10.0, health, Compensator(2), elapsed_s=2.0, temperature_publishers=(1, 1))
+    snapshot = rig(thermometers=2).node._snapshot()
+    snapshot = snapshot._replace(
+        now_s=10.0, health=health, stream=Compensator(2), before=Counts(), elapsed_s=2.0
+    )
     statuses = diagnostics(snapshot)
     assert all(isinstance(each, Status) for each in statuses)
     assert [(each.name, each.level) for each in statuses] == [
@@ -51,9 +56,11 @@ def test_they_are_a_function_of_a_snapshot_and_nothing_else():
     assert (statuses[0].values['age_s'], statuses[0].values['frame']) == ('1.0', 'tool0')
     assert statuses[1].values['thermometer_2_age_s'] == '0.5'
     assert diagnostics(snapshot) == statuses
-    status = diagnostics(snapshot._replace(recording=(Path('run.csv'), 7)))[3]
+    recording = SimpleNamespace(current=SimpleNamespace(rows=7), path=Path('run.csv'), failure='')
+    status = diagnostics(snapshot._replace(recording=recording))[3]
     assert (status.message, status.values['recording']) == ('recording', 'run.csv')
-    status = diagnostics(snapshot._replace(last_calibration='no', calibration_refused=True))[3]
+    refused = SimpleNamespace(last_outcome='no', refused=True, running_s=None)
+    status = diagnostics(snapshot._replace(calibration=refused))[3]
     assert (status.level, status.values['last']) == (WARN, 'no')
 
 

@@ -190,26 +190,20 @@ class Learner:
 
     def adopt(self, *_: Any) -> str:
         """Make the offered model live; say which."""
+        memory = self.memory
         try:
-            return self._adopt()
+            if self.why_not or not memory.offered:
+                none = f'No better model is offered: {memory.verdict or "no day is judged yet"}.'
+                raise SettingsError(self.why_not or none)
+            stored = self._live.load(self.offered)
+            if stored.sha256 != memory.sha256:
+                raise SettingsError(
+                    f'{stored.path} is not what was judged: somebody changed it. Set model_file '
+                    'if that is what you want.'
+                )
+            problem = self._live.take(stored)
         except WristFtCompError as error:
             raise SettingsError(f'{error} The running model stays.') from error
-
-    def _adopt(self) -> str:
-        """Swap the offered model in; say which."""
-        memory = self.memory
-        if self.why_not or not memory.offered:
-            raise SettingsError(
-                self.why_not
-                or f'No better model is offered: {memory.verdict or "no day is judged yet"}.'
-            )
-        stored = self._live.load(self.offered)
-        if stored.sha256 != memory.sha256:
-            raise SettingsError(
-                f'{stored.path} is not what was judged: somebody changed it. Set model_file if '
-                'that is what you want.'
-            )
-        problem = self._live.take(stored)
         self._decide(f'{memory.offered} was adopted: {memory.why}')
         message = f'compensating with {stored.path}: {memory.why}'
         return f'{message}\nwarning: {problem}' if problem else message

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from wrist_ft_comp.ros.diagnostics import OK, Status, WARN
 from wrist_ft_comp.ros.learning.learning import Learner
+from wrist_ft_comp.ros.status import OK, Status, WARN
 
 
 def learning_status(learner: Learner) -> Iterator[Status]:

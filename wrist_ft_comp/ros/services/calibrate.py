@@ -36,7 +36,7 @@ class CalibrationProcess:
     """One running calibration; OSError when it cannot be started."""
 
     def __init__(self, job: CalibrationJob) -> None:
-        self._process = subprocess.Popen(  # noqa: S603 -- our own command line
+        self._process = process = subprocess.Popen(  # noqa: S603 -- our own command line
             COMMAND,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -46,7 +46,8 @@ class CalibrationProcess:
         )
         if job.learning is not None:
             os.setpriority(os.PRIO_PROCESS, self.pid, _LOWEST)
-        entrance, *exits = self._pipes()
+        self._pipes: tuple[Any, ...] = (process.stdin, process.stdout, process.stderr)
+        entrance, *exits = self._pipes
         #: What came so far, per pipe.
         self._read: dict[int, list[bytes]] = {pipe.fileno(): [] for pipe in exits}
         for pipe in self._read:
@@ -54,10 +55,6 @@ class CalibrationProcess:
         with suppress(BrokenPipeError):  # a process that has died already says so in poll
             entrance.write(encode_job(job).encode() + b'\n')
             entrance.flush()
-
-    def _pipes(self) -> tuple[Any, Any, Any]:
-        """Return standard input, output and error."""
-        return self._process.stdin, self._process.stdout, self._process.stderr
 
     @property
     def pid(self) -> int:
@@ -101,7 +98,7 @@ class CalibrationProcess:
 
     def _close(self) -> None:
         """Close the pipes."""
-        for pipe in self._pipes():
+        for pipe in self._pipes:
             with suppress(BrokenPipeError):  # what was buffered for a process that died
                 pipe.close()
 
