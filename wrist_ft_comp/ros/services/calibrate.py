@@ -46,7 +46,7 @@ class CalibrationProcess:
         )
         if job.learning is not None:
             os.setpriority(os.PRIO_PROCESS, self.pid, _LOWEST)
-        self._pipes: tuple[Any, ...] = (process.stdin, process.stdout, process.stderr)
+        self._pipes: list[Any] = [process.stdin, process.stdout, process.stderr]
         entrance, *exits = self._pipes
         #: What came so far, per pipe.
         self._read: dict[int, list[bytes]] = {pipe.fileno(): [] for pipe in exits}
