@@ -28,11 +28,12 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from stand import make_model, message, Sensor, write_warm_up
 
+from wrist_ft_comp.calibration.learning.entry import DayEntry, Diary
 from wrist_ft_comp.cli.tables import days_text
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.files.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.files.days.day_files import DayFiles
-from wrist_ft_comp.files.days.diary import DayEntry, Diary, diary_path, load_diary, save_diary
+from wrist_ft_comp.files.days.diary import diary_path, load_diary, save_diary
 from wrist_ft_comp.files.days.memory import load_memory, Memory, save_memory
 from wrist_ft_comp.files.days.survey import survey
 from wrist_ft_comp.files.model_file import load_model

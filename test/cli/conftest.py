@@ -66,7 +66,7 @@ def process():
     """Start a command as a process of its own."""
 
     def start(*argv, **more):
-        command = [sys.executable, '-m', 'wrist_ft_comp.cli.main', *map(str, argv)]
+        command = [sys.executable, '-m', 'wrist_ft_comp', *map(str, argv)]
         return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **more)
 
     return start

@@ -20,7 +20,7 @@ printf '%s\\n' "${COMPREPLY[@]}"
 
 
 def script(shell, tmp_path):
-    command = [sys.executable, '-m', 'wrist_ft_comp.cli.main', 'completion', shell]
+    command = [sys.executable, '-m', 'wrist_ft_comp', 'completion', shell]
     made = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
     assert made.stderr == ''
     path = tmp_path / f'completion.{shell}'

@@ -15,7 +15,7 @@ def watch(*argv):
     """Run a command whose standard error is a terminal; give exit code, output and bar."""
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack('4H', 24, 80, 0, 0))
-    command = [sys.executable, '-m', 'wrist_ft_comp.cli.main', *map(str, argv)]
+    command = [sys.executable, '-m', 'wrist_ft_comp', *map(str, argv)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True) as child:
         os.close(theirs)
         seen = b''

@@ -5,8 +5,9 @@ from math import nan
 
 import pytest
 
+from wrist_ft_comp.calibration.learning.entry import DayEntry, Decision, Diary
 from wrist_ft_comp.files.days.day_files import DayFiles
-from wrist_ft_comp.files.days.diary import DayEntry, Decision, Diary, diary_path, save_diary
+from wrist_ft_comp.files.days.diary import diary_path, save_diary
 from wrist_ft_comp.files.days.memory import Memory, save_memory
 
 DAY = 86_400 * 10**9

@@ -11,7 +11,8 @@ import pytest
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.bags import bag as bag_file
-from wrist_ft_comp.files.bags.bag import _backend, Connection, open_bag
+from wrist_ft_comp.files.bags.bag import backend as chosen_backend
+from wrist_ft_comp.files.bags.bag import Connection, open_bag
 from wrist_ft_comp.files.bags.bag_recording import read_bag
 from wrist_ft_comp.files.bags.installed import define_installed
 from wrist_ft_comp.files.cdr_fields import _CODES as CODES
@@ -332,7 +333,7 @@ def test_both_backends_know_the_installed_types_alike(messages):
 
 
 def test_without_rosbags_the_other_backend_is_taken(backend):
-    assert _backend().__name__ == f'{BAGS}.{backend.removesuffix("_py")}_backend'
+    assert chosen_backend().__name__ == f'{BAGS}.{backend.removesuffix("_py")}_backend'
 
 
 def test_without_any_backend_the_sentence_says_what_to_install(monkeypatch, tmp_path):

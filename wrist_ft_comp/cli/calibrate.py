@@ -11,17 +11,18 @@ from wrist_ft_comp.cli.calibration_job import (
     ChamberColumns,
     JobOutcome,
     judge_chamber_tables,
-    report_job,
     run_job,
+    view_job,
 )
 from wrist_ft_comp.cli.tables import chamber_table_text, payloads_json, verdict_text
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.files.chamber_table import is_chamber_table
+from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.job_request import CalibrationJob
 from wrist_ft_comp.files.model_file import check_model_target
 from wrist_ft_comp.model.features import FeatureKind
 from wrist_ft_comp.model.ranges import PERIODS_S
-from wrist_ft_comp.report.of_calibration import calibration_verdicts
+from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.verdict import Verdict
 
 HELP = 'learn the drift from recordings'
@@ -95,7 +96,8 @@ def run(arguments: argparse.Namespace) -> int:
     with options.progress_bar('calibrating') as progress:
         outcome = run_job(job, progress)
     tables = judge_chamber_tables(job, outcome.stored)
-    verdicts = calibration_verdicts(outcome.calibration, outcome.recordings)
+    view = view_job(job, outcome, tables)
+    verdicts = {axis.axis: axis.verdict for axis in view.axes}
     if arguments.json:
         options.print_json(_as_json(outcome, verdicts, tables))
     else:
@@ -103,9 +105,10 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'\n{verdict_text(verdicts)}\n\nsaved as {outcome.stored.path}')
         for name, columns in tables.items():
             print(f'\n{name}\n{chamber_table_text(columns)}')
-    report_job(job, outcome, tables)
-    if job.report and not arguments.json:
-        print(f'report: {job.report}')
+    if job.report:
+        write_report(job.report, page(view))
+        if not arguments.json:
+            print(f'report: {job.report}')
     return 0
 
 

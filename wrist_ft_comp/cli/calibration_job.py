@@ -38,6 +38,7 @@ from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import Progress, Recording, Topics
 from wrist_ft_comp.report.of_calibration import calibration_view
 from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.view import ReportView
 
 ChamberColumns = dict[str, ChamberFigures]
 
@@ -54,7 +55,7 @@ class JobOutcome:
 
 
 def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome:
-    """Read, fit, and save the model, or change nothing and say why; report_job is apart."""
+    """Read, fit, and save the model, or change nothing and say why; a report is apart."""
     report = progress or (lambda _: None)
     recordings, used, left_out = _read(job, report)
     calibration = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
@@ -109,16 +110,12 @@ def _read_one(job: CalibrationJob, path: Path, report: Progress) -> Recording:
     return recording
 
 
-def report_job(
+def view_job(
     job: CalibrationJob, outcome: JobOutcome, tables: Mapping[str, ChamberColumns]
-) -> None:
-    """Write the report of a job, if it asks for one; tables come from judge_chamber_tables."""
-    if job.report is None:
-        return
-    view = calibration_view(
-        outcome.calibration, outcome.recordings, outcome.stored, job.settings.reference, tables
-    )
-    write_report(job.report, page(view))
+) -> ReportView:
+    """Judge what a job gave, as its report shows it; tables come from judge_chamber_tables."""
+    known = outcome.calibration, outcome.recordings, outcome.stored
+    return calibration_view(*known, job.settings.reference, tables)
 
 
 def judge_chamber_tables(job: CalibrationJob, stored: StoredModel) -> dict[str, ChamberColumns]:
@@ -185,7 +182,8 @@ def _report(job: CalibrationJob, outcome: JobOutcome) -> str:
     if job.report is None:
         return ''
     try:
-        report_job(job, outcome, judge_chamber_tables(job, outcome.stored))
+        view = view_job(job, outcome, judge_chamber_tables(job, outcome.stored))
+        write_report(job.report, page(view))
     except WristFtCompError as error:
         return f'\nwarning: {error}'
     return f'\nreport: {job.report}'

@@ -91,7 +91,3 @@ def _print_any_text() -> None:
 def _abandon_output() -> None:
     """Let Python's own flush at exit succeed although nobody takes our output."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-if __name__ == '__main__':
-    sys.exit(main())

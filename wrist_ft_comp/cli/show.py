@@ -21,7 +21,7 @@ from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.directions import ForceSummary
 from wrist_ft_comp.model.payload.learnt import payload_line
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics
-from wrist_ft_comp.report.view import drifts_removed
+from wrist_ft_comp.report.view import drifts_removed, model_sources
 
 #: What a model is for, to whoever finds one.
 _PURPOSE = (
@@ -129,11 +129,10 @@ def _model_text(stored: StoredModel) -> str:
 
 def _origin(stored: StoredModel) -> str:
     """Say when and from how much a model was made; people may have edited its provenance."""
-    provenance = stored.document['provenance']
-    recordings = provenance.get('recordings')
-    count = len(recordings) if isinstance(recordings, list) else 0
+    created = stored.document['provenance'].get('created', 'at an unknown time')
+    count = len(model_sources(stored))
     return (
-        f'made {provenance.get("created", "at an unknown time")} from '
+        f'made {created} from '
         f'{stored.document["duration_s"] / 3600:.2f} h in {count} '
         f'recording{"" if count == 1 else "s"}; thermal period '
         f'{stored.model.period_ns / NANOSECONDS:g} s'

@@ -13,7 +13,7 @@ from wrist_ft_comp.model.signals import IntArray, noise_level, Recording, Refere
 from wrist_ft_comp.report.advice import what_to_record_next
 from wrist_ft_comp.report.coverage import cover
 from wrist_ft_comp.report.evaluation import AxisEvaluation
-from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
+from wrist_ft_comp.report.verdict import Evidence, Level
 from wrist_ft_comp.report.view import (
     axis_view,
     ErrorSeries,
@@ -26,14 +26,6 @@ from wrist_ft_comp.report.view import (
 _HARD = 1.5
 #: Shares of what counted at work are of so long, h.
 _BIN_H = 1 / 12
-
-
-def calibration_verdicts(
-    calibration: Calibration, recordings: Sequence[Recording]
-) -> dict[str, Verdict]:
-    """Judge every axis of a calibration, from these recordings, by its held-out errors."""
-    longest_s = max(recording.duration_s for recording in recordings)
-    return {axis: judge(_evidence(fit, longest_s)) for axis, fit in calibration.fits.items()}
 
 
 def calibration_view(
@@ -141,8 +133,7 @@ def _explanation(
     calibration: Calibration, recordings: Sequence[Recording], reference: Reference
 ) -> str:
     """Say what was held out, and from where errors are counted."""
-    held_out = [_held_out(fit) for fit in calibration.fits.values()]
-    first = held_out[0]
+    first = _held_out(next(iter(calibration.fits.values())))
     count = len(np.unique(first.fold))
     if len(recordings) > 1:
         blocks = f'Each of the {count} recordings was held out in turn'

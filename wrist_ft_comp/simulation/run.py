@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.ranges import check_range
-from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray
+from wrist_ft_comp.model.signals import AXES, FloatArray
+from wrist_ft_comp.simulation.strain_gauges import per_axis
 
 #: Sines that make up the load of an axis.
 _SINES = 4
@@ -104,6 +105,6 @@ def drive(run: Run, elapsed_s: FloatArray) -> FloatArray:
 def true_wrench(run: Run, elapsed_s: ArrayLike) -> FloatArray:
     """Compute the load, N and N m, (..., 6): smooth, endless, never above the largest load."""
     s = run.settings
-    largest = np.array([s.force_n if axis_unit(axis) == 'N' else s.torque_nm for axis in AXES])
     angles = np.asarray(elapsed_s)[..., None, None] * run.load_rates + run.load_phases
-    return np.asarray(largest * (run.load_shares * np.sin(angles)).sum(axis=-1))
+    shares = (run.load_shares * np.sin(angles)).sum(axis=-1)
+    return np.asarray(per_axis(s.force_n, s.torque_nm) * shares)

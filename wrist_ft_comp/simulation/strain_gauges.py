@@ -11,14 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray
+from wrist_ft_comp.model.signals import FloatArray
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings, interpolation
 
 #: Temperature at which the gauges' nominal values and the gain hold, °C.
 NOMINAL_C = 25.0
 #: Sign of each gauge's strain, and of its share in the bridge's output.
 GAUGE_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
-_IS_FORCE = np.array([axis_unit(axis) == 'N' for axis in AXES])
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,4 +74,4 @@ def bridge_wrench(
 
 def per_axis(force: float, torque: float) -> FloatArray:
     """Spread a value for forces and one for torques over AXES, shape (6,)."""
-    return np.where(_IS_FORCE, force, torque)
+    return np.repeat([force, torque], 3)

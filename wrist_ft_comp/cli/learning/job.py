@@ -23,6 +23,7 @@ from wrist_ft_comp.files.payload_file import add_payloads, PAYLOADS
 from wrist_ft_comp.files.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.of_calibration import calibration_view
 from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.view import model_sources
 
 #: A model goes by so many digits of its SHA-256.
 _DIGITS = 12
@@ -85,8 +86,7 @@ def _champion(path: Path | None) -> Champion:
     if path is None:
         return Champion()
     stored = load_model(path)
-    sources = stored.document.get('provenance', {}).get('recordings', [])
-    names = [Path(str(each.get('path', ''))).name for each in sources]
+    names = [Path(source).name for source, _ in model_sources(stored)]
     newest = max((name for name in names if name.startswith('day_')), default='')
     return Champion(stored.sha256[:_DIGITS], stored.model, newest)
 

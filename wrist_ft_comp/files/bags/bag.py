@@ -1,7 +1,7 @@
 """Bags opened, also when cut off, and written, by whichever backend is installed."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, ExitStack
+from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass
 import difflib
 from importlib import import_module
@@ -151,7 +151,7 @@ def translated(name: str) -> Iterator[None]:
         ) from error
 
 
-def _backend() -> ModuleType:
+def backend() -> ModuleType:
     """Choose the backend: rosbags where it can be imported, else rosbag2_py."""
     try:
         return import_module('wrist_ft_comp.files.bags.rosbags_backend')
@@ -172,17 +172,10 @@ def open_bag(path: Path) -> Iterator[Bag]:
     # A folder without ``metadata.yaml``, as a killed recorder leaves it, is read when it holds one
     # storage file. Of a cut-off ``.mcap``, rosbags reads everything up to its last complete chunk.
     chosen = _choose(path)
-    backend = _backend()
     with ExitStack() as stack:
         with translated(path.name):
-            bag = backend.open_bag(path.name, chosen, stack)
+            bag = backend().open_bag(path.name, chosen, stack)
         yield bag
-
-
-def write_bag(folder: Path, like: Bag, compression: str) -> AbstractContextManager[BagWriter]:
-    """Make a bag of another's storage in a new folder; an OSError if it cannot be written."""
-    writing: AbstractContextManager[BagWriter] = _backend().write_bag(folder, like, compression)
-    return writing
 
 
 def _choose(path: Path) -> Path:

@@ -14,7 +14,7 @@ import numpy as np
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.files import cdr
-from wrist_ft_comp.files.bags.bag import Bag, Connection, SUFFIXES, write_bag
+from wrist_ft_comp.files.bags.bag import backend, Bag, Connection, SUFFIXES
 from wrist_ft_comp.files.bags.gravity import gravity_samples
 from wrist_ft_comp.files.cdr_fields import decode, Definitions, read_numbers
 from wrist_ft_comp.model.signals import (
@@ -218,7 +218,7 @@ def rewrite_bag(
             raise RecordingError(
                 f'{bag.name} holds {topic} already; name another topic for the output.'
             )
-    with write_bag(folder, bag, compression) as writer:
+    with backend().write_bag(folder, bag, compression) as writer:
         copies = {c.id: writer.add(c, c.topic) for c in bag.connections}
         added = [writer.add(wrenches[0], f'/{topic.strip("/")}') for topic in outputs]
         for batch in bag.batches(bag.connections, progress):

@@ -18,8 +18,6 @@ from wrist_ft_comp.calibration.learning.entry import DayEntry, Decision, Diary
 from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.files.documents import Document, Kind, plain, tuples
 
-__all__ = ['DayEntry', 'Decision', 'Diary', 'days', 'diary_path', 'load_diary', 'save_diary']
-
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=1, schema='diary.schema.json',
     max_bytes=20_000_000, error=RecordingError, made_by='A node that learns makes one.',
