@@ -176,7 +176,7 @@ class CompensatorNode(Node):
     def _advertise(self, kind: Any, topic: str, **options: Any) -> Any:
         """Make a publisher."""
         with messages.opening(topic):
-            return self.create_publisher(kind, topic, messages.own(messages.OUTPUT), **options)
+            return self.create_publisher(kind, topic, copy(messages.OUTPUT), **options)
 
     def _subscribe(
         self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any
@@ -184,8 +184,7 @@ class CompensatorNode(Node):
         """Subscribe to serialized messages; QoS may be overridden by parameters."""
         with messages.opening(topic):
             options = self._negotiable('subscription', topic)
-            own = messages.own(qos)
-            return self.create_subscription(kind, topic, callback, own, raw=True, **options)
+            return self.create_subscription(kind, topic, callback, copy(qos), raw=True, **options)
 
     def _subscribe_unserved(self, kind: Any, topic: str, qos: Any = messages.NEWEST) -> Any:
         """Subscribe to messages that no executor takes."""

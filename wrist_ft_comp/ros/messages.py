@@ -22,6 +22,7 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverriding
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.signals import AXES, NANOSECONDS
 
+# A topic is given a copy of a profile: rclpy writes what parameters override into the one given.
 _profile: Any = QoSProfile  # its constructor carries no types
 #: Drivers publish best effort. Sensor-data QoS keeps only 5 messages, which a pause of a
 #: millisecond overruns at 8 kHz; 1000 are an eighth of a second there.
@@ -39,11 +40,6 @@ OUTPUT: QoSProfile = _profile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 #: As any service's, but twenty askers at once overrun the usual queue of 10, and are never told.
 SERVICE: QoSProfile = copy(qos_profile_services_default)
 SERVICE.depth = 1000
-
-
-def own(profile: QoSProfile) -> QoSProfile:
-    """Copy a profile for one topic: rclpy writes what parameters override into the one given."""
-    return copy(profile)
 
 
 def overridable() -> QoSOverridingOptions:

@@ -8,6 +8,7 @@ LONGEST_WAKE_S are made up for at once, and no message is left out.
 """
 
 from collections.abc import Sequence
+from copy import copy
 from functools import partial
 import sys
 import time
@@ -23,7 +24,7 @@ from sensor_msgs.msg import Temperature
 from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.ros.arguments.unknown import tell_unknown
 from wrist_ft_comp.ros.arguments.usage import usage
-from wrist_ft_comp.ros.messages import opening, overridable, own, SLOW_SENSOR
+from wrist_ft_comp.ros.messages import opening, overridable, SLOW_SENSOR
 from wrist_ft_comp.ros.parameters import declare, EXECUTOR_PARAMETER, Parameter, values
 from wrist_ft_comp.ros.running import run_nodes
 from wrist_ft_comp.ros.simulated.robot import SimulatedRobot
@@ -116,15 +117,15 @@ class SimulatedSensor(Node):
         super().__init__('simulated_sensor', **options)
         declare(self, PARAMETERS)
         chosen = values(self, PARAMETERS)
-        random = np.random.SeedSequence([chosen['seed'], chosen['run']]).spawn(3)
+        seeds = [chosen['seed'], chosen['run']]
+        random = np.random.SeedSequence(seeds).spawn(3)
         draws, self._wrench_rng, self._temperature_rng = map(np.random.default_rng, random)
         self._run = draw_run(run_settings(chosen), draws)
         self._sensor = ft_sensor.build_sensor(FtSensorSettings(), chosen['seed'])
         self._state = ft_sensor.start(self._sensor, float(room_temperature(self._run, 0.0)))
         self._step = 0
-        self._speed: float = chosen['speed']
-        self._wrenches = _Ticks(chosen['wrench_rate'], self._speed)
-        self._temperatures = _Ticks(chosen['temperature_rate'], self._speed)
+        self._wrenches = _Ticks(chosen['wrench_rate'], chosen['speed'])
+        self._temperatures = _Ticks(chosen['temperature_rate'], chosen['speed'])
         self._start_ns = round(chosen['start_stamp_s'] * NANOSECONDS)
         self._ran_s = 0.0
         self._woken_s: float | None = None
@@ -133,7 +134,6 @@ class SimulatedSensor(Node):
         self._subscribed_s = 0.0
         self._make_messages(chosen['frame_id'])
         work = work_settings(chosen)
-        seeds = [chosen['seed'], chosen['run']]
         self._robot = None
         if work is not None:
             self._robot = SimulatedRobot(work, seeds, self._raw, self._advertise)
@@ -163,7 +163,7 @@ class SimulatedSensor(Node):
         """Make a publisher, best effort as real drivers' and deep enough for one wake-up."""
         with opening(topic):
             return self.create_publisher(
-                message_type, topic, own(SLOW_SENSOR), qos_overriding_options=overridable()
+                message_type, topic, copy(SLOW_SENSOR), qos_overriding_options=overridable()
             )
 
     def _wake(self) -> None:

@@ -17,12 +17,10 @@ from wrist_ft_comp.ros.live_model import LiveModel
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.services.calibrate import CalibrateService, CalibrationProcess, JobMaker
 
-#: How long to wait where a job cannot run, s.
-_WAIT_S = 60.0
+#: How often to look for a day to judge, and how long to wait where a job cannot run, s.
+_LOOK_S, _WAIT_S = 1.0, 60.0
 #: What a memory holds when nothing is offered.
 _NONE = {'offered': '', 'sha256': '', 'why': ''}
-#: Is no day.
-_UNSEEN = Path()
 
 
 def why_not(chosen: Mapping[str, Any]) -> str:
@@ -61,8 +59,7 @@ class Learner:
         self._process: CalibrationProcess | None = None
         #: Up to which day, and since when.
         self._judging, self._begun = '', 0.0
-        #: The day that went on when one to judge was last looked for, and when to look again.
-        self._seen: Path | None = _UNSEEN
+        #: When to look for a day to judge.
         self._wait_until = 0.0
         if self.why_not:
             if self.mode != 'off':
@@ -104,8 +101,8 @@ class Learner:
             self._end_job()  # a person's goes first; the day is judged afterwards
         elif self._process is not None:
             self._follow(self._process)
-        elif self.diary.files.path != self._seen and time.monotonic() >= self._wait_until:
-            self._seen = self.diary.files.path
+        elif time.monotonic() >= self._wait_until:
+            self._wait_until = time.monotonic() + _LOOK_S
             self._start(self.diary.files.ended())
 
     def _start(self, days: list[Path]) -> None:
@@ -123,7 +120,7 @@ class Learner:
 
     def _wait(self, why: str) -> None:
         """Try again later."""
-        self._wait_until, self._seen = time.monotonic() + _WAIT_S, _UNSEEN
+        self._wait_until = time.monotonic() + _WAIT_S
         if why != self.waiting:
             self.waiting = why
             self._log.info(why)
@@ -210,9 +207,9 @@ class Learner:
 
     def _end_job(self) -> None:
         """Stop the job, if one runs; nothing of it counts."""
-        process, self._process, self._seen = self._process, None, _UNSEEN
-        if process is not None:
-            process.end()
+        if self._process is not None:
+            self._process.end()
+            self._process = None
 
     def end(self) -> None:
         """End with the node; day and judgement go on when it starts again."""

@@ -126,14 +126,10 @@ class JobMaker:
 
     def learning(self, days: Sequence[Path], champion: Path | None, since: str) -> CalibrationJob:
         """Ask for what can be learnt from days."""
-        chosen = self._settings()
+        chosen = {**self._settings(), 'calibration.reference': 'payload'}
         kept_mb = 0.8 * chosen['learning.max_mb']  # leaves room for the day that goes on
-        job = self._make(tuple(days), chosen, skip_unusable=True)
-        return replace(
-            job,
-            settings=replace(job.settings, reference='payload'),
-            learning=Learning(champion, since, chosen['learning.keep_days'], kept_mb),
-        )
+        learning = Learning(champion, since, chosen['learning.keep_days'], kept_mb)
+        return replace(self._make(tuple(days), chosen, skip_unusable=True), learning=learning)
 
     def _make(
         self, recordings: tuple[Path, ...], chosen: dict[str, Any], *, skip_unusable: bool
