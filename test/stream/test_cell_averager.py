@@ -182,6 +182,15 @@ def test_wrenches_behind_the_last_temperature_of_a_short_recording_are_left_out(
     assert node.averager.rows(final=True) == []
 
 
+def test_wrenches_before_the_first_temperature_are_left_out():
+    node = Node()
+    for second in (-1e6, 8, 9, 10, 11):
+        node.raw(second + 0.1, 1.0)
+    for second in (10, 11):
+        node.heat(second + 0.2, 20.0)
+    assert [row[0] for row in cells(node.averager.rows(final=True))] == [10]
+
+
 def test_one_stray_stamp_of_a_wrench_holds_no_later_one_back():
     node, rows = Node(), []
     for second in range(2000):
@@ -208,3 +217,12 @@ def test_specific_force_is_a_mean_and_speed_of_rotation_a_root_mean_square():
     np.testing.assert_allclose(rows[0][1][-5:], [20, 0, 1, 10, math.sqrt(12.5)])
     np.testing.assert_allclose(rows[1][1][-5:], [20, 0, 1, 8, NAN])
     np.testing.assert_allclose(rows[2][1][-5:], [20, NAN, NAN, NAN, NAN])
+
+
+def test_a_time_that_begins_anew_goes_on_being_averaged():
+    node, rows = Node(), []
+    for second in (*range(100, 110), *range(20)):
+        node.raw(second + 0.1, float(second))
+        node.heat(second + 0.2, 20.0)
+        rows += node.averager.rows()
+    assert [row[:2] for row in cells(rows)][-19:] == [(second, second) for second in range(19)]

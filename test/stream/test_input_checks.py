@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from wrist_ft_comp.model.stream_grid import CompletedCells
 from wrist_ft_comp.stream.input_checks import (
     is_plausible,
     LOOKS,
@@ -106,7 +107,10 @@ def test_the_unit_is_guessed_where_it_explains_the_value():
 def test_a_jump_is_more_than_metal_can_do_in_the_time(step_k, cells, period_s, jumps):
     watch = ThermometerWatch(2)
     for back in (0, 1):
-        watch.look(np.array([20.0, 0.0]), 10**9, SECOND)
-        watch.look(np.array([20.0, step_k]), cells, period_s * SECOND)
+        before = CompletedCells(0, 10**9, np.array([20.0, 0.0]), (True, True))
+        watch.look(before, SECOND)
+        watch.look(
+            CompletedCells(0, cells, np.array([20.0, step_k]), (True, True)), period_s * SECOND
+        )
         assert watch.jumps.tolist() == [0, jumps * (1 + back)]
     assert watch.last_jump_k == pytest.approx([0.0, step_k * jumps])

@@ -251,7 +251,8 @@ class CompensatorNode(Node):
         cells = compensator.add_temperature(thermometer, at_ns, temperature_c, newest)
         self.recorder.add_cells(cells)
         self.health.take_temperature(time.monotonic(), thermometer, at_ns, stamped=bool(stamp_ns))
-        self.health.look_at_cells(cells, compensator.tracker.grid.period_ns)
+        for each in cells:
+            self.health.thermometers.look(each, compensator.tracker.grid.period_ns)
         if cells and compensator.compensating:
             zero = compensator.compensation.zero
             self._drift.publish(messages.wrench_message(at_ns, self.frame_id, zero))

@@ -121,13 +121,12 @@ class DemoClient:
             np.array([each.get(stamp, nothing) for stamp in stamps])
             for each in self.wrenches.values()
         )
-        temperatures = np.array(self.temperatures).reshape(-1, 3)
+        temperatures = np.array(self.temperatures, dtype='i8, i8, f8')
         return DemoLog(
             stamps_ns=np.array(stamps, np.int64), raw=raw, compensated=compensated,
             reference=reference, external=external, external_reference=external_reference,
-            temperature_stamps_ns=np.array([row[0] for row in self.temperatures], dtype=np.int64),
-            thermometer=temperatures[:, 1].astype(np.int64), temperature_c=temperatures[:, 2],
-            calibrated_ns=calibrated_ns)  # fmt: skip
+            temperature_stamps_ns=temperatures['f0'], thermometer=temperatures['f1'],
+            temperature_c=temperatures['f2'], calibrated_ns=calibrated_ns)  # fmt: skip
 
     def close(self) -> None:
         """End node and executor."""

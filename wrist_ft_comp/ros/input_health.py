@@ -1,11 +1,10 @@
 """What comes in: counts, and faults that no single message shows."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
 from wrist_ft_comp.model.signals import NANOSECONDS
-from wrist_ft_comp.model.stream_grid import CompletedCells
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.input_checks import SensorWatch, ThermometerWatch
 
@@ -88,11 +87,6 @@ class InputHealth:
         """Note a temperature that no sensor reads."""
         self.counts.bad_temperatures += 1
         self.last_unusable = thermometer, temperature_c
-
-    def look_at_cells(self, cells: Iterable[CompletedCells], period_ns: int) -> None:
-        """Look at completed thermal cells."""
-        for each in cells:
-            self.thermometers.look(each.temperature_c, each.count, period_ns)
 
     def note_events(self, now_s: float, tracker: DriftTracker) -> None:
         """Remember when the counts of events grew."""

@@ -1,6 +1,6 @@
 """Averages of a running stream, a row per thermal cell: what the node's own recording holds."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from math import inf, isnan, sqrt
 
 from wrist_ft_comp.model.signals import (
@@ -43,9 +43,11 @@ class CellAverager:
         self._cells: dict[int, list[list[float]]] = {}
         #: The newest cell of everything that comes.
         self._latest = [-1] * len(_WIDTHS)
-        #: Cells before it have their row; what comes for them is too late.
+        #: Cells before it have their row; what comes for them is too late, unless time ran back.
         self._begin = -inf
-        self._waiting: list[tuple[int, list[float]]] = []
+        #: Temperatures, °C, of cells that have no row yet, and the end of the last of all these.
+        self._temperatures: dict[int, list[float]] = {}
+        self._end = -inf
         #: Whether wrenches got rows of their own since the last temperature.
         self._silent = False
 
@@ -67,8 +69,6 @@ class CellAverager:
         """Add to the sums of a cell."""
         cell = stamp_ns // self._period_ns
         self._latest[what] = max(self._latest[what], cell)
-        if cell < self._begin:
-            return
         if cell not in self._cells:
             self._cells[cell] = _no_sums()
         sums = self._cells[cell][what]
@@ -79,44 +79,39 @@ class CellAverager:
     def add_cells(self, completed: Sequence[CompletedCells]) -> None:
         """Take cells whose temperatures are complete; held values are not written as measured."""
         for cells in completed:
-            self._silent = False
-            temperatures = [
+            self._end, self._silent = cells.first_cell + cells.count, False
+            if not -inf < self._begin <= self._end:  # at first, and when time ran back
+                self._begin = cells.first_cell
+            self._cells = {cell: each for cell, each in self._cells.items() if cell >= self._begin}
+            self._temperatures[cells.first_cell] = [
                 float(value) if measured else _NAN
                 for value, measured in zip(cells.temperature_c, cells.measured, strict=True)
             ]
-            others = range(cells.first_cell + 1, cells.first_cell + cells.count)
-            with_samples = sorted(cell for cell in self._cells if cell in others)
-            self._waiting += [(cell, temperatures) for cell in (cells.first_cell, *with_samples)]
 
     def rows(self, *, final: bool = False) -> list[Row]:
         """Take rows that are complete or overdue, but not empty; all, when nothing more comes."""
-        return [row for row in self._complete(final=final) if not all(map(isnan, row[1]))]
+        rows = []
+        known = {*self._cells, *self._temperatures}
+        waiting = sorted(cell for cell in known if cell >= self._begin)
+        for place, cell in enumerate(waiting):
+            if not self._is_due(cell, len(waiting) - place, final=final):
+                break
+            self._begin, self._silent = cell + 1, cell >= self._end
+            rows.append(self._row(cell))
+        return [row for row in rows if not all(map(isnan, row[1]))]
 
-    def _complete(self, *, final: bool) -> Iterator[Row]:
-        """Take complete cells, those without any sample included."""
-        yield from self._complete_with_temperatures(final=final)
-        held = 0 if final and self._silent else _HELD_CELLS
-        for cell in sorted(self._cells)[: max(len(self._cells) - held, 0)]:
-            self._silent, self._begin = True, cell + 1
-            yield self._row(cell, [_NAN] * self._thermometers)
+    def _is_due(self, cell: int, held: int, *, final: bool) -> bool:
+        """Tell whether a cell, of so many from it on, is complete or has waited long enough."""
+        if cell >= self._end:
+            return held > (0 if final and self._silent else _HELD_CELLS)
+        # A reference is waited for when there is one at all, and so is specific force.
+        others = self._latest[REFERENCE], self._latest[FORCE]
+        behind = self._latest[RAW] <= cell or any(0 <= latest <= cell for latest in others)
+        return final or not behind or cell < self._end - 1 - _PATIENCE_CELLS
 
-    def _complete_with_temperatures(self, *, final: bool) -> Iterator[Row]:
-        """Take cells whose temperatures are complete, too."""
-        while self._waiting:
-            cell, temperatures = self._waiting[0]
-            overdue = self._waiting[-1][0] - cell > _PATIENCE_CELLS
-            # A reference is waited for when there is one at all, and so is specific force.
-            others = self._latest[REFERENCE], self._latest[FORCE]
-            behind = self._latest[RAW] <= cell or any(0 <= latest <= cell for latest in others)
-            if behind and not overdue and not final:
-                return
-            del self._waiting[0]
-            yield self._row(cell, temperatures)
-            for late in [each for each in self._cells if each < cell]:
-                del self._cells[late]
-
-    def _row(self, cell: int, temperatures: list[float]) -> Row:
+    def _row(self, cell: int) -> Row:
         """Make a cell's row of its temperatures, °C, and its means."""
+        temperatures = self._temperatures.pop(cell, [_NAN] * self._thermometers)
         raw, reference, force, (square,) = map(_mean, self._cells.pop(cell, _no_sums()))
         felt = [*force, sqrt(square)] if self._with_force else []
         values = [*raw, *reference, *temperatures, *felt]

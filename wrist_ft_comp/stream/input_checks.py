@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wrist_ft_comp.model.signals import AXES, FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.model.stream_grid import CompletedCells
 
 #: Looks in a row with the same reading after which it counts as frozen.
 LOOKS = 50
@@ -86,13 +87,13 @@ class ThermometerWatch:
         self.last_jump_k: FloatArray = np.zeros(thermometers)
         self._before: FloatArray | None = None
 
-    def look(self, temperature_c: FloatArray, cells: int, period_ns: int) -> None:
-        """Look at completed cells of a period, ns, with temperatures of shape (J,), °C."""
-        before, self._before = self._before, temperature_c
+    def look(self, cells: CompletedCells, period_ns: int) -> None:
+        """Look at completed cells of a period, ns."""
+        before, self._before = self._before, cells.temperature_c
         if before is None:
             return
-        limit_k = _JUMP_K + _JUMP_K_S * cells * period_ns / NANOSECONDS
-        step_k = temperature_c - before
+        limit_k = _JUMP_K + _JUMP_K_S * cells.count * period_ns / NANOSECONDS
+        step_k = cells.temperature_c - before
         jumped = np.abs(step_k) > limit_k
         self.jumps += jumped
         self.last_jump_k[jumped] = step_k[jumped]

@@ -39,23 +39,19 @@ class OwnRecording:
 
     def write(self, *, final: bool = False) -> None:
         """Append the rows that are complete; all there are when nothing more will come."""
-        for stamp_ns, values in self.averager.rows(final=final):
-            self._writer.append(stamp_ns, values)
-            self.rows += 1
+        try:
+            for stamp_ns, values in self.averager.rows(final=final):
+                self._writer.append(stamp_ns, values)
+                self.rows += 1
+        except RecordingError:
+            with suppress(RecordingError):  # what the disk took stays, the rest is lost
+                self._writer.close()
+            raise
 
     def close(self) -> None:
         """Write what is left, and close, also when the disk refuses."""
-        try:
-            self.write(final=True)
-        except RecordingError:
-            self.abandon()
-            raise
+        self.write(final=True)
         self._writer.close()
-
-    def abandon(self) -> None:
-        """Close after the disk refused: what it took stays, the rest is lost."""
-        with suppress(RecordingError):
-            self._writer.close()
 
 
 class Recorder:
@@ -118,7 +114,6 @@ class Recorder:
             recording.write()
         except RecordingError as error:
             self.end(recording)
-            recording.abandon()
             recording.on_failure(error)
 
     def follow_period(self) -> None:
