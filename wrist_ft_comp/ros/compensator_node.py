@@ -26,7 +26,7 @@ from wrist_ft_comp.model.temperature_source import parse_sources, TemperatureSou
 from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.arguments.unknown import tell_unknown
 from wrist_ft_comp.ros.arguments.usage import usage
-from wrist_ft_comp.ros.diagnostics import diagnostics, Snapshot
+from wrist_ft_comp.ros.diagnostics import diagnostic_array, diagnostics, Snapshot
 from wrist_ft_comp.ros.gravity.source import GravitySource
 from wrist_ft_comp.ros.input_health import InputHealth
 from wrist_ft_comp.ros.inputs.field_inputs import FieldInputs
@@ -46,7 +46,6 @@ from wrist_ft_comp.ros.services.record import RecordService
 from wrist_ft_comp.ros.services.recorder import Recorder
 from wrist_ft_comp.ros.services.tare import TareService
 from wrist_ft_comp.ros.state_keeper import StateKeeper
-from wrist_ft_comp.ros.status import diagnostic_array
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.input_checks import is_plausible
 

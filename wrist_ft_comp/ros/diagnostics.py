@@ -1,17 +1,18 @@
 """What the node says of itself: ``diagnostics`` judges a snapshot; thermometer 0 is called 1."""
 
-from collections.abc import Iterable, Iterator, Mapping
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 
 from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray
 from wrist_ft_comp.ros.input_health import Counts, InputHealth
 from wrist_ft_comp.ros.live_model import LiveModel, summary
+from wrist_ft_comp.ros.node_log import ERROR, OK, STALE, Status, WARN
 from wrist_ft_comp.ros.services.calibrate import CalibrateService
 from wrist_ft_comp.ros.services.record import RecordService
 from wrist_ft_comp.ros.state_keeper import StateKeeper
-from wrist_ft_comp.ros.status import ERROR, OK, STALE, Status, WARN
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.input_checks import other_unit, PLAUSIBLE_C
 
@@ -318,3 +319,19 @@ def _axis_numbers(stream: Compensator) -> dict[str, str]:
         numbers[f'{axis}_sensitivity'] = f'{100 * sensitivity:.3g} %'
         numbers[f'{axis}_tare'] = f'{tare:.4g} {unit}'
     return numbers
+
+
+def diagnostic_array(
+    stamp: Any, node_name: str, hardware_id: str, statuses: Sequence[Status]
+) -> DiagnosticArray:
+    """Build what goes to /diagnostics; each status is named "node: status" (REP-107)."""
+    array = DiagnosticArray()
+    array.header.stamp = stamp
+    array.status = [
+        DiagnosticStatus(
+            level=status.level, name=f'{node_name}: {status.name}', message=status.message,
+            hardware_id=hardware_id,
+            values=[KeyValue(key=key, value=value) for key, value in status.values.items()])
+        for status in statuses
+    ]  # fmt: skip
+    return array

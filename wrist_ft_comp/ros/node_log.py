@@ -1,11 +1,15 @@
-"""The node's log: the last refusal, and of the diagnostics what is news, once."""
+"""The node's log: the last refusal, and of the diagnostics' statuses what is news, once."""
 
 from collections import defaultdict
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 import re
 from typing import Any
 
-from wrist_ft_comp.ros.status import ERROR, OK, STALE, Status
+from diagnostic_msgs.msg import DiagnosticStatus
+
+OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+ERROR, STALE = DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
 #: Reports for which a driver may take its time to start.
 _PATIENCE = 5
@@ -19,6 +23,19 @@ _NUMBERS = re.compile(r'(?<!thermometer )(?<!, )\b[\d.]+')
 
 #: What is asked for may be as long as the asker likes; diagnostics repeat it every second.
 _LONGEST_REFUSAL = 1000
+
+
+@dataclass(frozen=True)
+class Status:
+    """How it stands with one thing, such as ``temperature``."""
+
+    name: str
+    #: OK, WARN, ERROR or STALE.
+    level: bytes
+    #: What is, and what to do.
+    message: str
+    #: Numbers behind it.
+    values: dict[str, str] = field(default_factory=dict)
 
 
 class NodeLog:

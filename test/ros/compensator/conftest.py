@@ -22,7 +22,7 @@ from wrist_ft_comp.calibration.result import AxisFit, Calibration
 from wrist_ft_comp.files.model_file import save_model
 from wrist_ft_comp.ros.compensator_node import CompensatorNode
 from wrist_ft_comp.ros.messages import wrench_message
-from wrist_ft_comp.ros.status import Status
+from wrist_ft_comp.ros.node_log import Status
 
 TIMEOUT_S = 60.0
 SECOND = 1_000_000_000

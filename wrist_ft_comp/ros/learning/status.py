@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from wrist_ft_comp.ros.learning.learning import Learner
-from wrist_ft_comp.ros.status import OK, Status, WARN
+from wrist_ft_comp.ros.node_log import OK, Status, WARN
 
 
 def learning_status(learner: Learner) -> Iterator[Status]:

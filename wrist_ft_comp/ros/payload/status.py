@@ -6,9 +6,9 @@ import math
 import time
 
 from wrist_ft_comp.model.signals import AXES, axis_unit, GRAVITY, NANOSECONDS
+from wrist_ft_comp.ros.node_log import OK, Status, WARN
 from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench
 from wrist_ft_comp.ros.payload.identify import IdentifyService
-from wrist_ft_comp.ros.status import OK, Status, WARN
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.payload import Force
 
