@@ -201,7 +201,7 @@ def test_every_row_is_in_the_file_before_it_is_closed(tmp_path):
 def test_the_writer_refuses_an_existing_file_and_a_missing_folder(tmp_path):
     path = tmp_path / 'own.csv'
     path.write_text('mine')
-    with pytest.raises(RecordingError, match=r'own.csv exists already'):
+    with pytest.raises(RecordingError, match=r'own.csv cannot be written: File exists'):
         CsvRecordingWriter(path, ('force_z',))
     assert path.read_text() == 'mine'
     with pytest.raises(RecordingError, match='cannot be written'):

@@ -1,8 +1,7 @@
 """wrist_ft_comp compensate: a recording with its drift removed."""
 
 import argparse
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack
 import gc
 from pathlib import Path
 
@@ -62,7 +61,9 @@ def run(arguments: argparse.Namespace) -> int:
     stored = load_model(arguments.model)
     model, topics = stored.model, options.topics_from(arguments)
     period_s = model.period_ns / NANOSECONDS
-    with options.progress_bar('compensating') as progress, _without_garbage_collector():
+    with options.progress_bar('compensating') as progress, ExitStack() as stack:
+        gc.disable()  # messages make no cycles, and looking for some takes half of the time
+        stack.callback(gc.enable)
         recording = read_recording(
             arguments.recording, period_s=period_s, topics=topics,
             progress=lambda done: progress(done / 3))  # fmt: skip
@@ -102,16 +103,6 @@ def _external(
         topics=options.topics_from(arguments),
     )
     return external_correction(work.separation, stored.model, fine), work.warnings
-
-
-@contextmanager
-def _without_garbage_collector() -> Iterator[None]:
-    """Keep it off: messages make no cycles, and looking for some takes half of the time."""
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
 
 
 def _tare(arguments: argparse.Namespace, model: DriftModel, recording: Recording) -> FloatArray:

@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, ExitStack
+from contextlib import contextmanager, ExitStack, suppress
 from importlib.util import find_spec
 import json
 import os
@@ -76,13 +76,10 @@ def _events(operator: _Process, running: Mapping[str, _Process]) -> Iterator[_Ev
         line = output.readline()
         if not line:
             return
-        try:
+        with suppress(ValueError):  # whatever else a library may print there is not for us
             event = json.loads(line)
-        except ValueError:
-            event = None
-        # Whatever else a library may print there is not for us.
-        if isinstance(event, dict) and 'event' in event:
-            yield event
+            if isinstance(event, dict) and 'event' in event:
+                yield event
 
 
 def _environment() -> dict[str, str]:

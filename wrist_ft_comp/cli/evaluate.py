@@ -143,13 +143,13 @@ def _as_json(
         'recordings': [
             {
                 'name': each.recording.name,
-                'path': str(path),
+                'path': path,
                 'reference': each.reference,
                 'duration_s': each.recording.duration_s,
                 'axes': judge_errors([each.errors]),
                 'warnings': each.recording.warnings,
             }
-            for path, each in zip(arguments.recordings, judged, strict=True)
+            for path, each in by_path.items()
         ],
         'chamber_tables': {path: each.figures for path, each in by_path.items() if each.figures},
     }

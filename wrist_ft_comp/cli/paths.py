@@ -6,14 +6,7 @@ from pathlib import Path
 from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.files.bags.bag import SUFFIXES
 from wrist_ft_comp.files.chamber_table import is_chamber_table
-from wrist_ft_comp.files.documents import beginning
 from wrist_ft_comp.files.model_file import is_model
-from wrist_ft_comp.report import GENERATOR
-
-
-def is_report(path: Path) -> bool:
-    """Tell whether a file is a page that this package wrote."""
-    return GENERATOR in beginning(path)
 
 
 def _is_recording(path: Path) -> bool:

@@ -290,8 +290,6 @@ class CsvRecordingWriter:
 
     def __init__(self, path: Path, channels: Sequence[str], *, go_on: bool = False) -> None:
         self._path = path
-        if path.exists() and not go_on:
-            raise RecordingError(f'{path} exists already; name a new file.')
         with writing(self._path):
             self._file = path.open('a' if go_on else 'x', encoding='utf-8', newline='')
         self._rows = csv.writer(self._file, lineterminator='\n')

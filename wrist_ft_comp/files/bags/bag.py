@@ -125,14 +125,9 @@ class Bag:
         return named_so
 
 
-@dataclass(frozen=True, eq=False)
-class BagWriter:
-    """A bag being written."""
-
-    #: Given a connection of the bag that is copied, and a name, makes a topic of its type.
-    add: Callable[[Connection, str], Any]
-    #: Given what ``add`` returned, the time of arrival in ns, and bytes, writes a message.
-    write: Callable[[Any, int, bytes], None]
+#: To write a bag: what makes a topic of a connection's type, by name; and what writes a message,
+#: given what the first one returned, the time of arrival in ns, and bytes.
+BagWriter = tuple[Callable[[Connection, str], Any], Callable[[Any, int, bytes], None]]
 
 
 @contextmanager

@@ -218,18 +218,18 @@ def rewrite_bag(
             raise RecordingError(
                 f'{bag.name} holds {topic} already; name another topic for the output.'
             )
-    with backend().write_bag(folder, bag, compression) as writer:
-        copies = {c.id: writer.add(c, c.topic) for c in bag.connections}
-        added = [writer.add(wrenches[0], f'/{topic.strip("/")}') for topic in outputs]
+    with backend().write_bag(folder, bag, compression) as (add, write):
+        copies = {c.id: add(c, c.topic) for c in bag.connections}
+        added = [add(wrenches[0], f'/{topic.strip("/")}') for topic in outputs]
         for batch in bag.batches(bag.connections, progress):
             messages = [data for connection, _, data in batch if connection.id in raw]
             corrected = iter(_corrected(bag, stream, messages, outputs.values()))
             for connection, stamp, data in batch:
-                writer.write(copies[connection.id], stamp, data)
+                write(copies[connection.id], stamp, data)
                 if connection.id in raw:
                     for output, message in zip(added, next(corrected), strict=True):
                         if message is not None:
-                            writer.write(output, stamp, message)
+                            write(output, stamp, message)
     if bare:
         (made,) = folder.glob(f'*{target.suffix}')
         made.rename(target)

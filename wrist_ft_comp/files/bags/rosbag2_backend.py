@@ -94,7 +94,7 @@ def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
             rosbag2_py.StorageOptions(uri=str(folder), storage_id=like.storage),
             rosbag2_py.ConverterOptions('', ''),
         )
-        yield BagWriter(
+        yield (
             lambda like, topic: _add_topic(writers[0], like, topic),
             lambda topic, time_ns, data: writers[0].write(topic, data, time_ns),
         )

@@ -28,11 +28,6 @@ from wrist_ft_comp.files.cdr_fields import Definitions, FieldType, SEQUENCE
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
 _MCAP_DATA_END = 0x0F
-_COMPRESSION = {
-    '': CompressionMode.NONE,
-    'file': CompressionMode.FILE,
-    'message': CompressionMode.MESSAGE,
-}
 
 
 def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
@@ -119,9 +114,10 @@ def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
     """Make a bag of another's storage in a new folder; an OSError if it cannot be written."""
     try:
         writer = Writer(folder, version=9, storage_plugin=StoragePlugin[like.storage.upper()])
-        writer.set_compression(_COMPRESSION[compression], CompressionFormat.ZSTD)
+        mode = CompressionMode[compression.upper() or 'NONE']
+        writer.set_compression(mode, CompressionFormat.ZSTD)
         with writer:
-            yield BagWriter(partial(_add_topic, writer), writer.write)
+            yield partial(_add_topic, writer), writer.write
     except (WriterError, sqlite3.Error) as error:
         raise OSError(errno.EIO, str(error)) from error
 

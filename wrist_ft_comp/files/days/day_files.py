@@ -136,9 +136,8 @@ class DayFiles:
         path = self.path
         with writing(self._folder):
             span = span_of(path) if path and path.exists() else None
-            if not path or not span:
-                return None
-            if span.header != ','.join((DayWriter.stamp, *self._channels)):
+            header = ','.join((DayWriter.stamp, *self._channels))
+            if not path or not span or span.header != header:
                 return None
             os.truncate(path, span.size)
             self._first_ns, self._last_ns = span.first_ns, span.last_ns
