@@ -13,6 +13,7 @@ import numpy as np
 
 from wrist_ft_comp.calibration.chamber import ChamberTable, leave_out_copies
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.files.documents import beginning
 from wrist_ft_comp.model.signals import AXES, Correction
 
 _OUTPUT = re.compile(r'output_at_([-+]?\d+(?:\.\d+)?)_c')
@@ -21,11 +22,7 @@ _LOAD = re.compile(r'load_(\w+)')
 
 def is_chamber_table(path: Path) -> bool:
     """Tell whether the file's first line names a load and outputs at temperatures."""
-    try:
-        with path.open(encoding='utf-8-sig') as file:
-            header = file.readline(10_000).strip().split(',')
-    except (OSError, UnicodeDecodeError):
-        return False
+    header = beginning(path).lstrip('\ufeff').partition('\n')[0].strip().split(',')
     return any(map(_OUTPUT.fullmatch, header)) and any(map(_LOAD.fullmatch, header))
 
 
