@@ -102,8 +102,7 @@ class ThermometerWatch:
 def other_unit(value: float, lower_c: float, upper_c: float) -> str:
     """Guess the unit in which a temperature that is far off would lie as expected, or empty."""
     in_units = {'degrees Fahrenheit': (value - 32.0) / 1.8, 'kelvins': value - 273.15}
-    fitting = [unit for unit, celsius in in_units.items() if lower_c <= celsius <= upper_c]
-    return fitting[0] if fitting else ''
+    return next((unit for unit, c in in_units.items() if lower_c <= c <= upper_c), '')
 
 
 def is_plausible(value: float) -> bool:

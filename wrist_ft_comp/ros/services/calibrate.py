@@ -14,14 +14,14 @@ from typing import Any
 
 from wrist_ft_comp import ONE_THREAD
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, WristFtCompError
+from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.files.job_request import CalibrationJob, encode_job, Learning, UNTIL_CLOSED
 from wrist_ft_comp.files.model_file import restore_model
 from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics
 from wrist_ft_comp.ros.node_log import NodeLog
-from wrist_ft_comp.ros.services.deferred import Reply
+from wrist_ft_comp.ros.services.deferred import LongService, Work
 from wrist_ft_comp.ros.services.recorder import Recorder
 
 #: What runs a job that comes on standard input, and ends when that is closed: also when this
@@ -149,60 +149,42 @@ class JobMaker:
 
 
 @dataclass(eq=False)
-class CalibrateService:
+class CalibrateService(LongService):
     """Runs a calibration in a process of its own; ``go_live`` returns a warning, or nothing."""
 
     _make_request: Callable[[], CalibrationJob]
     _go_live: Callable[[StoredModel], str]
     _log: NodeLog
-    #: What the last one answered; empty before the first.
-    last_outcome: str = ''
-    #: Whether the last one changed nothing.
-    refused: bool = False
-    _running: tuple[CalibrationProcess, Reply, float] | None = None
+    _begun_s: float = 0.0
+
+    name, severe = '~/calibrate', True
+    done, not_done = 'calibrated: ', 'not calibrated: '
+    at_end = 'The node is shutting down; the model is unchanged.'
 
     @property
     def running_s(self) -> float | None:
         """How long a calibration has been running, s; None when none is."""
-        return None if self._running is None else time.monotonic() - self._running[2]
+        return None if self._running is None else time.monotonic() - self._begun_s
 
-    def on_request(self, _request: Any, reply: Reply) -> None:
-        """Start a calibration; the answer comes when it is done."""
-        if self._running is not None:
-            raise CalibrationRefusedError(
-                f'A calibration has been running for {self.running_s:.0f} s; wait for its answer, '
-                'then call again.'
-            )
+    def _busy(self) -> str:
+        """Say that one runs."""
+        return f'A calibration has been running for {self.running_s:.0f} s'
+
+    def _work(self) -> Work:
+        """Wait for the process, and make its model live."""
+        self._begun_s = time.monotonic()
         try:
             process = CalibrationProcess(self._make_request())
-        except WristFtCompError as error:
-            self._refuse(str(error), reply)
         except OSError as error:
-            why = f'The calibration cannot be started: {error}. Mend that, then call again.'
-            self._refuse(why, reply)
-        else:
-            self._running = process, reply, time.monotonic()
-
-    def poll(self) -> None:
-        """Look whether the calibration is done; if so, make its model live and answer."""
-        if self._running is None:
-            return
-        process, reply, _ = self._running
-        outcome = process.poll()
-        if outcome is None:
-            return
-        self._running = None
+            raise CalibrationRefusedError(
+                f'The calibration cannot be started: {error}. Mend that, then call again.'
+            ) from error
         try:
-            message = self._take(outcome)
-        except WristFtCompError as error:
-            self._refuse(str(error), reply)
-            return
-        self.last_outcome, self.refused = message, False
-        self._log.info(f'calibrated: {message}')
-        reply(success=True, message=message)
-
-    def _take(self, outcome: dict[str, Any]) -> str:
-        """Make the model of a successful outcome live; return what to answer."""
+            while (outcome := process.poll()) is None:
+                yield
+        except GeneratorExit:
+            process.end()
+            raise
         message: str = outcome['message']
         if not outcome['success']:
             raise CalibrationRefusedError(message)
@@ -210,20 +192,3 @@ class CalibrateService:
             restore_model(Path(outcome['path']), outcome['sha256'], outcome['document'])
         )
         return f'{message}\nwarning: {problem}' if problem else message
-
-    def _refuse(self, why: str, reply: Reply) -> None:
-        """Answer that nothing changed, and why."""
-        self.last_outcome, self.refused = why, True
-        self._log.note_refusal('~/calibrate', why)
-        self._log.error(f'not calibrated: {why}')
-        reply(success=False, message=why)
-
-    def end(self) -> bool:
-        """Stop a running calibration; tell whether its asker was answered just now."""
-        if self._running is None:
-            return False
-        process, reply, _ = self._running
-        self._running = None
-        process.end()
-        reply(success=False, message='The node is shutting down; the model is unchanged.')
-        return True
