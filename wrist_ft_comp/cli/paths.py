@@ -42,15 +42,12 @@ def check_report_target(path: Path | None, others: Sequence[Path]) -> None:
     """Refuse a report that cannot be written, or would overwrite the model or a recording."""
     if path is None:
         return
+    problem = ''
     if not path.absolute().parent.is_dir():
-        raise RecordingError(
-            f'The report {path} cannot be written: {path.parent} is no folder. Make it first.'
-        )
-    if path.is_dir():
-        raise RecordingError(
-            f'The report {path} cannot be written: it is a folder. Name a file in it.'
-        )
-    if path.resolve() in {other.resolve() for other in others}:
-        raise RecordingError(
-            f'The report {path} would overwrite the model or a recording. Name another file.'
-        )
+        problem = f'cannot be written: {path.parent} is no folder. Make it first.'
+    elif path.is_dir():
+        problem = 'cannot be written: it is a folder. Name a file in it.'
+    elif path.resolve() in {other.resolve() for other in others}:
+        problem = 'would overwrite the model or a recording. Name another file.'
+    if problem:
+        raise RecordingError(f'The report {path} {problem}')

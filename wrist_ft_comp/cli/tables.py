@@ -99,16 +99,11 @@ def verdicts_json(verdicts: Mapping[str, Verdict]) -> dict[str, dict[str, str]]:
 
 def chamber_table_text(columns: Mapping[str, ChamberFigures]) -> str:
     """Put the figures of several versions of a chamber table, by title, side by side."""
-    return table_text(
-        ['', *columns],
-        [
-            [
-                title,
-                *(f'{getattr(each, name):{_FORMS.get(name, ".3f")}}' for each in columns.values()),
-            ]
-            for name, title in FIGURE_TITLES.items()
-        ],
-    )
+    rows = []
+    for name, title in FIGURE_TITLES.items():
+        form = _FORMS.get(name, '.3f')
+        rows.append([title, *(f'{getattr(each, name):{form}}' for each in columns.values())])
+    return table_text(['', *columns], rows)
 
 
 def print_warnings(sentences: Iterable[str]) -> None:

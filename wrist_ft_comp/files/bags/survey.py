@@ -127,9 +127,8 @@ def survey_bag(
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
     """Tell how good what may be used of a bag is, by role and topic, and what is not known."""
     warnings: list[str] = []
-    tallies = {
-        each.id: tally for each in bag.connections if (tally := _tally(bag, each, warnings))
-    }
+    filled = [each for each in bag.connections if each.msgcount]
+    tallies = {each.id: tally for each in filled if (tally := _tally(bag, each, warnings))}
     for tally, times_ns, messages in bag.grouped(tallies, progress):
         try:
             tally.add(times_ns, messages)
@@ -146,9 +145,8 @@ def survey_bag(
 
 def _tally(bag: Bag, connection: Connection, warnings: list[str]) -> _Tally | None:
     """Decide what to look for in a connection's messages."""
-    role = _ROLES.get(connection.msgtype)
-    if not connection.msgcount or role:
-        return _Tally(connection, role) if role and connection.msgcount else None
+    if role := _ROLES.get(connection.msgtype):
+        return _Tally(connection, role)
     try:
         definitions = bag.define(connection)
     except RecordingError as error:
