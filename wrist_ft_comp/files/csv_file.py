@@ -158,18 +158,12 @@ class CsvRecording:
         rows, width = self._split(lines), len(self.columns)
         if set(map(len, rows)) != {width}:
             rows = [row for row in rows if not _is_blank(row)]
-            for at, row in enumerate(rows):
-                if len(row) != width:
-                    problem = f' has {len(row)} cells; the header names {width} columns'
-                    raise self._refusal(problem, lines, first, at)
         if not rows:
             return None
-        cells = list(zip(*rows, strict=True))
-        try:
-            return self._converted(cells)
-        except (ValueError, ArithmeticError):
-            problem, at = self._first_bad(cells)
-        raise self._refusal(problem, lines, first, at)
+        if set(map(len, rows)) == {width}:
+            with suppress(ValueError, ArithmeticError):
+                return self._converted(list(zip(*rows, strict=True)))
+        raise self._refusal(lines, first)
 
     def _converted(self, cells: list[tuple[str, ...]]) -> CsvPiece:
         """Convert columns of cells, whatever refuses."""
@@ -181,22 +175,26 @@ class CsvRecording:
             values[channel], filled[channel] = _numbers(cells[self.columns.index(channel)])
         return CsvPiece(cells, stamps_ns, values, filled)
 
-    def _first_bad(self, cells: list[tuple[str, ...]]) -> tuple[str, int]:
-        """Find the first cell that does not convert: what is wrong with it, and its row."""
-        for column, (convert, expected) in self._expected.items():
-            for at, cell in enumerate(cells[self.columns.index(column)]):
-                try:
-                    np.array(convert(cell), np.int64 if column == self._stamp else float)
-                except (ValueError, ArithmeticError):  # noqa: PERF203 -- once, and it is over
-                    return f', column {column}: expected {expected}, got {cell[:60]!r}', at
-        raise AssertionError
-
-    def _refusal(self, problem: str, lines: list[str], first: int, at: int) -> RecordingError:
-        """Say where a row is: lines that are blank are none, and one may have several lines."""
+    def _refusal(self, lines: list[str], first: int) -> RecordingError:
+        """Say which row is the first bad one, and why; a row may have several lines."""
         reader = csv.reader(lines, delimiter=self.delimiter)
-        ends = [reader.line_num for row in reader if not _is_blank(row)]
-        where = f'Line {first - 1 + ends[at]} of {self.path.name}'
+        problem = next(filter(None, map(self._problem, reader)))
+        where = f'Line {first - 1 + reader.line_num} of {self.path.name}'
         return RecordingError(f'{where}{problem}. Repair or remove the line.')
+
+    def _problem(self, row: list[str]) -> str:
+        """Say what is wrong with a row, if anything; a blank line is none."""
+        if _is_blank(row):
+            return ''
+        if len(row) != len(self.columns):
+            return f' has {len(row)} cells; the header names {len(self.columns)} columns'
+        for column, (convert, expected) in self._expected.items():
+            cell = row[self.columns.index(column)]
+            try:
+                np.array(convert(cell), np.int64 if column == self._stamp else float)
+            except (ValueError, ArithmeticError):
+                return f', column {column}: expected {expected}, got {cell[:60]!r}'
+        return ''
 
     def _last_piece(self, last: str, line: int) -> CsvPiece | None:
         """Convert a last line without line end; None where it is what a power failure left."""

@@ -1,6 +1,7 @@
 """Model files: YAML that people can read, checked against a schema, exact to the last digit."""
 
 from collections.abc import Mapping
+from dataclasses import fields
 from datetime import datetime, timezone
 import hashlib
 from pathlib import Path
@@ -145,10 +146,7 @@ def _build_axis(entry: Document, thermometers: int) -> AxisModel:
     """Build one axis from a checked document."""
     features, dynamics = entry['features'], entry['dynamics']
     filtered = (thermometers * max(len(entry['filters']), 1),)
-    blocks = (
-        'input_mean', 'input_weight', 'rotations', 'output_loadings', 'output_weight',
-        'output_mean',
-    )  # fmt: skip
+    blocks = [each.name for each in fields(ArxPls) if each.name != 'latents']
     return AxisModel(
         Features(
             kind=features['kind'],
