@@ -14,6 +14,7 @@ from wrist_ft_comp import ONE_THREAD
 os.environ.update(ONE_THREAD)  # as the command and the node's calibration do, before numpy loads
 
 import numpy as np
+from scenarios import read_sensor
 
 from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.calibration.settings import CalibrationSettings
@@ -38,8 +39,7 @@ def wrist(run: int, hours: float, *, loaded: bool) -> Recording:
     elapsed_s: FloatArray = np.arange(round(hours * 3600), dtype=float) + 0.5
     true = simulated_run.true_wrench(drawn, elapsed_s)
     drive = simulated_run.drive(drawn, elapsed_s)
-    start = ft_sensor.start(sensor, float(drive[0, 1]))
-    wrench, temperature_c = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
+    wrench, temperature_c = read_sensor(sensor, drive, true, rng)
     measured = np.ones(temperature_c.shape, dtype=bool)
     name = f'run {run}'
     return Recording(name, NANOSECONDS, 0, temperature_c, measured, wrench, true)

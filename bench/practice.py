@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 from peers import polynomial
-from scenarios import recording, wrist, Z
+from scenarios import read_sensor, recording, wrist, Z
 from scipy.signal import butter, lfilter
 
 from wrist_ft_comp.calibration.calibrate import calibrate
@@ -57,8 +57,7 @@ def day(seed: int) -> Recording:
     true = simulated_run.true_wrench(drawn, elapsed_s)
     true[:, Z] += contacts()
     drive = simulated_run.drive(drawn, elapsed_s)
-    start = ft_sensor.start(sensor, float(drive[0, 1]))
-    wrench, temperature_c = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
+    wrench, temperature_c = read_sensor(sensor, drive, true, rng)
     return recording(temperature_c, wrench[:, Z], true[:, Z])
 
 

@@ -72,9 +72,19 @@ def wrist(
     elapsed_s: FloatArray = np.arange(9000, dtype=float) + 0.5
     true = simulated_run.true_wrench(drawn, elapsed_s)
     drive = simulated_run.drive(drawn, elapsed_s)
-    start = ft_sensor.start(sensor, float(drive[0, 1]))
-    wrench, temperature_c = ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
+    wrench, temperature_c = read_sensor(sensor, drive, true, rng)
     return recording(temperature_c[:, :thermometers], wrench[:, Z], true[:, Z])
+
+
+def read_sensor(
+    sensor: ft_sensor.FtSensor, drive: FloatArray, true: FloatArray, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Warm a sensor up from rest; its wrenches, (N, 6), and its thermometers, (N, 2)."""
+    start = ft_sensor.start(sensor, float(drive[0, 1]))
+    nodes_c = ft_sensor.trajectory(sensor, start, drive)[:-1]
+    measured = ft_sensor.measured_wrench(sensor, nodes_c, true)
+    wrench = ft_sensor.digitised_wrench(sensor, measured, rng)
+    return wrench, ft_sensor.digitised_temperatures(sensor, nodes_c, rng)
 
 
 def still(seed: int, run: int, noise_n: float) -> Recording:

@@ -9,8 +9,9 @@ from scipy.integrate import solve_ivp
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.simulation.ft_sensor import (
     build_sensor,
+    digitised_temperatures,
+    digitised_wrench,
     measured_wrench,
-    simulate,
     start,
     steady_state,
     thermometer_temperatures,
@@ -47,6 +48,16 @@ LOAD = np.array([20.0, -30.0, 50.0, 1.0, -2.0, 0.5])
 @pytest.fixture
 def sensor():
     return build_sensor(SETTINGS, 1)
+
+
+def simulate(sensor, nodes_c, drive, wrench, generators):
+    """Readings under true wrenches while heat flows: wrenches and thermometers."""
+    states_c = trajectory(sensor, nodes_c, drive)[:-1]
+    measured = measured_wrench(sensor, states_c, wrench)
+    return (
+        digitised_wrench(sensor, measured, generators[0]),
+        digitised_temperatures(sensor, states_c, generators[1]),
+    )
 
 
 def noise(seed=0):

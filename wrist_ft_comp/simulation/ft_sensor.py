@@ -88,24 +88,6 @@ def digitised_temperatures(
     return _quantised(true + noise, np.full(2, sensor.settings.thermometer_quantum_k))
 
 
-def simulate(
-    sensor: FtSensor,
-    nodes_c: FloatArray,
-    drive: FloatArray,
-    wrench: FloatArray,
-    noise: tuple[np.random.Generator, np.random.Generator],
-) -> tuple[FloatArray, FloatArray]:
-    """Read wrenches, (N, 6), under true ones, and thermometers, (N, 2), as ``trajectory`` goes."""
-    # Noise comes from two sources, the wrench's and the thermometers', so that both streams equal
-    # those of single steps.
-    states_c = trajectory(sensor, nodes_c, drive)[:-1]
-    measured = measured_wrench(sensor, states_c, wrench)
-    return (
-        digitised_wrench(sensor, measured, noise[0]),
-        digitised_temperatures(sensor, states_c, noise[1]),
-    )
-
-
 def _quantised(values: FloatArray, quantum: FloatArray) -> FloatArray:
     """Round to multiples of a quantum; 0 leaves the values as they are."""
     step = np.where(quantum > 0, quantum, 1.0)

@@ -36,7 +36,10 @@ def simulate(number, duty):
     drive = simulated_run.drive(run, elapsed_s)
     start = ft_sensor.start(sensor, float(drive[0, 1]))
     true = simulated_run.true_wrench(run, elapsed_s)
-    return ft_sensor.simulate(sensor, start, drive, true, (rng, rng))
+    nodes_c = ft_sensor.trajectory(sensor, start, drive)[:-1]
+    measured = ft_sensor.measured_wrench(sensor, nodes_c, true)
+    wrench = ft_sensor.digitised_wrench(sensor, measured, rng)
+    return wrench, ft_sensor.digitised_temperatures(sensor, nodes_c, rng)
 
 
 def day(messages, number, duty):
