@@ -5,12 +5,14 @@ import pytest
 
 from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.calibration.learning import challenge
+from wrist_ft_comp.calibration.learning import lesson as lessons
 from wrist_ft_comp.calibration.learning.challenge import judge, reason, worthiest
 from wrist_ft_comp.calibration.learning.day import describe, left, share
 from wrist_ft_comp.calibration.learning.entry import DayEntry, NONE
 from wrist_ft_comp.calibration.learning.lesson import Champion, describe_day, take
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model.offline import simulate_drift
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
 
 QUICK = CalibrationSettings(identification=IdentificationSettings('pls', degree=1))
@@ -86,6 +88,14 @@ def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look,
     assert 'Nothing is learnt' in after.entry.verdict
 
 
+@pytest.mark.parametrize(('kept', 'judged'), [((1, 2, 3, 4), 5), ((1, 3, 4), 4), ((3, 4), 3)])
+def test_kept_days_that_were_not_learnt_from_are_judged_on(look, monkeypatch, kept, judged):
+    monkeypatch.setattr(lessons, 'MOST_DAYS', 2)
+    before, there = past(look, Champion(), 1, 2, 3, 4), [NAMES[n] for n in (*kept, 5)]
+    entry = take(NAMES[5], look, before, Champion(), there, settings=QUICK).entry
+    assert f'on {judged} days that neither was learnt from' in entry.verdict
+
+
 def test_a_day_that_cannot_be_read_is_named(look):
     def broken(name):
         raise RecordingError(f'{name} is empty.')
@@ -102,7 +112,7 @@ def test_what_is_left_is_what_evaluate_says(looked, good):
     after = np.array([each.rms_after for each in figures.values()])
     # Cells there, means of ten seconds here: less noise.
     np.testing.assert_allclose(describe(day).left[NONE], before, rtol=0.02)
-    assert (np.array(left(good, day)) <= after).all()
+    assert (np.array(left(simulate_drift(good, day.drift), day)) <= after).all()
 
 
 def wins(logs):

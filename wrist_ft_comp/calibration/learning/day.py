@@ -11,8 +11,7 @@ from wrist_ft_comp.calibration.payload.gains import contrast, COUNTS, unexplaine
 from wrist_ft_comp.calibration.payload.separation import separate, Separation, Step
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.identification.bins import tare
-from wrist_ft_comp.model.drift_model import DriftModel, no_drift
-from wrist_ft_comp.model.offline import simulate_drift
+from wrist_ft_comp.model.drift_model import Drift, no_drift
 from wrist_ft_comp.model.payload.learnt import LearntPayloads
 from wrist_ft_comp.model.payload.rigid_body import CONTRAST
 from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, Recording
@@ -78,17 +77,16 @@ def describe(day: Day) -> DayEntry:
             float(np.sum(run) * recording.period_s) for run in longest_stills(recording)
         ),
         known=known_cells(recording),
-        left={NONE: left(None, day)},
+        left={NONE: left(no_drift(len(recording)), day)},
         payloads=tuple((each.mass_kg, *each.center_m.tolist()) for each in found),
         rotation=tuple(learnt.frame.rotation.ravel().tolist()) if learnt else (),
         noise=tuple(day.noise.tolist()),
     )
 
 
-def left(model: DriftModel | None, day: Day) -> tuple[float, ...]:
-    """RMS of what a model, or none, leaves of a day's drift, tared in its first minute, (6,)."""
+def left(simulated: Drift, day: Day) -> tuple[float, ...]:
+    """RMS of what a model leaves of a day's drift, tared in its first minute, (6,)."""
     drift = day.drift
-    simulated = simulate_drift(model, drift) if model else no_drift(len(drift))
     rest = drift.wrench - simulated.zero - (1 + simulated.sensitivity) * drift.reference
     cells = max(1, round(_MEAN_S / drift.period_s))
     figures = np.full(len(AXES), np.nan)

@@ -57,8 +57,8 @@ def describe_day(
         entry = replace(describe(day), name=name, live=champion.key)
         with suppress(WristFtCompError):  # a model for other thermometers, or another period
             if champion.model is not None:
-                known = simulate_drift(champion.model, day.drift).zero
-                theirs = left(champion.model, day)
+                simulated = simulate_drift(champion.model, day.drift)
+                known, theirs = simulated.zero, left(simulated, day)
                 entry = replace(entry, left={**entry.left, champion.key: theirs})
         kind, what = incident(day, entry, before, known)
     except WristFtCompError as error:
@@ -118,5 +118,6 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
 
 def _judged(entry: DayEntry, challenger: Calibration, look: Look) -> DayEntry:
     """Write down what a challenger leaves of a day that it was not learnt from."""
-    theirs = left(challenger.model, look(entry.name))
+    day = look(entry.name)
+    theirs = left(simulate_drift(challenger.model, day.drift), day)
     return replace(entry, left={**entry.left, CHALLENGER: theirs})
