@@ -111,6 +111,22 @@ class TestDrift:
         before, after = np.nanmean(left[:907], axis=0), np.nanmean(left[907:], axis=0)
         np.testing.assert_allclose(before, after, atol=0.2)
 
+    def test_sudden_heat_behind_a_contact_is_no_step(self, plain):
+        day, n = plain[0], np.arange(len(plain[0])) - 900
+        warmer = 25 * (1 - np.exp(-n / 20)) * (n > 0)
+        pressed = (n >= 0) & (n < 24)
+        heat = np.outer(warmer, [0.1, 0.2, -1, 0, 0, 0])
+        contact = np.outer(pressed, [9, -9, 30, 1, 1, 0.1])
+        assert separate([replace(day, wrench=day.wrench + heat + contact)]).steps == [[]]
+
+    def test_a_contact_beside_a_gap_does_not_count(self, plain):
+        wrench = plain[0].wrench.copy()
+        wrench[610:891] = np.nan
+        wrench[892:899] += [-19, 4, -20, 1, 2, 0.3]
+        found = separate([replace(plain[0], wrench=wrench)])
+        assert found.steps == [[]]
+        assert np.isnan(found.drift[0].wrench[892:899]).all()
+
     def test_beside_a_model_a_long_press_is_neither_drift_nor_a_step(self, plain):
         day, cells = plain[0], np.arange(len(plain[0]))
         pressed = (cells >= 700) & (cells < 850)

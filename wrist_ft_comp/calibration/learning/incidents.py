@@ -31,7 +31,7 @@ AGREE, _COMPARED = 3, 20
 #: A step is the driver's tare where the reading goes to zero, up to this share of the step; it is
 #: the sensor's where it is larger than so much of the drift of a day, and times the noise, and so
 #: many cells away from a tare.
-_TO_ZERO, _OF_DRIFT, _OF_NOISE, _ECHO = 1.0, 0.3, 50.0, 120
+_TO_ZERO, _OF_DRIFT, _OF_NOISE, _ECHO = 1.0, 0.2, 50.0, 120
 #: … and where of so many cells before and behind it this share is free of contact, and they differ
 #: by this share of the step at least: a press that lasts and sudden heat look like steps, too.
 _NEAR, _FREE, _SEEN = 60, 0.2, 0.5

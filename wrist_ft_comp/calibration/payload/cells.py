@@ -13,6 +13,8 @@ from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, IntArray, R
 
 #: Length of a block, s, and fewest cells of one.
 BLOCK_S, _FEWEST = 300.0, 30
+#: Where a smaller share of the cells is usable, a contact looks like the level.
+_SPARSE = 0.2
 #: Cells that turn faster are left out, rad/s: ω×(ω×c) of the payload is not seen.
 _FASTEST = 0.5
 
@@ -54,11 +56,16 @@ def cut(recordings: Sequence[Recording], forces: Sequence[FloatArray]) -> Cells:
         wrenches.append(np.where(usable[:, None], wrench, 0))
         rights.append(np.where(usable[:, None], force, 0))
         usables.append(usable)
-    whole = (
+    wrench, force, usable = (
         np.concatenate([blocks(each, length) for each in parts])
         for parts in (wrenches, rights, usables)
     )
-    return Cells(*whole)
+    return Cells(wrench, force, dense(usable))
+
+
+def dense(usable: BoolArray) -> BoolArray:
+    """Leave out blocks of which too little is usable, (n, B)."""
+    return np.asarray(usable & (usable.mean(axis=1, keepdims=True) >= _SPARSE))
 
 
 def joined(recordings: Sequence[Recording], cut_up: NDArray[Any]) -> list[NDArray[Any]]:

@@ -24,6 +24,7 @@ from wrist_ft_comp.calibration.payload.steps import (
     locate,
     MEAN_S,
     means,
+    stands,
     step_size,
     suspect_steps,
 )
@@ -80,6 +81,8 @@ class Separation:
 def separate(recordings: Sequence[Recording]) -> Separation:
     """Separate payload, contacts, steps and drift; every recording holds specific force."""
     accelerometer = set_right(recordings)
+    for recording, force in zip(recordings, accelerometer.forces, strict=True):
+        _check_rows(recording, force)
     cells = cut(recordings, accelerometer.forces)
     if cells.usable.sum() < _FEWEST or not cells.axes:
         raise CalibrationRefusedError(
@@ -87,8 +90,6 @@ def separate(recordings: Sequence[Recording]) -> Separation:
             'with wrench and specific force that turn slowly; at least '
             f'{_FEWEST} are needed for the reference payload. Record both at the same time.'
         )
-    for recording, force in zip(recordings, accelerometer.forces, strict=True):
-        _check_rows(recording, force)
     return _separated(recordings, accelerometer, find_states(cells), None)
 
 
@@ -136,8 +137,8 @@ def _separated(
             wrench = recording.wrench[:, axes]
             each = wrench - forces[n] @ fit.gains
             length = max(1, round(MEAN_S / recording.period_s))
-            averaged = means(np.nan_to_num(_held(each, states[n])), counts[n], length)
-            for step in _steps_of(each, averaged, length, fit.noise, sudden=known is None):
+            told = states[n], counts[n]
+            for step in _steps_of(each, *told, length, fit.noise, sudden=known is None):
                 if any(abs(step.cell - other.cell) < _APART for other in steps[n]):
                     continue
                 wrench[step.cell :] -= step.jump
@@ -171,16 +172,24 @@ def _held(each: FloatArray, states: IntArray) -> FloatArray:
     return np.asarray(each[states, np.arange(len(states))])
 
 
-def _steps_of(
-    each: FloatArray, averaged: FloatArray, length: int, noise: FloatArray, *, sudden: bool
+def _steps_of(  # noqa: PLR0913 -- all that a recording says
+    each: FloatArray,
+    states: IntArray,
+    counts: BoolArray,
+    length: int,
+    noise: FloatArray,
+    *,
+    sudden: bool,
 ) -> list[Step]:
-    """Find steps in what each payload leaves, (K, N, A), and in means over so many cells."""
+    """Find steps in what each payload leaves, (K, N, A), by means over so many cells."""
     found = []
+    rest = np.nan_to_num(_held(each, states))
+    averaged = means(rest, counts, length)
     for before, after, jump in suspect_steps(averaged, noise):
         first = max(0, before - 1) * length
-        rest = np.nan_to_num(each[:, first : (after + 2) * length])
-        at = locate(rest, averaged[before], jump, noise, sudden=sudden)
-        if at is not None:
+        near = np.nan_to_num(each[:, first : (after + 2) * length])
+        at = locate(near, averaged[before], jump, noise, sudden=sudden)
+        if at is not None and stands(rest / noise, counts, first + at, jump / noise):
             found.append(Step(first + at, jump))
     return found
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrist_ft_comp.calibration.payload.cells import Cells
+from wrist_ft_comp.calibration.payload.cells import Cells, dense
 from wrist_ft_comp.calibration.payload.gains import (
     bodies_of,
     contrast,
@@ -95,7 +95,7 @@ def follow_closely(cells: Cells, fit: Fit) -> Fit:
     def cut(values: NDArray[Any]) -> NDArray[Any]:
         return values.reshape(blocks * parts, length // parts, *values.shape[2:])
 
-    usable, rests = cut(cells.usable), [cut(rest) for rest in _rests(cells, fit)]
+    usable, rests = dense(cut(cells.usable)), [cut(rest) for rest in _rests(cells, fit)]
     states, weights = _turn(rests, usable, cut(fit.levels / fit.noise), 4 * TUNING)
     for width in (2 * TUNING, TUNING, TUNING):
         states, weights = _turn(rests, usable, leveled(held(rests, states), weights), width)

@@ -18,6 +18,9 @@ MEAN_S = 10.0
 _WINDOWS, _STEP, _SMALLEST = (6, 12), 40.0, 12.0
 #: A step is sudden: so many cells may be on the way, this share of it off its ends.
 _BLURRED, _ON_THE_WAY = 0.1, 3
+#: … and the nearer of so many cells that count on either side of it are apart by this share of
+#: it, and of what all of them are.
+_NEIGHBOURS, _ALL = (6, 90), 0.8
 #: A step's size is found from so many cells before and after.
 _NEAR = 90
 
@@ -88,6 +91,21 @@ def locate(
     first = int(earlier[-1]) + 1 if len(earlier) else 0
     last = at + int(later[0]) if len(later) else len(aside[0])
     return at if between.any(axis=0)[first:last].sum() <= _ON_THE_WAY else None
+
+
+def stands(rest: FloatArray, counts: BoolArray, at: int, step: FloatArray) -> bool:
+    """Tell whether a step, of (N, A) by the noise, is all that happens between cells near it."""
+    # Heat goes on behind a contact that hides its front, and lines reach over gaps.
+    rows = np.flatnonzero(counts)
+    middle = int(np.searchsorted(rows, at))
+    if not 0 < middle < len(rows):
+        return False
+    way = rest[rows] @ step / (step @ step)
+    gone, around = (
+        float(np.median(way[middle:][:most]) - np.median(way[max(0, middle - most) : middle]))
+        for most in _NEIGHBOURS
+    )
+    return gone > _ALL * max(1.0, around)
 
 
 def step_size(drift: FloatArray, counts: BoolArray, at: int) -> FloatArray:
