@@ -127,6 +127,13 @@ def test_what_shows_on_the_newest_days_only_counts_and_on_the_oldest_not():
     assert not judge(live, challenger[::-1])[0]
 
 
+@pytest.mark.parametrize(('lately', 'won'), [(2.0, True), (0.2, False)])
+def test_old_days_are_no_objection_where_the_live_model_fails_now(lately, won):
+    live, challenger = np.full((30, 6), 0.1), np.full((30, 6), 0.4)
+    live[:6], challenger[:6] = lately, 0.1
+    assert judge(live, challenger)[0] == won
+
+
 def test_the_newer_half_is_always_learnt_from():
     common = [DayEntry(f'day_{n}', known=frozenset({(0, 0)})) for n in range(6)]
     rare = [DayEntry(f'day_{n}', known=frozenset({(n, n)})) for n in range(-6, 0)]

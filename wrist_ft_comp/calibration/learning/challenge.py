@@ -7,7 +7,8 @@ challenger's: directly where the challenger was not learnt from that day, else o
 The logarithm of what the challenger leaves by what the champion leaves is averaged over axes. Its
 mean over all these days, or over the newest six, has to be below zero by two standard errors and a
 margin, where the spread between days is not believed to be smaller than two days of a usual spread
-say: a single day has to be three times as good, ten days by a quarter.
+say: a single day has to be three times as good, ten days by a quarter. No day may be much worse,
+but for those before the newest six where the champion leaves twice as much on these.
 """
 
 from collections import Counter
@@ -32,8 +33,9 @@ _BADLY, _MUCH = 2.0, 0.1
 _SPENT_S, _SPENT_DAYS = 1400.0, 30
 #: Usual spread of a day's logarithm, what it counts for, days, and standard errors of a proof.
 _SPREAD, _COUNTS, _SURE = 0.5, 2.0, 2.0
-#: So many of the newest days are judged by themselves, too.
-_NEWEST = 6
+#: So many of the newest days are judged by themselves, too; where the champion leaves twice as
+#: much there, as a logarithm, something has changed.
+_NEWEST, _CHANGED = 6, 0.7
 #: What is better by less, as a logarithm, is not worth a change; nor one that leaves more on any
 #: day, by this share of a usual day's drift.
 _MARGIN, _WORSE = 0.1, 0.15
@@ -118,9 +120,11 @@ def evidence(
 def judge(champion: FloatArray, challenger: FloatArray) -> tuple[bool, str]:
     """Tell whether a challenger is better, and how sure, by what is left of days (n, 6)."""
     logs = np.nanmean(np.log((challenger + _FLOOR) / (champion + _FLOOR)), axis=1)
-    # Rooms and robots change: where that shows on the newest days, older ones do not matter.
-    proof = min(_at_most(logs), _at_most(logs[:_NEWEST]))
-    worse = np.nanmean(challenger - champion, axis=1).max()
+    # Rooms and robots change: where that shows on the newest days, older ones do not matter, nor
+    # is a day an objection that was before.
+    newest, more = _at_most(logs[:_NEWEST]), np.nanmean(challenger - champion, axis=1)
+    proof = min(_at_most(logs), newest)
+    worse = more[: _NEWEST if newest < -_CHANGED else len(more)].max()
     before, after = (
         float(np.exp(np.nanmean(np.log(each + _FLOOR)))) for each in (champion, challenger)
     )
