@@ -91,7 +91,9 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
         return Lesson(replace(entry, verdict=f'{said}Nothing is learnt from it.'))
     why = reason(entries, champion.key)
     learnt = worthiest([each for each in good_days(before) if each.name in there], MOST_DAYS)
-    if not why or not learnt:
+    if not learnt:
+        return Lesson(replace(entry, verdict=f'{said}Another good day is needed to learn from.'))
+    if not why:
         return Lesson(replace(entry, verdict=f'{said}No reason to learn anew.'))
     settings = replace(settings or CalibrationSettings(), reference='recorded')
     asked = {
