@@ -11,6 +11,8 @@ from wrist_ft_comp.model.signals import FloatArray, GRAVITY
 _MOVED = 0.3
 #: What is expected of accelerometers: bias, m/s², per kelvin, and scale.
 _BIAS, _PER_KELVIN, _SCALE = 0.3, 0.01, 0.03
+#: A norm that is off by this share of the usual one says nothing of an accelerometer.
+_FAR = 0.3
 #: Noise of a norm that is taken as independent, m/s², so that slow errors count for what they are.
 _NORM_NOISE = 0.2
 
@@ -61,7 +63,10 @@ def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArr
     """Fit bias, scale and bias per kelvin to the norm at rest, in a frame without rotation."""
     # Specific force as it was measured, m/s², (n, 3), and temperatures less their mean, K, (n, J),
     # give the frame, the bias per kelvin, (J, 3), and the covariance of the scale that is left.
-    common = float(np.median(np.linalg.norm(force, axis=1))) / GRAVITY if len(force) else 1.0
+    norms = np.linalg.norm(force, axis=1)
+    common = float(np.median(norms)) / GRAVITY if len(force) else 1.0
+    near = np.abs(norms - common * GRAVITY) < _FAR * common * GRAVITY
+    force, theta = force[near], theta[near]
     thermometers = theta.shape[1]
     widths = np.repeat([_BIAS, _SCALE, *[_PER_KELVIN] * thermometers], 3)
     prior = np.diag(widths**2)
