@@ -135,7 +135,7 @@ def command_cost(source: Path, model: Path, target: Path) -> dict[str, float]:
     start = time.perf_counter()
     words = ('compensate', str(model), str(source), '-o', str(target))
     process = subprocess.Popen(
-        [sys.executable, '-m', 'wrist_ft_comp.cli.main', *words],
+        [sys.executable, '-m', 'wrist_ft_comp', *words],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )

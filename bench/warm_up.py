@@ -22,7 +22,7 @@ def write_warm_up(path: Path, seconds: int = 7200) -> Path:
 def make_model(folder: Path) -> Path:
     """Calibrate from a warm-up of two hours; returns the model file."""
     recording, model = write_warm_up(folder / 'warm_up.csv'), folder / 'model.yaml'
-    command = [sys.executable, '-m', 'wrist_ft_comp.cli.main', 'calibrate']
+    command = [sys.executable, '-m', 'wrist_ft_comp', 'calibrate']
     subprocess.run(
         [*command, str(recording), '-o', str(model)], check=True, stdout=subprocess.DEVNULL
     )
