@@ -33,8 +33,8 @@ AGREE, _COMPARED = 3, 20
 #: many cells away from a tare.
 _TO_ZERO, _OF_DRIFT, _OF_NOISE, _ECHO = 1.0, 0.2, 50.0, 120
 #: … and where of so many cells before and behind it this share is free of contact, and they differ
-#: by this share of the step at least: a press that lasts and sudden heat look like steps, too.
-_NEAR, _FREE, _SEEN = 60, 0.2, 0.5
+#: by the step, up to this share: a press that lasts and sudden heat look like steps, too.
+_NEAR, _FREE, _OFF = 60, 0.2, 0.5
 #: Shares of the time in contact and of what no payload explains; turn of the mounting, deg; noise
 #: by what is usual; payloads of another gain: their ratios alike, centres of mass as near, m.
 _CONTACT, _UNEXPLAINED, _TURNED_DEG, _LOUD, _GAIN, _NEAR_M = 0.6, 0.1, 5.0, 3.0, 0.03, 0.005
@@ -183,12 +183,12 @@ def _jumped(day: Day, entry: DayEntry, known: FloatArray | float) -> Incident | 
 
 
 def _goes(rest: FloatArray, at: int, jump: FloatArray) -> bool:
-    """Tell whether cells that are free of contact go as far as a step, both by the noise."""
+    """Tell whether cells that are free of contact go where a step does, both by the noise."""
     before, after = rest[max(0, at - _NEAR) : at], rest[at : at + _NEAR]
     if min(np.isfinite(each[:, 0]).mean() for each in (before, after)) < _FREE:
         return False
     gone = np.nanmedian(after, axis=0) - np.nanmedian(before, axis=0)
-    return bool(gone @ jump > _SEEN * jump @ jump)
+    return bool(np.linalg.norm(gone - jump) < _OFF * np.linalg.norm(jump))
 
 
 def _loud(entry: DayEntry, like: Sequence[DayEntry]) -> Incident | None:
