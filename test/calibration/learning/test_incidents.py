@@ -73,6 +73,15 @@ def test_a_press_that_lasts_is_no_incident(looked, before):
     assert incident(day, describe(day), before) == ('', '')
 
 
+def test_a_step_that_cells_near_it_go_beyond_is_no_incident(looked, before):
+    day = looked(9, jump=5.0)
+    (step,) = day.steps
+    wrench = day.recording.wrench.copy()
+    wrench[step.cell + 20 :] += 2 * step.jump
+    day = replace(day, recording=replace(day.recording, wrench=wrench))
+    assert incident(day, describe(day), before) == ('', '')
+
+
 def test_the_next_day_with_another_tool_is_ordinary(looked, before):
     tool = {'mass_kg': 2.5, 'center_m': (0.02, 0.0, 0.2)}
     changed = replace(describe(looked(9, **tool)), kind='tool', incident='Another tool.')
