@@ -125,7 +125,7 @@ def _neighbours_noise(cells: Cells, rest: FloatArray) -> FloatArray:
     """Estimate the noise by the quieter differences of neighbours, which no level spoils, (A,)."""
     pairs = cells.usable[:, 1:] & cells.usable[:, :-1]
     steps = np.abs(np.diff(rest, axis=1))[pairs]
-    if not len(steps):  # rows farther apart than cells are long have no neighbours
+    if not len(steps):  # every other cell may turn too fast
         return np.full(cells.axes, np.inf)
     return np.asarray(np.quantile(steps, _QUIETER, axis=0) / _QUIETER_STEP)
 
