@@ -198,3 +198,35 @@ def test_days_that_know_what_no_other_does_are_kept():
 def test_what_a_model_left_of_no_drift_is_no_number():
     assert np.isnan(share(DayEntry('day'), 'a')).all()
     assert challenge.MOST_DAYS < 30
+
+
+def test_days_that_cannot_be_read_any_more_are_left_out(look):
+    def damaged(name):
+        if name in NAMES[1:3]:
+            raise RecordingError(f'{name} is damaged.')
+        return look(name)
+
+    before = past(look, Champion(), 1, 2, 3, 4)
+    lesson = take(NAMES[5], damaged, before, Champion(), NAMES, settings=QUICK)
+    assert lesson.days == tuple(NAMES[3:6])
+
+
+def test_days_with_other_thermometers_are_of_another_sensor(look):
+    def one(recording):
+        seen_c, measured = recording.temperature_c[:, :1], recording.measured[:, :1]
+        return replace(recording, temperature_c=seen_c, measured=measured)
+
+    def fewer(day):
+        return replace(day, recording=one(day.recording), drift=one(day.drift))
+
+    def look_then(name):
+        return fewer(look(name)) if name in NAMES[:3] else look(name)
+
+    before = past(look_then, Champion(), 1, 2, 3, 4)
+    first, later = (
+        take(NAMES[n], look_then, before[: n - 1], Champion(), NAMES, settings=QUICK)
+        for n in (3, 5)
+    )
+    assert 'Another good day is needed' in first.entry.verdict
+    assert later.days == tuple(NAMES[3:6])
+    assert [each.name for each in worthiest(before, 2)] == NAMES[3:5]

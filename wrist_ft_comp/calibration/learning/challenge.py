@@ -44,9 +44,10 @@ _FLOOR = 0.01
 
 
 def good_days(entries: Sequence[DayEntry]) -> list[DayEntry]:
-    """Choose the days that may be learnt from: of this sensor, and without an incident."""
+    """Choose days that may be learnt from: of the last one's sensor, and without an incident."""
     start = max((n for n, each in enumerate(entries) if each.kind in FORGETTING), default=-1)
-    return [each for each in entries[start + 1 :] if each.kind in LEARNT_FROM]
+    good = [each for each in entries[start + 1 :] if each.kind in LEARNT_FROM]
+    return [each for each in good if len(each.temperature_c) == len(good[-1].temperature_c)]
 
 
 def reason(entries: Sequence[DayEntry], champion: str) -> str:
@@ -77,10 +78,10 @@ def worthiest(days: Sequence[DayEntry], most: int) -> list[DayEntry]:
     """Choose so many days in their order: the newer half, and those that know like no other."""
     chosen, newer = list(days), max(most // 2, 1)
     while len(chosen) > max(most, 1):
-        good = {each.name: each.kind in LEARNT_FROM for each in chosen}
-        count = Counter(cell for each in chosen if good[each.name] for cell in each.known)
+        good = good_days(chosen)
+        count = Counter(cell for each in good for cell in each.known)
         worth = [
-            sum(1 / count[cell] for cell in each.known) if good[each.name] else -1.0
+            sum(1 / count[cell] for cell in each.known) if each in good else -1.0
             for each in chosen[:-newer]
         ]
         del chosen[int(np.argmin(worth))]

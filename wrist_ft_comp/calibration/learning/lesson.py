@@ -1,6 +1,6 @@
 """One lesson: what the newest day says of the live model, of the sensor, and of a better model."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -89,23 +89,23 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
     entries = [*before, entry]
     if pause(entries, since) or entry.kind not in LEARNT_FROM:
         return Lesson(replace(entry, verdict=f'{said}Nothing is learnt from it.'))
-    why = reason(entries, champion.key)
-    learnt = worthiest([each for each in good_days(before) if each.name in there], MOST_DAYS)
+    why, good = reason(entries, champion.key), good_days(entries)[:-1]
+    learnt = worthiest([each for each in good if each.name in there], MOST_DAYS)
     if not learnt:
         return Lesson(replace(entry, verdict=f'{said}Another good day is needed to learn from.'))
     if not why:
         return Lesson(replace(entry, verdict=f'{said}No reason to learn anew.'))
     settings = replace(settings or CalibrationSettings(), reference='recorded')
-    asked = {
-        each.name: each for each in good_days(before) if each.name > max(since, champion.newest)
-    }
+    asked = {each.name: each for each in good if each.name > max(since, champion.newest)}
     entry, better = replace(entry, challenged=True), None
     try:
+        learnt = list(_readable(look, learnt))
         challenger = calibrate([look(each.name).drift for each in learnt], settings)
         days = [each.name for each in learnt]
         entry = _judged(entry, challenger, look)
         unseen = [asked[each] for each in there if each in asked and each not in days]
-        direct = [entry, *(_judged(each, challenger, look) for each in unseen)]
+        readable = _readable(look, unseen)
+        direct = [entry, *(_judged(each, challenger, look) for each in readable)]
         wins, what = judge(*evidence(direct, asked, challenger, days, champion.key or NONE))
         if wins:
             learnt = worthiest([*learnt, entry], MOST_DAYS)
@@ -116,6 +116,14 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
         return Lesson(replace(entry, verdict=f'{said}No challenger was learnt: {error}'))
     verdict = f'{said}A challenger ({why}) was {"" if wins else "not surely "}better: {what}.'
     return Lesson(replace(entry, verdict=verdict), better, tuple(each.name for each in learnt))
+
+
+def _readable(look: Look, days: Sequence[DayEntry]) -> Iterator[DayEntry]:
+    """Choose the days that can still be looked at: files get damaged, and cells shorter."""
+    for each in days:
+        with suppress(WristFtCompError):
+            look(each.name)
+            yield each
 
 
 def _judged(entry: DayEntry, challenger: Calibration, look: Look) -> DayEntry:
