@@ -28,7 +28,8 @@ reading (0.07 of the 0.19 in development year 1003).
 
 import argparse
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 import os
@@ -126,15 +127,10 @@ class Robot:
     kept: dict[str, tuple[Day | None, float]] = field(default_factory=dict)
     adopted: list[int] = field(default_factory=list)
 
-    def end(self, day: YearDay) -> None:
-        """Learn from a day that has ended."""
-        name, seconds = day_name(day.number), {}
-        began = time.process_time()
-        try:
-            looked: Day | None = look_at(day.recording)
-        except CalibrationRefusedError:
-            looked = None
-        self.kept[name] = looked, time.process_time() - began
+    def end(self, number: int, looked: tuple[Day | None, float]) -> None:
+        """Learn from a day that has ended, and was looked at."""
+        name, seconds = day_name(number), {}
+        self.kept[name] = looked
 
         def look(asked: str) -> Day:
             """Give a day, and note that a job would have to separate it."""
@@ -152,13 +148,22 @@ class Robot:
         if lesson.better is not None:
             self.before = self.champion.model
             self.champion = Champion(f'after {name}', lesson.better.model, name)
-            self.adopted.append(day.number)
+            self.adopted.append(number)
 
 
 def left_of(model: DriftModel | None, day: YearDay) -> FloatArray:
     """RMS of what is left of the true drift, tared, (6,)."""
     rest = day.drift - (simulate_drift(model, day.recording).zero if model else 0.0)
     return root_mean_square(tared(block_means(rest, round(10 / CELL_S)), 10.0))
+
+
+def ended(year: Year, number: int) -> tuple[YearDay, tuple[Day | None, float]]:
+    """Draw a day and look at it; None where that cannot be. With the processor time it took, s."""
+    day, began = year.day(number), time.process_time()
+    looked = None
+    with suppress(CalibrationRefusedError):
+        looked = look_at(day.recording)
+    return day, (looked, time.process_time() - began)
 
 
 def by_hand(recordings: Sequence[Recording]) -> DriftModel | None:
@@ -169,23 +174,23 @@ def by_hand(recordings: Sequence[Recording]) -> DriftModel | None:
         return None
 
 
-def live(seed: int, length: int) -> Lived:
-    """Live through a year."""
+def live(seed: int, length: int, pool: Executor) -> Lived:
+    """Live through a year; days to come are drawn and looked at in other processes."""
     began = time.perf_counter()
     year, robot = Year(seed, length), Robot()
     quarters = [next(n for n in year.worked if n >= length * q // 4) for q in range(4)]
     warm_ups: list[Recording] = []
     once, seasons = None, None
     rows = []
-    for number in year.worked:
+    ahead = pool.map(partial(ended, year), year.worked)
+    for number, (day, looked) in zip(year.worked, ahead, strict=True):
         if number in quarters:
             warm_ups.append(year.warm_up(number))
             seasons = by_hand(warm_ups)
             once = seasons if number == quarters[0] else once
-        day = year.day(number)
         models = (None, once, seasons, robot.champion.model, robot.before)
         rows.append([left_of(model, day) for model in models])
-        robot.end(day)
+        robot.end(number, looked)
     figures = np.array(rows)
     usual = figures[:, NEVER].mean(axis=0)
     left = np.mean((figures / usual)[:, :, usual > _STILL], axis=2)
@@ -277,16 +282,15 @@ def main() -> None:
     parser.add_argument('--first', type=int, help='seed of the first year')
     parser.add_argument('--years', type=int, default=2)
     parser.add_argument('--length', type=int, default=365, help='days of a year, at least 130')
-    parser.add_argument('--jobs', type=int, default=min(2, os.cpu_count() or 1))
+    parser.add_argument('--jobs', type=int, default=os.cpu_count())
     parser.add_argument('--picture', type=Path, help='of the first year')
     options = parser.parse_args()
     first = options.first or (DEVELOPMENT_SEED if options.dev else report_seed())
     years = []
     with ProcessPoolExecutor(options.jobs) as pool:
-        seeds = range(first, first + options.years)
-        for year in pool.map(partial(live, length=options.length), seeds):
-            print_year(year)
-            years.append(year)
+        for seed in range(first, first + options.years):
+            years.append(live(seed, options.length, pool))
+            print_year(years[-1])
     print_targets(years)
     if options.picture:
         draw(years[0], options.picture)

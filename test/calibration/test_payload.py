@@ -119,6 +119,20 @@ class TestDrift:
         contact = np.outer(pressed, [9, -9, 30, 1, 1, 0.1])
         assert separate([replace(day, wrench=day.wrench + heat + contact)]).steps == [[]]
 
+    def test_a_step_amid_sudden_heat_is_found_with_its_size(self, plain):
+        day, n = plain[0], np.arange(len(plain[0])) - 860
+        heat = np.outer(60 * (1 - np.exp(-n / 100)) * (n > 0), [0.1, 0.2, -1, 0, 0, 0])
+        jump = np.array([6.0, 7.0, 8.0, 0.2, -0.4, 0.3])
+        steps = np.outer(n >= 40, jump)
+        (found,) = separate([replace(day, wrench=day.wrench + heat + steps)]).steps[0]
+        assert abs(found.cell - 900) <= 3
+        np.testing.assert_allclose(found.jump, jump, atol=1.5)
+
+    def test_a_bump_is_no_step(self, plain):
+        bump = np.zeros((len(plain[0]), 6))
+        bump[890:912] = [6.0, 7.0, 8.0, 0.2, -0.4, 0.3]
+        assert separate([replace(plain[0], wrench=plain[0].wrench + bump)]).steps == [[]]
+
     def test_a_contact_beside_a_gap_does_not_count(self, plain):
         wrench = plain[0].wrench.copy()
         wrench[610:891] = np.nan

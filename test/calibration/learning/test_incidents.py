@@ -64,6 +64,14 @@ def test_a_tare_of_the_driver_is_no_incident(looked, before):
     assert incident(replace(day, recording=zeroed), describe(day), before) == ('', '')
 
 
+def test_a_jump_that_matters_on_one_axis_is_told(looked, before):
+    day = looked(9, jump=5.0)
+    entry = describe(day)
+    drift = np.array(entry.left['none']) * [1, 100, 100, 100, 100, 100]
+    assert incident(day, replace(entry, left={'none': tuple(drift)}), before)[0] == 'zero'
+    assert incident(day, replace(entry, left={'none': tuple(100 * drift)}), before) == ('', '')
+
+
 def test_a_press_that_lasts_is_no_incident(looked, before):
     day = looked(9, jump=5.0)
     (step,) = day.steps

@@ -24,7 +24,7 @@ from wrist_ft_comp.calibration.payload.steps import (
     locate,
     MEAN_S,
     means,
-    stands,
+    settled,
     step_size,
     suspect_steps,
 )
@@ -185,12 +185,15 @@ def _steps_of(  # noqa: PLR0913 -- all that a recording says
     found = []
     rest = np.nan_to_num(_held(each, states))
     averaged = means(rest, counts, length)
-    for before, after, jump in suspect_steps(averaged, noise):
+    for before, after, jump, slope in suspect_steps(averaged, noise):
         first = max(0, before - 1) * length
         near = np.nan_to_num(each[:, first : (after + 2) * length])
+        past = (first + np.arange(near.shape[1]))[:, np.newaxis] / length - before - 0.5
+        near = near - past * slope
         at = locate(near, averaged[before], jump, noise, sudden=sudden)
-        if at is not None and stands(rest / noise, counts, first + at, jump / noise):
-            found.append(Step(first + at, jump))
+        if at is not None:
+            told = settled(rest, counts, first + at, jump, noise)
+            found += [] if told is None else [Step(first + at, told)]
     return found
 
 

@@ -19,8 +19,8 @@ _WINDOWS, _STEP, _SMALLEST = (6, 12), 40.0, 12.0
 #: A step is sudden: so many cells may be on the way, this share of it off its ends.
 _BLURRED, _ON_THE_WAY = 0.1, 3
 #: … and the nearer of so many cells that count on either side of it are apart by this share of
-#: it, and of what all of them are.
-_NEIGHBOURS, _ALL = (6, 90), 0.8
+#: it, and of what all of them are, unless no more cells than this hide it.
+_NEIGHBOURS, _ALL, _HIDDEN = (6, 90), 0.8, 15
 #: A step's size is found from so many cells before and after.
 _NEAR = 90
 
@@ -34,27 +34,32 @@ def means(values: FloatArray, counts: BoolArray, length: int) -> FloatArray:
     return np.asarray(np.where(number > length // 10, total / np.maximum(number, 1), np.nan))
 
 
-def suspect_steps(drift: FloatArray, noise: FloatArray) -> list[tuple[int, int, FloatArray]]:
-    """Find where means (M, A) may step, largest first: means before and after, and jump (A,)."""
+def suspect_steps(
+    drift: FloatArray, noise: FloatArray
+) -> list[tuple[int, int, FloatArray, FloatArray]]:
+    """Find where means (M, A) may step, largest first: before, after, jump (A,) and slope (A,)."""
     there = np.flatnonzero(np.isfinite(drift[:, 0]))
     if len(there) < 4 * _WINDOWS[-1]:
         return []
     at = np.arange(_WINDOWS[-1], len(there) - _WINDOWS[-1])
-    jumps = [_jumps(drift, there, at, window) for window in _WINDOWS]
-    size = np.min([np.mean((jump / noise) ** 2, axis=1) for jump in jumps], axis=0) ** 0.5
+    lines = [_lines(drift, there, at, window) for window in _WINDOWS]
+    size = np.min([np.mean((jump / noise) ** 2, axis=1) for jump, _ in lines], axis=0) ** 0.5
     limit = max(_SMALLEST, _STEP * float(np.median(size)))
     found = []
     while size.max() > limit:
         best = int(size.argmax())
-        found.append((int(there[at[best] - 1]), int(there[at[best]]), jumps[0][best]))
+        jump, slope = (each[best] for each in lines[0])
+        found.append((int(there[at[best] - 1]), int(there[at[best]]), jump, slope))
         size[max(0, best - _WINDOWS[0]) : best + _WINDOWS[0] + 1] = 0.0
     return found
 
 
-def _jumps(drift: FloatArray, there: IntArray, at: IntArray, window: int) -> FloatArray:
-    """Jumps between lines through so many means before and after every place, (n, A)."""
+def _lines(
+    drift: FloatArray, there: IntArray, at: IntArray, window: int
+) -> tuple[FloatArray, FloatArray]:
+    """Jumps between lines through so many means on either side of places, mean slopes, (n, A)."""
     middle = (there[at - 1] + there[at]) / 2
-    ends = []
+    ends, slopes = [], []
     for offsets in (np.arange(-window, 0), np.arange(window)):
         rows = there[at[:, None] + offsets]
         time = rows - middle[:, None]
@@ -62,7 +67,8 @@ def _jumps(drift: FloatArray, there: IntArray, at: IntArray, window: int) -> Flo
         slope = np.einsum('nw,nwi->ni', centred, drift[rows])
         slope /= np.sum(centred**2, axis=1)[:, None]
         ends.append(drift[rows].mean(axis=1) - slope * time.mean(axis=1)[:, None])
-    return np.asarray(ends[1] - ends[0])
+        slopes.append(slope)
+    return np.asarray(ends[1] - ends[0]), np.asarray(sum(slopes) / 2)
 
 
 def locate(
@@ -93,19 +99,28 @@ def locate(
     return at if between.any(axis=0)[first:last].sum() <= _ON_THE_WAY else None
 
 
-def stands(rest: FloatArray, counts: BoolArray, at: int, step: FloatArray) -> bool:
-    """Tell whether a step, of (N, A) by the noise, is all that happens between cells near it."""
+def settled(
+    rest: FloatArray, counts: BoolArray, at: int, step: FloatArray, noise: FloatArray
+) -> FloatArray | None:
+    """Tell how far (A,) a step goes by cells near it, of (N, A); None where heat may go so far."""
     # Heat goes on behind a contact that hides its front, and lines reach over gaps.
     rows = np.flatnonzero(counts)
     middle = int(np.searchsorted(rows, at))
     if not 0 < middle < len(rows):
-        return False
-    way = rest[rows] @ step / (step @ step)
-    gone, around = (
-        float(np.median(way[middle:][:most]) - np.median(way[max(0, middle - most) : middle]))
+        return None
+    way: FloatArray = np.column_stack((rest[rows], rows))
+    near, around = (
+        np.median(way[middle:][:most], axis=0)
+        - np.median(way[max(0, middle - most) : middle], axis=0)
         for most in _NEIGHBOURS
     )
-    return gone > _ALL * max(1.0, around)
+    along = step / noise**2 / np.sum((step / noise) ** 2)
+    gone, stays = (float(each[:-1] @ along) for each in (near, around))
+    hidden = rows[middle] - rows[middle - 1] > _HIDDEN
+    if stays < 0 or gone < _ALL * (max(1.0, stays) if hidden else 1.0):
+        return None
+    trend = (around - near) / max(1.0, around[-1] - near[-1])
+    return np.asarray(near - trend * near[-1])[:-1]
 
 
 def step_size(drift: FloatArray, counts: BoolArray, at: int) -> FloatArray:
