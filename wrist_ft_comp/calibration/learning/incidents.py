@@ -29,9 +29,8 @@ FORGETTING = (GAIN, MOUNTING)
 #: Days that have to agree, and days that one is compared with.
 AGREE, _COMPARED = 3, 20
 #: A step is the driver's tare where the reading goes to zero, up to this share of the step; it is
-#: the sensor's where it is larger than so much of the drift of a day, and times the noise, and so
-#: many cells away from a tare.
-_TO_ZERO, _OF_DRIFT, _OF_NOISE, _ECHO = 1.0, 0.2, 50.0, 120
+#: the sensor's where it is larger than so much of the drift of a day, and times the noise.
+_TO_ZERO, _OF_DRIFT, _OF_NOISE = 0.8, 0.2, 50.0
 #: … and where of so many cells before and behind it this share is free of contact, and they differ
 #: by the step, up to this share: a press that lasts and sudden heat look like steps, too.
 _NEAR, _FREE, _OFF = 60, 0.15, 0.5
@@ -161,16 +160,13 @@ def _jumped(day: Day, entry: DayEntry, known: FloatArray | float) -> Incident | 
     drift = np.array(entry.left[NONE])[np.isfinite(entry.left[NONE])]
     rest = (recording.wrench - day.drift.reference - known)[:, present] / noise
     rest[np.isnan(day.drift.wrench[:, present])] = np.nan
-    tared: list[int] = []
     for step in sorted(day.steps, key=lambda each: -np.linalg.norm(each.jump / noise)):
         at, size = step.cell, np.linalg.norm(step.jump / noise)
         reached = np.concatenate((raw[max(0, at - 4) : at] + step.jump, raw[at : at + 2]))
-        if np.nanmin(np.linalg.norm(reached / noise, axis=1)) < _TO_ZERO * size:
-            tared.append(at)  # and steps near it are echoes
-        elif (
-            size > _OF_NOISE
+        if (
+            np.nanmin(np.linalg.norm(reached / noise, axis=1)) > _TO_ZERO * size
+            and size > _OF_NOISE
             and np.max(np.abs(step.jump) / drift) > _OF_DRIFT
-            and all(abs(at - other) > _ECHO for other in tared)
             and _goes(rest, at, step.jump / noise)
         ):
             sizes = ', '.join(f'{each:.2g}' for each in step.jump)
