@@ -64,6 +64,15 @@ def test_a_tare_of_the_driver_is_no_incident(looked, before):
     assert incident(replace(day, recording=zeroed), describe(day), before) == ('', '')
 
 
+def test_a_tare_that_a_press_hides_is_no_incident(looked, before):
+    day = looked(9, jump=5.0)
+    (step,) = day.steps
+    wrench = day.recording.wrench.copy()
+    wrench[step.cell - 30] = -0.9 * step.jump
+    hidden = replace(day, recording=replace(day.recording, wrench=wrench))
+    assert incident(hidden, describe(day), before) == ('', '')
+
+
 def test_a_jump_that_matters_on_one_axis_is_told(looked, before):
     day = looked(9, jump=5.0)
     entry = describe(day)

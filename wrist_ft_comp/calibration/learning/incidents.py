@@ -28,9 +28,10 @@ PAUSING = (ZERO, GAIN, NOISE, MOUNTING)
 FORGETTING = (GAIN, MOUNTING)
 #: Days that have to agree, and days that one is compared with.
 AGREE, _COMPARED = 3, 20
-#: A step is the driver's tare where the reading goes to zero, up to this share of the step; it is
-#: the sensor's where it is larger than so much of the drift of a day, and times the noise.
-_TO_ZERO, _OF_DRIFT, _OF_NOISE = 0.8, 0.2, 50.0
+#: A step is the driver's tare where the reading goes to zero, up to this share of the step, or of
+#: the other where contacts may hide the tare; it is the sensor's where it is larger than so much
+#: of the drift of a day, and times the noise.
+_TO_ZERO, _HIDDEN, _OF_DRIFT, _OF_NOISE = 0.8, 0.3, 0.2, 50.0
 #: … and where of so many cells before and behind it this share is free of contact, and they differ
 #: by the step, up to this share: a press that lasts and sudden heat look like steps, too.
 _NEAR, _FREE, _OFF = 60, 0.15, 0.5
@@ -162,9 +163,11 @@ def _jumped(day: Day, entry: DayEntry, known: FloatArray | float) -> Incident | 
     rest[np.isnan(day.drift.wrench[:, present])] = np.nan
     for step in sorted(day.steps, key=lambda each: -np.linalg.norm(each.jump / noise)):
         at, size = step.cell, np.linalg.norm(step.jump / noise)
-        reached = np.concatenate((raw[max(0, at - 4) : at] + step.jump, raw[at : at + 2]))
+        cells = np.arange(max(0, at - _NEAR), min(at + _NEAR, len(raw)))
+        reached = raw[cells] + (cells < at)[:, np.newaxis] * step.jump
+        zero = size * np.where(np.abs(cells - at + 1) < 4, _TO_ZERO, _HIDDEN)
         if (
-            np.nanmin(np.linalg.norm(reached / noise, axis=1)) > _TO_ZERO * size
+            not (np.linalg.norm(reached / noise, axis=1) < zero).any()
             and size > _OF_NOISE
             and np.max(np.abs(step.jump) / drift) > _OF_DRIFT
             and _goes(rest, at, step.jump / noise)
