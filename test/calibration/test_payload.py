@@ -8,6 +8,7 @@ import pytest
 
 from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.calibration.payload.accelerometer import set_right
+from wrist_ft_comp.calibration.payload.cells import cut
 from wrist_ft_comp.calibration.payload.separation import separate, separate_again
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError
@@ -83,6 +84,16 @@ class TestPayloads:
 def without_drift(day):
     theta = (day.temperature_c - 20.0) * [0.3, -0.2, 0.5, 0.01, 0.02, -0.01]
     return day.wrench - theta
+
+
+def test_blocks_end_at_steps_and_are_joined_again(plain):
+    ends = [[907, 20], []]
+    cells = cut(plain, [day.specific_force for day in plain], ends)
+    numbers = [np.arange(len(day)) for day in plain]
+    blocked = cells.cut(numbers)
+    for before, after in zip(cells.join(blocked), numbers, strict=True):
+        np.testing.assert_array_equal(before, after)
+    assert blocked[:5, 0].tolist() == [0, 20, 320, 620, 907]
 
 
 class TestDrift:

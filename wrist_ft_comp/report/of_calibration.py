@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from wrist_ft_comp.calibration.chamber import ChamberFigures
-from wrist_ft_comp.calibration.payload.cells import joined
 from wrist_ft_comp.calibration.payload.gains import COUNTS
 from wrist_ft_comp.calibration.result import AxisFit, Calibration, HeldOut, rms_by_fold
 from wrist_ft_comp.model.drift_model import StoredModel
@@ -162,8 +161,8 @@ def _work_view(calibration: Calibration) -> WorkView | None:
     if separation is None:
         return None
     recordings, counts = separation.recordings, separation.fit.weights > COUNTS
-    counted = joined(recordings, counts)
-    pushed = joined(recordings, separation.cells.usable & ~counts)
+    counted = separation.cells.join(counts)
+    pushed = separation.cells.join(separation.cells.usable & ~counts)
     rows = []
     for i, start_h in enumerate(recording_starts_h(recordings)):
         bins = (recordings[i].elapsed_s / 3600 // _BIN_H).astype(np.int64)

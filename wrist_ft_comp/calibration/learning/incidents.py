@@ -34,7 +34,7 @@ AGREE, _COMPARED = 3, 20
 _TO_ZERO, _HIDDEN, _OF_DRIFT, _OF_NOISE = 0.8, 0.3, 0.2, 50.0
 #: … and where of so many cells before and behind it this share is free of contact, and they differ
 #: by the step, up to this share: a press that lasts and sudden heat look like steps, too.
-_NEAR, _FREE, _OFF = 60, 0.15, 0.5
+_NEAR, _FREE, _OFF = 60, 0.1, 0.5
 #: Shares of the time in contact and of what no payload explains; turn of the mounting, deg; noise
 #: by what is usual; payloads of another gain: their ratios alike, centres of mass as near, m.
 _CONTACT, _UNEXPLAINED, _TURNED_DEG, _LOUD, _GAIN, _NEAR_M = 0.6, 0.1, 5.0, 3.0, 0.03, 0.005

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -28,10 +29,29 @@ class Cells:
     force: FloatArray
     #: Whether they are known and the sensor does not turn fast, (n, B).
     usable: BoolArray
+    #: Cells of each piece that was cut into blocks, by recording.
+    pieces: Sequence[Sequence[int]]
 
     def part(self, chosen: IntArray) -> 'Cells':
         """Choose blocks."""
-        return Cells(self.wrench[chosen], self.force[chosen], self.usable[chosen])
+        return Cells(self.wrench[chosen], self.force[chosen], self.usable[chosen], ())
+
+    def cut(self, parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """Cut arrays, a part per recording, into the same blocks."""
+        return _cut(parts, self.pieces, self.usable.shape[1])
+
+    def join(self, blocked: NDArray[Any]) -> list[NDArray[Any]]:
+        """Undo the cutting of an array: a part per recording."""
+        parts, at, length = [], 0, self.usable.shape[1]
+        for pieces in self.pieces:
+            known = []
+            for size in pieces:
+                count = -(-size // length)
+                piece = blocked[at : at + count].reshape(-1, *blocked.shape[2:])
+                known.append(piece[:size])
+                at += count
+            parts.append(np.concatenate(known))
+        return parts
 
     @property
     def axes(self) -> int:
@@ -44,9 +64,17 @@ def axes_of(recordings: Sequence[Recording]) -> list[int]:
     return [n for n, axis in enumerate(AXES) if all(axis in r.axes_present for r in recordings)]
 
 
-def cut(recordings: Sequence[Recording], forces: Sequence[FloatArray]) -> Cells:
-    """Cut recordings into blocks, with specific forces that were set right, (N, 3) each."""
+def cut(
+    recordings: Sequence[Recording],
+    forces: Sequence[FloatArray],
+    ends: Sequence[Sequence[int]] | None = None,
+) -> Cells:
+    """Cut recordings into blocks, each ending at given cells, with forces set right, (N, 3)."""
     length = max(_FEWEST, round(BLOCK_S / recordings[0].period_s))
+    pieces = [
+        np.diff([0, *sorted(cells), len(recording)]).tolist()
+        for recording, cells in zip(recordings, ends or [()] * len(recordings), strict=True)
+    ]
     axes = axes_of(recordings)
     wrenches, rights, usables = [], [], []
     for recording, force in zip(recordings, forces, strict=True):
@@ -56,27 +84,23 @@ def cut(recordings: Sequence[Recording], forces: Sequence[FloatArray]) -> Cells:
         wrenches.append(np.where(usable[:, None], wrench, 0))
         rights.append(np.where(usable[:, None], force, 0))
         usables.append(usable)
-    wrench, force, usable = (
-        np.concatenate([blocks(each, length) for each in parts])
-        for parts in (wrenches, rights, usables)
+    wrench, force, usable = (_cut(parts, pieces, length) for parts in (wrenches, rights, usables))
+    return Cells(wrench, force, dense(usable), pieces)
+
+
+def _cut(
+    parts: Sequence[NDArray[Any]], pieces: Sequence[Sequence[int]], length: int
+) -> NDArray[Any]:
+    """Cut arrays into pieces of so many cells, and these into blocks."""
+    cuts = chain.from_iterable(
+        np.split(part, np.cumsum(sizes)[:-1]) for part, sizes in zip(parts, pieces, strict=True)
     )
-    return Cells(wrench, force, dense(usable))
+    return np.concatenate([blocks(each, length) for each in cuts])
 
 
 def dense(usable: BoolArray) -> BoolArray:
     """Leave out blocks of which too little is usable, (n, B)."""
     return np.asarray(usable & (usable.mean(axis=1, keepdims=True) >= _SPARSE))
-
-
-def joined(recordings: Sequence[Recording], cut_up: NDArray[Any]) -> list[NDArray[Any]]:
-    """Undo the cutting of one array of blocks: a part per recording."""
-    parts, at = [], 0
-    for recording in recordings:
-        count = -(-len(recording) // cut_up.shape[1])
-        part = cut_up[at : at + count].reshape(-1, *cut_up.shape[2:])
-        parts.append(part[: len(recording)])
-        at += count
-    return parts
 
 
 def rotation_speed(recording: Recording) -> FloatArray:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrist_ft_comp.calibration.payload.accelerometer import Accelerometer, set_right
-from wrist_ft_comp.calibration.payload.cells import axes_of, Cells, cut, joined, with_wrench
+from wrist_ft_comp.calibration.payload.cells import axes_of, Cells, cut, with_wrench
 from wrist_ft_comp.calibration.payload.gains import bodies_of, COUNTS, Fit
 from wrist_ft_comp.calibration.payload.states import find_states, fit_again, follow_closely
 from wrist_ft_comp.calibration.payload.steps import (
@@ -69,7 +69,7 @@ class Separation:
     def states(self) -> list[IntArray]:
         """State of every cell, (N,) by recording, -1 where it does not count."""
         counts = np.where(self.fit.weights > COUNTS, self.fit.states, -1)
-        return joined(self.recordings, counts)
+        return self.cells.join(counts)
 
     def bodies(self) -> RigidBodies | None:
         """Find the rigid bodies, whether to be believed or not; None without all six axes."""
@@ -90,7 +90,7 @@ def separate(recordings: Sequence[Recording]) -> Separation:
             'with wrench and specific force that turn slowly; at least '
             f'{_FEWEST} are needed for the reference payload. Record both at the same time.'
         )
-    return _separated(recordings, accelerometer, find_states(cells), None)
+    return _separated(recordings, accelerometer, cells, find_states(cells), None)
 
 
 def _check_rows(recording: Recording, force: FloatArray) -> None:
@@ -109,12 +109,13 @@ def _check_rows(recording: Recording, force: FloatArray) -> None:
 def separate_again(found: Separation, model: DriftModel) -> Separation:
     """Separate anew beside a drift model: sudden heat is no step then, nor a long press drift."""
     drift = [simulate_drift(model, recording).zero for recording in found.recordings]
-    return _separated(found.recordings, found.accelerometer, found.fit, drift)
+    return _separated(found.recordings, found.accelerometer, found.cells, found.fit, drift)
 
 
 def _separated(
     recordings: Sequence[Recording],
     accelerometer: Accelerometer,
+    cells: Cells,
     fit: Fit,
     known: Sequence[FloatArray] | None,
 ) -> Separation:
@@ -126,12 +127,11 @@ def _separated(
         for each, drift in zip(recordings, off, strict=True)
     ]
     steps: list[list[Step]] = [[] for _ in recordings]
-    cells = cut(stepless, forces)
     if known is not None:
-        fit = fit_again(cells, fit)
+        cells, fit = _again(cells, fit, cut(stepless, forces))
     while True:
         close = follow_closely(cells, fit) if known is None else fit
-        states, counts = joined(recordings, close.states), _counts(recordings, close)
+        states, counts = cells.join(close.states), cells.join(close.weights > COUNTS)
         found = 0
         for n, recording in enumerate(stepless):
             wrench = recording.wrench[:, axes]
@@ -145,10 +145,11 @@ def _separated(
                 steps[n].append(step)
                 found += 1
             stepless[n] = with_wrench(recording, wrench, axes)
-        cells = cut(stepless, forces)
         if not found:
             break
-        fit = fit_again(cells, fit)
+        # How far a step goes is not known well before contacts are told apart: a block ends there.
+        ends = [[step.cell for step in each] for each in steps]
+        cells, fit = _again(cells, fit, cut(stepless, forces, ends))
     drift = []
     for n, recording in enumerate(stepless):
         weight = _held((forces[n] @ fit.gains), states[n])
@@ -162,9 +163,13 @@ def _separated(
     return Separation(list(recordings), drift, accelerometer, cells, close, steps)
 
 
-def _counts(recordings: Sequence[Recording], fit: Fit) -> list[BoolArray]:
-    """Whether a cell counts for drift, (N,) by recording."""
-    return [weights > COUNTS for weights in joined(recordings, fit.weights)]
+def _again(cells: Cells, fit: Fit, changed: Cells) -> tuple[Cells, Fit]:
+    """Fit cells that have changed a little, or are cut into other blocks."""
+    known = {
+        name: changed.cut(cells.join(getattr(fit, name)))
+        for name in ('states', 'weights', 'levels')
+    }
+    return changed, fit_again(changed, replace(fit, **known))
 
 
 def _held(each: FloatArray, states: IntArray) -> FloatArray:
