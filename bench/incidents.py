@@ -7,8 +7,8 @@ the sensor nearly all day, with the two days before. They are looked at as by a 
 itself, with a live model that leaves a share of the drift. ``--dev`` draws the years to develop
 on. A year takes 20 s of processor time.
 
-Seen on forty years that nobody had tuned on: 159 of 160 named, all but one jump of the zero; no
-false alarm on 320 ordinary days.
+Seen on 24 years that nobody had tuned on: 95 of 96 named, all but one jump of the zero; no false
+alarm on 192 ordinary days. On 40 more, a rule before: 159 of 160, and none on 320.
 """
 
 import argparse
