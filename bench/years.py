@@ -20,7 +20,7 @@ others by less than 0.2. All incidents but one were named, which rules were mend
 alarms 3 and 1 in two years, none in the others. Development year 1003, in which rules were tuned:
 0.67 of one warm-up.
 
-A year takes 6 min on two processors with nothing beside: days to come are drawn and looked at
+A year takes 6 to 7 min on two processors with nothing beside: days to come are drawn and looked at
 ahead. Two kinds of days weigh much: the first two, without a model, and those on which a
 thermometer is dead, which is named, but which the model goes on reading (0.07 of the 0.19 in
 development year 1003).
