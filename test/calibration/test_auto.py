@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.calibration.auto import (
-    _Body,
     _candidate_errors,
     _gate,
     _if_worthwhile,
@@ -15,6 +14,7 @@ from wrist_ft_comp.calibration.auto import (
     COMBINATION,
     identify_together,
 )
+from wrist_ft_comp.calibration.candidate_fits import Body
 from wrist_ft_comp.calibration.result import rms_by_fold
 from wrist_ft_comp.calibration.settings import IdentificationSettings
 from wrist_ft_comp.identification.gains import anchored, build_axis_model, by_relaxation
@@ -47,7 +47,7 @@ def pose(make_axis_data, warm_up, lagged):
 @pytest.fixture(scope='module')
 def body(pose):
     """Two axes of one sensor, one of them loaded, and what is fitted without day 1."""
-    made = _Body([pose(0.5, load_n=20.0), pose(-1.0, seed=1)], LINE)
+    made = Body([pose(0.5, load_n=20.0), pose(-1.0, seed=1)], LINE)
     return made, made.fit(1, {})[0]
 
 

@@ -5,36 +5,23 @@ All are vectors of gains on one pool of columns (``identification/pool.py``), an
 average: one model with a bank of relaxations. docs/algorithm.md says why each piece is there.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.calibration.cross_validation import bin_means, keep_errors
-from wrist_ft_comp.calibration.features import build_features
+from wrist_ft_comp.calibration.candidate_fits import Axis, Body, HeldOutForms, Kind
+from wrist_ft_comp.calibration.cross_validation import keep_errors
 from wrist_ft_comp.calibration.result import AxisFit, Candidate, HeldOut
 from wrist_ft_comp.calibration.settings import IdentificationSettings
 from wrist_ft_comp.identification.axis_data import AxisData
-from wrist_ft_comp.identification.bins import (
-    bin_axis_data,
-    BinnedData,
-    start_transients,
-    tare,
-    TRANSIENT_VARIANCE,
-)
+from wrist_ft_comp.identification.bins import tare
 from wrist_ft_comp.identification.gains import anchored, build_axis_model, by_relaxation
-from wrist_ft_comp.identification.moments import accumulate, Moments
-from wrist_ft_comp.identification.pool import FreeTimeConstants, GRID_S, near, RidgeBank
-from wrist_ft_comp.model.arx import free_run
+from wrist_ft_comp.identification.pool import GRID_S
 from wrist_ft_comp.model.axis_model import AxisModel
-from wrist_ft_comp.model.features import Features
 from wrist_ft_comp.model.signals import BoolArray, FloatArray, Progress
 
-_STRENGTHS = (1e-2, 1e-4, 1e-6)
-#: Candidates are compared by means over so long, s, or all look alike where a robot moves; so many
-#: there are at least.
-_COMPARED_S, _FEWEST_COMPARED = 120.0, 8
 _GATE = 16.0
 #: An average that lowers what is left of held-out recordings by less than this share is not run.
 _WORTH_RUNNING = 0.02
@@ -43,148 +30,14 @@ _MIXED = 0.005
 _TINY = 1e-300
 #: What is told of an axis that never changes is rounding, up to this share of its readings.
 _ROUNDING = 1e-14
-_BANKS = {
-    'bank to 3000 s': near(0, 30, 100, 300, 1000, 3000),
-    'bank to 60 s': near(0, 20, 60),
-    'bank to 600 s': near(0, 100, 600),
-}
 COMBINATION = 'combination'
-
-
-class _Kind(NamedTuple):
-    """What is combined: a name, whether every start was soaked, and how it is fitted."""
-
-    name: str
-    soaked: bool
-    fit: RidgeBank | FreeTimeConstants
-
-    @property
-    def fits(self) -> int:
-        """How many fits it gives."""
-        return len(self.fit.strengths) if isinstance(self.fit, RidgeBank) else 1
-
-
-def _kinds(highest: int, thermometers: int) -> list[_Kind]:
-    """List what is combined, with names for people."""
-    kinds = []
-    for degree in range(1, highest + 1):
-        shape = (degree, thermometers)
-        fits: dict[str, RidgeBank | FreeTimeConstants] = {
-            'static': RidgeBank(*shape, near(0), (1e-6,)),
-            '1 time constant': FreeTimeConstants(*shape, 1),
-            **{name: RidgeBank(*shape, bank, _STRENGTHS) for name, bank in _BANKS.items()},
-        }
-        both = [(name, soaked) for name in fits for soaked in (True, False)]
-        if degree < 3:
-            fits['2 time constants'] = FreeTimeConstants(*shape, 2)
-            both.append(('2 time constants', False))
-        kinds += [_Kind(f'{name}, degree {degree}', soaked, fits[name]) for name, soaked in both]
-    return kinds
-
-
-class _HeldOutForms(NamedTuple):
-    """Mean square error in a fold as quadratic forms of gains: start set aside, and tared."""
-
-    cleaned: FloatArray
-    tared: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class _Axis:
-    """An axis of the body: its bins, its moments, and its errors fold by fold."""
-
-    data: AxisData
-    binned: BinnedData
-    moments: Moments
-    forms: dict[int, _HeldOutForms]
-
-
-class _Body:
-    """All axes of a sensor, which share temperatures and time constants, and their candidates."""
-
-    def __init__(self, axes: Sequence[AxisData], settings: IdentificationSettings) -> None:
-        binned = [bin_axis_data(data, data.bin_cells[0]) for data in axes]
-        self.bins = binned[0]
-        self.features = build_features(self.bins.temperature_c, settings, beyond='tangents')
-        self.kinds = _kinds(settings.highest_degree, self.features.thermometers)
-        relaxations = [self.bins.relaxation(float(tau)) for tau in GRID_S]
-        #: Temperatures of each recording behind every relaxation, (n_i, K, J).
-        self.relaxed_c = [
-            np.stack([free_run(each, temperature_c) for each in relaxations], axis=1)
-            for temperature_c in self.bins.temperature_c
-        ]
-        self.inputs = [self._expand(self.features, i) for i in range(len(self.relaxed_c))]
-        self.axes = [
-            _Axis(data, each, accumulate(each, self.inputs, GRID_S), {})
-            for data, each in zip(axes, binned, strict=True)
-        ]
-        self.folds = np.unique(np.concatenate(self.bins.folds)).tolist()
-        for fold in self.folds:
-            for design, axis in self.designs(fold):
-                if len(design):
-                    axis.forms[fold] = _HeldOutForms(
-                        _cleaned_form(design, self.bins.period_s),
-                        _form(tare(design, self.bins.period_s)),
-                    )
-
-    def _expand(self, features: Features, recording: int) -> FloatArray:
-        """Compute the pool's columns, without load, of a recording, (n, K·F)."""
-        relaxed_c = self.relaxed_c[recording]
-        return features.expand(relaxed_c).reshape(len(relaxed_c), -1)
-
-    def recording_of(self, fold: int) -> int:
-        """Find the recording that a fold is of."""
-        return next(i for i, folds in enumerate(self.bins.folds) if (folds == fold).any())
-
-    def designs(self, fold: int) -> Iterator[tuple[FloatArray, '_Axis']]:
-        """Draw columns and r - w of a fold, in the range that the others know, (n, P + 1)."""
-        #   [ x_f(H_τ T) … | w x_f(H_τ T) … | w | r - w ]     with load
-        i = self.recording_of(fold)
-        pairs = zip(self.bins.temperature_c, self.bins.folds, strict=True)
-        others = np.concatenate([each_c[folds != fold] for each_c, folds in pairs])
-        known = replace(self.features, lower_c=others.min(axis=0), upper_c=others.max(axis=0))
-        x = self._expand(known, i)
-        for axis in self.axes:
-            sums = axis.binned.sums[i]
-            rows = (axis.binned.folds[i] == fold) & (sums.count > 0)
-            count = sums.count[rows, np.newaxis]
-            w, y = sums.load[rows, np.newaxis] / count, sums.residual[rows, np.newaxis] / count
-            load = (w * x[rows], w) if axis.binned.loaded else ()
-            yield np.concatenate((x[rows], *load, y), axis=1), axis
-
-    def fit(
-        self, skip: int | None, starts: Mapping[_Kind, FloatArray]
-    ) -> tuple[list[FloatArray], dict[_Kind, FloatArray]]:
-        """Fit none and all candidates to all folds but one, lags from a start if known."""
-        # Gains of the pool for every axis, (C, P + 1), -1 for r - w, and the ln τ that were found.
-        moments = [axis.moments for axis in self.axes]
-        normals = {}
-        for soaked in (True, False):
-            precision = self.bins.nuisance_precision(soaked=soaked)
-            normals[soaked] = [
-                replace(each, precision=precision).centred(each.fold != skip) for each in moments
-            ]
-        gains = [[np.append(np.zeros(len(n) - 1), -1.0)[np.newaxis]] for n in normals[True]]
-        logs = {}
-        for kind in self.kinds:
-            theirs = normals[kind.soaked]
-            pairs = list(zip(moments, theirs, strict=True))
-            if isinstance(kind.fit, RidgeBank):
-                fits = [kind.fit.fit(*pair) for pair in pairs]
-            else:
-                start = starts[kind] if kind in starts else kind.fit.first_guess(moments, theirs)
-                logs[kind] = kind.fit.search(moments, theirs, start)
-                fits = [kind.fit.fit(*pair, logs[kind]) for pair in pairs]
-            for own, fit in zip(gains, fits, strict=True):
-                own.append(fit)
-        return [np.concatenate(own) for own in gains], logs
 
 
 def identify_together(
     axes: Sequence[AxisData], settings: IdentificationSettings, progress: Progress = lambda _: None
 ) -> list[AxisFit]:
     """Learn the drift of all axes of a sensor from many fits, each as far as it holds unseen."""
-    body = _Body(axes, settings)
+    body = Body(axes, settings)
     gains, logs = body.fit(None, {})
     held_out: dict[int, list[FloatArray]] = {}
     held_out_logs = []
@@ -210,34 +63,15 @@ def identify_together(
     ]
 
 
-def _form(design: FloatArray) -> FloatArray:
-    """Mean square of a combination of columns, as a quadratic form of its gains."""
-    return np.asarray(design.T @ design / len(design))
-
-
-def _cleaned_form(design: FloatArray, period_s: float) -> FloatArray:
-    """Mean square around a constant and a start transient, of means that noise says little in."""
-    time_s = np.arange(len(design)) * period_s
-    phi = np.concatenate((np.ones((len(design), 1)), start_transients(time_s)), axis=1)
-    precision = np.full(phi.shape[1], len(design) / TRANSIENT_VARIANCE)
-    precision[0] = 0.0
-    crossed = phi.T @ design
-    level = np.linalg.solve(phi.T @ phi + np.diag(precision), crossed)
-    rest = design - phi @ level
-    together = max(1, min(round(_COMPARED_S / period_s), len(rest) // _FEWEST_COMPARED))
-    prior = level.T @ (precision[:, np.newaxis] * level) / len(design)
-    return np.asarray(_form(bin_means(rest, np.arange(len(rest)), together)) + prior)
-
-
 def _candidate_errors(
-    axis: _Axis, number: int, held_out: Mapping[int, Sequence[FloatArray]]
-) -> _HeldOutForms:
+    axis: Axis, number: int, held_out: Mapping[int, Sequence[FloatArray]]
+) -> HeldOutForms:
     """Turn the forms of an axis into those of weights of candidates, (folds, C, C)."""
     parts = [
         [held_out[fold][number] @ form @ held_out[fold][number].T for form in forms]
         for fold, forms in axis.forms.items()
     ]
-    return _HeldOutForms(*(np.stack(part) for part in zip(*parts, strict=True)))
+    return HeldOutForms(*(np.stack(part) for part in zip(*parts, strict=True)))
 
 
 def _root_mean_squares(weights: FloatArray, forms: FloatArray) -> FloatArray:
@@ -281,7 +115,7 @@ def _gate(gained: FloatArray) -> FloatArray:
 
 
 def _held_out_errors(
-    body: _Body, weights: Sequence[FloatArray], held_out: Mapping[int, Sequence[FloatArray]]
+    body: Body, weights: Sequence[FloatArray], held_out: Mapping[int, Sequence[FloatArray]]
 ) -> list[HeldOut]:
     """Keep every axis' errors on every fold, without compensation and of the average."""
     parts: list[list[FloatArray]] = [[] for _ in body.axes]
@@ -305,10 +139,10 @@ def _held_out_errors(
 class _Lags(NamedTuple):
     """Free ln τ by kind, of the fit to everything and of those without each fold."""
 
-    everything: Mapping[_Kind, FloatArray]
-    held_out: Sequence[Mapping[_Kind, FloatArray]]
+    everything: Mapping[Kind, FloatArray]
+    held_out: Sequence[Mapping[Kind, FloatArray]]
 
-    def stated(self, kind: _Kind) -> tuple[FloatArray, FloatArray]:
+    def stated(self, kind: Kind) -> tuple[FloatArray, FloatArray]:
         """Time constants, increasing, and their standard errors by the jackknife over folds, s."""
         others = np.exp([np.sort(each[kind]) for each in self.held_out])
         spread = np.sqrt((len(others) - 1) * np.var(others, axis=0))
@@ -317,7 +151,7 @@ class _Lags(NamedTuple):
 
 
 def _axis_fit(
-    body: _Body, axis: _Axis, weights: FloatArray, tared: FloatArray, lags: _Lags
+    body: Body, axis: Axis, weights: FloatArray, tared: FloatArray, lags: _Lags
 ) -> AxisFit:
     """Turn the weights of an axis into its evidence."""
     data = axis.data
@@ -363,7 +197,7 @@ def _axis_fit(
         time_constant_errors_s=tuple(tau_errors_s.tolist()), unit=data.unit)  # fmt: skip
 
 
-def _whole_over_parts(axis: _Axis, tared: FloatArray) -> float:
+def _whole_over_parts(axis: Axis, tared: FloatArray) -> float:
     """Tell how much further a whole recording moves than the parts of it that were held out."""
     if len(axis.binned.sums) > 1:
         return 1.0
@@ -374,7 +208,7 @@ def _whole_over_parts(axis: _Axis, tared: FloatArray) -> float:
     return max(1.0, float(whole / np.sqrt(tared[:, 0, 0] + _TINY).mean()))
 
 
-def _model(body: _Body, axis: _Axis, gains: FloatArray) -> AxisModel | None:
+def _model(body: Body, axis: Axis, gains: FloatArray) -> AxisModel | None:
     """Write gains of the pool, (P + 1,), as a model whose zero drift is none at rest at T_ref."""
     shape, period_s = (len(GRID_S), axis.moments.inputs), body.bins.period_s / body.bins.cells
     by_tau = by_relaxation(gains[:-1], *shape, loaded=axis.binned.loaded)

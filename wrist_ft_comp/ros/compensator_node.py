@@ -6,14 +6,13 @@ from functools import partial
 import math
 import sys
 import time
-from typing import Any, cast
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
@@ -34,11 +33,11 @@ from wrist_ft_comp.ros.inputs.topic_types import no_temperature, wrong_type
 from wrist_ft_comp.ros.learning.learning import Learner
 from wrist_ft_comp.ros.learning.status import learning_status
 from wrist_ft_comp.ros.live_model import LiveModel
-from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.parameters import declare, NODE_NAME, PARAMETERS, values
 from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench, Shelf
 from wrist_ft_comp.ros.payload.identify import IdentifyService
 from wrist_ft_comp.ros.payload.status import PayloadReport
+from wrist_ft_comp.ros.raw_node import RawNode
 from wrist_ft_comp.ros.running import node_per_sensor, run_nodes
 from wrist_ft_comp.ros.services.calibrate import CalibrateService, JobMaker
 from wrist_ft_comp.ros.services.deferred import DeferredService
@@ -55,7 +54,7 @@ _DIAGNOSTICS_PERIOD_S = 1.0
 _FAREWELL_S = 0.5
 
 
-class CompensatorNode(Node):
+class CompensatorNode(RawNode):
     """Compensates one sensor; WristFtCompError when a parameter or its model file is unusable."""
 
     # Where a process serves several sensors, each has a name, and keeps its files in a folder of
@@ -63,7 +62,7 @@ class CompensatorNode(Node):
 
     def __init__(self, sensor: str = '', **options: Any) -> None:
         super().__init__(NODE_NAME, **options)
-        log = NodeLog(cast('Any', self).get_logger())
+        log = self.log
         declare(self, PARAMETERS)
         chosen = self._settings()
         sources = self._thermometers(chosen['temperature_topics'])
@@ -72,7 +71,6 @@ class CompensatorNode(Node):
         self.live = LiveModel(store, chosen['model_file'], len(sources), self._swap, log)
         model = None if self.live.stored is None else self.live.stored.model
         compensator = Compensator(len(sources), _stream_settings(chosen), model)
-        self._log = log
         self._sources = sources
         self.store = store
         self.compensator = compensator
@@ -93,21 +91,20 @@ class CompensatorNode(Node):
         self.calibration = CalibrateService(self.jobs.calibration, self.live.take, log)
         self.learning = Learner(chosen, self.live, self.calibration, self.jobs, log)
         self._silent = chosen['uncalibrated'] == 'silent'
-        self._unserved: list[Any] = []
         self._newest: tuple[int, Sequence[float], bytes] | None = None
         self._reported = time.monotonic(), copy(self.health.counts)
         self._create_publishers()
-        self._raw = self._subscribe(
+        self._raw = self.subscribe(
             WrenchStamped, 'wrench_raw', self._on_wrench, messages.FAST_SENSOR
         )
         self._topics = tuple(self.resolve_topic_name(each.topic) for each in sources)
         for j, source in enumerate(sources):
             if not source.path:
                 callback = partial(self._on_temperature, j)
-                self._subscribe(Temperature, source.topic, callback, messages.SLOW_SENSOR)
+                self.subscribe(Temperature, source.topic, callback, messages.SLOW_SENSOR)
         named = zip(self._topics, sources, strict=True)
-        self._fields = FieldInputs(self, named, self._subscribe_unserved, self._take_temperature)
-        subscribe = self._subscribe, self._subscribe_unserved
+        self._fields = FieldInputs(self, named, self._take_temperature)
+        subscribe = self.subscribe, self.subscribe_unserved
         self.gravity = GravitySource(chosen, *subscribe, lambda: self.frame_id, self._on_force)
         self.external.poll, self.external.mount = self.gravity.poll, self.gravity.mount
         self._payload_report = PayloadReport(
@@ -161,49 +158,17 @@ class CompensatorNode(Node):
     def _create_publishers(self) -> None:
         """Create publishers; QoS of the output may be overridden by parameters."""
         self._output, self._external_output = (
-            self._advertise(WrenchStamped, topic, **self._negotiable('publisher', topic))
+            self.advertise(WrenchStamped, topic, negotiable=True)
             for topic in ('wrench', 'wrench_external')
         )
         self.external.publish = self._external_output.publish
-        self._drift = self._advertise(WrenchStamped, '~/drift')
-        self._diagnostics = self._advertise(DiagnosticArray, '/diagnostics')
-
-    def _negotiable(self, ours: str, topic: str) -> dict[str, Any]:
-        """Make options of a topic whose QoS may be overridden by parameters."""
-        return messages.negotiable(ours, topic, self.health.incompatible, self._log)
-
-    def _advertise(self, kind: Any, topic: str, **options: Any) -> Any:
-        """Make a publisher."""
-        with messages.opening(topic):
-            return self.create_publisher(kind, topic, copy(messages.OUTPUT), **options)
-
-    def _subscribe(
-        self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any
-    ) -> Any:
-        """Subscribe to serialized messages; QoS may be overridden by parameters."""
-        with messages.opening(topic):
-            options = self._negotiable('subscription', topic)
-            return self.create_subscription(kind, topic, callback, copy(qos), raw=True, **options)
-
-    def _subscribe_unserved(self, kind: Any, topic: str, qos: Any = messages.NEWEST) -> Any:
-        """Subscribe to messages that no executor takes."""
-        result = self._subscribe(kind, topic, lambda _: None, qos)
-        # Executors serve what stands in this list, at once or at their next wake-up.
-        self._subscriptions.remove(result)
-        self._unserved.append(result)
-        return result
-
-    def destroy_subscription(self, subscription: Any) -> bool:
-        """Destroy a subscription, also one that no executor takes."""
-        if subscription in self._unserved:
-            self._unserved.remove(subscription)
-            self._subscriptions.append(subscription)
-        return bool(super().destroy_subscription(subscription))
+        self._drift = self.advertise(WrenchStamped, '~/drift')
+        self._diagnostics = self.advertise(DiagnosticArray, '/diagnostics')
 
     def _subscribe_reference(self) -> Callable[[], object]:
         """Subscribe to the reference wrench; what is returned ends that again."""
         topic, qos = 'wrench_reference', messages.FAST_SENSOR
-        reference = self._subscribe(WrenchStamped, topic, self._on_reference, qos)
+        reference = self.subscribe(WrenchStamped, topic, self._on_reference, qos)
         return partial(self.destroy_subscription, reference)
 
     def _on_wrench(self, data: bytes) -> None:
@@ -319,7 +284,7 @@ class CompensatorNode(Node):
             for owner in (self.live, self.external):
                 owner.check_parameters(parameters)
         except WristFtCompError as error:
-            self._log.note_refusal('set_parameters', str(error))
+            self.log.note_refusal('set_parameters', str(error))
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
@@ -361,9 +326,10 @@ class CompensatorNode(Node):
         now_s, raw = time.monotonic(), self._raw.topic_name
         self._reported = now_s, copy(self.health.counts)
         return Snapshot(
-            now_s=now_s, health=self.health, stream=self.compensator, live=self.live,
+            now_s=now_s, health=self.health, incompatible=self.incompatible,
+            stream=self.compensator, live=self.live,
             state_keeper=self.state_keeper, calibration=self.calibration,
-            recording=self.recording, last_refusal=self._log.last_refusal,
+            recording=self.recording, last_refusal=self.log.last_refusal,
             before=before, elapsed_s=now_s - reported_s,
             wrench_topic=raw, temperature_topics=tuple(each.topic for each in self._sources),
             unreadable=self._fields.unreadable, thermometer_problems=self._thermometer_problems(),
@@ -385,7 +351,7 @@ class CompensatorNode(Node):
         self._fields.look()
         payload = self._payload_report.status(self._newest and self._newest[0])
         statuses = [*diagnostics(self._snapshot()), payload, *learning_status(self.learning)]
-        self._log.tell(statuses)
+        self.log.tell(statuses)
         stamp = self.get_clock().now().to_msg()
         name = self.get_fully_qualified_name().lstrip('/')
         self._diagnostics.publish(diagnostic_array(stamp, name, self.frame_id, statuses))
@@ -396,11 +362,9 @@ class CompensatorNode(Node):
         self.recording.end()
         self.learning.end()
         self.state_keeper.end()
-        for each in tuple(self._unserved):
-            self.destroy_subscription(each)
         if any(waiting):
             time.sleep(_FAREWELL_S)
-        super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
+        super().destroy_node()
 
 
 def _stream_settings(chosen: dict[str, Any]) -> StreamSettings:

@@ -25,6 +25,8 @@ class Snapshot(NamedTuple):
 
     now_s: float
     health: InputHealth
+    #: Per topic, by relative name, the policy on which some other side does not agree.
+    incompatible: dict[str, str]
     stream: Compensator
     live: LiveModel
     state_keeper: StateKeeper
@@ -92,7 +94,7 @@ def _input(now: Snapshot) -> Status:
 
 def _wrench_silence(now: Snapshot) -> str:
     """Say that no wrenches come, and guess why."""
-    policy, topic = now.health.incompatible.get('wrench_raw'), now.wrench_topic
+    policy, topic = now.incompatible.get('wrench_raw'), now.wrench_topic
     if policy:
         return f'no raw wrenches arrive: their publisher offers less {policy} than is asked for'
     if now.wrench_problem:
@@ -201,7 +203,7 @@ def _silence(now: Snapshot) -> Iterator[str]:
     never = [j for j, at_s in enumerate(last_s) if at_s is None]
     if never:
         fate = _fate(now)
-        policies = [now.health.incompatible.get(now.temperature_topics[j], '') for j in never]
+        policies = [now.incompatible.get(now.temperature_topics[j], '') for j in never]
         if any(policies):
             yield (
                 f'thermometer {_numbers(never)} is not heard: a publisher offers less '
@@ -295,7 +297,7 @@ def _output(now: Snapshot) -> Status:
         level, why = ERROR, f'drift of {large} is at its limit'
     elif fast:
         why = f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
-    elif stream.compensating and (policy := now.health.incompatible.get('wrench')):
+    elif stream.compensating and (policy := now.incompatible.get('wrench')):
         why = f'a subscriber of wrench asks for more {policy} than is offered and gets nothing'
     elif stream.compensating:
         level, why = OK, 'compensated'

@@ -46,8 +46,6 @@ class InputHealth:
         #: How often the frame changed, and from what to what the last time.
         self.frame_changes = 0
         self.last_frames = ('', '')
-        #: Per topic, by relative name, the policy on which some other side does not agree.
-        self.incompatible: dict[str, str] = {}
         self._looked_at = 0
         self._wrench_stamp_ns = self._temperature_stamp_ns = 0
         #: Count of each kind of event, and when it last grew.

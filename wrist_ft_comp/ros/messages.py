@@ -7,12 +7,10 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import NameValidationException
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
-    qos_policy_name_from_kind,
     qos_profile_services_default,
     QoSProfile,
     ReliabilityPolicy,
@@ -65,47 +63,6 @@ def opening(topic: str) -> Iterator[None]:
             f'The topic {topic} cannot be used: {reason}. Check its name, its qos_overrides, and '
             'that no other topic of this node, which is of another type, has the same name.'
         ) from error
-
-
-#: What is made, and said, where the other side of our subscription or publisher does not agree.
-_UNLIKE = {
-    'subscription': (
-        SubscriptionEventCallbacks,
-        'a publisher of {} offers less {} than is asked for: nothing of it will be received',
-    ),
-    'publisher': (
-        PublisherEventCallbacks,
-        'a subscriber of {} asks for more {} than is offered: it will receive nothing',
-    ),
-}
-
-
-def negotiable(ours: str, topic: str, incompatible: dict[str, str], log: Any) -> dict[str, Any]:
-    """Make options: policies are overridable; one that two don't agree on is noted and logged."""
-    # It is noted by the topic's relative name.
-    callbacks, said = _UNLIKE[ours]
-
-    def tell(event: Any) -> None:
-        policy = str(qos_policy_name_from_kind(event.last_policy_kind)).lower()
-        incompatible[topic] = policy
-        log.error(
-            f'{said.format(topic, policy)}. Set qos_overrides.…/{topic}.{ours}.{policy} of this '
-            'node, or the quality of service of the other side.'
-        )
-
-    events = callbacks(incompatible_qos=tell)
-    return {'event_callbacks': events, 'qos_overriding_options': overridable()}
-
-
-def waiting(subscription: Any) -> Iterator[bytes]:
-    """Take, one after the other, what came to a subscription that no executor serves."""
-    handle = subscription.handle
-    for _ in range(subscription.qos_profile.depth):
-        with handle:
-            taken = handle.take_message(subscription.msg_type, True)  # as bytes
-        if taken is None:
-            return
-        yield taken[0]
 
 
 def wrench_message(stamp_ns: int, frame_id: str, values: Iterable[float]) -> WrenchStamped:

@@ -306,7 +306,7 @@ class TestQualityOfService:
             profile = QoSProfile(depth=1, reliability=best_effort)
             helper.create_publisher(kind, f'{name}/{topic}', profile)
             log(node, f'a publisher of {topic} offers less reliability than is asked for')
-        assert node.node.health.incompatible == dict.fromkeys(topics, 'reliability')
+        assert node.node.incompatible == dict.fromkeys(topics, 'reliability')
         node.diagnosis(
             'input',
             'no raw wrenches arrive: their publisher offers less reliability than is asked for',

@@ -16,6 +16,7 @@ from wrist_ft_comp.model.payload.tf_tree import GravityByTf
 from wrist_ft_comp.model.payload.weight import ForceFrame
 from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.inputs.topic_types import load_type
+from wrist_ft_comp.ros.raw_node import waiting
 
 #: TF comes in pieces of several publishers; it is looked at no more often than this, ns, and what
 #: is too old is dropped once in so many pieces.
@@ -70,7 +71,7 @@ class GravitySource:
     def poll(self) -> None:
         """Take what an IMU has sent."""
         if self._imu is not None:
-            for data in messages.waiting(self._imu):
+            for data in waiting(self._imu):
                 self._on_imu(data)
 
     def mount(self) -> ForceFrame | None:

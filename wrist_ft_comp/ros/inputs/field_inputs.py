@@ -4,16 +4,13 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.temperature_source import header_stamp_ns, TemperatureSource
 from wrist_ft_comp.ros.inputs.topic_types import load_type, short, types_on
-from wrist_ft_comp.ros.messages import waiting
+from wrist_ft_comp.ros.raw_node import RawNode, waiting
 
-#: Makes a subscription that no executor serves, of a type to a topic by its name as written.
-Subscribe = Callable[[Any, str], Any]
 #: Takes a thermometer, counted from 0, a stamp, ns, or 0 without one, and a temperature, °C.
 Take = Callable[[int, int, float], None]
 
@@ -21,12 +18,11 @@ Take = Callable[[int, int, float], None]
 class FieldTopic:
     """One topic, and the thermometers in its messages, by number from 0."""
 
-    def __init__(self, node: Node, topic: str, name: str, subscribe: Subscribe) -> None:
+    def __init__(self, node: RawNode, topic: str, name: str) -> None:
         self.thermometers: dict[int, TemperatureSource] = {}
         #: Why nothing can come of it; empty when something can.
         self.problem = ''
         self._node, self._topic, self._name = node, topic, name
-        self._subscribe = subscribe
         self._type = ''
         self._subscription: Any = None
 
@@ -41,7 +37,8 @@ class FieldTopic:
             self._node.destroy_subscription(self._subscription)
         self._subscription, self._type = None, ''
         try:
-            self._subscription = self._subscribe(load_type(self._topic, types[0]), self._name)
+            kind = load_type(self._topic, types[0])
+            self._subscription = self._node.subscribe_unserved(kind, self._name)
         except SettingsError as error:
             self.problem = str(error).rstrip('.')
             return
@@ -71,9 +68,8 @@ class FieldInputs:
 
     def __init__(
         self,
-        node: Node,
+        node: RawNode,
         sources: Iterable[tuple[str, TemperatureSource]],
-        subscribe: Subscribe,
         take: Take,
     ) -> None:
         #: Messages of which some temperature could not be read.
@@ -82,7 +78,7 @@ class FieldInputs:
         self._topics: dict[str, FieldTopic] = {}
         for j, (topic, source) in enumerate(sources):
             if source.path:
-                new = FieldTopic(node, topic, source.topic, subscribe)
+                new = FieldTopic(node, topic, source.topic)
                 self._topics.setdefault(topic, new).thermometers[j] = source
         #: Why a thermometer could not be read; and which are not read until the next look, because
         #: finding out what there is instead takes time.
