@@ -25,10 +25,11 @@ from wrist_ft_comp.model.temperature_source import parse_sources, TemperatureSou
 from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.arguments.unknown import tell_unknown
 from wrist_ft_comp.ros.arguments.usage import usage
-from wrist_ft_comp.ros.diagnostics import diagnostic_array, diagnostics, Snapshot
+from wrist_ft_comp.ros.diagnostics import diagnostic_array, diagnostics
 from wrist_ft_comp.ros.gravity.source import GravitySource
-from wrist_ft_comp.ros.input_health import InputHealth
 from wrist_ft_comp.ros.inputs.field_inputs import FieldInputs
+from wrist_ft_comp.ros.inputs.health import InputHealth
+from wrist_ft_comp.ros.inputs.raw_node import RawNode
 from wrist_ft_comp.ros.inputs.topic_types import no_temperature, wrong_type
 from wrist_ft_comp.ros.learning.learning import Learner
 from wrist_ft_comp.ros.learning.status import learning_status
@@ -37,13 +38,13 @@ from wrist_ft_comp.ros.parameters import declare, NODE_NAME, PARAMETERS, values
 from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench, Shelf
 from wrist_ft_comp.ros.payload.identify import IdentifyService
 from wrist_ft_comp.ros.payload.status import PayloadReport
-from wrist_ft_comp.ros.raw_node import RawNode
 from wrist_ft_comp.ros.running import node_per_sensor, run_nodes
 from wrist_ft_comp.ros.services.calibrate import CalibrateService, JobMaker
 from wrist_ft_comp.ros.services.deferred import DeferredService
 from wrist_ft_comp.ros.services.record import RecordService
 from wrist_ft_comp.ros.services.recorder import Recorder
 from wrist_ft_comp.ros.services.tare import TareService
+from wrist_ft_comp.ros.snapshot import Snapshot
 from wrist_ft_comp.ros.state_keeper import StateKeeper
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.input_checks import is_plausible

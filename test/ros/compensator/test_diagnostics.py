@@ -9,7 +9,7 @@ from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.ros import compensator_node
 from wrist_ft_comp.ros.diagnostics import diagnostics
-from wrist_ft_comp.ros.input_health import Counts, InputHealth
+from wrist_ft_comp.ros.inputs.health import Counts, InputHealth
 from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.ros.node_log import Status
 from wrist_ft_comp.stream.compensator import Compensator

@@ -12,7 +12,7 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 
-from wrist_ft_comp.ros.input_health import InputHealth
+from wrist_ft_comp.ros.inputs.health import InputHealth
 from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.stream.input_checks import LOOKS, SensorWatch
 
@@ -69,7 +69,9 @@ def warm(rig, make_model):
 @pytest.fixture
 def quick(monkeypatch):
     """Look less often before a reading counts as suspicious."""
-    monkeypatch.setattr('wrist_ft_comp.ros.input_health.SensorWatch', lambda: SensorWatch(looks=4))
+    monkeypatch.setattr(
+        'wrist_ft_comp.ros.inputs.health.SensorWatch', lambda: SensorWatch(looks=4)
+    )
 
 
 def unharmed(node, stamp=START + 30 * SECOND):

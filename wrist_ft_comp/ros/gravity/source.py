@@ -15,8 +15,8 @@ from wrist_ft_comp.files.cdr import ACCELERATION, IMU_DOUBLES, locate, ROTATION,
 from wrist_ft_comp.model.payload.tf_tree import GravityByTf
 from wrist_ft_comp.model.payload.weight import ForceFrame
 from wrist_ft_comp.ros import messages
+from wrist_ft_comp.ros.inputs.raw_node import waiting
 from wrist_ft_comp.ros.inputs.topic_types import load_type
-from wrist_ft_comp.ros.raw_node import waiting
 
 #: TF comes in pieces of several publishers; it is looked at no more often than this, ns, and what
 #: is too old is dropped once in so many pieces.

@@ -1,1 +1,1 @@
-"""Topics whose type the node has to find out, and temperatures in messages of any type."""
+"""How topics are opened and heard, whatever their type, and what of the input is doubtful."""

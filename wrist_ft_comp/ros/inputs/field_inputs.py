@@ -8,8 +8,8 @@ from rclpy.serialization import deserialize_message
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.temperature_source import header_stamp_ns, TemperatureSource
+from wrist_ft_comp.ros.inputs.raw_node import RawNode, waiting
 from wrist_ft_comp.ros.inputs.topic_types import load_type, short, types_on
-from wrist_ft_comp.ros.raw_node import RawNode, waiting
 
 #: Takes a thermometer, counted from 0, a stamp, ns, or 0 without one, and a temperature, °C.
 Take = Callable[[int, int, float], None]
