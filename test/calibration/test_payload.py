@@ -122,10 +122,11 @@ class TestDrift:
         before, after = np.nanmean(left[:907], axis=0), np.nanmean(left[907:], axis=0)
         np.testing.assert_allclose(before, after, atol=0.2)
 
-    def test_sudden_heat_behind_a_contact_is_no_step(self, plain):
+    @pytest.mark.parametrize(('lag', 'until'), [(20, 24), (6, 10), (6, 14), (8, 12)])
+    def test_sudden_heat_behind_a_contact_is_no_step(self, plain, lag, until):
         day, n = plain[0], np.arange(len(plain[0])) - 900
-        warmer = 25 * (1 - np.exp(-n / 20)) * (n > 0)
-        pressed = (n >= 0) & (n < 24)
+        warmer = 25 * (1 - np.exp(-n / lag)) * (n > 0)
+        pressed = (n >= 0) & (n < until)
         heat = np.outer(warmer, [0.1, 0.2, -1, 0, 0, 0])
         contact = np.outer(pressed, [9, -9, 30, 1, 1, 0.1])
         assert separate([replace(day, wrench=day.wrench + heat + contact)]).steps == [[]]

@@ -21,6 +21,9 @@ _BLURRED, _ON_THE_WAY = 0.1, 3
 #: … and the nearer of so many cells that count on either side of it are apart by this share of
 #: it, and of what all of them are, unless no more cells than this hide it.
 _NEIGHBOURS, _ALL, _HIDDEN = (6, 90), 0.8, 15
+#: Heat has a tail: behind a contact that hides its front, the first of so many cells after it are
+#: short of the line through the others by more than this share of the step.
+_FIRST, _FOLLOWING, _TAIL = 4, 30, 0.03
 #: A step's size is found from so many cells before and after.
 _NEAR = 90
 
@@ -119,8 +122,19 @@ def settled(
     hidden = rows[middle] - rows[middle - 1] > _HIDDEN
     if stays < 0 or gone < _ALL * (max(1.0, stays) if hidden else 1.0):
         return None
+    after = way[middle : middle + _FOLLOWING, :-1] @ along
+    if _short(rows[middle : middle + _FOLLOWING], after) > _TAIL * gone:
+        return None
     trend = (around - near) / max(1.0, around[-1] - near[-1])
     return np.asarray(near - trend * near[-1])[:-1]
+
+
+def _short(rows: IntArray, way: FloatArray) -> float:
+    """Tell how much the first of some cells are short of the line through the others."""
+    if len(rows) <= 2 * _FIRST:
+        return 0.0
+    line = np.polyfit(rows[_FIRST:], way[_FIRST:], 1)
+    return float(np.median(np.polyval(line, rows[:_FIRST]) - way[:_FIRST]))
 
 
 def step_size(drift: FloatArray, counts: BoolArray, at: int) -> FloatArray:
