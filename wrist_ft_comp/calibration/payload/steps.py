@@ -23,7 +23,7 @@ _BLURRED, _ON_THE_WAY = 0.1, 3
 _NEIGHBOURS, _ALL, _HIDDEN = (6, 90), 0.8, 15
 #: Heat has a tail: behind a contact that hides its front, the first of so many cells after it are
 #: short of the line through the others by more than this share of the step.
-_FIRST, _FOLLOWING, _TAIL = 4, 30, 0.03
+_FIRST, _FOLLOWING, _TAIL = 6, 30, 0.03
 #: A step's size is found from so many cells before and after.
 _NEAR = 90
 
