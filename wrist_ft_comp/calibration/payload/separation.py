@@ -138,7 +138,7 @@ def _separated(
             each = wrench - forces[n] @ fit.gains
             length = max(1, round(MEAN_S / recording.period_s))
             told = states[n], counts[n]
-            for step in _steps_of(each, *told, length, fit.noise, sudden=known is None):
+            for step in _steps_of(each, *told, length, fit.noise):
                 if any(abs(step.cell - other.cell) < _APART for other in steps[n]):
                     continue
                 wrench[step.cell :] -= step.jump
@@ -177,14 +177,8 @@ def _held(each: FloatArray, states: IntArray) -> FloatArray:
     return np.asarray(each[states, np.arange(len(states))])
 
 
-def _steps_of(  # noqa: PLR0913 -- all that a recording says
-    each: FloatArray,
-    states: IntArray,
-    counts: BoolArray,
-    length: int,
-    noise: FloatArray,
-    *,
-    sudden: bool,
+def _steps_of(
+    each: FloatArray, states: IntArray, counts: BoolArray, length: int, noise: FloatArray
 ) -> list[Step]:
     """Find steps in what each payload leaves, (K, N, A), by means over so many cells."""
     found = []
@@ -195,10 +189,9 @@ def _steps_of(  # noqa: PLR0913 -- all that a recording says
         near = np.nan_to_num(each[:, first : (after + 2) * length])
         past = (first + np.arange(near.shape[1]))[:, np.newaxis] / length - before - 0.5
         near = near - past * slope
-        at = locate(near, averaged[before], jump, noise, sudden=sudden)
-        if at is not None:
-            told = settled(rest, counts, first + at, jump, noise)
-            found += [] if told is None else [Step(first + at, told)]
+        at = first + locate(near, averaged[before], jump, noise)
+        told = settled(rest, counts, at, jump, noise)
+        found += [] if told is None else [Step(at, told)]
     return found
 
 

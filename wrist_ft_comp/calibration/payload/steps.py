@@ -2,7 +2,7 @@
 Steps that stay and that no payload explains: tares of the driver.
 
 They are found where lines over windows of means before and after do not meet, and located where
-the cells go over at once; heat bends, too, but not at once. A fit of the drift gets a constant of
+the cells go over; heat goes over, too, but leaves a tail. A fit of the drift gets a constant of
 its own after each, so that one that is none costs little.
 """
 
@@ -16,10 +16,8 @@ MEAN_S = 10.0
 #: Lines of so many means on both sides of a step, and how far apart they are by what is usual;
 #: what bends is apart by the longer ones only.
 _WINDOWS, _STEP, _SMALLEST = (6, 12), 40.0, 12.0
-#: A step is sudden: so many cells may be on the way, this share of it off its ends.
-_BLURRED, _ON_THE_WAY = 0.1, 3
-#: … and the nearer of so many cells that count on either side of it are apart by this share of
-#: it, and of what all of them are, unless no more cells than this hide it.
+#: The nearer of so many cells that count on either side of a step are apart by this share of it,
+#: and of what all of them are, unless no more cells than this hide it.
 _NEIGHBOURS, _ALL, _HIDDEN = (6, 90), 0.8, 15
 #: Heat has a tail: behind a contact that hides its front, the first of so many cells after it are
 #: short of the line through the others by more than this share of the step.
@@ -74,13 +72,10 @@ def _lines(
     return np.asarray(ends[1] - ends[0]), np.asarray(sum(slopes) / 2)
 
 
-def locate(
-    rest: FloatArray, before: FloatArray, jump: FloatArray, noise: FloatArray, *, sudden: bool
-) -> int | None:
+def locate(rest: FloatArray, before: FloatArray, jump: FloatArray, noise: FloatArray) -> int:
     """Find the first cell after a step, counted in rest."""
-    # Where it has to be sudden, None where heat would do: not at once. ``rest`` is what each
-    # payload leaves, (K, n, A); before, jump and noise (A,) are the level before the step, how far
-    # it goes, and the noise of a cell.
+    # ``rest`` is what each payload leaves, (K, n, A); before, jump and noise (A,) are the level
+    # before the step, how far it goes, and the noise of a cell.
     size = np.sqrt(np.sum((jump / noise) ** 2))
     off = (rest - before) / noise
     gone = off @ (jump / noise) / size**2
@@ -91,15 +86,7 @@ def locate(
         np.concatenate(([0.0], np.cumsum(1 / (1 + (width / np.maximum(each, 1e-9)) ** 2))))
         for each in distance
     ]
-    at = int(np.argmin(cost[0] + cost[1][-1] - cost[1]))
-    if not sudden:
-        return at
-    between = (gone > _BLURRED) & (gone < 1 - _BLURRED) & (aside < 3 * _BLURRED * size)
-    end = max(width, _BLURRED * size)
-    earlier, later = np.flatnonzero(distance[0][:at] < end), np.flatnonzero(distance[1][at:] < end)
-    first = int(earlier[-1]) + 1 if len(earlier) else 0
-    last = at + int(later[0]) if len(later) else len(aside[0])
-    return at if between.any(axis=0)[first:last].sum() <= _ON_THE_WAY else None
+    return int(np.argmin(cost[0] + cost[1][-1] - cost[1]))
 
 
 def settled(
