@@ -20,8 +20,8 @@ _WINDOWS, _STEP, _SMALLEST = (6, 12), 40.0, 12.0
 #: and of what all of them are, unless no more cells than this hide it.
 _NEIGHBOURS, _ALL, _HIDDEN = (6, 90), 0.8, 15
 #: Heat has a tail: behind a contact that hides its front, the first of so many cells after it are
-#: short of the line through the others by more than this share of the step.
-_FIRST, _FOLLOWING, _TAIL = 6, 30, 0.03
+#: short of the line through the others by more than this share of the step, and times the noise.
+_FIRST, _FOLLOWING, _TAIL, _OF_NOISE = 6, 30, 0.015, 2.0
 #: A step's size is found from so many cells before and after.
 _NEAR = 90
 
@@ -104,13 +104,15 @@ def settled(
         - np.median(way[max(0, middle - most) : middle], axis=0)
         for most in _NEIGHBOURS
     )
-    along = step / noise**2 / np.sum((step / noise) ** 2)
+    size = float(np.linalg.norm(step / noise))
+    along = step / noise**2 / size**2
     gone, stays = (float(each[:-1] @ along) for each in (near, around))
     hidden = rows[middle] - rows[middle - 1] > _HIDDEN
     if stays < 0 or gone < _ALL * (max(1.0, stays) if hidden else 1.0):
         return None
     after = way[middle : middle + _FOLLOWING, :-1] @ along
-    if _short(rows[middle : middle + _FOLLOWING], after) > _TAIL * gone:
+    short = _short(rows[middle : middle + _FOLLOWING], after)
+    if short > max(_TAIL * gone, _OF_NOISE / size):
         return None
     trend = (around - near) / max(1.0, around[-1] - near[-1])
     return np.asarray(near - trend * near[-1])[:-1]
