@@ -133,11 +133,17 @@ def _windows(cells: Cells, fit: Fit, width: float) -> Iterator[FloatArray]:
     for rest in rests:
         known = np.where(cells.usable[..., None], rest, np.nan)
         for window in np.array_split(known, _WINDOWS, axis=1):
-            some = np.isfinite(window[..., 0]).any(axis=1)
-            level = np.zeros((len(rest), 1, cells.axes))
-            level[some, 0] = np.nanmedian(window[some], axis=1)
+            level = _medians(window)[:, None]
             states, weights = _turn(rests, cells.usable, level, 4 * width)
             yield leveled(held(rests, states), weights)
+
+
+def _medians(values: FloatArray) -> FloatArray:
+    """Median over the cells (n, B, A) that are no NaN, 0 where all are: nanmedian, but quick."""
+    count = np.isfinite(values[..., 0]).sum(axis=1)
+    block, values = np.arange(len(values)), np.sort(values, axis=1)
+    middle = values[block, np.maximum(count - 1, 0) // 2] + values[block, count // 2]
+    return np.asarray(np.where(count[:, None] > 0, middle / 2, 0.0))
 
 
 def _rests(cells: Cells, fit: Fit) -> list[FloatArray]:
@@ -149,12 +155,10 @@ def _turn(
     rests: Sequence[FloatArray], usable: BoolArray, levels: FloatArray, width: float
 ) -> tuple[IntArray, FloatArray]:
     """Give every cell the state that explains it best, and a weight, (n, B) each."""
-    states = np.zeros(usable.shape, dtype=np.int64)
-    least: FloatArray = np.full(usable.shape, np.inf)
-    for state, rest in enumerate(rests):
-        left = rest - levels
-        square = np.einsum('nbi,nbi->nb', left, left)
-        states[square < least] = state
+    far = [np.einsum('nbi,nbi->nb', left, left) for left in (rest - levels for rest in rests)]
+    states, least = np.zeros(usable.shape, dtype=np.int64), far[0]
+    for state, square in enumerate(far[1:], 1):
+        states = np.where(square < least, state, states)
         least = np.minimum(square, least)
     weights = usable / (1 + least / (rests[0].shape[2] * width**2)) ** 2
     return states, weights

@@ -11,7 +11,6 @@ Standard errors hold that, and grow with what no rigid body explains.
 """
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -94,17 +93,18 @@ class _Problem:
     sign: float
 
     def residual(self, values: FloatArray, rotation: FloatArray) -> FloatArray:
-        """Weigh what is left at a small turn (3,), the axes' gains (6,) and m, c of each body."""
-        own = values[3:9]
-        said = self.sign * (1 + own) * _gains_of(values[9:], rotation @ small_rotation(values[:3]))
-        left = self.roots @ (self.gains - said).reshape(-1, 6) / np.sqrt(self.spread)
-        return np.concatenate((left.ravel(), own / _SENSOR_GAIN))
+        """Weigh what is left at small turns (…, 3), the axes' gains (…, 6) and m, c of bodies."""
+        many, own = values.shape[:-1], values[..., 3:9]
+        turned = rotation @ small_rotation(values[..., :3])
+        said = self.sign * (1 + own[..., None, None, :]) * _gains_of(values[..., 9:], turned)
+        left = self.roots @ (self.gains - said).reshape(*many, -1, 6) / np.sqrt(self.spread)
+        return np.concatenate((left.reshape(*many, -1), own / _SENSOR_GAIN), axis=-1)
 
     def slopes(self, values: FloatArray, rotation: FloatArray) -> FloatArray:
         """Differentiate the residual by the values."""
         moves = 1e-6 * np.eye(len(values))
-        at = partial(self.residual, rotation=rotation)
-        return np.stack([(at(values + m) - at(values - m)) / 2e-6 for m in moves], axis=1)
+        ahead, back = (self.residual(values + each, rotation) for each in (moves, -moves))
+        return np.asarray((ahead - back).T / 2e-6)
 
     def settle(self, values: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Fit by Gauss-Newton steps; the turn goes into the rotation."""
@@ -188,10 +188,9 @@ def blocks(values: NDArray[Any], length: int) -> NDArray[Any]:
 
 
 def small_rotation(vector: FloatArray) -> FloatArray:
-    """Turn by a vector (3,), rad, as Rodrigues does: (3, 3)."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    """Turn by vectors (…, 3), rad, as Rodrigues does: (…, 3, 3)."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    skew = np.cross(np.eye(3), vector[..., None, :])
     # np.sinc(x) is sin(π x) / (π x), and one at 0
     first, half = np.sinc(angle / np.pi), np.sinc(angle / 2 / np.pi)
     return np.asarray(np.eye(3) + first * skew + half**2 / 2 * skew @ skew)
@@ -212,8 +211,10 @@ def _start_rotation(gains: FloatArray, own: FloatArray) -> tuple[FloatArray, boo
 
 
 def _gains_of(bodies: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Gains (K, 3, 6) of rigid bodies, m and c of each (4K,)."""
-    mass, center = bodies.reshape(-1, 4)[:, :1, None], bodies.reshape(-1, 4)[:, None, 1:]
-    force = np.broadcast_to(rotation.T, (len(mass), 3, 3))
-    torque = np.cross(center, force)  # columns of [c]× R, as rows
-    return np.asarray(-mass * np.concatenate((force, torque), axis=2))
+    """Gains (…, K, 3, 6) of rigid bodies, m and c of each (…, 4K), at rotations (…, 3, 3)."""
+    each = bodies.reshape(*bodies.shape[:-1], -1, 1, 4)
+    force = np.swapaxes(rotation, -1, -2)[..., None, :, :]
+    torque = np.cross(each[..., 1:], force)  # columns of [c]× R, as rows
+    return np.asarray(
+        -each[..., :1] * np.concatenate((np.broadcast_to(force, torque.shape), torque), axis=-1)
+    )
