@@ -9,13 +9,13 @@ Outer and inner model together: the paper's ARX-PLS (eq. 15).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.model.arx import Arx
-from wrist_ft_comp.model.signals import FloatArray
+from wrist_ft_comp.model.signals import FloatArray, IntArray
 
 #: Cells that a relaxation runs through in one matrix product.
 _BLOCK = 32
@@ -143,16 +143,21 @@ def _relax(x: FloatArray, pole: float) -> FloatArray:
     # Within a block u = P x, with P_kj = p^(k-j) for j <= k; the block before adds p^(k+1) times
     # its last u, and these last ones relax by p^B from block to block.
     size = min(len(x), _BLOCK)
-    lags = np.subtract.outer(np.arange(size), np.arange(size))
-    decay = np.tril(pole ** np.abs(lags))
+    decay = np.append(pole ** np.arange(size), 0.0)[_lags(size)]
     if size == len(x):
         return np.asarray(decay @ x)
     blocks = np.zeros((-(-len(x) // size), size))
-    blocks.flat[: len(x)] = x
+    blocks.reshape(-1)[: len(x)] = x
     u = blocks @ decay.T
     ends = _relax(u[:, -1], pole**size)
     u[1:] += np.multiply.outer(ends[:-1], pole * decay[:, 0])
     return np.asarray(u.ravel()[: len(x)])
+
+
+@lru_cache(maxsize=_BLOCK)
+def _lags(size: int) -> IntArray:
+    """Tell by how many cells one follows another, (size, size); -1 where it does not."""
+    return np.asarray(np.maximum(np.subtract.outer(np.arange(size), np.arange(size)), -1))
 
 
 def from_gains(
