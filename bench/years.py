@@ -20,7 +20,7 @@ four years one, two, five and eight days (16 of 5220) were worse by up to 0.23, 
 of a usual day than with the model before. Of 80 incidents 78 were named, and two years had one
 false alarm each. Development year 1003, in which rules were tuned: 0.67 of one warm-up.
 
-A year takes 5 to 9 min on two processors with nothing beside: days to come are drawn and looked
+A year takes 7 to 9 min on two processors with nothing beside: days to come are drawn and looked
 at ahead. Two kinds of days weigh much: the first two, without a model, and those on which a
 thermometer is dead, which is named, but which the model goes on reading (0.07 of the 0.19 in
 development year 1003).
