@@ -5,6 +5,7 @@ Everything here is seeded and written without the package's mathematics and code
 """
 
 from dataclasses import replace
+import gc
 from importlib.util import find_spec
 import struct
 
@@ -25,6 +26,11 @@ collect_ignore = [] if find_spec('rclpy') else ['ros']
 def pytest_report_header():
     """Say so where the nodes' tests cannot run."""
     return 'test/ros is left out: it needs ROS 2 (rclpy)' if collect_ignore else ''
+
+
+def pytest_collection_finish():
+    """Take thousands of tests, which stay, out of every later search for garbage."""
+    gc.freeze()
 
 
 def _wrenches(cells, axes):

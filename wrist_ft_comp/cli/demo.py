@@ -22,7 +22,6 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import load_demo_log
 from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
-from wrist_ft_comp.report.pictures import png_bytes
 
 _END_TIMEOUT_S = 10.0
 _LOOK_AFTER_S = 0.5
@@ -168,7 +167,7 @@ def run(arguments: argparse.Namespace) -> int:
     masses_kg = {name: payload.mass_kg for name, (payload, _) in learnt.items()}
     outcome = judge(log, masses_kg if plan.at_work else None)
     picture = arguments.output / 'demo.png'
-    write_report(picture, png_bytes(draw(log, external=plan.at_work)), 'picture')
+    write_report(picture, draw(log, external=plan.at_work), 'picture')
     if arguments.json:
         options.print_json({**outcome.as_json(), 'picture': picture})
     else:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy  # which loads its parts when they are used
 
 from wrist_ft_comp.identification.moments import Moments
 from wrist_ft_comp.model.signals import FloatArray, IntArray
@@ -100,7 +100,8 @@ class FreeTimeConstants:
             return total, gradient
 
         bounds = [(_LOGS[0], _LOGS[-1])] * len(start)
-        found = minimize(cost, start, jac=True, bounds=bounds, options={'maxiter': 40})
+        options = {'maxiter': 40}
+        found = scipy.optimize.minimize(cost, start, jac=True, bounds=bounds, options=options)
         return np.asarray(found.x)
 
     def fit(self, moments: Moments, normal: FloatArray, logs: FloatArray) -> FloatArray:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import LinearConstraint, minimize
+import scipy  # which loads its parts when they are used
 
 from wrist_ft_comp.identification.bins import BinnedData
 from wrist_ft_comp.identification.moments import accumulate, bank_inputs, Moments
@@ -40,8 +40,9 @@ def search_time_constants(
     rows = np.concatenate((each[:1], each[1:] - each[:-1], each[-1:]))
     least = np.concatenate(([lower], np.full(count - 1, np.log(_APART)), [-np.inf]))
     most = np.concatenate((np.full(count, np.inf), [upper]))
-    ordered, options = LinearConstraint(rows, least, most), {'ftol': tolerance, 'maxiter': 60}
-    optimum = minimize(
+    ordered = scipy.optimize.LinearConstraint(rows, least, most)
+    options = {'ftol': tolerance, 'maxiter': 60}
+    optimum = scipy.optimize.minimize(
         scaled, start, jac=True, method='SLSQP', constraints=ordered, options=options
     )
     return np.sort(np.exp(np.clip(optimum.x, lower, upper)))

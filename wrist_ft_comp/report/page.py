@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from wrist_ft_comp.calibration.chamber import FIGURE_TITLES
 from wrist_ft_comp.model.payload.weight import Payload
-from wrist_ft_comp.report import GENERATOR, pictures
+from wrist_ft_comp.report import GENERATOR
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
 from wrist_ft_comp.report.view import AxisView, model_sources, one_after_the_other, ReportView
 
@@ -46,6 +46,8 @@ def number(value: float) -> str:
 @cache
 def _environment() -> Environment:
     """Prepare the templates, which lie beside this module."""
+    from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
+
     environment = Environment(
         loader=PackageLoader('wrist_ft_comp.report'), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, finalize=_join_units)  # fmt: skip

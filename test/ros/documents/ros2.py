@@ -36,15 +36,26 @@ def own_node():
         rclpy.shutdown()
 
 
+def answer(node, client, request, timeout_s):
+    """Wait for the answer to a request; None where none comes."""
+    future = client.call_async(request)
+    rclpy.spin_until_future_complete(node, future, timeout_sec=timeout_s)
+    return future.result()
+
+
 def call(service_type, name, request):
     """Call a service."""
     with own_node() as node:
         client = node.create_client(service_type, name)
-        if not client.wait_for_service(TIMEOUT_S):
+        # A node drops its answer to a client that it has not discovered yet. It discovers them in
+        # the order in which they were made, so one answer to the second says that it knows both.
+        second = f'{name.rpartition("/")[0]}/describe_parameters'
+        knock = node.create_client(DescribeParameters, second)
+        if not (client.wait_for_service(TIMEOUT_S) and knock.wait_for_service(TIMEOUT_S)):
             sys.exit(f'no service {name}')
-        future = client.call_async(request)
-        rclpy.spin_until_future_complete(node, future, timeout_sec=TIMEOUT_S)
-        return future.result()
+        while answer(node, knock, DescribeParameters.Request(), 1.0) is None:
+            continue
+        return answer(node, client, request, TIMEOUT_S) or sys.exit(f'{name} does not answer')
 
 
 def echo(topic):

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
-from matplotlib.figure import Figure
 import numpy as np
 
 from wrist_ft_comp.cli.demos.plan import PART_KG, TOOL_KG, TOPICS
@@ -13,7 +12,6 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import DemoLog
 from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray, GRAVITY, NANOSECONDS
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, TaredErrors
-from wrist_ft_comp.report.pictures import draw_drift
 
 _TARE_S = 60.0
 #: How many times the drift of force z has to fall, and how exact the tool's mass has to be.
@@ -107,8 +105,10 @@ def judge(log: DemoLog, masses_kg: Mapping[str, float] | None) -> Outcome:
     return Outcome(axes, external, masses_kg or {}, len(log.stamps_ns), reached, sentence)
 
 
-def draw(log: DemoLog, *, external: bool) -> Figure:
+def draw(log: DemoLog, *, external: bool) -> bytes:
     """Draw what came after the calibration, and if asked for what wrench_external is off by."""
+    from wrist_ft_comp.report.pictures import draw_drift, png_bytes  # noqa: PLC0415 -- matplotlib
+
     raw, compensated = errors(log)
     elapsed_s = (log.stamps_ns - log.calibrated_ns) / NANOSECONDS
     elapsed_s = elapsed_s[elapsed_s > 0]
@@ -122,4 +122,4 @@ def draw(log: DemoLog, *, external: bool) -> Figure:
         (f'{axis}, {axis_unit(axis)}', elapsed_s, [each[:, i] for each in left])
         for i, axis in enumerate(AXES)
     ]
-    return draw_drift(series, temperatures)
+    return png_bytes(draw_drift(series, temperatures))
