@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.payload import states
 from wrist_ft_comp.calibration.payload.accelerometer import set_right
 from wrist_ft_comp.calibration.payload.cells import cut
 from wrist_ft_comp.calibration.payload.separation import separate, separate_again
@@ -32,6 +33,17 @@ def plain(make_working_day):
 @pytest.fixture(scope='module')
 def learnt(days):
     return calibrate(days, AT_WORK)
+
+
+def test_medians_leave_out_what_is_not_usable():
+    rng = np.random.default_rng(0)
+    wrench = rng.standard_normal((9, 14, 6))
+    for unknown, block in enumerate(wrench[1:], start=1):
+        block[rng.permutation(14)[:unknown]] = np.nan
+    wrench[0] = np.nan
+    medians = states._medians(wrench)
+    np.testing.assert_array_equal(medians[1:], np.nanmedian(wrench[1:], axis=1))
+    assert not medians[0].any()
 
 
 def told(calibration):
