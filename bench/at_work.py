@@ -10,23 +10,26 @@ without a tare. Both use ``auto``. For every scenario: drift left, its median
 by the yardstick's, masses and centres of mass against what was drawn, how many of them are within
 their stated standard errors, and steps that were found for the driver's tares.
 
-Seen on twelve worlds that nobody had looked at, an empty flange leaving 0.029 (mean 0.056): median
+Seen on twelve worlds that nobody had looked at, an empty flange leaving 0.019 (mean 0.104): median
 of the drift left by the yardstick's, with its bootstrap interval; mean; the median of that ratio
-axis by axis; worst error of a mass and of a centre of mass. Of all errors 99 % were within 1.64
-stated standard errors; of sixteen tares of the driver fifteen were found, of 91 [tares] 89.
+axis by axis; worst error of a mass and of a centre of mass. Of all errors 100 % were within 1.64
+stated standard errors; of ten tares of the driver ten were found and at most one that was none, of
+72 [tares] 72.
 
 ========  ==================  =====  ====  =====  ======
-tool      1.02 (0.92 – 1.28)  0.060  1.05  0.3 %  0.4 mm
-part      1.04 (0.91 – 1.36)  0.059  1.02  0.3 %  0.7 mm
-poses     1.09 (0.94 – 1.32)  0.059  1.03  0.3 %  0.8 mm
-contacts  1.07 (0.97 – 1.42)  0.062  1.06  0.3 %  0.6 mm
-cone      1.04 (0.90 – 1.21)  0.059  1.04  1.1 %  1.3 mm
-imu       1.03 (0.92 – 1.37)  0.059  1.02  0.3 %  0.6 mm
-tf        1.33 (1.07 – 1.96)  0.072  1.24  0.3 %  0.7 mm
-tares     1.10 (0.92 – 1.75)  0.067  1.15  0.3 %  0.7 mm
+tool      1.32 (0.97 – 1.70)  0.111  1.04  0.3 %  0.7 mm
+part      1.25 (0.94 – 1.81)  0.110  1.04  0.3 %  1.1 mm
+poses     1.26 (0.93 – 1.78)  0.111  1.06  0.4 %  1.0 mm
+contacts  1.40 (0.93 – 1.80)  0.111  1.03  0.3 %  1.1 mm
+cone      1.25 (0.99 – 1.87)  0.112  1.04  0.7 %  1.2 mm
+imu       1.10 (0.92 – 1.77)  0.108  1.02  0.3 %  1.1 mm
+tf        2.30 (1.11 – 3.60)  0.126  1.25  0.3 %  1.1 mm
+tares     1.30 (0.95 – 2.06)  0.113  1.09  0.4 %  1.1 mm
 ========  ==================  =====  ====  =====  ======
 
-Not reached: a ratio of medians of 1.15 by TF: its base is not level, which no recording tells.
+Not reached in this draw: a ratio of medians of 1.15, but for [imu]; in the twelve worlds of the
+draw before, by the same rules, [tool] and [part] came to 1.07 and 1.10. By TF it was missed in
+both: its base is not level, which no recording tells.
 """
 
 import argparse
