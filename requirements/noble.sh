@@ -23,4 +23,4 @@ names=$(sed -n 's/==.*//p' "$here/noble.txt" | paste -s -d '|')
 grep -viE "^($names)==" "$here/lock.txt" > "$venv/rest.txt"
 printf '[libs]\nsystem_freetype = true\nsystem_qhull = true\n' > "$venv/matplotlib.cfg"
 MPLSETUPCFG=$PWD/$venv/matplotlib.cfg "$venv/bin/python" -m pip install --quiet \
-    --disable-pip-version-check --no-compile -c "$here/noble.txt" -c "$venv/rest.txt" -e '.[ros,test]'
+    --disable-pip-version-check -c "$here/noble.txt" -c "$venv/rest.txt" -e '.[ros,test]'

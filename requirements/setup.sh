@@ -38,5 +38,4 @@ else
     "$python" -m venv .venv
     extras='ros,test,lint' constraints=$here/lock.txt
 fi
-# Compiled is what is imported, when it is: a fifth of what is installed.
-.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile -c "$constraints" -e ".[$extras]"
+.venv/bin/python -m pip install --quiet --disable-pip-version-check -c "$constraints" -e ".[$extras]"
