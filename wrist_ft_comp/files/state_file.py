@@ -114,7 +114,7 @@ class StateWriter:
         self.written = 0
         #: How long the last save took, s.
         self.took_s = 0.0
-        self._path = path
+        self.path = path
         self._newest: SavedState | None = None
         self._ended = False
         self._changed = threading.Condition()
@@ -145,7 +145,7 @@ class StateWriter:
         while (state := self._take()) is not None:
             before = time.monotonic()
             try:
-                save_state(self._path, state)
+                save_state(self.path, state)
             except StateFileError as error:
                 self.problem = str(error)
             else:

@@ -1,19 +1,23 @@
 """Which model is live: choosing the first, swapping, rolling back, remembering."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, InitVar
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from std_srvs.srv import Trigger
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore
+from wrist_ft_comp.files.state_file import StateWriter
 from wrist_ft_comp.model.drift_model import check_fits, DriftModel, StoredModel
-from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.hub import Hub, Part, Service
+from wrist_ft_comp.ros.node_log import ERROR, NodeLog, OK, Status, WARN
 
 
 @dataclass(eq=False)
-class LiveModel:
+class LiveModel(Part):
     """Owns the live model and those before it; ``swap`` makes one live, or raises and does not."""
 
     # It begins with the newest decision. A model_file that differs from the one of the last start,
@@ -22,9 +26,10 @@ class LiveModel:
     # since goes on.
 
     _store: ModelStore
-    model_file: InitVar[str]
+    _model_file: str
     _thermometers: int
     _swap: Callable[[DriftModel | None], None]
+    _writer: StateWriter
     _log: NodeLog
     #: Why the model that should be live is not, or will not be after a restart.
     problem: str = ''
@@ -35,8 +40,15 @@ class LiveModel:
     #: Kept, because it goes live next, and reading it takes tens of milliseconds.
     _validated: StoredModel | None = None
 
-    def __post_init__(self, model_file: str) -> None:
+    title = 'model'
+
+    def services(self) -> Sequence[Service]:
+        """Offer ~/rollback."""
+        return (Service(Trigger, '~/rollback', self.roll_back),)
+
+    def start(self, _hub: Hub) -> None:
         """Choose the first."""
+        model_file = self._model_file
         self._store.sweep()
         given = self.load(self._store.locate(model_file)) if model_file else None
         self.stored = self._last()
@@ -48,7 +60,32 @@ class LiveModel:
                 '~/calibrate.'
             )
         else:
+            self._swap(self.stored.model)
             self._announce(self.stored)
+
+    def statuses(self) -> Iterator[Status]:
+        """Tell which model is live."""
+        stored, saved = self.stored, self._writer
+        numbers = {
+            'state_saves': str(saved.written),
+            'state_save_took_ms': f'{1e3 * saved.took_s:.1f}',
+        }
+        if stored is None:
+            why = self.problem or 'no model; record a warm-up and call ~/calibrate'
+            why = f'{why}; {saved.problem}' if saved.problem else why
+            yield Status(self.title, ERROR if self.problem else WARN, why, numbers)
+            return
+        numbers |= {
+            'file': str(stored.path),
+            'sha256': stored.sha256,
+            'created': str(stored.document['provenance'].get('created', '')),
+            'axes': ', '.join(stored.model.axes) or 'none',
+            'period_s': f'{stored.model.period_ns / 1e9:g}',
+        }
+        for j, entry in enumerate(stored.document['thermometers'], start=1):
+            numbers[f'thermometer_{j}_calibrated_c'] = '{:.1f} to {:.1f}'.format(*entry['range_c'])
+        trouble = self.problem or saved.problem
+        yield Status(self.title, WARN if trouble else OK, trouble or summary(stored), numbers)
 
     def _last(self) -> StoredModel | None:
         """Load the model that was live last; one that cannot be used leaves none live."""
@@ -138,6 +175,12 @@ class LiveModel:
                     'calibrate.'
                 )
             self._validated = self.load(path)
+
+    def apply_parameters(self, parameters: Sequence[Any]) -> None:
+        """Make the model of a changed model_file live."""
+        for parameter in parameters:
+            if parameter.name == 'model_file' and parameter.value:
+                self.use_file(parameter.value)
 
     def use_file(self, given: str) -> None:
         """Make the model of a file live and remember it; it was validated before."""

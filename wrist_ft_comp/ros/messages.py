@@ -7,7 +7,7 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.exceptions import NameValidationException
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
@@ -51,12 +51,22 @@ def overridable() -> QoSOverridingOptions:
     return QoSOverridingOptions.with_default_policies(callback=check)
 
 
+#: What rclpy says of a topic, of its name or of what overrides its quality of service.
+_REFUSALS = (
+    RuntimeError,
+    ValueError,
+    NameValidationException,
+    InvalidQosOverridesError,
+    ParameterException,
+)
+
+
 @contextmanager
 def opening(topic: str) -> Iterator[None]:
     """Turn what rclpy says of a topic that it can't subscribe to or publish on into a sentence."""
     try:
         yield
-    except (RuntimeError, ValueError, NameValidationException, InvalidQosOverridesError) as error:
+    except _REFUSALS as error:
         # rcl ends its message with ", at FILE:LINE" of its sources; rclpy draws below its own.
         reason = str(error).split(', at /')[0].split('\n')[0].rstrip(':')
         raise SettingsError(

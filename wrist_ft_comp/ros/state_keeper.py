@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 import time
 from typing import Any
 
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.files.state_file import load_state, SavedState, StateWriter
 from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.warm_restart import belongs_to, longest_gap_s, ThermalMemory, too_old
@@ -21,15 +21,14 @@ _SOAKED = 'the drift starts at the steady state of the first temperatures'
 
 
 @dataclass(eq=False)
-class StateKeeper:
+class StateKeeper(Part):
     """Goes on from the state of the node before, and saves this one's."""
 
-    # The compensator's first model is live and no temperature has come. Settings are save_period,
-    # and use_sim_time, with which the system's clock tells nothing of gaps.
+    # Settings are save_period, and use_sim_time, with which the system's clock tells no gaps.
 
     _compensator: Compensator
     _live_sha256: Callable[[], str | None]
-    _path: Path
+    writer: StateWriter
     _settings: Mapping[str, Any]
     _log: NodeLog
     #: What became of the saved state, a sentence.
@@ -38,19 +37,21 @@ class StateKeeper:
     #: The saved state, until the first thermal cell tells what is made of it.
     _loaded: SavedState | None = None
 
-    def __post_init__(self) -> None:
-        """Begin to go on, and to save."""
-        #: What saves states, and knows why it cannot.
-        self.writer = StateWriter(self._path)
-        self._due = time.monotonic() + self._settings['save_period']
-        self._told = self._compensator.tracker.origin
-        self._restore()
-        self._saved, self._saved_end_ns = self._key(), self._end_ns()
+    title = 'state'
+    _due: float | None = None
+
+    def on_model(self) -> None:
+        """Go on from the saved state when the first model is live, and begin to save."""
+        if self._due is None:
+            self._due = time.monotonic() + self._settings['save_period']
+            self._told = self._compensator.tracker.origin
+            self._restore()
+            self._saved, self._saved_end_ns = self._key(), self._end_ns()
 
     def _restore(self) -> None:
         """Go on from the saved state, if it is of use."""
         try:
-            state = load_state(self._path)
+            state = load_state(self.writer.path)
         except StateFileError as error:
             self._begin_anew(str(error))
             return
@@ -71,7 +72,7 @@ class StateKeeper:
         simulated = self._settings['use_sim_time']
         gap_s = 0.0 if simulated else (time.time_ns() - state.saved_ns) / NANOSECONDS
         if not belongs_to(model, memory):
-            self._begin_anew(f'{self._path} does not fit the model it names')
+            self._begin_anew(f'{self.writer.path} does not fit the model it names')
         elif gap_s < -_SET_BACK_S:
             self._begin_anew(f'the saved state is from {-gap_s:.0f} s in the future')
         elif gap_s > longest_gap_s(model):
@@ -104,6 +105,8 @@ class StateKeeper:
             self._complained = self.writer.problem
             if self.writer.problem:
                 self._log.error(self.writer.problem)
+        if self._due is None:
+            return
         due = time.monotonic() >= self._due and self._end_ns() != self._saved_end_ns
         if due or self._key() != self._saved:
             self.save()
@@ -135,11 +138,14 @@ class StateKeeper:
         known = self._live_sha256(), compensator.tare, compensator.memory()
         self.writer.put(SavedState(saved_ns, *known, compensator.external_tare))
 
-    def end(self) -> None:
+    def end(self) -> bool:
         """Save once more, and wait for the disk."""
+        if self._due is None:
+            return False
         if self._end_ns() != self._saved_end_ns or self._key() != self._saved:
             self.save()
         if not self.writer.end(_END_TIMEOUT_S):
-            self._log.error(f'{self._path} was not saved: the disk does not answer.')
+            self._log.error(f'{self.writer.path} was not saved: the disk does not answer.')
         elif self.writer.problem not in {'', self._complained}:
             self._log.error(self.writer.problem)
+        return False

@@ -81,7 +81,7 @@ class Rig:
 
     def send_reference(self, stamp, values):
         """Send one reference wrench."""
-        self.node._on_reference(serialize_message(wrench_message(stamp, 'world', values)))
+        self.node.recording.on_reference(serialize_message(wrench_message(stamp, 'world', values)))
 
     def put(self, stamp, values, frame='tool0'):
         """Send one raw wrench."""
@@ -100,7 +100,7 @@ class Rig:
 
     def put_temperature_bytes(self, thermometer, data):
         """Send bytes where a temperature belongs."""
-        self.node._on_temperature(thermometer, data)
+        self.node.inputs.on_temperature(thermometer, data)
 
     def warm(self, stamp, *values):
         """Send one reading per thermometer, and wait until the node has them."""
@@ -347,7 +347,7 @@ def rig(bench, tmp_path):
 @pytest.fixture
 def wired(bench, tmp_path, monkeypatch):
     """Start compensators that talk over DDS, and often of their health."""
-    period = 'wrist_ft_comp.ros.compensator_node._DIAGNOSTICS_PERIOD_S'
+    period = 'wrist_ft_comp.ros.hub.DIAGNOSTICS_PERIOD_S'
     monkeypatch.setattr(period, DIAGNOSTICS_PERIOD_S)
     return partial(_make_rig, WiredRig, bench, tmp_path)
 

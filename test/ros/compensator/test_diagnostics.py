@@ -1,17 +1,13 @@
 """What the node says of itself; of faults that come in, see test_input_faults.py."""
 
-from pathlib import Path
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from wrist_ft_comp.ros import compensator_node
-from wrist_ft_comp.ros.diagnostics import diagnostics
+from wrist_ft_comp.ros import compensator_node, hub
 from wrist_ft_comp.ros.inputs.health import Counts, InputHealth
+from wrist_ft_comp.ros.inputs.status import judge_temperatures, judge_wrenches
 from wrist_ft_comp.ros.messages import wrench_message
-from wrist_ft_comp.ros.node_log import Status
 from wrist_ft_comp.stream.compensator import Compensator
 
 SECOND = 1_000_000_000
@@ -34,34 +30,35 @@ def test_statuses_are_published_named_after_the_node_and_the_frame(wired):
 
 
 def test_diagnostics_come_once_a_second_unless_a_test_hurries_them():
-    assert compensator_node._DIAGNOSTICS_PERIOD_S == 1.0
+    assert hub.DIAGNOSTICS_PERIOD_S == 1.0
 
 
-def test_they_are_a_function_of_a_snapshot_and_nothing_else(rig):
+def test_inputs_are_judged_by_a_snapshot_and_nothing_else(rig):
     health = InputHealth(2)
     health.counts.wrenches = 1000
     health.look(9.0, START, LOAD, 'tool0', stamped=True)
     for thermometer in (0, 1):
         health.take_temperature(9.5, thermometer, START, stamped=True)
-    snapshot = rig(thermometers=2).node._snapshot()
+    snapshot = rig(thermometers=2).node.inputs.snapshot()
     snapshot = snapshot._replace(
         now_s=10.0, health=health, stream=Compensator(2), before=Counts(), elapsed_s=2.0
     )
-    statuses = diagnostics(snapshot)
-    assert all(isinstance(each, Status) for each in statuses)
-    assert [(each.name, each.level) for each in statuses] == [
-        ('input', OK), ('temperature', OK), ('model', WARN), ('calibration', OK), ('output', WARN),
-    ]  # fmt: skip
-    assert statuses[0].message == '500 wrenches per second'
-    assert (statuses[0].values['age_s'], statuses[0].values['frame']) == ('1.0', 'tool0')
-    assert statuses[1].values['thermometer_2_age_s'] == '0.5'
-    assert diagnostics(snapshot) == statuses
-    recording = SimpleNamespace(current=SimpleNamespace(rows=7), path=Path('run.csv'), failure='')
-    status = diagnostics(snapshot._replace(recording=recording))[3]
-    assert (status.message, status.values['recording']) == ('recording', 'run.csv')
-    refused = SimpleNamespace(last_outcome='no', refused=True, running_s=None)
-    status = diagnostics(snapshot._replace(calibration=refused))[3]
-    assert (status.level, status.values['last']) == (WARN, 'no')
+    wrenches, temperatures = judge_wrenches(snapshot), judge_temperatures(snapshot)
+    assert (wrenches.level, temperatures.level) == (OK, OK)
+    assert wrenches.message == '500 wrenches per second'
+    assert (wrenches.values['age_s'], wrenches.values['frame']) == ('1.0', 'tool0')
+    assert temperatures.values['thermometer_2_age_s'] == '0.5'
+    assert (judge_wrenches(snapshot), judge_temperatures(snapshot)) == (wrenches, temperatures)
+
+
+def test_what_a_calibration_and_a_recording_are_at_is_said(rig):
+    node = rig()
+    assert (node.diagnosis('calibration').level, node.diagnosis('model').level) == (OK, WARN)
+    assert node.call('record', data=True).success
+    status = node.diagnosis('calibration', 'recording')
+    assert status.values['recording'].endswith('.csv')
+    assert not node.call('calibrate').success
+    assert node.diagnosis('calibration', 'refused').level == WARN
 
 
 def test_input_is_stale_or_well_or_unusable(rig):

@@ -50,7 +50,7 @@ def holding(rig, learnt):  # noqa: ARG001
 def feel(node, stamp, force, speed=None):
     """Tell a specific force in the wrench's frame, as the IMU has it."""
     measured = tuple((FRAME.rotation.T @ force).tolist())
-    node.node._on_force(stamp, measured, speed)
+    node.node.tell('on_force', stamp, measured, speed)
 
 
 def values(message):
@@ -85,7 +85,7 @@ def test_it_comes_over_dds_with_the_header_of_the_wrench(wired, messages, learnt
     imu.publish(messages.imu(START, (FRAME.rotation.T @ ASIDE).tolist(), [0.0, 0.1, 0.0]))
     forces = node.node.external.forces
     node.wait_until(lambda: forces.count == 1, 'the specific force')
-    node.wait_until(node.node._external_output.get_subscription_count, 'the listener')
+    node.wait_until(node.node.external.output.get_subscription_count, 'the listener')
     raw = TOOL.weight(ASIDE) + CONSTANT
     assert node.ask_output(START + SECOND // 10, raw) == tuple(raw)
     message = externals.get(timeout=20.0)
@@ -98,7 +98,7 @@ def test_who_holds_nothing_pays_nothing(rig):
     node = rig(parameters=IMU)
     feel(node, START, UP)
     node.ask_output(START, CONSTANT)
-    assert node.node.external.on_wrench is None
+    assert node.node.external.wanted is False
     assert node.node.external.published == 0
     found = node.diagnosis('payload')
     assert (found.level, found.message) == (OK, 'no payload is active')
@@ -134,7 +134,7 @@ def test_without_fresh_specific_force_it_rests_and_the_wrench_goes_on(holding):
 def test_an_imu_is_asked_when_its_newest_sample_is_behind_the_wrench(holding):
     node = holding()
     asked = []
-    node.node.external.poll = lambda: asked.append(True)
+    node.node.gravity.poll = lambda: asked.append(True)
     for stamp, times in ((START, 1), (START, 2)):
         ask(node, stamp, CONSTANT)
         assert len(asked) == times
@@ -204,7 +204,7 @@ def test_by_hand_it_waits_at_the_start_for_what_only_tf_can_tell(rig):
     assert 'nobody knows how specific force is turned' in found.message
     refused = node.set('payload.mass', 2.5)
     assert 'nobody knows how specific force is turned' in refused.reason
-    node.node.external.mount = lambda: FRAME
+    node.node.gravity.mount = lambda: FRAME
     assert node.diagnosis('payload').message == 'subtracting manual'
     feel(node, START, ASIDE)
     weight = node.node.external.weight_at(START)

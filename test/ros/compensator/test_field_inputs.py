@@ -52,7 +52,7 @@ def send(node, publisher, *messages):
 def seen(node):
     """Temperatures that the node took, dropped, or could not read."""
     counts = node.node.health.counts
-    return counts.temperatures + counts.bad_temperatures + node.node._fields.unreadable
+    return counts.temperatures + counts.bad_temperatures + node.node.inputs.fields.unreadable
 
 
 def publisher(node, kind, name, qos=1000):
@@ -175,7 +175,7 @@ def test_an_array_that_is_too_short_is_told_and_heals(wired):
     assert 'Its numbers are effort[1], effort[0]' in said
     assert said.endswith('; drift waits for it')
     assert flows(node)
-    bad = node.node._fields.unreadable
+    bad = node.node.inputs.fields.unreadable
     assert node.diagnosis('temperature').values['unusable'] == str(bad)
     while held_c(node) is None:
         second = seen(node)

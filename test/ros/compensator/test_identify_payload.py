@@ -28,7 +28,7 @@ def working(rig, make_model):
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 600.0)})
     node = rig(parameters={**IMU, 'model_file': str(model.path)})
     node.warm_up(20.0)
-    node.node._on_force(START, (0.0, 0.0, 9.8), None)
+    node.node.tell('on_force', START, (0.0, 0.0, 9.8), None)
     return node
 
 
@@ -48,7 +48,7 @@ def send(node, minute, rows):
     _, motion, imu = minute
     for k in rows:
         stamp = START + 2 * SECOND + k * SECOND // RATE_HZ
-        node.node._on_force(stamp, tuple(imu[k, :3].tolist()), math.hypot(*imu[k, 3:]))
+        node.node.tell('on_force', stamp, tuple(imu[k, :3].tolist()), math.hypot(*imu[k, 3:]))
         node.ask_output(stamp, (motion.weight[k] + motion.contact[k] + 1.0).tolist())
 
 
@@ -80,7 +80,7 @@ def test_a_minute_of_work_tells_what_is_mounted_and_how_to_use_it(working, minut
     name = working.node.get_fully_qualified_name()
     assert answer.message.endswith(f'ros2 param set {name} payload.active identified-1')
     assert working.diagnosis('payload').values['last_identification'] == answer.message
-    assert working.node.external.on_wrench is None, 'nobody wants wrenches any more'
+    assert working.node.external.wanted is False, 'nobody wants wrenches any more'
     externals = queue.Queue()
     working.node.external.publish = externals.put
     assert working.set('payload.active', 'identified-1').successful
@@ -91,7 +91,7 @@ def test_a_minute_of_work_tells_what_is_mounted_and_how_to_use_it(working, minut
 def test_without_specific_force_or_drift_model_it_is_refused(rig, working):
     bare = rig(parameters=IMU)
     assert 'No specific force has come. Set gravity.source' in refusal(bare)
-    bare.node._on_force(START, (0.0, 0.0, 9.8), None)
+    bare.node.tell('on_force', START, (0.0, 0.0, 9.8), None)
     assert 'No drift model runs, and drift would be taken for weight' in refusal(bare)
     assert 'identify_payload: No payload' in bare.diagnosis('calibration').values['last_refusal']
     assert working.node.identification.progress is None
@@ -109,7 +109,7 @@ def test_a_robot_that_stands_still_is_told_to_move(working):
     answers = ask(working)
     for k in range(0, 61 * RATE_HZ, 5):
         stamp = START + 2 * SECOND + k * SECOND // RATE_HZ
-        working.node._on_force(stamp, (0.0, 0.0, 9.8), None)
+        working.node.tell('on_force', stamp, (0.0, 0.0, 9.8), None)
         working.ask_output(stamp, [1.0] * 6)
     working.wait_until(lambda: not answers.empty(), 'the answer')
     assert 'gravity moved by 0.00, 0.00, 0.00 m/s²' in answers.get().message

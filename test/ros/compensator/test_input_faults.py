@@ -272,7 +272,7 @@ class TestTemperature:
             message.clock.sec = START // SECOND + second
             clock.publish(message)
             node.wait_until(
-                lambda now=message.clock.sec: node.node._now_ns() == now * SECOND, 'the clock'
+                lambda now=message.clock.sec: node.node.now_ns() == now * SECOND, 'the clock'
             )
             node.warm(0, 30.0)
         assert node.node.compensator.tracker.grid._next == START // SECOND + 23

@@ -26,7 +26,7 @@ node = CompensatorNode(context=context, parameter_overrides=parameters)
 for second in range(1, 4):
     message = Temperature(temperature=30.0)
     message.header.stamp.sec = second
-    node._on_temperature(0, serialize_message(message))
+    node.inputs.on_temperature(0, serialize_message(message))
     node._on_wrench(serialize_message(wrench_message(second * 10**9, 'tool0', [1.0] * 6)))
 node._keep_house()
 node._diagnose()

@@ -33,7 +33,7 @@ def test_topics_and_the_node_can_be_remapped(bench, tmp_path):
     assert outputs.get(timeout=TIMEOUT_S).header.stamp.nanosec == 7
     answer = bench.call(Trigger, '/cell_1/left_ft/rollback', Trigger.Request())
     assert 'no earlier model' in answer.message
-    node.recording.start()
+    node.recording._begin()
     job_topics = node.jobs.calibration().topics
     assert (job_topics.wrench, job_topics.temperatures) == ('/driver/ft', ('/driver/heat',))
 
@@ -52,7 +52,7 @@ def test_simulated_time_stamps_what_has_no_stamp(wired, bench, clock):
     if clock == 'published':
         clocks = bench.publisher(Clock, '/clock')
         clocks.publish(Clock(clock=Time(sec=4321)))
-        bench.wait_until(lambda: node.node._now_ns() == 4321 * SECOND, 'the clock')
+        bench.wait_until(lambda: node.node.now_ns() == 4321 * SECOND, 'the clock')
     assert node.ask_output(0, LOAD) == tuple(LOAD)
     stamp = node.node._newest[0]
     assert stamp == (4321 * SECOND if clock == 'published' else 0)
@@ -77,7 +77,7 @@ def test_quality_of_service_can_be_overridden_for_one_topic_only(bench, tmp_path
     best_effort, reliable = QoSReliabilityPolicy.BEST_EFFORT, QoSReliabilityPolicy.RELIABLE
 
     assert node._output.qos_profile.reliability == best_effort
-    assert node._drift.qos_profile.reliability == reliable
+    assert node.output.drift.qos_profile.reliability == reliable
     assert node._diagnostics.qos_profile.reliability == reliable
     assert node._raw.qos_profile.reliability == reliable
     depths = {each.topic_name: each.qos_profile.depth for each in node.subscriptions}

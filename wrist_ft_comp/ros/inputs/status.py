@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from wrist_ft_comp.ros.inputs.snapshot import Snapshot
 from wrist_ft_comp.ros.node_log import OK, STALE, Status, WARN
-from wrist_ft_comp.ros.snapshot import Snapshot
 from wrist_ft_comp.stream.input_checks import other_unit, PLAUSIBLE_C
 
 #: Stamps of wrenches and temperatures that differ by more come from different clocks.

@@ -69,7 +69,7 @@ class DiaryKeeper:
         recording, self._recording = self._recording, None
         if recording is None:
             return
-        self._recorder.end(recording)
+        self._recorder.leave(recording)
         try:
             recording.close()
         except RecordingError as error:

@@ -1,20 +1,23 @@
 """Learning from days: when a job runs, and what becomes of the better model that it found."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 import time
 from typing import Any
 
+from std_srvs.srv import Trigger
+
 from wrist_ft_comp.errors import SettingsError, StateFileError, WristFtCompError
 from wrist_ft_comp.files.days.day_files import DayFiles
 from wrist_ft_comp.files.days.memory import load_memory, Memory, save_memory
 from wrist_ft_comp.files.job_request import ANOTHER_LEARNS
 from wrist_ft_comp.files.model_file import restore_model
+from wrist_ft_comp.ros.hub import Part, Service
 from wrist_ft_comp.ros.learning.diary import DiaryKeeper
 from wrist_ft_comp.ros.live_model import LiveModel
-from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
 from wrist_ft_comp.ros.services.calibrate import CalibrateService, CalibrationProcess, JobMaker
 
 #: How often to look for a day to judge, and how long to wait where a job cannot run, s.
@@ -36,7 +39,7 @@ def why_not(chosen: Mapping[str, Any]) -> str:
     )
 
 
-class Learner:
+class Learner(Part):
     """Judges models on days, and offers or takes a better one; days are the keeper's business."""
 
     def __init__(
@@ -55,26 +58,39 @@ class Learner:
         self.memory = Memory()
         self.diary: DiaryKeeper | None = None
         self._live, self._calibration, self._jobs, self._log = live, calibration, jobs, log
-        self._directory = directory = jobs.store.directory
+        self._directory = jobs.store.directory
+        self._max_bytes = 1e6 * chosen['learning.max_mb']
         self._process: CalibrationProcess | None = None
         #: Up to which day, and since when.
-        self._judging, self._begun = '', 0.0
+        self._judging, self._begun, self._begun_with_model = '', 0.0, False
         #: When to look for a day to judge.
         self._wait_until = 0.0
+
+    title = 'learning'
+
+    def services(self) -> Sequence[Service]:
+        """Offer ~/adopt."""
+        return (Service(Trigger, '~/adopt', self.adopt),)
+
+    def on_model(self) -> None:
+        """Begin the diary when it is known which model is live; later models are looked for."""
+        if self._begun_with_model:
+            return
+        self._begun_with_model = True
         if self.why_not:
             if self.mode != 'off':
-                log.warning(self.why_not)
+                self._log.warning(self.why_not)
             return
         broken = ''
         try:
-            self.memory = load_memory(directory) or Memory(champion=live.sha256)
+            self.memory = load_memory(self._directory) or Memory(champion=self._live.sha256)
         except StateFileError as error:
             broken = f'learning began anew: {error}'
-            log.warning(broken)
+            self._log.warning(broken)
         known = max(self.memory.judged, self.memory.since)
-        max_bytes = 1e6 * chosen['learning.max_mb']
-        files = DayFiles(directory, jobs.recorder.channels, max_bytes, known)
-        self.diary = DiaryKeeper(jobs.recorder, files, log)
+        recorder = self._jobs.recorder
+        files = DayFiles(self._directory, recorder.channels, self._max_bytes, known)
+        self.diary = DiaryKeeper(recorder, files, self._log)
         if broken:
             self._decide(broken)
 
@@ -211,11 +227,51 @@ class Learner:
             self._process.end()
             self._process = None
 
-    def end(self) -> None:
+    def statuses(self) -> Iterator[Status]:
+        """Judge how it stands; nothing is said where learning is off."""
+        if self.mode == 'off':
+            return
+        memory, resting = self.memory, self.diary.problem if self.diary else ''
+        # What a person should look at, the worst first.
+        trouble = self.why_not or resting or self.problem or memory.paused or memory.incident
+        level = WARN if trouble else OK
+        yield Status(self.title, level, trouble or self._well(), self._numbers())
+
+    def _well(self) -> str:
+        """Say what is going on."""
+        if self.memory.offered:
+            return 'a better model is offered: see "offered", and call ~/adopt to make it live'
+        if self.running_s is not None:
+            return f'learning for {self.running_s:.0f} s'
+        return self.waiting or 'keeping a diary'
+
+    def _numbers(self) -> dict[str, str]:
+        """Give what stands behind it."""
+        memory = self.memory
+        numbers = {
+            'mode': self.mode,
+            'last_day': f'{memory.judged}: {memory.verdict}' if memory.verdict else 'none yet',
+            'last_change': memory.change or 'none yet',
+        }
+        if memory.offered:
+            report = str(self.offered.with_suffix('.html'))
+            numbers |= {'offered': str(self.offered), 'why': memory.why, 'report': report}
+        if self.diary is not None:
+            files = self.diary.files
+            numbers |= {
+                'days': str(len(files.ended())),
+                'megabytes': f'{files.used() / 1e6:.1f}',
+                'today': files.path.name if files.path else 'none yet',
+                'cells': str(self.diary.rows),
+            }
+        return numbers
+
+    def end(self) -> bool:
         """End with the node; day and judgement go on when it starts again."""
         self._end_job()
         if self.diary is not None:
             self.diary.end()
+        return False
 
 
 def _dated(what: str) -> str:

@@ -1,11 +1,12 @@
 """The wrench without drift and payload, and the parameters that say which payload is held."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
 from typing import Any
 
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
@@ -13,6 +14,8 @@ from wrist_ft_comp.files.cdr import Layout
 from wrist_ft_comp.files.payload_file import add_payloads, Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.ros.gravity.part import Gravity
+from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.live_model import LiveModel
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.stream.compensator import Compensator
@@ -65,16 +68,13 @@ class _UnknownTurnError(SettingsError):
 
 
 @dataclass(eq=False)
-class ExternalWrench:
+class ExternalWrench(Part):
     """Knows the payload that is held, and what it weighs at every wrench."""
-
-    # WristFtCompError when payload.active can't be had. The node sets ``publish``; ``poll``, which
-    # lets specific force that has come be given to ``add_force``; and ``mount``, which tells how
-    # TF turns specific force into the wrench's frame, or None.
 
     _compensator: Compensator
     _settings: Callable[[], Mapping[str, Any]]
     _shelf: Shelf
+    gravity: Gravity
     _log: NodeLog
     #: Of the newest specific force, rad/s; NaN where nobody knows.
     speed: float = math.nan
@@ -83,25 +83,35 @@ class ExternalWrench:
     missed: int = 0
     #: The payload that is held; None when none is active.
     payload: LivePayload | None = None
-    #: What every wrench is given to; None when nobody wants it.
-    on_wrench: Callable[[int, Sequence[float], bytes, Layout], None] | None = None
     _collect: Collect | None = None
-    poll: Callable[[], object] = lambda: None
-    publish: Callable[[bytes], object] = lambda _: None
-    mount: Callable[[], ForceFrame | None] = lambda: None
     #: Why a payload is not held yet: TF may take its time.
     waiting: str = ''
+    _hub: Hub = field(init=False)
+    _chosen: bool = False
+
+    title = 'wrench_external'
 
     def __post_init__(self) -> None:
-        """Hold what is to be held from the start."""
-        chosen = self._settings()
-        self.forces = RecentForces(chosen['gravity.timeout'])
+        """Begin without specific force."""
+        self.forces = RecentForces(self._settings()['gravity.timeout'])
+
+    def start(self, hub: Hub) -> None:
+        """Publish what the world does to the tool."""
+        self._hub = hub
+        output = hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
+        self.output, self.publish = output, output.publish
+
+    def on_model(self) -> None:
+        """Hold what is to be held from the start, when it is known which model is live."""
+        if self._chosen:
+            return
+        self._chosen = True
         try:
-            self._hold(self._choose(chosen))
+            self._hold(self._choose(self._settings()))
         except _UnknownTurnError as error:
             self.waiting = str(error)
 
-    def add_force(self, stamp_ns: int, force: Force, speed: float | None) -> None:
+    def on_force(self, stamp_ns: int, force: Force, speed: float | None) -> None:
         """Take one specific force, m/s², and its speed of rotation, rad/s."""
         self.forces.add(stamp_ns, force)
         self.speed = math.nan if speed is None else speed
@@ -109,13 +119,17 @@ class ExternalWrench:
     def collect(self, collect: Collect | None) -> None:
         """Give wrenches to somebody, too; to nobody by None."""
         self._collect = collect
-        wanted = self.payload is not None or collect is not None
-        self.on_wrench = self._take if wanted else None
+        self._hub.listen(self, wanted=self.wanted)
 
-    def _take(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Layout) -> None:
+    @property
+    def wanted(self) -> bool:
+        """Whether somebody wants to know specific force."""
+        return self.payload is not None or self._collect is not None
+
+    def on_wrench(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Layout) -> None:
         """Take the payload off one wrench and send it on; the header passes through untouched."""
         if stamp_ns - self.forces.newest_ns > _FRESH_NS:
-            self.poll()
+            self._hub.do(self.gravity, self.gravity.poll)
         force = self.forces.at(stamp_ns)
         if force is None:
             self.missed += 1
@@ -149,9 +163,9 @@ class ExternalWrench:
             except WristFtCompError as error:
                 self._log.error(str(error))
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Look whether TF tells now what a payload has waited for since the start."""
-        if self.waiting and self.mount() is not None:
+        if self.waiting and self.gravity.mount() is not None:
             self._hold(self._choose(self._settings()))
 
     def _hold(self, payload: LivePayload | None) -> None:
@@ -193,7 +207,7 @@ class ExternalWrench:
     def _turn(self) -> ForceFrame:
         """Find how specific force leads to the wrench's frame, for a payload nobody learnt."""
         frames = list(self._shelf.frames().values())
-        frame = frames[-1] if frames else self.mount()
+        frame = frames[-1] if frames else self.gravity.mount()
         if frame is None:
             raise _UnknownTurnError(
                 f'payload.active is {MANUAL}, but nobody knows how specific force is turned in '

@@ -8,7 +8,8 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.model.payload.learnt import payload_line
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench, Shelf
-from wrist_ft_comp.ros.services.deferred import LongService, Reply, Work
+from wrist_ft_comp.ros.services.deferred import Reply
+from wrist_ft_comp.ros.services.long_service import LongService, Work
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.payload import Force
 from wrist_ft_comp.stream.payload_motion import DURATION_S, identify, MotionCollector
@@ -29,7 +30,8 @@ class IdentifyService(LongService):
     _collector: MotionCollector = field(default_factory=MotionCollector)
     _heard_s: float = 0.0
 
-    name, done, at_end = '~/identify_payload', 'identified: ', 'The node is shutting down.'
+    name, title = '~/identify_payload', 'identification'
+    done = 'identified: '
 
     @property
     def progress(self) -> float | None:

@@ -4,8 +4,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 import math
 import time
+from typing import Any
 
 from wrist_ft_comp.model.signals import AXES, axis_unit, GRAVITY, NANOSECONDS
+from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.node_log import OK, Status, WARN
 from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench
 from wrist_ft_comp.ros.payload.identify import IdentifyService
@@ -20,28 +22,30 @@ _NORMS, _FROZEN = (0.5 * GRAVITY, 2.0 * GRAVITY), 5
 
 
 @dataclass(eq=False)
-class PayloadReport:
+class PayloadReport(Part):
     """Judges the payload in operation."""
 
     _compensator: Compensator
     _external: ExternalWrench
     _identify: IdentifyService
-    #: Tells why specific force can't come, where its source knows; or nothing.
-    _problem: Callable[[], str]
+    #: Tells the newest wrench, of which the stamp, ns, comes first; None before there is one.
+    _newest: Callable[[], tuple[int, Any, Any] | None]
     _before: tuple[float, int, int, int] = field(
         default_factory=lambda: (time.monotonic(), 0, 0, 0)
     )
     _same: tuple[Force | None, int] = None, 0
 
-    def status(self, newest_ns: int | None) -> Status:
-        """Judge how it stands at the stamp of the newest wrench, ns."""
-        external, forces = self._external, self._external.forces
+    title = 'payload'
+
+    def statuses(self) -> Iterator[Status]:
+        """Judge how it stands at the stamp of the newest wrench."""
+        external, forces, newest = self._external, self._external.forces, self._newest()
         now = time.monotonic(), forces.count, external.published, external.missed
         elapsed_s, *grown = (a - b for a, b in zip(now, self._before, strict=True))
         (heard, sent, missed), self._before = grown, now
         age_s = None
-        if newest_ns is not None and forces.newest is not None:
-            age_s = (newest_ns - forces.newest[0]) / NANOSECONDS
+        if newest is not None and forces.newest is not None:
+            age_s = (newest[0] - forces.newest[0]) / NANOSECONDS
         numbers = {
             'active': str(external.payload or 'none'),
             'force_rate_hz': f'{heard / max(elapsed_s, 1e-9):.1f}',
@@ -53,7 +57,7 @@ class PayloadReport:
         for axis, value in zip(AXES, self._compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
         trouble = external.waiting or next(self._troubles(age_s, heard, missed), '')
-        return Status('payload', WARN if trouble else OK, trouble or self._well(), numbers)
+        yield Status(self.title, WARN if trouble else OK, trouble or self._well(), numbers)
 
     def _well(self) -> str:
         """Say what is done where nothing is wrong."""
@@ -65,10 +69,10 @@ class PayloadReport:
     def _troubles(self, age_s: float | None, heard: float, missed: float) -> Iterator[str]:
         """Say what is wrong with specific force that somebody wants, the worst first."""
         newest, rests = self._external.forces.newest, 'wrench_external rests'
-        if self._external.on_wrench is None:
+        if not self._external.wanted:
             return
         if newest is None:
-            yield f'{self._problem() or "no specific force has come"}; {rests}'
+            yield f'{self._external.gravity.problem() or "no specific force has come"}; {rests}'
             return
         force = newest[1]
         self._same = force, self._same[1] + 1 if heard and force == self._same[0] else 0

@@ -1,6 +1,6 @@
 """The service ~/calibrate: what is asked of a process that fits, and what becomes of it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 import json
@@ -20,8 +20,9 @@ from wrist_ft_comp.files.model_file import restore_model
 from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics
-from wrist_ft_comp.ros.node_log import NodeLog
-from wrist_ft_comp.ros.services.deferred import LongService, Work
+from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
+from wrist_ft_comp.ros.services.long_service import LongService, Work
+from wrist_ft_comp.ros.services.record import RecordService
 from wrist_ft_comp.ros.services.recorder import Recorder
 
 #: What runs a job that comes on standard input, and ends when that is closed: also when this
@@ -154,17 +155,37 @@ class CalibrateService(LongService):
 
     _make_request: Callable[[], CalibrationJob]
     _go_live: Callable[[StoredModel], str]
+    _recording: RecordService
     _log: NodeLog
     _begun_s: float = 0.0
 
-    name, severe = '~/calibrate', True
+    name, title, severe = '~/calibrate', 'calibration', True
     done, not_done = 'calibrated: ', 'not calibrated: '
-    at_end = 'The node is shutting down; the model is unchanged.'
+    unchanged = '; the model is unchanged'
 
     @property
     def running_s(self) -> float | None:
         """How long a calibration has been running, s; None when none is."""
         return None if self._running is None else time.monotonic() - self._begun_s
+
+    def statuses(self) -> Iterator[Status]:
+        """Report recording, running calibration, and last outcome."""
+        recording = self._recording.current
+        numbers = {
+            'last': self.last_outcome or 'none yet',
+            'last_refusal': self._log.last_refusal or 'none yet',
+        }
+        level, said = OK, 'recording' if recording else 'idle'
+        if recording is not None:
+            numbers['recording'] = str(self._recording.path)
+            numbers['recorded_cells'] = str(recording.rows)
+        if self.running_s is not None:
+            said = f'running for {self.running_s:.0f} s'
+        elif self._recording.failure:
+            level, said = WARN, self._recording.failure
+        elif self.refused:
+            level, said = WARN, 'the last one was refused; see "last"'
+        yield Status(self.title, level, said, numbers)
 
     def _busy(self) -> str:
         """Say that one runs."""

@@ -1,38 +1,57 @@
 """The service ~/record: starting and ending the node's own recording."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+import math
 from pathlib import Path
 from typing import Any
 
+from geometry_msgs.msg import WrenchStamped
+from std_srvs.srv import SetBool
+
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.files.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.files.documents import writing
 from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.ros import messages
+from wrist_ft_comp.ros.hub import Hub, Part, Service
+from wrist_ft_comp.ros.inputs.health import Counts
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.services.recorder import OwnRecording, Recorder, REMEDY
 
 
 @dataclass(eq=False)
-class RecordService:
-    """Starts and ends a recording; ``subscribe_reference`` returns what ends its subscription."""
+class RecordService(Part):
+    """Starts and ends the node's own recording, and hears the reference wrench meanwhile."""
 
     _recorder: Recorder
     _store: ModelStore
-    _subscribe_reference: Callable[[], Callable[[], object]]
+    _counts: Counts
     _log: NodeLog
-    _unsubscribe: Callable[[], object] = lambda: None
+    _hub: Hub = field(init=False)
+    _reference: Any = None
     #: The recording that runs, and its file, or that of the last one.
     current: OwnRecording | None = None
     path: Path = Path()
     #: Why the last one ended early; empty when it did not.
     failure: str = ''
 
+    title = 'recording'
+
+    def services(self) -> Sequence[Service]:
+        """Offer ~/record."""
+        return (Service(SetBool, '~/record', self.on_request),)
+
+    def start(self, hub: Hub) -> None:
+        """Keep what subscribes."""
+        self._hub = hub
+
     def on_request(self, request: Any, _reply: Any) -> str:
         """Start or end the recording, as SetBool's data says; say where to, or what it holds."""
-        return self.start() if request.data else self._finish()
+        return self._begin() if request.data else self._finish()
 
-    def start(self) -> str:
+    def _begin(self) -> str:
         """Start recording; say where to."""
         from wrist_ft_comp.files.csv_file import CsvRecordingWriter  # noqa: PLC0415 -- rare
 
@@ -40,17 +59,20 @@ class RecordService:
             raise RecordingError(
                 f'A recording runs already, into {self.path}. End it first, with data: false.'
             )
+        # Only while recording: a reference at a kilohertz costs as much as the wrench itself. And
+        # first of all: an override of its quality of service that cannot be had is refused here.
+        reference = self._hub.subscribe_for(
+            self, WrenchStamped, 'wrench_reference', self.on_reference, messages.FAST_SENSOR
+        )
         try:
             with writing(self._store.directory):
                 path = self._store.new_recording_path()
                 writer = CsvRecordingWriter(path, self._recorder.channels)
         except RecordingError as error:
+            self._hub.destroy_subscription(reference)
             raise RecordingError(f'{error} {REMEDY}.') from error
+        self._reference, self.path, self.failure = reference, path, ''
         self.current = self._recorder.begin(writer, self._fail, self._follow_period)
-        self.path = path
-        # Only while recording: a reference at a kilohertz costs as much as the wrench itself.
-        self._unsubscribe = self._subscribe_reference()
-        self.failure = ''
         return f'recording into {path}'
 
     def _finish(self) -> str:
@@ -58,7 +80,7 @@ class RecordService:
         recording = self.current
         if recording is None:
             raise RecordingError(self.failure or 'No recording runs. Start one with data: true.')
-        self._recorder.end(recording)
+        self._recorder.leave(recording)
         self._forget()
         recording.close()
         seconds = recording.rows * recording.period_ns / NANOSECONDS
@@ -67,12 +89,20 @@ class RecordService:
     def _forget(self) -> None:
         """Listen to the reference no longer."""
         self.current = None
-        self._unsubscribe()
+        self._hub.destroy_subscription(self._reference)
 
-    def add_reference(self, stamp_ns: int, reference: Sequence[float]) -> None:
-        """Take one reference wrench, N and N m."""
-        if self.current is not None:
-            self.current.averager.add_reference(stamp_ns, reference)
+    def on_reference(self, data: bytes) -> None:
+        """Take one reference wrench."""
+        try:
+            stamp_ns, reference = locate(data, WRENCH_DOUBLES).decode(data)
+        except RecordingError:
+            self._counts.bad_references += 1
+            return
+        if not math.isfinite(sum(reference)):
+            self._counts.bad_references += 1
+        elif self.current is not None:
+            at_ns = stamp_ns or self._hub.now_ns()
+            self.current.averager.add_reference(at_ns, reference)
 
     def _fail(self, error: RecordingError) -> None:
         """Say that the disk has ended the recording."""
@@ -93,11 +123,11 @@ class RecordService:
         )
         self._log.warning(self.failure)
 
-    def end(self) -> None:
+    def end(self) -> bool:
         """Close the recording that runs, if one does, and log what it holds."""
-        if self.current is None:
-            return
-        try:
-            self._log.info(self._finish())
-        except RecordingError as error:
-            self._log.error(str(error))
+        if self.current is not None:
+            try:
+                self._log.info(self._finish())
+            except RecordingError as error:
+                self._log.error(str(error))
+        return False

@@ -3,10 +3,11 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.stream_grid import CompletedCells
+from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
 from wrist_ft_comp.stream.compensator import Compensator
 
@@ -54,8 +55,10 @@ class OwnRecording:
         self._writer.close()
 
 
-class Recorder:
-    """Feeds the recordings that run; with none it costs a look at an empty list."""
+class Recorder(Part):
+    """Feeds the recordings that run; while there is none, it does not listen to wrenches."""
+
+    title = 'recorder'
 
     def __init__(self, compensator: Compensator, *, with_force: bool) -> None:
         self.thermometers = compensator.thermometers
@@ -64,6 +67,17 @@ class Recorder:
         self._compensator = compensator
         self._with_force = with_force
         self._running: list[OwnRecording] = []
+        self._hub: Hub | None = None
+
+    def start(self, hub: Hub) -> None:
+        """Listen to wrenches as soon as a recording runs."""
+        self._hub = hub
+        self._listen()
+
+    def _listen(self) -> None:
+        """Listen to wrenches while somebody wants them."""
+        if self._hub is not None:
+            self._hub.listen(self, wanted=bool(self._running))
 
     @property
     def period_ns(self) -> int:
@@ -81,23 +95,27 @@ class Recorder:
         averager = CellAverager(period_ns, self.thermometers, with_force=self._with_force)
         recording = OwnRecording(writer, averager, period_ns, on_failure, on_period)
         self._running.append(recording)
+        self._listen()
         return recording
 
-    def end(self, recording: OwnRecording) -> None:
+    def leave(self, recording: OwnRecording) -> None:
         """Let nothing more come into a recording, which its owner closes."""
         self._running.remove(recording)
+        self._listen()
 
-    def add_raw(self, stamp_ns: int, raw: Sequence[float]) -> None:
+    def on_wrench(self, stamp_ns: int, raw: Sequence[float], *_: Any) -> None:
         """Take one raw wrench, N and N m."""
         for each in self._running:
             each.averager.add_raw(stamp_ns, raw)
 
-    def add_force(self, stamp_ns: int, force: Sequence[float], speed: float | None) -> None:
+    def on_force(
+        self, stamp_ns: int, force: tuple[float, float, float], speed: float | None
+    ) -> None:
         """Take one specific force, m/s², and the speed of rotation, rad/s, where it is known."""
         for each in self._running:
             each.averager.add_force(stamp_ns, force, speed)
 
-    def add_cells(self, cells: list[CompletedCells]) -> None:
+    def on_cells(self, cells: Sequence[CompletedCells], _stamp_ns: int) -> None:
         """Append rows for thermal cells."""
         for each in self._running:
             each.averager.add_cells(cells)
@@ -113,10 +131,10 @@ class Recorder:
         try:
             recording.write()
         except RecordingError as error:
-            self.end(recording)
+            self.leave(recording)
             recording.on_failure(error)
 
-    def follow_period(self) -> None:
+    def on_model(self) -> None:
         """Tell those whose thermal cells have another length than a new model's."""
         for each in tuple(self._running):
             if each.period_ns != self.period_ns:

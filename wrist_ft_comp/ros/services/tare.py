@@ -6,11 +6,13 @@ import time
 from typing import Any
 
 import numpy as np
+from std_srvs.srv import Trigger
 
 from wrist_ft_comp.model.signals import AXES, axis_unit
+from wrist_ft_comp.ros.hub import Hub, Service
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench
-from wrist_ft_comp.ros.services.deferred import LongService, Work
+from wrist_ft_comp.ros.services.long_service import LongService, Work
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector
 
@@ -33,13 +35,22 @@ class TareService(LongService):
     _collector: TareCollector | None = None
     #: Of the payload, N and N m; None where nobody knew.
     _weights: list[list[float] | None] = field(default_factory=list)
+    _hub: Hub = field(init=False)
 
-    name, not_done = '~/tare', 'not tared: '
-    at_end = 'The node is shutting down; the tare is unchanged.'
+    name, title = '~/tare', 'tare'
+    not_done, unchanged = 'not tared: ', '; the tare is unchanged'
 
     def _busy(self) -> str:
         """Say that one runs."""
         return 'A tare is running'
+
+    def services(self) -> Sequence[Service]:
+        """Offer ~/tare and ~/reset_tare."""
+        return (*super().services(), Service(Trigger, '~/reset_tare', self.reset))
+
+    def start(self, hub: Hub) -> None:
+        """Keep what hands out wrenches."""
+        self._hub = hub
 
     def reset(self, *_: Any) -> str:
         """Forget the tare."""
@@ -47,7 +58,7 @@ class TareService(LongService):
         self._save()
         return 'the tare is zero again'
 
-    def add(self, stamp_ns: int, raw: Sequence[float]) -> None:
+    def on_wrench(self, stamp_ns: int, raw: Sequence[float], *_: Any) -> None:
         """Take one wrench, N and N m; answer when there are enough."""
         if self._collector is None:
             return
@@ -62,11 +73,13 @@ class TareService(LongService):
         collector = TareCollector(chosen['tare.duration'], chosen['tare.max_deviation'])
         deadline = time.monotonic() + chosen['tare.duration'] + _GRACE_S
         self._collector, self._weights = collector, []
+        self._hub.listen(self, wanted=True)
         try:
             while self._collector is not None and time.monotonic() <= deadline:
                 yield
         finally:
             self._collector = None
+            self._hub.listen(self, wanted=False)
         mean, stamp_ns = collector.result()
         known = [each for each in self._weights if each is not None]
         whole = len(known) == len(self._weights)

@@ -66,7 +66,7 @@ class Learner:
         for _ in range(cells):
             stamp = START + round((self._clock[0] + 0.5) * CELL_S) * SECOND
             self.rig.put(stamp, [12.3456789, 0.5, 123.456789, 0.1, 0.2, 0.3])
-            self.node._on_force(stamp, (0.0, 0.0, 9.80665), 0.01)
+            self.node.tell('on_force', stamp, (0.0, 0.0, 9.80665), 0.01)
             warmth = 25.0 + 0.01 * self._clock[0]
             self.rig.put_temperature(stamp, *[warmth] * self.rig.thermometers)
             self._clock[0] += 1

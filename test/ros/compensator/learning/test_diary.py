@@ -133,7 +133,7 @@ def test_a_silent_thermometer_does_not_end_the_day(learner):
     for second in range(1500):
         stamp = 1_700_000_000 * 10**9 + second * 10**9
         node.rig.put(stamp, [1.0] * 6)
-        node.node._on_force(stamp, (0.0, 0.0, 9.80665), None)
+        node.node.tell('on_force', stamp, (0.0, 0.0, 9.80665), None)
         if not 100 < second < 900:
             node.rig.put_temperature(stamp, 25.0)
         node.node.recorder.poll()

@@ -1,12 +1,10 @@
-"""What the node knows about itself at a moment, for its diagnostics."""
+"""What the node knows about its inputs when it judges them."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
 from wrist_ft_comp.ros.inputs.health import Counts, InputHealth
 from wrist_ft_comp.ros.live_model import LiveModel
-from wrist_ft_comp.ros.services.calibrate import CalibrateService
-from wrist_ft_comp.ros.services.record import RecordService
 from wrist_ft_comp.ros.state_keeper import StateKeeper
 from wrist_ft_comp.stream.compensator import Compensator
 
@@ -21,10 +19,6 @@ class Snapshot(NamedTuple):
     stream: Compensator
     live: LiveModel
     state_keeper: StateKeeper
-    calibration: CalibrateService
-    recording: RecordService
-    #: Which request was refused last, and why.
-    last_refusal: str
     #: What had been counted at the report before, and how long ago that was.
     before: Counts
     elapsed_s: float

@@ -1,0 +1,96 @@
+"""No part of the node can end it: whatever one throws, the wrenches go on."""
+
+import pytest
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.ros.hub import Hub
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+ERROR = b'\2'
+PARTS = (
+    'inputs', 'live', 'state_keeper', 'recorder', 'recording', 'calibration', 'output', 'tare',
+    'gravity', 'external', 'identification', 'learning',
+)  # fmt: skip
+VERBS = (
+    'on_model', 'on_wrench', 'on_cells', 'on_force', 'check_parameters', 'apply_parameters',
+    'poll', 'statuses', 'end',
+)  # fmt: skip
+
+
+class Sabotage(Exception):  # noqa: N818 -- no name of an error in the log but by accident
+    """What no part expects."""
+
+
+def sabotaged(*_, **__):
+    raise Sabotage('by a test')
+
+
+@pytest.mark.parametrize('verb', VERBS)
+@pytest.mark.parametrize('part', PARTS)
+def test_a_part_that_fails_in_any_verb_costs_no_wrench(rig, make_model, part, verb):
+    model = make_model('m.yaml')
+    node = rig(parameters={'model_file': str(model.path), 'gravity.source': 'imu'})
+    node.warm_up(25.0)
+    victim = getattr(node.node, part)
+    setattr(victim, verb, sabotaged)
+    # As the hub takes it where a part has a use for the verb.
+    node.node._hearing.setdefault(verb, []).append(victim)
+    node.node.listen(victim, wanted=True)
+    for second in range(3, 8):
+        node.put_temperature(START + second * SECOND, 26.0)
+        node.node.tell('on_force', START + second * SECOND, (0.0, 0.0, 9.8), 0.0)
+        assert len(node.ask_output(START + second * SECOND, [1.0] * 6)) == 6
+        node.set('payload.mass', 1.0 + second)
+        node.node._swap(model.model)
+        node._report()
+    assert node.node.health.counts.published == 5
+    node.node.destroy_node()
+
+
+def test_a_part_that_failed_is_told_once_named_and_its_services_say_so(rig, capfd):
+    node = rig()
+    node.node.tare.on_wrench = sabotaged
+    answers = node.ask('tare')
+    node.ask_output(START, [1.0] * 6)
+    failed = answers.get(timeout=1.0)
+    assert not failed.success
+    assert 'Sabotage: by a test' in failed.message
+    again = node.call('reset_tare')
+    assert (again.success, again.message) == (False, failed.message)
+    found = node.diagnosis('tare')
+    assert (found.level, found.message) == (ERROR, failed.message)
+    node.ask_output(START + SECOND, [1.0] * 6)
+    logged = capfd.readouterr().err
+    assert logged.count('Traceback') == 1
+    assert 'in sabotaged' in logged
+
+
+def test_a_refusal_is_no_fault_and_is_logged_once(rig, capfd):
+    node = rig()
+
+    def refuse():
+        raise SettingsError('not today')
+
+    node.node.external.poll = refuse
+    for _ in range(3):
+        node.node._keep_house()
+    assert not node.node.external.stopped
+    assert capfd.readouterr().err.count('not today') == 1
+
+
+@pytest.mark.parametrize('order', [list, lambda parts: list(reversed(parts))])
+def test_parts_start_in_any_order(rig, make_model, monkeypatch, order):
+    run = Hub.run
+    monkeypatch.setattr(Hub, 'run', lambda self, parts: run(self, order(parts)))
+    node = rig(parameters={'model_file': str(make_model('m.yaml').path)})
+    node.warm_up(30.0)
+    (_, _, force_z, *_) = node.ask_output(START + 3 * SECOND, [100.0] * 6)
+    assert force_z == pytest.approx(80.0)  # 2 N/K over 20 °C
+    assert node.diagnosis('model', 'compensating 1 axis').values['file'].endswith('m.yaml')
+
+
+def test_every_part_has_a_title_of_its_own(rig):
+    titles = [part.title for part in rig().node.parts]
+    assert all(titles)
+    assert len({*titles}) == len(titles)

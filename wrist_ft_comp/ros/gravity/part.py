@@ -1,0 +1,44 @@
+"""The part that tells where down is, to all parts that want to know."""
+
+from functools import partial
+from typing import Any
+
+from wrist_ft_comp.model.payload.weight import ForceFrame
+from wrist_ft_comp.ros.gravity.source import GravitySource
+from wrist_ft_comp.ros.hub import Hub, Part
+
+
+class Gravity(Part):
+    """Hears what the parameters ``gravity.…`` say, and tells all parts each specific force."""
+
+    title = 'gravity'
+
+    def __init__(self, chosen: dict[str, Any]) -> None:
+        self._chosen = chosen
+        self.source: GravitySource | None = None
+
+    def start(self, hub: Hub) -> None:
+        """Subscribe; SettingsError when what is asked for cannot be had."""
+
+        def on_force(
+            stamp_ns: int, force: tuple[float, float, float], speed: float | None
+        ) -> None:
+            hub.tell('on_force', stamp_ns or hub.now_ns(), force, speed)
+
+        self.source = GravitySource(
+            self._chosen, partial(hub.subscribe_for, self), hub.subscribe_unserved,
+            hub.hardware_id, on_force,
+        )  # fmt: skip
+
+    def poll(self) -> None:
+        """Take what an IMU has sent."""
+        if self.source is not None and not self.stopped:
+            self.source.poll()
+
+    def mount(self) -> ForceFrame | None:
+        """Tell how TF turns specific force into the wrench's frame; None where it does not."""
+        return None if self.source is None else self.source.mount()
+
+    def problem(self) -> str:
+        """Say why TF tells nothing; empty where it tells something, or is not asked."""
+        return '' if self.source is None else self.source.problem()
