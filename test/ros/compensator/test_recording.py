@@ -123,3 +123,14 @@ def test_a_model_of_another_period_ends_the_recording(rig, make_model):
     assert 'the new model has thermal cells of 10 s' in answer.message
     assert len(read_recording(path)) == 3
     assert node.call('record', True).success
+
+
+def test_a_recording_that_cannot_hear_its_reference_does_not_begin(rig):
+    override = 'qos_overrides./deaf/wrench_reference.subscription.reliability'
+    node = rig(namespace='/deaf', parameters={override: 'bestest'})
+    refused = node.call('record', True)
+    assert not refused.success
+    assert 'bestest' in refused.message
+    assert not (node.directory / 'recordings').exists()
+    assert node.diagnosis('calibration').message == 'idle'
+    assert not node.call('record', False).success, 'no recording runs'
