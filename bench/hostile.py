@@ -1,0 +1,510 @@
+"""
+A hostile robot: whatever can come to the node comes, in any order, and after every step it is judged.
+
+``python bench/hostile.py [--steps N] [--seed N]``. Good, damaged, late and foreign messages; services
+in any order, also while others run; parameters right and wrong; files broken, removed or replaced; a
+full disk; clocks that leap; thermometers that die and come back; parts that are sabotaged; kills and
+restarts. After every step: nothing has left a callback, every good wrench in was one wrench out,
+finite, within the limits, its header untouched, no part has stopped that was not sabotaged, and the
+diagnostics name what is wrong. Prints what was done; exit code 1 with the shortest way to a finding.
+"""
+
+import argparse
+from collections import Counter
+from contextlib import ExitStack, suppress
+import errno
+import faulthandler
+import math
+import os
+from pathlib import Path
+import resource
+import shutil
+import struct
+import sys
+import tempfile
+import time
+from typing import Any
+from unittest import mock
+
+from hypothesis import HealthCheck, settings, strategies as st
+from hypothesis.stateful import (
+    initialize,
+    invariant,
+    precondition,
+    rule,
+    RuleBasedStateMachine,
+    run_state_machine_as_test,
+)
+from stand import make_model, message, write_warm_up
+
+from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.files.cdr import locate, WRENCH_DOUBLES
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+#: Largest zero drift of a force, N, and of a torque, N m: the node's defaults.
+LIMITS = (200.0,) * 3 + (20.0,) * 3
+#: Steps between one fresh start and the next.
+STEPS_PER_LIFE = 100
+#: What the working memory may grow by over a whole run after its first tenth, MB.
+MEMORY_MB = 60.0
+#: A step that takes longer hangs, s; where, is printed.
+HANG_S = 20.0
+WARN = 1
+#: Verbs of a part that are sabotaged.
+VERBS = (
+    'on_model', 'on_wrench', 'on_cells', 'on_force', 'check_parameters', 'apply_parameters', 'poll',
+    'statuses',
+)  # fmt: skip
+SERVICES = (
+    'calibrate', 'tare', 'reset_tare', 'identify_payload', 'record', 'rollback', 'adopt',
+)  # fmt: skip
+PARAMETERS: tuple[tuple[str, tuple[Any, ...]], ...] = (
+    ('uncalibrated', ('passthrough', 'silent', 'loud', 3)),
+    ('model_file', ('models/m.yaml', 'models/none.yaml', '/etc/passwd', '', 'models', 7)),
+    ('payload.active', ('', 'manual', 'nail', 5)),
+    ('payload.mass', (0.0, 1.5, -1.0, math.nan, 'heavy')),
+    ('payload.center_of_mass', ([0.0, 0.0, 0.1], [0.0, 0.1], [math.inf, 0.0, 0.0], 'here')),
+    ('gravity.timeout', (0.2, 10.0, 0.0)),
+    ('tare.duration', (0.01, 60.0, -1.0)),
+    ('tare.max_deviation', (1e6, 0.001, math.nan)),
+    ('calibration.recordings', (['recordings/a.csv'], [], ['/etc/passwd'])),
+    ('calibration.reference', ('payload', 'unloaded', 'none')),
+    ('thermal_period', (2.0,)),
+)
+FILES = (
+    'models/m.yaml', 'models/payloads.json', 'state.json', 'active.json', 'learning.json',
+    'days/day_00001.csv', 'days/diary.json', 'recordings/a.csv', 'days/stray.csv',
+)  # fmt: skip
+RUBBISH = (
+    b'', b'{', b'[]', b'null', b'\xff\xfe\0', b'[' * 2000, b'{"a": ' + b'9' * 5000 + b'}',
+    b'format: wrist_ft_comp drift model\nversion: 1\n', b'stamp_s,force_z\n1,x\n', b'NaN\n' * 100,
+)  # fmt: skip
+numbers = st.floats(-500.0, 500.0)
+celsius = st.floats(15.0, 60.0)
+odd_celsius = st.sampled_from([math.nan, math.inf, 1e10, -273.15, 3276.7, 300.0, -1e308])
+steps_ns = st.sampled_from([0, 1, SECOND // 1000, SECOND, 5 * SECOND, 70 * SECOND])
+leaps_ns = st.sampled_from(
+    [-1, -SECOND, -3600 * SECOND, 3600 * SECOND, 8 * 3600 * SECOND, 10**18, -START]
+)
+
+
+class FakeProcess:
+    """Stands for the process of a calibration or a lesson: it takes its time, then it refuses."""
+
+    pid = 0
+
+    def __init__(self, _job: Any) -> None:
+        self._polls = 0
+
+    def poll(self) -> dict[str, Any] | None:
+        """Refuse at the fourth look."""
+        self._polls += 1
+        if self._polls < 4:
+            return None
+        return {'success': False, 'message': 'Refused by the bench; nothing is wrong.'}
+
+    def end(self) -> None:
+        """Nothing runs."""
+
+
+class Ground:
+    """What all lives share: a ROS context, a model, and a count of what was done."""
+
+    def __init__(self, folder: Path) -> None:
+        from rclpy.context import Context  # noqa: PLC0415 -- after the environment is set
+
+        self.folder = folder
+        self.model = make_model(write_warm_up(folder / 'warm_up.csv', 1800), folder / 'm.yaml')
+        self.context: Any = Context()
+        self.context.init([])
+        self.done: Counter[str] = Counter()
+        self.lives = 0
+
+
+GROUND: list[Ground] = []
+
+
+class HostileRobot(RuleBasedStateMachine):
+    """One life of a data directory; the node in it is killed and started again."""
+
+    @initialize()
+    def begin(self) -> None:
+        """Start a node with a model in a fresh folder."""
+        self.ground = GROUND[0]
+        self.ground.lives += 1
+        self.stack = ExitStack()
+        self.data = self.ground.folder / 'data'
+        for target in ('services.calibrate', 'learning.learning'):
+            patched = f'wrist_ft_comp.ros.{target}.CalibrationProcess'
+            self.stack.enter_context(mock.patch(patched, FakeProcess))
+        self.stack.enter_context(mock.patch('os.fsync', self._fsync))
+        self.full = False
+        self.node: Any = None
+        self.now_ns = START
+        self.answers: list[Any] = []
+        self._fresh()
+
+    def _fsync(self, _handle: int) -> None:
+        """Write to the disk, unless it is full."""
+        if self.full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def _fresh(self) -> None:
+        """Start in a folder with a model, where a start may not be refused."""
+        shutil.rmtree(self.data, ignore_errors=True)
+        (self.data / 'models').mkdir(parents=True)
+        (self.data / 'days').mkdir()
+        shutil.copy(self.ground.model, self.data / 'models/m.yaml')
+        self._start()
+
+    def _start(self) -> None:
+        """Start the node; WristFtCompError when it refuses."""
+        from rclpy.logging import LoggingSeverity, set_logger_level  # noqa: PLC0415 -- likewise
+        from rclpy.parameter import Parameter  # noqa: PLC0415 -- after the environment is set
+
+        from wrist_ft_comp.ros.compensator_node import CompensatorNode  # noqa: PLC0415
+
+        given = {
+            'data_directory': str(self.data), 'model_file': 'models/m.yaml',
+            'temperature_topics': ['temperature', 'temperature_2'][:1],
+            'gravity.source': 'imu', 'calibration.reference': 'payload', 'learning': 'auto',
+            'save_period': 0.1,
+        }  # fmt: skip
+        untyped: Any = Parameter
+        overrides = [untyped(name, value=value) for name, value in given.items()]
+        self.node = CompensatorNode(context=self.ground.context, parameter_overrides=overrides)
+        set_logger_level('wrist_ft_comp', LoggingSeverity.FATAL)
+        self.out: list[bytes] = []
+        self.external: list[bytes] = []
+        self.expected: dict[str, int] = {}
+        self.sabotaged: set[str] = set()
+        self.node._output.publish = self.out.append
+        self.node.external.publish = self.external.append
+        self.node._diagnostics.publish = self._judge_report
+        for service in self.node._offered:
+            service._send = lambda response, answers: answers.append(response)
+
+    def _did(self, what: str) -> None:
+        self.ground.done[what] += 1
+
+    # What comes in
+
+    def _wrench(self, values: list[float], stamp_ns: int, frame: bytes = b'tool0\0\0\0') -> None:
+        """Send a good wrench; one comes out."""
+        data = message(stamp_ns, values, frame)
+        before = len(self.out)
+        self.node._on_wrench(data)
+        if self.node.silent:
+            assert len(self.out) == before
+            return
+        assert len(self.out) == before + 1, 'a good wrench in is one wrench out'
+        out = self.out.pop()
+        assert out[:-48] == data[:-48], 'the header is untouched'
+        corrected = struct.unpack('<6d', out[-48:])
+        assert all(map(math.isfinite, corrected))
+        drift = self.node.compensator.compensation_at(stamp_ns or self.node.now_ns())
+        assert all(abs(zero) <= limit for zero, limit in zip(drift.zero, LIMITS, strict=True))
+        tare = self.node.compensator.tare
+        for raw, value, zero, gain, offset in zip(values, corrected, *drift, tare, strict=True):
+            expected = (raw - zero - offset) / (1 + gain)
+            assert math.isclose(value, expected, rel_tol=1e-9, abs_tol=1e-6)
+        for data in self.external:
+            assert all(map(math.isfinite, struct.unpack('<6d', data[-48:])))
+        self.external.clear()
+
+    @rule(values=st.lists(numbers, min_size=6, max_size=6), step=steps_ns)
+    def good_wrench(self, values: list[float], step: int) -> None:
+        """A wrench as drivers send them."""
+        self._did('good wrenches')
+        self.now_ns += step
+        self._wrench(values, self.now_ns)
+
+    @rule(values=st.lists(numbers, min_size=6, max_size=6), leap=leaps_ns)
+    def late_wrench(self, values: list[float], leap: int) -> None:
+        """A wrench of another time, or without one, or of another frame."""
+        self._did('wrenches of another time')
+        self._wrench(values, max(self.now_ns + leap, 0) % (2**31 * SECOND), b'other\0\0\0')
+
+    @rule(cut=st.integers(0, 95), values=st.sampled_from([math.nan, math.inf, -math.inf, 1e308]))
+    def damaged_wrench(self, cut: int, values: float) -> None:
+        """A wrench that is cut off, or holds no numbers."""
+        self._did('damaged wrenches')
+        before = len(self.out)
+        good = message(self.now_ns, [values] * 6)
+        self.node._on_wrench(good[:cut])
+        self.node._on_wrench(good)
+        assert len(self.out) == before, 'a damaged wrench is dropped'
+        self.expected['input'] = WARN
+
+    @rule(data=st.binary(max_size=200))
+    def noise(self, data: bytes) -> None:
+        """Bytes that are nothing, on every topic."""
+        self._did('messages of random bytes')
+        before = len(self.out)
+        self.node._on_wrench(data)
+        self.node.inputs.on_temperature(0, data)
+        self.node.recording.on_reference(data)
+        self._force(data)
+        self.out[before:] = []
+
+    @rule(value=celsius, step=steps_ns)
+    def temperature(self, value: float, step: int) -> None:
+        """A temperature as thermometers send them."""
+        self._did('good temperatures')
+        self.now_ns += step
+        self.node.do(
+            self.node.inputs, self.node.inputs.on_temperature, 0,
+            message(self.now_ns, [value, 0.0]),
+        )  # fmt: skip
+
+    @rule(value=celsius, cells=st.integers(2, 20))
+    def warm_cells(self, value: float, cells: int) -> None:
+        """Some seconds of a steady temperature, and wrenches."""
+        self._did('seconds of warmth')
+        for _ in range(cells):
+            self.now_ns += SECOND
+            data = message(self.now_ns, [value, 0.0])
+            self.node.do(self.node.inputs, self.node.inputs.on_temperature, 0, data)
+            self._wrench([1.0] * 6, self.now_ns)
+
+    @rule(value=odd_celsius)
+    def odd_temperature(self, value: float) -> None:
+        """A temperature that no body has."""
+        self._did('impossible temperatures')
+        data = message(self.now_ns, [value, 0.0])
+        self.node.do(self.node.inputs, self.node.inputs.on_temperature, 0, data)
+        if 'temperature' not in self.sabotaged:
+            self.expected['temperature'] = WARN
+
+    @rule(value=celsius, leap=leaps_ns)
+    def temperature_of_another_time(self, value: float, leap: int) -> None:
+        """A temperature whose stamp leaps."""
+        self._did('temperatures of another time')
+        stamp_ns = max(self.now_ns + leap, 0) % (2**31 * SECOND)
+        data = message(stamp_ns, [value, 0.0])
+        self.node.do(self.node.inputs, self.node.inputs.on_temperature, 0, data)
+
+    @rule(leap=leaps_ns)
+    def clock(self, leap: int) -> None:
+        """All clocks leap; what comes goes on from there."""
+        self._did('leaps of the clock')
+        self.now_ns = min(max(self.now_ns + leap, SECOND), 2**31 * SECOND - 10**17)
+
+    def _force(self, data: bytes) -> None:
+        """Give an Imu to what reads them."""
+        source = self.node.gravity.source
+        self.node.do(self.node.gravity, source._on_imu, data)
+
+    @rule(
+        force=st.lists(st.floats(-20.0, 20.0), min_size=3, max_size=3),
+        odd=st.sampled_from([0.0, 0.0, 0.0, math.nan, 1e300]),
+    )
+    def imu(self, force: list[float], odd: float) -> None:
+        """A specific force, mostly good."""
+        self._did('specific forces')
+        doubles = [0.0] * 37
+        doubles[25:28] = [force[0] + odd, *force[1:]]
+        self._force(message(self.now_ns, doubles))
+
+    @rule(force=st.sampled_from([(0.0, 0.0, 9.807), (0.0, 0.0, 0.0)]), noisy=st.booleans())
+    def minute_at_rest(self, force: tuple[float, float, float], noisy: bool) -> None:  # noqa: FBT001
+        """More than a minute of a robot that stands still, perhaps without any noise."""
+        self._did('minutes at rest')
+        for k in range(130):
+            self.now_ns += SECOND // 2
+            doubles = [0.0] * 37
+            doubles[25:28] = force
+            self._force(message(self.now_ns, doubles))
+            self._wrench([float(noisy and k % 3)] * 6, self.now_ns)
+
+    # What people ask for
+
+    @rule(name=st.sampled_from(SERVICES), flag=st.booleans())
+    def service(self, name: str, flag: bool) -> None:  # noqa: FBT001
+        """Call a service, whatever else runs."""
+        from std_srvs.srv import SetBool, Trigger  # noqa: PLC0415 -- after the environment
+
+        self._did('service calls')
+        full = f'/wrist_ft_comp/{name}'
+        (served,) = (each for each in self.node.services if each.service_name == full)
+        kind: Any = SetBool if name == 'record' else Trigger
+        request = SetBool.Request(data=flag) if name == 'record' else Trigger.Request()
+        response = served.callback(request, kind.Response())
+        (deferred,) = (each for each in self.node._offered if each.service is served)
+        deferred._on_header(response, self.answers)
+        assert all(answer.message for answer in self.answers), 'every answer is a sentence'
+        self.answers.clear()
+
+    @rule(row=st.sampled_from(PARAMETERS), which=st.integers(0, 5))
+    def parameter(self, row: tuple[str, tuple[Any, ...]], which: int) -> None:
+        """Set a parameter, rightly or wrongly."""
+        from rclpy.parameter import Parameter  # noqa: PLC0415 -- after the environment
+
+        self._did('parameters')
+        name, values = row
+        untyped: Any = Parameter
+        verdict = self.node.set_parameters([untyped(name, value=values[which % len(values)])])[0]
+        assert verdict.successful or verdict.reason
+
+    # What happens around it
+
+    @rule(name=st.sampled_from(FILES), content=st.sampled_from(RUBBISH))
+    def broken_file(self, name: str, content: bytes) -> None:
+        """Break a file that the node may read."""
+        self._did('broken files')
+        path = self.data / name
+        with suppress(OSError):
+            path.parent.mkdir(exist_ok=True)
+            path.unlink(missing_ok=True)
+            path.write_bytes(content)
+
+    @rule(name=st.sampled_from(FILES), what=st.sampled_from(['gone', 'folder', 'link', 'pipe']))
+    def replaced_file(self, name: str, what: str) -> None:
+        """Remove a file, or put what is none in its place."""
+        self._did('removed and replaced files')
+        path = self.data / name
+        with suppress(OSError):
+            if path.is_dir():
+                shutil.rmtree(path)
+            path.unlink(missing_ok=True)
+            path.parent.mkdir(exist_ok=True)
+            if what == 'folder':
+                path.mkdir()
+            elif what == 'link':
+                path.symlink_to('/nowhere/at/all')
+            elif what == 'pipe':
+                os.mkfifo(path)
+
+    @rule(full=st.booleans())
+    def disk(self, full: bool) -> None:  # noqa: FBT001
+        """Fill the disk, or make room."""
+        self._did('full and empty disks')
+        self.full = full
+
+    @rule(die=st.booleans())
+    def restart(self, die: bool) -> None:  # noqa: FBT001
+        """End the node, or kill it, and start it again; a refusal is mended by a fresh folder."""
+        self._did('kills' if die else 'restarts')
+        self._end(die=die)
+        try:
+            self._start()
+        except WristFtCompError as error:
+            assert str(error)
+            self._did('refused starts')
+            self._end(die=True)
+            self._fresh()
+
+    @precondition(lambda self: len(self.sabotaged) < 2)
+    @rule(data=st.data(), verb=st.sampled_from(VERBS), really=st.integers(0, 9))
+    def sabotage(self, data: Any, verb: str, really: int) -> None:
+        """Let a part throw what nobody expects."""
+        if really:
+            return
+        part = data.draw(st.sampled_from(self.node.parts))
+        self._did('sabotaged parts')
+
+        def throw(*_: object, **__: object) -> None:
+            raise ZeroDivisionError('by the bench')
+
+        setattr(part, verb, throw)
+        self.node.do(part, getattr(part, verb))
+        self.sabotaged.add(part.title)
+        self.expected.pop(part.title, None)
+
+    @rule()
+    def housekeeping(self) -> None:
+        """What the node does ten times a second."""
+        self._did('housekeepings')
+        self.node._keep_house()
+
+    # What must hold
+
+    def _judge_report(self, array: Any) -> None:
+        """Compare a report with what was done since the one before."""
+        levels = {each.name.split(': ')[1]: each.level[0] for each in array.status}
+        assert all(each.message for each in array.status)
+        for name, level in self.expected.items():
+            assert levels[name] >= level, f'{name} says nothing of what is wrong'
+        for title in self.sabotaged:
+            assert levels[title] > WARN, f'{title} does not say that it has stopped'
+        self.expected.clear()
+
+    @invariant()
+    def stands(self) -> None:
+        """Look after the node, and at what it says of itself."""
+        faulthandler.dump_traceback_later(HANG_S, exit=True)  # until the next step
+        if getattr(self, 'node', None) is None:
+            return
+        self.node._diagnose()
+        stopped = {part.title: part.stopped for part in self.node.parts if part.stopped}
+        assert stopped.keys() == self.sabotaged, stopped
+
+    def _end(self, *, die: bool) -> None:
+        """End the node, or drop it as a kill does."""
+        from wrist_ft_comp.ros.inputs.raw_node import RawNode  # noqa: PLC0415 -- as above
+
+        node, self.node = self.node, None
+        if node is None:
+            return
+        if die:
+            RawNode.destroy_node(node)
+        else:
+            node.destroy_node()
+
+    def teardown(self) -> None:
+        """Take the node down."""
+        if getattr(self, 'stack', None) is not None:
+            self.full = False
+            self._end(die=False)
+            self.stack.close()
+
+
+def resident_mb() -> float:
+    """Tell how much working memory this process takes, MB."""
+    pages = int(Path('/proc/self/statm').read_text('ascii').split()[1])
+    return pages * resource.getpagesize() / 1e6
+
+
+def run(steps: int, seed: int) -> tuple[Counter[str], int]:
+    """Take steps; what was done, and how many lives that were."""
+    from hypothesis import seed as with_seed  # noqa: PLC0415 -- a name that is used as one above
+
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        mock.patch('wrist_ft_comp.ros.hub.FAREWELL_S', 0.0),
+    ):
+        GROUND[:] = [Ground(Path(folder))]
+        chosen = settings(
+            max_examples=max(1, steps // STEPS_PER_LIFE), stateful_step_count=STEPS_PER_LIFE,
+            deadline=None, database=None, suppress_health_check=list(HealthCheck),
+            print_blob=False,
+        )  # fmt: skip
+        machine: Any = with_seed(seed)(HostileRobot)
+        try:
+            run_state_machine_as_test(machine, settings=chosen)
+        finally:
+            GROUND[0].context.try_shutdown()
+        return GROUND[0].done, GROUND[0].lives
+
+
+def main() -> int:
+    """Run and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--steps', type=int, default=5000)
+    parser.add_argument('--seed', type=int, default=0)
+    options = parser.parse_args()
+    os.environ.update(
+        ROS_AUTOMATIC_DISCOVERY_RANGE='OFF', ROS_LOG_DIR=tempfile.gettempdir(),
+    )  # fmt: skip
+    begun, before = time.monotonic(), resident_mb()
+    done, lives = run(options.steps, options.seed)
+    for what, count in sorted(done.items()):
+        print(f'{count:8d} {what}')
+    print(f'{sum(done.values())} steps in {lives} lives, {time.monotonic() - begun:.0f} s, '
+          f'memory {before:.0f} to {resident_mb():.0f} MB; no finding')  # fmt: skip
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
