@@ -22,6 +22,10 @@ class StateFileError(WristFtCompError):
     """A saved state cannot be read or written, is of another version, or breaks the schema."""
 
 
+class OutputError(WristFtCompError):
+    """What is to be written would take the place of something else, or cannot be written."""
+
+
 class SettingsError(WristFtCompError):
     """A setting is outside its range or contradicts another."""
 

@@ -70,7 +70,7 @@ def test_the_exit_code_tells_whether_drift_fell_enough(kept, code, run, tmp_path
     picture.unlink()
     picture.mkdir()
     refused = run('demo', '--output', tmp_path / 'out').sentence
-    assert 'demo.png cannot be written: Is a directory' in refused
+    assert 'demo.png cannot be written: it is a folder' in refused
 
 
 def test_without_rclpy_there_is_a_sentence(run, tmp_path, monkeypatch):
@@ -82,7 +82,7 @@ def test_without_rclpy_there_is_a_sentence(run, tmp_path, monkeypatch):
 def test_a_folder_that_cannot_be_made_is_a_sentence(run, tmp_path, monkeypatch):
     monkeypatch.setattr(demo, 'find_spec', lambda _: object())
     (tmp_path / 'file').touch()
-    assert 'cannot be made' in run('demo', '--output', tmp_path / 'file').sentence
+    assert 'file is no folder' in run('demo', '--output', tmp_path / 'file').sentence
 
 
 @pytest.fixture

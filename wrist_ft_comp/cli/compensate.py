@@ -13,7 +13,12 @@ from wrist_ft_comp.cli.tables import print_warnings, range_warnings
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.files.recordings import EXTERNAL_TOPIC, read_recording, rewrite_recording
+from wrist_ft_comp.files.recordings import (
+    check_copy,
+    EXTERNAL_TOPIC,
+    read_recording,
+    rewrite_recording,
+)
 from wrist_ft_comp.model.drift_model import DriftModel, StoredModel
 from wrist_ft_comp.model.offline import correct_many, initial_tare, track_drift
 from wrist_ft_comp.model.signals import AXES, Correction, FloatArray, NANOSECONDS, Recording
@@ -58,6 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     paths.check_model(arguments.model)
     paths.check_recordings([arguments.recording])
+    added = [arguments.output_topic, *[EXTERNAL_TOPIC] * (arguments.reference == 'payload')]
+    check_copy(arguments.recording, arguments.output, added, [arguments.model])
     stored = load_model(arguments.model)
     model, topics = stored.model, options.topics_from(arguments)
     period_s = model.period_ns / NANOSECONDS

@@ -15,12 +15,11 @@ from typing import Any, NoReturn, TextIO
 
 from tqdm import tqdm
 
-from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.demos.plan import Plan
 from wrist_ft_comp.cli.demos.result import draw, judge
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import load_demo_log
-from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
 
 _END_TIMEOUT_S = 10.0
@@ -151,12 +150,8 @@ def run(arguments: argparse.Namespace) -> int:
             'The demonstration needs rclpy, which this Python does not have. Source a ROS 2 '
             'installation, or install the package with its extra "ros".'
         )
-    try:
-        arguments.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordingError(
-            f'{arguments.output} cannot be made: {error.strerror}. Choose another --output.'
-        ) from error
+    picture = arguments.output / 'demo.png'
+    paths.PICTURE.check_target(picture)
     with tempfile.TemporaryDirectory(prefix='wrist_ft_comp_demo_') as folder:
         log_file = Path(folder, 'log.npz')
         messages = sys.stderr if arguments.json else sys.stdout
@@ -166,8 +161,7 @@ def run(arguments: argparse.Namespace) -> int:
         learnt = load_payloads(Path(folder, 'data', 'models', PAYLOADS))
     masses_kg = {name: payload.mass_kg for name, (payload, _) in learnt.items()}
     outcome = judge(log, masses_kg if plan.at_work else None)
-    picture = arguments.output / 'demo.png'
-    write_report(picture, draw(log, external=plan.at_work), 'picture')
+    paths.PICTURE.write(picture, draw(log, external=plan.at_work))
     if arguments.json:
         options.print_json({**outcome.as_json(), 'picture': picture})
     else:

@@ -9,7 +9,6 @@ from wrist_ft_comp.calibration.chamber import chamber_figures, compensate_table
 from wrist_ft_comp.calibration.payload.at_work import learn_at_work
 from wrist_ft_comp.cli import options, paths, tables
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
-from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
 from wrist_ft_comp.files.recordings import read_recording
@@ -47,7 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     paths.check_model(arguments.model)
     paths.check_recordings(arguments.recordings)
-    paths.check_report_target(arguments.report, [arguments.model, *arguments.recordings])
+    if arguments.report:
+        paths.REPORT.check_target(arguments.report, [arguments.model, *arguments.recordings])
     stored = load_model(arguments.model)
     count = len(arguments.recordings)
     with options.progress_bar('evaluating') as progress:
@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
                 print(f'\n{path}\n{tables.chamber_table_text(each.figures)}')
     tables.print_warnings(view.warnings)
     if arguments.report:
-        write_report(arguments.report, page(view))
+        paths.REPORT.write(arguments.report, page(view))
         if not arguments.json:
             print(f'report: {arguments.report}')
     return 0

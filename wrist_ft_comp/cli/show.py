@@ -7,13 +7,12 @@ import json
 from pathlib import Path
 import shlex
 
-from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.tables import days_text, payloads_json, table_text
 from wrist_ft_comp.errors import SettingsError, StateFileError
 from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.files.days.memory import load_memory, Memory
 from wrist_ft_comp.files.days.survey import node_folders, survey
-from wrist_ft_comp.files.documents import beginning, write_report
 from wrist_ft_comp.files.model_file import is_model, load_model
 from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
 from wrist_ft_comp.files.recordings import describe_recording, RecordingSummary, REFERENCE
@@ -21,7 +20,6 @@ from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.directions import ForceSummary
 from wrist_ft_comp.model.payload.learnt import payload_line
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics
-from wrist_ft_comp.report import GENERATOR
 from wrist_ft_comp.report.view import drifts_removed, model_sources
 
 #: What a model is for, to whoever finds one.
@@ -63,7 +61,9 @@ def run(arguments: argparse.Namespace) -> int:
             f'--picture draws the days of a node that learns, and {path} holds none. Name its '
             'data_directory.'
         )
-    if GENERATOR in beginning(path):
+    if arguments.picture:
+        paths.PICTURE.check_target(arguments.picture)
+    if paths.REPORT.is_own(path):
         document = {'name': path.name, 'kind': 'report'}
         text = f'{path}: a report of wrist_ft_comp; open it in a browser'
     elif folders := node_folders(path):
@@ -102,7 +102,7 @@ def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, obje
     if picture:
         from wrist_ft_comp.report.days_picture import days_png  # noqa: PLC0415 -- matplotlib
 
-        write_report(picture, days_png(survey(folders[0])), 'picture')
+        paths.PICTURE.write(picture, days_png(survey(folders[0])))
     return document, '\n\n'.join(texts)
 
 

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from wrist_ft_comp.calibration.chamber import OUTPUT_UNIT
-from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.errors import OutputError, RecordingError
 from wrist_ft_comp.files.bags.bag import Bag, open_bag, SUFFIXES
 from wrist_ft_comp.files.bags.bag_recording import read_bag, rewrite_bag
 from wrist_ft_comp.files.bags.gravity import gravity_samples, uppermost_frame
@@ -25,7 +25,7 @@ from wrist_ft_comp.files.bags.survey import (
 )
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
 from wrist_ft_comp.files.csv_file import CsvRecording, rewrite_csv
-from wrist_ft_comp.files.documents import writing
+from wrist_ft_comp.files.documents import Output, writing
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.columns import require_channels
 from wrist_ft_comp.model.payload.directions import describe_force, ForceSummary, moments_of
@@ -153,7 +153,10 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
     # leaves nothing behind.
     source, target = Path(source), Path(target)
     kind = kind_of(source)
-    _check_target(source, target)
+    outputs = {output_topic: correct, **({EXTERNAL_TOPIC: external} if external else {})}
+    copy = check_copy(source, target, list(outputs))
+    with writing(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
     with (
         writing(target),
         TemporaryDirectory(prefix=f'.{target.name}.', dir=target.parent) as folder,
@@ -161,27 +164,34 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
         made = Path(folder) / target.name
         if kind == BAG:
             with open_bag(source) as bag:
-                outputs = {output_topic: correct}
-                if external:
-                    outputs[EXTERNAL_TOPIC] = external
                 warnings = rewrite_bag(bag, made, outputs, topics or Topics(), progress)
         elif kind == CSV:
             warnings = rewrite_csv(source, made, correct, external, progress)
         else:
             warnings = rewrite_table(source, made, correct)
-        _check_target(source, target)
+        copy.check_target(target)
         made.rename(target)
     return warnings
 
 
-def _check_target(source: Path, target: Path) -> None:
-    """Refuse a target that would overwrite or cannot be made."""
-    if target.resolve() == source.resolve():
-        raise RecordingError(f'{target} is the source itself; name another target.')
-    if target.exists() or target.is_symlink():
-        raise RecordingError(f'{target} exists already; name a new file or remove it first.')
-    if not target.parent.is_dir():
-        raise RecordingError(f'{target.parent} is no folder; make it first.')
+def check_copy(
+    source: Path, target: Path, topics: Sequence[str] = (), others: Sequence[Path] = ()
+) -> Output:
+    """Refuse a target of a copy, or topics that are added to it, before anything is read."""
+    copy = Output(name='copy', says='', endings='.csv')
+    if kind_of(source) == BAG:
+        with open_bag(source) as bag:
+            taken = {connection.topic.strip('/') for connection in bag.connections}
+            for topic in topics:
+                if topic.strip('/') in taken:
+                    raise OutputError(
+                        f'{bag.name} holds {topic} already; name another topic for the output.'
+                    )
+                taken.add(topic.strip('/'))
+            (ending,) = (end for end, storage in SUFFIXES.items() if storage == bag.storage)
+        copy = replace(copy, endings=ending)
+    copy.check_target(target, [source, *others])
+    return copy
 
 
 def hash_recording(path: Path) -> str:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.csv_file import CsvRecordingWriter, nanoseconds
-from wrist_ft_comp.files.documents import writing
+from wrist_ft_comp.files.documents import beginning, writing
 from wrist_ft_comp.model.signals import AXES, NANOSECONDS, REFERENCE_CHANNELS
 
 #: Length of a day, silence that ends one, and what is too short to be one, ns.
@@ -80,6 +80,7 @@ class DayFiles:
         self._folder = directory / 'days'
         self._columns = [j for j, each in enumerate(channels) if each not in REFERENCE_CHANNELS]
         self._channels = [channels[j] for j in self._columns]
+        self._header = ','.join((DayWriter.stamp, *self._channels))
         self._wrench = [j for j, each in enumerate(channels) if each in AXES]
         self._max_bytes = max_bytes
         days = self._all()
@@ -136,8 +137,7 @@ class DayFiles:
         path = self.path
         with writing(self._folder):
             span = span_of(path) if path and path.exists() else None
-            header = ','.join((DayWriter.stamp, *self._channels))
-            if not path or not span or span.header != header:
+            if not path or not span or span.header != self._header:
                 return None
             os.truncate(path, span.size)
             self._first_ns, self._last_ns = span.first_ns, span.last_ns
@@ -145,13 +145,14 @@ class DayFiles:
         return self._writer
 
     def leave(self) -> None:
-        """End the day; one of a few minutes was none."""
+        """End the day; one of a few minutes was none, if it was begun here."""
         self.close()
         path, self.path = self.path, None
         if path is None:
             return
         with writing(path):
-            if not path.exists():
+            own = self._header.startswith(beginning(path)[: len(self._header)])
+            if not path.exists() or not own:
                 return
             span, size = span_of(path), path.stat().st_size
             if span.last_ns - span.first_ns < SHORTEST_NS if span else size < _PIECE:
