@@ -87,19 +87,25 @@ def test_what_cannot_be_written_is_a_sentence(content, target):
         ('active.json', lambda folder: ModelStore(folder).activate([None])),
     ],
 )
-def test_a_node_replaces_its_own_files_only(name, write, tmp_path):
+@pytest.mark.parametrize(
+    'foreign', [b'{"format": "other", "of": []}', b'["list"]', b'{', bytes(9)]
+)
+def test_what_is_not_the_node_s_is_moved_aside_once(name, write, foreign, tmp_path):
     path = tmp_path / name
     for _ in range(2):
         write(tmp_path)
     own = path.read_bytes()
-    for foreign in (b'{"format": "other", "history_of": []}', b'["a list"]', b'{', bytes(99)):
-        path.write_bytes(foreign)
-        with pytest.raises(WristFtCompError, match=f'{name} cannot be written: it exists and is'):
-            write(tmp_path)
-        assert path.read_bytes() == foreign
+    path.write_bytes(foreign)
+    write(tmp_path)
+    kept = path.with_name(f'{path.name}.kept')
+    assert (path.read_bytes(), kept.read_bytes()) == (own, foreign)
+    path.write_bytes(b'also mine')
+    with pytest.raises(WristFtCompError, match=f'{name} cannot be written: it exists and is'):
+        write(tmp_path)
+    assert (path.read_bytes(), kept.read_bytes()) == (b'also mine', foreign)
     path.write_bytes(own[:40])  # cut off by a disk
     write(tmp_path)
-    assert path.read_bytes() == own
+    assert (path.read_bytes(), kept.read_bytes()) == (own, foreign)
 
 
 @pytest.mark.parametrize('content', ['mine', 'stamp_s,force_z\n1.0,2.0\n', 'time;fz\n1;2\n3;4\n'])

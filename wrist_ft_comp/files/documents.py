@@ -142,6 +142,9 @@ class Output:
     error: type[WristFtCompError] = OutputError
     #: What is said where the disk refuses one, with {path} and {reason}.
     unwritable: str = '{path} cannot be written: {reason}. Name another path, or make room.'
+    #: Whether what is no such file is moved aside, once, as ``NAME.kept``: a node's own, which may
+    #: be broken beyond recognition, must not stop it.
+    keeps: bool = False
 
     def is_own(self, path: Path) -> bool:
         """Tell by its content whether a file is of this kind, of whatever version."""
@@ -187,6 +190,10 @@ class Output:
     def write(self, path: Path, content: str | bytes) -> None:
         """Write a file, and its folder where it is missing, in one step, as far as it may."""
         try:
+            kept = path.with_name(f'{path.name}.kept')
+            foreign = path.is_file() and path.stat().st_size and not self.is_own(path)
+            if self.keeps and foreign and not kept.exists():
+                path.rename(kept)
             self.check_target(path)
             path.parent.mkdir(parents=True, exist_ok=True)
             replace_file(path, content)

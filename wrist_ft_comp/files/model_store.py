@@ -28,8 +28,9 @@ MAX_RECORDINGS = 10
 _MAX_LIST_CHARACTERS = 200_000
 _LIST = Output(
     name='list of models', says=r'"history"|\A\s*\[\s*(null|".*\.ya?ml"|\])', endings='.json',
-    error=ModelFileError, unwritable='{path} cannot be written: {reason}. Make room, or choose '
-    'another data_directory; the model is active until the node ends.')  # fmt: skip
+    keeps=True, error=ModelFileError,
+    unwritable='{path} cannot be written: {reason}. Make room, or choose another '
+    'data_directory; the model is active until the node ends.')  # fmt: skip
 
 
 class ModelStore:
