@@ -97,9 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
     tables = judge_chamber_tables(job, outcome.stored)
     view = view_job(job, outcome, tables)
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
-    if arguments.json:
-        options.print_json(_as_json(outcome, verdicts, tables))
-    else:
+    if not arguments.json:
         print(summarise(outcome.calibration))
         print(f'\n{verdict_text(verdicts)}\n\nsaved as {outcome.stored.path}')
         for name, columns in tables.items():
@@ -108,6 +106,8 @@ def run(arguments: argparse.Namespace) -> int:
         paths.REPORT.write(job.report, page(view))
         if not arguments.json:
             print(f'report: {job.report}')
+    if arguments.json:
+        options.print_json(_as_json(outcome, verdicts, tables))
     return 0
 
 

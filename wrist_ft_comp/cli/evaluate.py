@@ -58,11 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     pooled = judge_errors([each.errors for each in judged])
     view = evaluation_view(stored, judged, arguments.tare)
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
-    if arguments.json:
-        figures = _as_json(arguments, stored, pooled, judged)
-        also = {'verdicts': tables.verdicts_json(verdicts), 'warnings': view.warnings}
-        options.print_json({**figures, **also})
-    else:
+    if not arguments.json:
         units = {axis.axis: axis.unit for axis in view.axes}
         print(f'{evaluation_text(pooled, units)}\n\n{tables.verdict_text(verdicts)}')
         for path, each in zip(arguments.recordings, judged, strict=True):
@@ -73,6 +69,10 @@ def run(arguments: argparse.Namespace) -> int:
         paths.REPORT.write(arguments.report, page(view))
         if not arguments.json:
             print(f'report: {arguments.report}')
+    if arguments.json:
+        figures = _as_json(arguments, stored, pooled, judged)
+        also = {'verdicts': tables.verdicts_json(verdicts), 'warnings': view.warnings}
+        options.print_json({**figures, **also})
     return 0
 
 

@@ -9,10 +9,12 @@ import json
 import math
 from pathlib import Path
 import re
-from typing import Any, get_args
+import sys
+from typing import Any, get_args, NoReturn
 
 from tqdm import tqdm
 
+from wrist_ft_comp.errors import UsageError
 from wrist_ft_comp.files.documents import plain
 from wrist_ft_comp.model.ranges import range_words
 from wrist_ft_comp.model.signals import Progress, Reference, Topics
@@ -31,6 +33,11 @@ class Parser(argparse.ArgumentParser):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
         # Let "--hat-temperatures -40,0,20" be an option and its value.
         self._negative_number_matcher = re.compile(r'-\.?\d')
+
+    def error(self, message: str) -> NoReturn:
+        """Show the usage, and leave the sentence to whoever parses."""
+        self.print_usage(sys.stderr)
+        raise UsageError(message)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Refuse unknown options first: argparse would miss an argument that has a wrong name."""
