@@ -39,7 +39,9 @@ def test_the_version_is_the_package_s(run):
         [], ['fly'], ['calibrate'], ['calibrate', 'a.csv'], ['evaluate', 'm.yaml'], ['show'],
         ['compensate', 'm.yaml', 'a.csv'], ['show', 'a', 'b'], ['evaluate', 'a', 'b', '--tare'],
         ['calibrate', 'a', '-o', 'b', '--reference', 'felt'], ['demo', '--speed', '0'],
-        ['demo', '--seed', 'x'], ['show', '--unknown', 'a'], ['demo', '--speed', 'x'],
+        ['demo', '--seed', 'x'], ['demo', '--seed', '-1'], ['demo', '--seed', '9' * 19],
+        ['demo', '--speed', '0.05'], ['demo', '--speed', '2000'],
+        ['show', '--unknown', 'a'], ['demo', '--speed', 'x'],
     ],
 )  # fmt: skip
 def test_wrong_usage_is_exit_code_2(argv, run):

@@ -131,10 +131,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--output', type=Path, default=Path('out'), metavar='FOLDER',
         help='for the picture, demo.png (default: %(default)s)')  # fmt: skip
     parser.add_argument(
-        '--seed', type=int, default=1, metavar='N',
+        '--seed', type=options.number(0, 2**63 - 1), default=1, metavar='N',
         help='specimen of the simulated sensor (default: %(default)s)')  # fmt: skip
     parser.add_argument(
-        '--speed', type=options.number(0.01, 10_000.0), default=450.0, metavar='TIMES',
+        '--speed', type=options.number(0.1, 1000.0), default=450.0, metavar='TIMES',
         help='how many times faster than real time (default: %(default)g)')  # fmt: skip
     parser.add_argument(
         '--at-work', action='store_true',

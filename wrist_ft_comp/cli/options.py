@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import difflib
 from itertools import takewhile
 import json
@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 import re
 import sys
-from typing import Any, get_args, NoReturn
+from typing import Any, get_args, NoReturn, TypeVar
 
 from tqdm import tqdm
 
@@ -20,6 +20,7 @@ from wrist_ft_comp.model.ranges import range_words
 from wrist_ft_comp.model.signals import Progress, Reference, Topics
 from wrist_ft_comp.model.temperature_source import parse_sources
 
+Number = TypeVar('Number', int, float)
 RECORDING_HELP = (
     'a rosbag2 folder, a bare .mcap or .db3, a CSV file, or a chamber table '
     '(see the README for their columns)'
@@ -66,18 +67,16 @@ def _did_you_mean(word: str, known: Iterable[str]) -> str:
     return f' Did you mean {near[0]}?' if near else ''
 
 
-def number(low: float, high: float = math.inf) -> Callable[[str], float]:
-    """Make a parser of finite numbers in a range, for ``add_argument(type=…)``."""
+def number(low: Number, high: float = math.inf) -> Callable[[str], Number]:
+    """Make a parser, for ``add_argument``, of numbers from low to high: whole ones if low is."""
 
-    def parse(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if math.isfinite(value) and low <= value <= high:
-            return value
-        limits = range_words(low, high)
-        raise argparse.ArgumentTypeError(f'expected a number {limits}, got {text!r}')
+    def parse(text: str) -> Number:
+        with suppress(ValueError):
+            value = type(low)(text)
+            if low <= value <= high and value < math.inf:
+                return value
+        what = f'a{" whole" * isinstance(low, int)} number {range_words(low, high)}'
+        raise argparse.ArgumentTypeError(f'expected {what}, got {text!r}')
 
     return parse
 
