@@ -97,6 +97,9 @@ def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, obje
         with suppress(StateFileError):  # which the node has told, and begins anew
             memory = load_memory(folder) or memory
         days = [{**vars(each), 'known': sorted(each.known)} for each in diary.days]
+        for day in days:
+            if not day['first_ns']:  # its recording could not be read
+                day.update(first_ns=None, hours=None)
         document[str(folder)] = {**vars(diary), 'days': days, 'node': memory}
         texts.append(days_text(folder, diary, memory))
     if picture:

@@ -51,7 +51,8 @@ def days_text(directory: Path, diary: Diary, memory: Memory) -> str:
     """Put days into a table, and below it what was said of them and what is known."""
     days = diary.days[-MOST_DAYS:]
     rows = [
-        [each.name.removesuffix('.csv'), date_of(each), f'{each.hours:.1f}',
+        [each.name.removesuffix('.csv'), date_of(each),
+         f'{each.hours:.1f}' if each.first_ns else '-',
          ' to '.join(f'{value:.1f}' for value in (*each.temperature_c, ())[0]) or '-',
          *('-' if np.isnan(value) else f'{value:.3g}' for value in forces_left(each))]
         for each in days

@@ -64,8 +64,8 @@ def kind_of(path: Path) -> str:
         )
     if not path.is_dir() and not path.is_file():
         raise RecordingError(
-            f'{path} is neither a file nor a folder; a recording is read twice. Write what it gives '
-            'into a file first.'
+            f'{path} is neither a file nor a folder; a recording is read twice. Write what it '
+            'gives into a file first.'
         )
     if path.is_dir() or path.suffix in SUFFIXES:
         return BAG
