@@ -73,12 +73,6 @@ def test_a_process_says_one_line_and_no_traceback(process, tmp_path):
 
 def test_what_never_ends_is_refused_at_once(run, tmp_path):
     os.mkfifo(tmp_path / 'pipe.csv')
-    with (tmp_path / 'zeros.csv').open('wb') as file:
-        file.truncate(1 << 36)  # sparse: it would not fit into the memory
-    for path, reason in (
-        ('/dev/zero', 'is neither a file nor a folder'),
-        (tmp_path / 'pipe.csv', 'is neither a file nor a folder'),
-        (tmp_path / 'zeros.csv', 'its first line has more than'),
-    ):
+    for path in ('/dev/zero', tmp_path / 'pipe.csv'):
         for words in (['show', path], ['calibrate', path, '-o', tmp_path / 'm.yaml']):
-            assert reason in run(*words).sentence
+            assert 'is neither a file nor a folder' in run(*words).sentence

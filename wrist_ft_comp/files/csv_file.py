@@ -39,8 +39,6 @@ from wrist_ft_comp.model.signals import (
 
 #: Characters per piece, the bound of what is in memory: some 10 000 rows.
 CHUNK = 1_000_000
-#: Characters of a header that nobody writes: what has more has no lines.
-_LONGEST_HEADER = 1_000_000
 
 
 def nanoseconds(text: str) -> int:
@@ -74,15 +72,14 @@ class CsvRecording:
         #: What was left out; complete when the pieces are through.
         self.warnings: list[str] = []
         with self._open() as text:
-            first = text.readline(_LONGEST_HEADER)
-        if not first.strip() or len(first) == _LONGEST_HEADER:
-            what = f'no CSV file: its first line has more than {_LONGEST_HEADER} characters'
+            first = text.readlines(1)
+        if not first or not first[0].strip():
             raise RecordingError(
-                f'{path.name} is {what if first.strip() else "empty"}; expected a header such as '
+                f'{path.name} is empty; expected a header such as '
                 'stamp_s,force_z,temperature_c and rows below it.'
             )
         #: The first line, verbatim.
-        self.header = first.rstrip('\n')
+        self.header = first[0].rstrip('\n')
         self.delimiter = max(',;\t', key=self.header.count)
         (cells,) = self._split([self.header.strip()])
         self.columns = tuple(cell.strip() for cell in cells)

@@ -80,7 +80,6 @@ class DayFiles:
         self._folder = directory / 'days'
         self._columns = [j for j, each in enumerate(channels) if each not in REFERENCE_CHANNELS]
         self._channels = [channels[j] for j in self._columns]
-        self._header = ','.join((DayWriter.stamp, *self._channels))
         self._wrench = [j for j, each in enumerate(channels) if each in AXES]
         self._max_bytes = max_bytes
         days = self._all()
@@ -137,7 +136,8 @@ class DayFiles:
         path = self.path
         with writing(self._folder):
             span = span_of(path) if path and path.exists() else None
-            if not path or not span or span.header != self._header:
+            header = ','.join((DayWriter.stamp, *self._channels))
+            if not path or not span or span.header != header:
                 return None
             os.truncate(path, span.size)
             self._first_ns, self._last_ns = span.first_ns, span.last_ns
@@ -151,7 +151,8 @@ class DayFiles:
         if path is None:
             return
         with writing(path):
-            own = self._header.startswith(beginning(path)[: len(self._header)])
+            header = ','.join((DayWriter.stamp, *self._channels))
+            own = header.startswith(beginning(path)[: len(header)])
             if not path.exists() or not own:
                 return
             span, size = span_of(path), path.stat().st_size
