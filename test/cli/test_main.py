@@ -90,10 +90,10 @@ def test_a_mistyped_axis_is_a_warning(done, make, tmp_path):
 
 def test_a_long_sentence_is_one_line(run, monkeypatch, drift_csv):
     def fail(*_):
-        raise RecordingError('First\nsecond\n  third.')
+        raise RecordingError('First\nsecond\n  third.. See ../x..')
 
     monkeypatch.setattr('wrist_ft_comp.cli.show.describe_recording', fail)
-    assert run('show', drift_csv).sentence == 'wrist_ft_comp: First second third.'
+    assert run('show', drift_csv).sentence == 'wrist_ft_comp: First second third. See ../x.'
 
 
 def test_a_reader_that_leaves_is_no_error(process, drift_csv):

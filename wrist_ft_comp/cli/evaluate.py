@@ -14,6 +14,7 @@ from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
 from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.learnt import LearntPayloads, same_payload
+from wrist_ft_comp.model.ranges import rounded
 from wrist_ft_comp.model.signals import NANOSECONDS, Progress, Reference
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors
 from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
@@ -120,7 +121,7 @@ def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]
     return tables.table_text(
         ['axis', 'unit', 'RMS before', 'after', 'peak before', 'after', 'RMS ratio'],
         [
-            [axis, units[axis], *(f'{figure:.4g}' for figure in vars(e).values()),
+            [axis, units[axis], *(rounded(figure, 4) for figure in vars(e).values()),
              f'{e.rms_before / e.rms_after:.1f}' if e.rms_after > 0 else '-']
             for axis, e in axes.items()
         ],

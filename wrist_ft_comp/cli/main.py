@@ -78,7 +78,8 @@ def _run(argv: Sequence[str]) -> int:
 
 def _refuse(kind: str, sentence: str, code: int, *, as_json: bool) -> int:
     """Say on one line of standard error why there is no result, and to scripts what kind it is."""
-    sentence = ' '.join(sentence.split())
+    # What others say may end in a full stop of its own.
+    sentence = re.sub(r'(?<=\w)\.\.(?= |$)', '.', ' '.join(sentence.split()))
     print(f'wrist_ft_comp: {sentence}', file=sys.stderr)
     try:
         if as_json:

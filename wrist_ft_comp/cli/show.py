@@ -19,6 +19,7 @@ from wrist_ft_comp.files.recordings import describe_recording, RecordingSummary,
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.directions import ForceSummary
 from wrist_ft_comp.model.payload.learnt import payload_line
+from wrist_ft_comp.model.ranges import rounded
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics
 from wrist_ft_comp.report.view import drifts_removed, model_sources
 
@@ -158,7 +159,7 @@ def _axes_text(stored: StoredModel) -> str:
     return table_text(
         ['axis', 'unit', 'RMS before', 'after (held out)', 'drift', 'time constants, s'],
         [
-            [axis, entry['unit'], f'{entry["rms_before"]:.4g}', f'{entry["rms_after"]:.4g}',
+            [axis, entry['unit'], rounded(entry['rms_before'], 4), rounded(entry['rms_after'], 4),
              drifts_removed(stored.model.axes.get(axis)),
              ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-']
             for axis, entry in stored.document['axes'].items()
@@ -172,7 +173,7 @@ def _text(summary: RecordingSummary, path: Path) -> str:
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
     rows = [
         [each.name, each.kind, str(each.samples),
-         f'{(each.samples - 1) / span_s:.4g}' if span_s else '-', each.role or '-']
+         rounded((each.samples - 1) / span_s, 4) if span_s else '-', each.role or '-']
         for each in summary.channels
     ]  # fmt: skip
     return '\n'.join(
@@ -211,9 +212,9 @@ def _quality(candidates: Sequence[Candidate]) -> Iterator[str]:
     yield 'as           per second  span, s  longest gap, s          values  topic'
     for each in candidates:
         values = '{:.1f} to {:.1f}'.format(*each.reads) if each.reads else ''
-        rate = f'{each.rate_hz:.4g}' if each.rate_hz else '-'
+        rate = rounded(each.rate_hz, 4) if each.rate_hz else '-'
         yield (
-            f'{each.role:11}  {rate:>10}  {each.span_s:7.1f}  {each.longest_gap_s:14.3g}  '
+            f'{each.role:11}  {rate:>10}  {each.span_s:7.1f}  {rounded(each.longest_gap_s):>14}  '
             f'{values:>14}  {each.entry}'
         )
     yield ''
