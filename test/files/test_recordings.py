@@ -130,9 +130,9 @@ def test_a_rewritten_csv_differs_in_its_wrench_cells_only(make_csv, monkeypatch)
     source = make_csv(CSV)
     target = source.with_name('out.csv')
     assert rewrite_recording(source, target, halve) == ()
-    assert target.read_text() == CSV.replace('1.50', '0.75').replace('2.50', '1.25').replace(
-        ';7\n', ';3.5\n'
-    )
+    halved = CSV.replace('1.50', '0.75').replace('2.50', '1.25').replace(';7\n', ';3.5\n')
+    header, rest = halved.replace('\n', ';\n').split('\n', 1)
+    assert target.read_text() == f'{header}{csv_text.COMPENSATED}\n{rest}'
     assert source.read_text() == CSV
 
 
@@ -196,8 +196,9 @@ def test_an_external_wrench_has_columns_of_its_own_and_cells_where_it_is_known(m
     target = source.with_name('out.csv')
     rewrite_recording(source, target, halve, external=every_other)
     lines = target.read_text().splitlines()
-    assert lines[0].endswith(';torque_x;external_force_z;external_torque_x')
+    assert lines[0].endswith(f';{csv_text.COMPENSATED};external_force_z;external_torque_x')
     assert [line.split(';')[-2:] for line in lines[1:]] == [['2.5', ''], ['', ''], ['', '']]
+    target.write_text(target.read_text().replace(csv_text.COMPENSATED, 'note'))
     with pytest.raises(RecordingError, match='holds external_force_z already'):
         rewrite_recording(target, source.with_name('again.csv'), halve, external=every_other)
 

@@ -1,6 +1,7 @@
 """wrist_ft_comp compensate: a recording with its drift removed."""
 
 import argparse
+from collections.abc import Iterator
 from contextlib import ExitStack
 import gc
 from pathlib import Path
@@ -55,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_json(parser)
     group = options.add_topics(parser)
     group.add_argument(
-        '--output-topic', default='/wrench', metavar='TOPIC',
+        '--output-topic', type=options.topic, default='/wrench', metavar='TOPIC',
         help='of compensated wrenches (default: %(default)s)')  # fmt: skip
 
 
@@ -82,7 +83,13 @@ def run(arguments: argparse.Namespace) -> int:
             lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare), topics=topics,
             output_topic=arguments.output_topic, external=external,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
-    warnings = (*recording.warnings, *warnings, *range_warnings(stored, recording), *said)
+    warnings = (
+        *_untared(tare),
+        *recording.warnings,
+        *warnings,
+        *range_warnings(stored, recording),
+        *said,
+    )
     if arguments.json:
         answer = {'output': arguments.output, 'tare': dict(zip(AXES, tare.tolist(), strict=True))}
         options.print_json({**answer, 'warnings': warnings})
@@ -90,6 +97,16 @@ def run(arguments: argparse.Namespace) -> int:
     print_warnings(warnings)
     print(f'wrote {arguments.output}')
     return 0
+
+
+def _untared(tare: FloatArray) -> Iterator[str]:
+    """Say what a missing tare means."""
+    if not tare.any():
+        yield (
+            'Nothing was tared: drift is removed, but every axis keeps a constant offset, perhaps '
+            'of many newtons. Give --tare SECONDS where the recording begins unloaded, or '
+            'subtract what is left of an unloaded part.'
+        )
 
 
 def _external(

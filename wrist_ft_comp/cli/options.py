@@ -81,6 +81,15 @@ def number(low: Number, high: float = math.inf) -> Callable[[str], Number]:
     return parse
 
 
+def topic(text: str) -> str:
+    """Parse the name of a topic that is to be made, for ``add_argument(type=…)``."""
+    if re.fullmatch(r'/?[a-z_]\w*(/[a-z_]\w*)*', text, re.ASCII | re.IGNORECASE):
+        return text
+    raise argparse.ArgumentTypeError(
+        f'expected words of letters, digits and _, joined by /, such as /wrench; got {text!r}'
+    )
+
+
 def add_recordings(parser: argparse.ArgumentParser) -> None:
     """Add one recording or more."""
     parser.add_argument('recordings', nargs='+', type=Path, metavar='REC', help=RECORDING_HELP)

@@ -24,8 +24,8 @@ from wrist_ft_comp.files.bags.survey import (
     TF,
 )
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
-from wrist_ft_comp.files.csv_file import CsvRecording, rewrite_csv
-from wrist_ft_comp.files.documents import Output, writing
+from wrist_ft_comp.files.csv_file import COMPENSATED, CsvRecording, rewrite_csv
+from wrist_ft_comp.files.documents import beginning, Output, writing
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.columns import require_channels
 from wrist_ft_comp.model.payload.directions import describe_force, ForceSummary, moments_of
@@ -135,7 +135,8 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
             blocks, name=path.name, period_s=period_s, max_bad_share=max_bad_share
         )
     unit = OUTPUT_UNIT if kind == TABLE else ''
-    return replace(recording, warnings=(*recording.warnings, *warnings), unit=unit)
+    done = filter(None, [_compensated(path)])
+    return replace(recording, warnings=(*done, *recording.warnings, *warnings), unit=unit)
 
 
 def rewrite_recording(  # noqa: PLR0913 - as read_recording
@@ -184,6 +185,8 @@ def check_copy(
 ) -> Output:
     """Refuse a target of a copy, or topics that are added to it, before anything is read."""
     copy = Output(name='copy', says='', endings='.csv')
+    if done := _compensated(source):
+        raise RecordingError(done)
     if kind_of(source) == BAG:
         with open_bag(source) as bag:
             taken = {connection.topic.strip('/') for connection in bag.connections}
@@ -197,6 +200,12 @@ def check_copy(
         copy = replace(copy, endings=ending)
     copy.check_target(target, [source, *others])
     return copy
+
+
+def _compensated(path: Path) -> str:
+    """Say that a file's drift was removed, as its header tells; empty where it was not."""
+    done = COMPENSATED in beginning(path).partition('\n')[0]
+    return f'{path.name} was compensated already. Name the raw recording.' if done else ''
 
 
 def hash_recording(path: Path) -> str:
