@@ -92,6 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
     paths.check_recordings(arguments.recordings)
     _check_outputs(arguments)
     job = _job(arguments)
+    options.warn_of_idle(arguments, arguments.recordings)
     with options.progress_bar('calibrating') as progress:
         outcome = run_job(job, progress)
     tables = judge_chamber_tables(job, outcome.stored)

@@ -66,6 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     paths.check_recordings([arguments.recording])
     added = [arguments.output_topic, *[EXTERNAL_TOPIC] * (arguments.reference == 'payload')]
     check_copy(arguments.recording, arguments.output, added, [arguments.model])
+    options.warn_of_idle(arguments, [arguments.recording])
     stored = load_model(arguments.model)
     model, topics = stored.model, options.topics_from(arguments)
     period_s = model.period_ns / NANOSECONDS

@@ -49,6 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     paths.check_recordings(arguments.recordings)
     if arguments.report:
         paths.REPORT.check_target(arguments.report, [arguments.model, *arguments.recordings])
+    options.warn_of_idle(arguments, arguments.recordings)
     stored = load_model(arguments.model)
     count = len(arguments.recordings)
     with options.progress_bar('evaluating') as progress:

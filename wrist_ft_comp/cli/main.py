@@ -37,7 +37,7 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
         texts = {'description': command.DESCRIPTION, 'epilog': command.EXAMPLES}
         name = command.__name__.rpartition('.')[2]
         own = commands.add_parser(name, help=command.HELP, **texts)
-        own.set_defaults(run=command.run, whole=parser, commands=commands)
+        own.set_defaults(run=command.run, own=own, whole=parser, commands=commands)
         command.add_arguments(own)
     return parser, dict(commands.choices)
 

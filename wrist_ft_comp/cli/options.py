@@ -16,10 +16,15 @@ from tqdm import tqdm
 
 from wrist_ft_comp.errors import UsageError
 from wrist_ft_comp.files.documents import plain
+from wrist_ft_comp.files.recordings import BAG, kind_of, TABLE
 from wrist_ft_comp.model.ranges import range_words
 from wrist_ft_comp.model.signals import Progress, Reference, Topics
 from wrist_ft_comp.model.temperature_source import parse_sources
 
+_OF_BAGS = (
+    'wrench_topic', 'temperature_topic', 'reference_topic', 'imu_topic', 'gravity_frame',
+    'output_topic',
+)  # fmt: skip
 Number = TypeVar('Number', int, float)
 RECORDING_HELP = (
     'a rosbag2 folder, a bare .mcap or .db3, a CSV file, or a chamber table '
@@ -126,7 +131,33 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
     temperatures = tuple(arguments.temperature_topic or Topics().temperatures)
     parse_sources(temperatures, lambda topic: topic.strip('/'))
     force = arguments.imu_topic, arguments.gravity_frame
+    if all(force):
+        raise UsageError('--imu-topic and --gravity-frame tell the same; leave one out.')
     return Topics(arguments.wrench_topic, temperatures, arguments.reference_topic, *force)
+
+
+def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> None:
+    """Warn of the options that were given and do nothing for these recordings."""
+    kinds = {kind_of(path) for path in recordings}
+    asked = {'method': '', 'features': None, 'reference': 'recorded', **vars(arguments)}
+    given = {name for name in asked if asked[name] != arguments.own.get_default(name)}
+    method, tables = asked['method'], kinds == {TABLE}
+    hats = asked['features'] == 'hats' or 'hat_temperatures' in given
+    hats |= tables and (method == 'auto' or asked['features'] is None)
+    chosen_alone = method == 'arx_pls_oe' or (method == 'auto' and not hats)
+    for names, idle, why in (
+        (_OF_BAGS, BAG not in kinds, 'nothing that was named is a bag'),
+        (['keep_copied_columns'], TABLE not in kinds, 'nothing that was named is a chamber table'),
+        (['tare'], tables and 'output' in asked, 'a chamber table is tared where its load is 0'),
+        (['reference_topic'], asked['reference'] != 'recorded', 'the reference is not "recorded"'),
+        (['latents'], chosen_alone, f'the method {method} has none to choose'),
+        (['features'], hats and asked['features'] != 'hats', 'auto takes hats for chamber tables'),
+        (['degree'], hats, 'hats have no degree'),
+    ):
+        for name in sorted(given.intersection(names)) if idle else ():
+            print(
+                f'warning: --{name.replace("_", "-")} does nothing here: {why}.', file=sys.stderr
+            )
 
 
 def add_reference(parser: argparse.ArgumentParser) -> None:

@@ -57,6 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     path = arguments.file
     document: dict[str, object]
+    recordings = []
     if arguments.picture and not node_folders(path):
         raise SettingsError(
             f'--picture draws the days of a node that learns, and {path} holds none. Name its '
@@ -79,9 +80,11 @@ def run(arguments: argparse.Namespace) -> int:
         lines = (f'  {payload_line(*each)}' for each in learnt.items())
         text = '\n'.join((f'{path}: payloads, by the names that payload.active takes', *lines))
     else:
+        recordings = [path]
         with options.progress_bar('reading') as progress:
             summary = describe_recording(path, options.topics_from(arguments), progress)
         document, text = _as_json(summary, path), _text(summary, path)
+    options.warn_of_idle(arguments, recordings)
     if arguments.json:
         options.print_json(document)
     else:
