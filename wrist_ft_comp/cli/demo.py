@@ -42,13 +42,13 @@ def play(folder: Path, log_file: Path, plan: Plan, messages: TextIO) -> None:
             if event['event'] == 'recording':
                 running['simulated sensor'] = stack.enter_context(_process(*plan.sensor()))
             else:
-                _show(event, bar, messages)
+                _show(event, bar, messages, str(folder))
     if not log_file.exists():
         raise RecordingError('The demonstration ended without a result; see the messages above.')
 
 
-def _show(event: _Event, bar: 'tqdm[NoReturn]', messages: TextIO) -> None:
-    """Show what the operator tells."""
+def _show(event: _Event, bar: 'tqdm[NoReturn]', messages: TextIO, folder: str) -> None:
+    """Show what the operator tells, but for the files in a folder that is removed at the end."""
     if event['event'] == 'progress':
         bar.set_description(str(event['what']))
         bar.update(float(str(event['share'])) - bar.n)
@@ -56,7 +56,9 @@ def _show(event: _Event, bar: 'tqdm[NoReturn]', messages: TextIO) -> None:
         raise RecordingError(f'The demonstration failed: {event["text"]}')
     elif event['event'] == 'message':
         bar.clear()
-        print(event['text'], file=messages, flush=True)
+        for line in str(event['text']).splitlines():
+            if folder not in line:
+                print(line, file=messages, flush=True)
 
 
 def _events(operator: _Process, running: Mapping[str, _Process]) -> Iterator[_Event]:
