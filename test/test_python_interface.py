@@ -2,6 +2,7 @@
 
 import ast
 from dataclasses import fields
+from functools import partial
 from importlib import import_module
 import inspect
 from pathlib import Path
@@ -256,3 +257,14 @@ def examples(document):
     """Python blocks of a document, in their order."""
     text = (Path(__file__).parents[1] / document).read_text('utf-8')
     return re.findall(r'^```python\n(.*?)^```', text, re.M | re.S)
+
+
+@pytest.mark.parametrize('given', ['a recording', 'a path', 'paths', 'nothing'])
+def test_what_is_no_list_of_recordings_is_refused_with_a_remedy(given, day):
+    recording = wrist_ft_comp.recording_from_columns(day(0), name='monday')
+    wrong: Any = {'a recording': recording, 'a path': 'monday.csv', 'paths': [Path('monday.csv')],
+                  'nothing': None}[given]  # fmt: skip
+    model = wrist_ft_comp.calibrate([recording]).model if given == 'a recording' else None
+    for learn in (wrist_ft_comp.calibrate, partial(wrist_ft_comp.evaluate, model)):
+        with pytest.raises(wrist_ft_comp.WristFtCompError, match=r'read_recording.*\[day\]'):
+            learn(wrong)

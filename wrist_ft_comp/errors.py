@@ -1,5 +1,10 @@
 """The error family: every sentence that this package says on purpose."""
 
+import re
+
+#: What a command says that Ctrl-C ended.
+INTERRUPTED = 'interrupted; nothing was left half-written.'
+
 
 class WristFtCompError(Exception):
     """
@@ -8,6 +13,15 @@ class WristFtCompError(Exception):
     The text says what was expected, what came (value, file, channel) and what to do. Each door
     translates it once: the command line into exit code 1, a service into ``success: false``.
     """
+
+    @classmethod
+    def kind(cls) -> str:
+        """Name the class, such as ``calibration_refused``: scripts read it, so classes stay."""
+        return re.sub(r'(?<=[a-z])(?=[A-Z])', '_', cls.__name__.removesuffix('Error')).lower()
+
+
+class UsageError(WristFtCompError):
+    """A command line cannot be meant so, whatever the files hold."""
 
 
 class RecordingError(WristFtCompError):
@@ -20,6 +34,10 @@ class ModelFileError(WristFtCompError):
 
 class StateFileError(WristFtCompError):
     """A saved state cannot be read or written, is of another version, or breaks the schema."""
+
+
+class OutputError(WristFtCompError):
+    """What is to be written would take the place of something else, or cannot be written."""
 
 
 class SettingsError(WristFtCompError):

@@ -1,5 +1,6 @@
 """Every bad input ends in one sentence: what was expected, what came, where, and what to do."""
 
+import os
 import subprocess
 
 import pytest
@@ -68,3 +69,10 @@ def test_a_process_says_one_line_and_no_traceback(process, tmp_path):
     with process('show', tmp_path / 'no.csv', stdout=subprocess.PIPE) as child:
         out, err = child.communicate(timeout=60)
     assert (child.returncode, out, err.count('\n')) == (1, '', 1)
+
+
+def test_what_never_ends_is_refused_at_once(run, tmp_path):
+    os.mkfifo(tmp_path / 'pipe.csv')
+    for path in ('/dev/zero', tmp_path / 'pipe.csv'):
+        for words in (['show', path], ['calibrate', path, '-o', tmp_path / 'm.yaml']):
+            assert 'is neither a file nor a folder' in run(*words).sentence

@@ -39,6 +39,7 @@ def test_csv_is_corrected_as_the_core_corrects(tare_s, done, make, model, tmp_pa
         values = np.array(written.pop(axis), dtype=float)
         np.testing.assert_allclose(values, expected[:, AXES.index(axis)], rtol=0, atol=1e-12)
         del before[axis]
+    assert set(written.pop('compensated_by_wrist_ft_comp')) == {''}
     assert written == before
 
 
@@ -55,12 +56,53 @@ def test_a_tare_removes_the_offset(done, make, model, tmp_path):
     assert abs(untared.mean()) > 10
 
 
+@pytest.mark.parametrize('kind', ['csv', 'table'])
+def test_what_was_compensated_is_not_compensated_again(kind, run, make, model, tmp_path):
+    path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
+    if kind == 'table':
+        path, model = make.keller / 'table2_sensor_b_raw.csv', tmp_path / 'table.yaml'
+        assert run('calibrate', path, '-o', model).code == 0
+    once = tmp_path / 'once.csv'
+    assert run('compensate', model, path, '-o', once).code == 0
+    refused = run('compensate', model, once, '-o', tmp_path / 'twice.csv').sentence
+    assert 'was compensated already' in refused
+    assert not (tmp_path / 'twice.csv').exists()
+    assert 'once.csv was compensated already' in run('evaluate', model, once).err
+    assert 'was compensated already' not in run('evaluate', model, path).err
+
+
+@pytest.mark.parametrize('topic', ['bad topic', '', '/', '1st', 'a//b', 'a/', 'ümlaut', '~/a'])
+def test_a_topic_that_ros_does_not_allow_is_refused(topic, run, bags, model, tmp_path):
+    words = ['-o', tmp_path / 'out', '--output-topic', topic]
+    assert run('compensate', model, bags['mcap'], *words).code == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_two_outputs_need_two_topics(run, bags, model, tmp_path):
+    words = ['--reference', 'payload', '--output-topic', 'wrench_external']
+    outcome = run('compensate', model, bags['mcap'], '-o', tmp_path / 'out', *words)
+    assert 'holds /wrench_external already' in outcome.sentence
+
+
+def test_without_a_tare_it_says_that_an_offset_stays(run, make, model, bags, tmp_path):
+    csv = make.csv(tmp_path / 'run.csv', make.drifting(seed=3, offset=50.0))
+    said = 'every axis keeps a constant offset'
+    for number, (words, warned) in enumerate(
+        [([csv], True), ([csv, '--tare', '10'], False), ([bags['mcap']], True)]
+    ):
+        assert (
+            said in run('compensate', model, *words, '-o', tmp_path / f'{number}').err
+        ) is warned
+    outcome = run('compensate', model, csv, '-o', tmp_path / 'json.csv', '--json')
+    assert said in json.loads(outcome.out)['warnings'][0]
+
+
 def test_each_warning_comes_once(run, make, model, tmp_path):
     columns = make.drifting(seed=3)
     columns['force_z'][9] = 'nan'
     columns['temperature_c'][50] = 95.0
     path = make.csv(tmp_path / 'run.csv', columns)
-    outcome = run('compensate', model, path, '-o', tmp_path / 'out.csv')
+    outcome = run('compensate', model, path, '-o', tmp_path / 'out.csv', '--tare', '30')
     lines = outcome.err.splitlines()
     assert outcome.code == 0
     assert len(lines) == 2

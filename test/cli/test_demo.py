@@ -70,7 +70,7 @@ def test_the_exit_code_tells_whether_drift_fell_enough(kept, code, run, tmp_path
     picture.unlink()
     picture.mkdir()
     refused = run('demo', '--output', tmp_path / 'out').sentence
-    assert 'demo.png cannot be written: Is a directory' in refused
+    assert 'demo.png cannot be written: it is a folder' in refused
 
 
 def test_without_rclpy_there_is_a_sentence(run, tmp_path, monkeypatch):
@@ -82,7 +82,7 @@ def test_without_rclpy_there_is_a_sentence(run, tmp_path, monkeypatch):
 def test_a_folder_that_cannot_be_made_is_a_sentence(run, tmp_path, monkeypatch):
     monkeypatch.setattr(demo, 'find_spec', lambda _: object())
     (tmp_path / 'file').touch()
-    assert 'cannot be made' in run('demo', '--output', tmp_path / 'file').sentence
+    assert 'file is no folder' in run('demo', '--output', tmp_path / 'file').sentence
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def children(monkeypatch):
     def install(**scripts):
         def start(argv, **more):
             script = scripts[argv[2].rpartition('.')[2]]
-            process = genuine([sys.executable, '-c', script], **more)
+            process = genuine([sys.executable, '-c', script, *argv[3:]], **more)
             started.append(process)
             return process
 
@@ -140,6 +140,20 @@ def test_a_failing_process_ends_all_with_a_sentence(  # noqa: PLR0913, PLR0917 -
     assert len(started) == count
     assert all(process.returncode is not None for process in started)
     assert not (tmp_path / 'demo.png').exists()
+
+
+def test_no_file_is_named_that_is_gone_when_the_demonstration_ends(run, children, tmp_path):
+    answer = """
+import json, pathlib, sys
+folder = pathlib.Path(sys.argv[1]).parent
+text = f'force_z: 9 -> 1 N\\nsaved as {folder}/m.yaml\\nreport: {folder}/m.html'
+print(json.dumps({'event': 'message', 'text': text}), flush=True)
+print(json.dumps({'event': 'message', 'text': f'recording into {folder}/r.csv'}), flush=True)
+"""
+    children(compensator_node=WAIT, demo_client=answer)
+    outcome = run('demo', '--output', tmp_path)
+    assert 'without a result' in outcome.err
+    assert outcome.out == 'force_z: 9 -> 1 N\n'
 
 
 def test_the_demonstration_keeps_out_of_the_user_s_domain(monkeypatch):

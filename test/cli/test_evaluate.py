@@ -149,3 +149,12 @@ def test_a_report_overwrites_neither_model_nor_recording(victim, run, make, mode
     argv = ['evaluate', *copies.values(), '--report', copies[victim]]
     assert 'overwrite' in run(*argv).sentence
     assert copies[victim].read_bytes() == before
+
+
+def test_large_figures_are_written_out(run, make, model, tmp_path):
+    columns = make.drifting(seed=3)
+    columns['force_z'] = [20_000 * value for value in columns['force_z']]
+    columns['temperature_c'] = [value + 60 for value in columns['temperature_c']]
+    outcome = run('evaluate', model, make.csv(tmp_path / 'run.csv', columns))
+    assert 'For 100 % of the time the correction is a guess' in outcome.err
+    assert 'e+0' not in outcome.out + outcome.err

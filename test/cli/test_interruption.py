@@ -53,10 +53,11 @@ def test_ctrl_c_while_saving_keeps_the_old_model(drift_csv, model, tmp_path):
 
 def test_ctrl_c_while_reporting_keeps_the_old_report(drift_csv, model, tmp_path):
     target = tmp_path / 'r.html'
-    target.write_text('old')
+    old = '<meta name="generator" content="wrist_ft_comp report">'
+    target.write_text(old)
     code, err = interrupt(['evaluate', model, drift_csv, '--report', target])
     assert (code, err.splitlines()[-1]) == (130, SENTENCE)
-    assert contents(tmp_path) == {'r.html': b'old'}
+    assert contents(tmp_path) == {'r.html': old.encode()}
 
 
 @pytest.mark.parametrize('kind', ['csv', 'sqlite3', 'mcap'])
@@ -65,3 +66,24 @@ def test_ctrl_c_while_compensating_leaves_nothing(kind, drift_csv, bags, model, 
     code, err = interrupt(['compensate', model, source, '-o', tmp_path / 'out'])
     assert (code, err.splitlines()[-1]) == (130, SENTENCE)
     assert contents(tmp_path) == {}
+
+
+def test_ctrl_c_while_the_program_loads_is_one_sentence():
+    """Also where the code that is being loaded would swallow it."""
+    code = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+class Loader:
+    def find_spec(self, name, *_):
+        if name == 'numpy':
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+            except KeyboardInterrupt:
+                raise ImportError(name)
+sys.meta_path.insert(0, Loader())
+from wrist_ft_comp.cli.entry import main
+sys.exit(main())
+"""
+    words = [sys.executable, '-c', code]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr, done.stdout) == (130, f'{SENTENCE}\n', '')

@@ -4,6 +4,7 @@ import json
 import os
 from pathlib import Path
 import subprocess
+import sys
 
 import pytest
 
@@ -38,7 +39,9 @@ def test_the_version_is_the_package_s(run):
         [], ['fly'], ['calibrate'], ['calibrate', 'a.csv'], ['evaluate', 'm.yaml'], ['show'],
         ['compensate', 'm.yaml', 'a.csv'], ['show', 'a', 'b'], ['evaluate', 'a', 'b', '--tare'],
         ['calibrate', 'a', '-o', 'b', '--reference', 'felt'], ['demo', '--speed', '0'],
-        ['demo', '--seed', 'x'], ['show', '--unknown', 'a'], ['demo', '--speed', 'x'],
+        ['demo', '--seed', 'x'], ['demo', '--seed', '-1'], ['demo', '--seed', '9' * 19],
+        ['demo', '--speed', '0.05'], ['demo', '--speed', '2000'],
+        ['show', '--unknown', 'a'], ['demo', '--speed', 'x'],
     ],
 )  # fmt: skip
 def test_wrong_usage_is_exit_code_2(argv, run):
@@ -87,10 +90,10 @@ def test_a_mistyped_axis_is_a_warning(done, make, tmp_path):
 
 def test_a_long_sentence_is_one_line(run, monkeypatch, drift_csv):
     def fail(*_):
-        raise RecordingError('First\nsecond\n  third.')
+        raise RecordingError('First\nsecond\n  third.. See ../x..')
 
     monkeypatch.setattr('wrist_ft_comp.cli.show.describe_recording', fail)
-    assert run('show', drift_csv).sentence == 'wrist_ft_comp: First second third.'
+    assert run('show', drift_csv).sentence == 'wrist_ft_comp: First second third. See ../x.'
 
 
 def test_a_reader_that_leaves_is_no_error(process, drift_csv):
@@ -110,6 +113,57 @@ def test_a_full_disk_behind_standard_output_is_one_sentence(process, drift_csv):
     assert child.returncode == 1
     assert err.count('\n') == 1
     assert err.startswith('wrist_ft_comp: Reading or writing: No space left on device.')
+
+
+def test_closed_standard_streams_are_no_error(drift_csv, tmp_path):
+    for closed in ('>&-', '2>&-', '>&- 2>&-', '<&- >&- 2>&-'):
+        target = tmp_path / 'm.yaml'
+        shell = f'exec "$0" -m wrist_ft_comp calibrate "$1" -o "$2" --method pls {closed}'
+        words = ['/bin/sh', '-c', shell, sys.executable, drift_csv, target]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+        assert (done.returncode, done.stderr) == (0, ''), closed
+        assert ('saved as' in done.stdout) is (closed == '2>&-')
+        target.unlink()
+        shell = f'exec "$0" -m wrist_ft_comp show "$1" {closed}'
+        words = ['/bin/sh', '-c', shell, sys.executable, tmp_path / 'no']
+        done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+        assert done.returncode == 1
+        assert done.stderr.count('\n') == ('2>&-' not in closed)
+
+
+@pytest.mark.parametrize(
+    'case',
+    [
+        (['show', '/nowhere', '--json'], 1, 'recording'),
+        (['evaluate', '/nowhere.yaml', '/nowhere', '--json'], 1, 'model_file'),
+        (['show', '{csv}', '--picture', 'p.png', '--js'], 1, 'settings'),
+        (['evaluate', '{model}', '{csv}', '--report', '/dev/null', '--json'], 1, 'output'),
+        (['calibrate', '{csv}', '-o', 'm', '--min-t', '99', '--json'], 1, 'calibration_refused'),
+        (['show', '--json', '--picture'], 2, 'usage'),
+    ],
+)  # fmt: skip
+def test_json_tells_of_an_error_too(case, run, drift_csv, model):
+    argv, code, kind = case
+    outcome = run(*(word.format(csv=drift_csv, model=model) for word in argv))
+    (error,) = json.loads(outcome.out).values()
+    assert (outcome.code, error['kind']) == (code, kind)
+    assert error['message'] in outcome.err
+    assert '--json' not in argv or not run(*argv[: argv.index('--json')]).out
+
+
+def test_json_tells_of_what_the_system_refuses(run, drift_csv, monkeypatch):
+    for error, code, kind in ((OSError(28, 'No space left'), 1, 'operating_system'),
+                              (KeyboardInterrupt(), 130, 'interrupted')):  # fmt: skip
+        monkeypatch.setattr('wrist_ft_comp.cli.show.describe_recording', fail_with(error))
+        outcome = run('show', drift_csv, '--json')
+        assert (outcome.code, json.loads(outcome.out)['error']['kind']) == (code, kind)
+
+
+def fail_with(error):
+    def fail(*_):
+        raise error
+
+    return fail
 
 
 def test_a_narrow_locale_gets_escapes(process, drift_csv, tmp_path):

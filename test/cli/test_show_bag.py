@@ -280,3 +280,14 @@ def test_a_gravity_frame_that_tf_lacks_is_a_warning_of_show(done, messages, tmp_
     out = done('show', bag, '--gravity-frame', 'map')
     assert 'warning: day: TF does not say how ft is turned against map: map is missing.' in out
     assert '--reference payload' not in out
+
+
+def test_a_long_gap_and_a_high_rate_are_written_out(done, messages, tmp_path):
+    stamps_ns = T0 + np.r_[np.arange(1000), 10**6 + np.arange(11_000)] * 10**5
+    stamps_ns[1000:] += 1_134 * 10**9
+    bag = messages.write(
+        tmp_path / 'bag', messages.run(stamps_ns, np.zeros((12_000, 6)), np.full(12_000, 20.0))
+    )
+    text = done('show', bag)
+    assert ' 1230 ' in text
+    assert 'e+0' not in text

@@ -55,6 +55,18 @@ def test_a_table_tells_of_every_day(done, folder):
     assert max(map(len, lines[1:])) <= 80
 
 
+def test_of_a_day_that_tells_nothing_neither_date_nor_length_is_told(done, folder):
+    (folder / 'days/day_00006.csv').write_text('stamp_s,force_x\n')
+    text = done('show', folder)
+    assert '1970' not in text
+    (line,) = (line for line in text.splitlines() if line.startswith('day_00006  '))
+    assert line.split()[1:] == ['-'] * 6
+    (document,) = json.loads(done('show', folder, '--json')).values()
+    assert document['days'][-1]['first_ns'] is None
+    assert document['days'][-1]['hours'] is None
+    assert document['days'][0]['hours'] == 24.0
+
+
 def test_the_days_themselves_and_a_folder_of_several_sensors_will_do(done, folder):
     assert done('show', folder / 'days') == done('show', folder)
     assert done('show', folder.parent) == done('show', folder)

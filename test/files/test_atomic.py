@@ -5,14 +5,21 @@ import os
 import numpy as np
 import pytest
 
-from wrist_ft_comp.errors import RecordingError, StateFileError
+from wrist_ft_comp.calibration.learning.entry import Diary
+from wrist_ft_comp.errors import OutputError, StateFileError, WristFtCompError
+from wrist_ft_comp.files.days.day_files import DayFiles
+from wrist_ft_comp.files.days.diary import save_diary
+from wrist_ft_comp.files.days.memory import Memory, save_memory
 from wrist_ft_comp.files.documents import (
     beginning,
+    Output,
     remove_leftovers,
     replace_file,
-    write_report,
 )
+from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.files.state_file import save_state, SavedState
+
+STATE = SavedState(1, None, np.zeros(6), None)
 
 
 @pytest.fixture
@@ -56,18 +63,61 @@ def test_a_device_or_a_pipe_is_not_replaced(tmp_path):
     """As root, a model written to /dev/null would take the device's place."""
     pipe = tmp_path / 'state.json'
     os.mkfifo(pipe)
-    with pytest.raises(StateFileError, match=r'state\.json cannot be written: It is no regular'):
-        save_state(pipe, SavedState(1, None, np.zeros(6), None))
+    with pytest.raises(StateFileError, match=r'state\.json cannot .* no regular file'):
+        save_state(pipe, STATE)
     assert pipe.is_fifo()
     assert list(tmp_path.iterdir()) == [pipe]
 
 
 @pytest.mark.parametrize('content', ['text', b'PNG'])
 def test_what_cannot_be_written_is_a_sentence(content, target):
-    write_report(target, content)
+    kind = Output(name='sheet', says='^old', endings='')
+    kind.write(target, content)
     assert target.read_bytes() in {b'text', b'PNG'}
-    with pytest.raises(RecordingError, match=r'The report .*a\.out cannot be .*: Not a directory'):
-        write_report(target / 'a.out', content)
+    with pytest.raises(OutputError, match=r'file\.txt is no folder'):
+        kind.write(target / 'a.out', content)
+
+
+@pytest.mark.parametrize(
+    ('name', 'write'),
+    [
+        ('state.json', lambda folder: save_state(folder / 'state.json', STATE)),
+        ('learning.json', lambda folder: save_memory(folder, Memory())),
+        ('days/diary.json', lambda folder: save_diary(folder, Diary())),
+        ('active.json', lambda folder: ModelStore(folder).activate([None])),
+    ],
+)
+@pytest.mark.parametrize(
+    'foreign', [b'{"format": "other", "of": []}', b'["list"]', b'{', bytes(9)]
+)
+def test_what_is_not_the_node_s_is_moved_aside_once(name, write, foreign, tmp_path):
+    path = tmp_path / name
+    for _ in range(2):
+        write(tmp_path)
+    own = path.read_bytes()
+    path.write_bytes(foreign)
+    write(tmp_path)
+    kept = path.with_name(f'{path.name}.kept')
+    assert (path.read_bytes(), kept.read_bytes()) == (own, foreign)
+    path.write_bytes(b'also mine')
+    with pytest.raises(WristFtCompError, match=f'{name} cannot be written: it exists and is'):
+        write(tmp_path)
+    assert (path.read_bytes(), kept.read_bytes()) == (b'also mine', foreign)
+    path.write_bytes(own[:40])  # cut off by a disk
+    write(tmp_path)
+    assert (path.read_bytes(), kept.read_bytes()) == (own, foreign)
+
+
+@pytest.mark.parametrize('content', ['mine', 'stamp_s,force_z\n1.0,2.0\n', 'time;fz\n1;2\n3;4\n'])
+def test_a_day_that_the_node_did_not_write_stays(content, tmp_path):
+    path = tmp_path / 'days/day_00007.csv'
+    path.parent.mkdir()
+    path.write_text(content)
+    files = DayFiles(tmp_path, ('force_x', 'temperature_c'), 1e9)
+    files.append(10**18, (1.0, 20.0))
+    files.close()
+    assert path.read_text() == content
+    assert (tmp_path / 'days/day_00008.csv').exists()
 
 
 def test_what_is_no_file_has_no_beginning(target):

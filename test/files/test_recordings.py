@@ -7,7 +7,7 @@ import struct
 import numpy as np
 import pytest
 
-from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.errors import OutputError, RecordingError
 from wrist_ft_comp.files import cdr
 from wrist_ft_comp.files import csv_file as csv_text
 from wrist_ft_comp.files.bags import bag as bag_file
@@ -130,9 +130,9 @@ def test_a_rewritten_csv_differs_in_its_wrench_cells_only(make_csv, monkeypatch)
     source = make_csv(CSV)
     target = source.with_name('out.csv')
     assert rewrite_recording(source, target, halve) == ()
-    assert target.read_text() == CSV.replace('1.50', '0.75').replace('2.50', '1.25').replace(
-        ';7\n', ';3.5\n'
-    )
+    halved = CSV.replace('1.50', '0.75').replace('2.50', '1.25').replace(';7\n', ';3.5\n')
+    header, rest = halved.replace('\n', ';\n').split('\n', 1)
+    assert target.read_text() == f'{header}{csv_text.COMPENSATED}\n{rest}'
     assert source.read_text() == CSV
 
 
@@ -196,8 +196,9 @@ def test_an_external_wrench_has_columns_of_its_own_and_cells_where_it_is_known(m
     target = source.with_name('out.csv')
     rewrite_recording(source, target, halve, external=every_other)
     lines = target.read_text().splitlines()
-    assert lines[0].endswith(';torque_x;external_force_z;external_torque_x')
+    assert lines[0].endswith(f';{csv_text.COMPENSATED};external_force_z;external_torque_x')
     assert [line.split(';')[-2:] for line in lines[1:]] == [['2.5', ''], ['', ''], ['', '']]
+    target.write_text(target.read_text().replace(csv_text.COMPENSATED, 'note'))
     with pytest.raises(RecordingError, match='holds external_force_z already'):
         rewrite_recording(target, source.with_name('again.csv'), halve, external=every_other)
 
@@ -210,7 +211,7 @@ def test_a_bare_file_may_be_rewritten_into_a_bare_file(make_bag, storage, suffix
     assert target.is_file()
     assert len(raw_messages(target)['/cleaned']) == 200
     other = {'.db3': '.mcap', '.mcap': '.db3'}[suffix]
-    with pytest.raises(RecordingError, match=f'names another storage.*{storage}'):
+    with pytest.raises(OutputError, match='is named like a bag of'):
         rewrite_recording(source, target.with_name(f'x{other}'), halve)
 
 
@@ -236,18 +237,18 @@ def test_a_target_that_exists_or_is_the_source_is_refused(source, tmp_path):
     existing = tmp_path / 'there'
     existing.write_text('mine')
     for target, sentence in (
-        (tmp_path / '..' / tmp_path.name / source.name, 'is the source itself'),
-        (existing, 'there exists already'),
-        (tmp_path / 'no' / 'out', 'is no folder'),
+        (tmp_path / '..' / tmp_path.name / source.name, 'is the same file as'),
+        (existing, 'exists'),
+        (existing / 'out', 'is no folder'),
     ):
-        with pytest.raises(RecordingError, match=sentence):
+        with pytest.raises(OutputError, match=sentence):
             rewrite_recording(source, target, halve)
     assert existing.read_text() == 'mine'
 
 
 def test_an_output_topic_that_is_taken_is_refused(make_bag):
     source = make_bag(count=100)
-    with pytest.raises(RecordingError, match='bag holds log already'):
+    with pytest.raises(OutputError, match='bag holds log already'):
         rewrite_recording(source, source.with_name('out'), halve, output_topic='log')
     assert not source.with_name('out').exists()
 

@@ -14,6 +14,7 @@ from wrist_ft_comp.model.signals import (
     noise_level,
     Recording,
     Reference,
+    require_recordings,
     stretches,
 )
 
@@ -39,6 +40,7 @@ _SAME = 0.03
 
 def check_alike(recordings: Sequence[Recording]) -> None:
     """Refuse no recordings, and such whose thermometers, periods or units differ."""
+    require_recordings(recordings)
     if not recordings:
         raise CalibrationRefusedError('A calibration needs at least one recording; got none.')
     first = recordings[0]

@@ -17,9 +17,9 @@ from wrist_ft_comp.cli.calibration_job import (
 from wrist_ft_comp.cli.tables import chamber_table_text, payloads_json, verdict_text
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.files.chamber_table import is_chamber_table
-from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.job_request import CalibrationJob
-from wrist_ft_comp.files.model_file import check_model_target
+from wrist_ft_comp.files.model_file import KIND as MODEL
+from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
 from wrist_ft_comp.model.features import FeatureKind
 from wrist_ft_comp.model.ranges import PERIODS_S
 from wrist_ft_comp.report.page import page
@@ -90,26 +90,37 @@ def _temperatures(text: str) -> tuple[float, ...]:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     paths.check_recordings(arguments.recordings)
-    check_model_target(arguments.output)
-    paths.check_report_target(arguments.report, [arguments.output, *arguments.recordings])
+    _check_outputs(arguments)
     job = _job(arguments)
+    options.warn_of_idle(arguments, arguments.recordings)
     with options.progress_bar('calibrating') as progress:
         outcome = run_job(job, progress)
     tables = judge_chamber_tables(job, outcome.stored)
     view = view_job(job, outcome, tables)
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
-    if arguments.json:
-        options.print_json(_as_json(outcome, verdicts, tables))
-    else:
+    if not arguments.json:
         print(summarise(outcome.calibration))
         print(f'\n{verdict_text(verdicts)}\n\nsaved as {outcome.stored.path}')
         for name, columns in tables.items():
             print(f'\n{name}\n{chamber_table_text(columns)}')
     if job.report:
-        write_report(job.report, page(view))
+        paths.REPORT.write(job.report, page(view))
         if not arguments.json:
             print(f'report: {job.report}')
+    if arguments.json:
+        options.print_json(_as_json(outcome, verdicts, tables))
     return 0
+
+
+def _check_outputs(arguments: argparse.Namespace) -> None:
+    """Refuse what would overwrite something, or cannot be written."""
+    others = list(arguments.recordings)
+    if arguments.reference == 'payload':
+        others.append(arguments.output.with_name(PAYLOADS))
+        load_payloads(others[-1])
+    MODEL.check_target(arguments.output, others)
+    if arguments.report:
+        paths.REPORT.check_target(arguments.report, [arguments.output, *others])
 
 
 def _job(arguments: argparse.Namespace) -> CalibrationJob:

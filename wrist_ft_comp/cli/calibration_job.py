@@ -28,9 +28,9 @@ from wrist_ft_comp.calibration.chamber import (
 from wrist_ft_comp.calibration.result import Calibration
 from wrist_ft_comp.cli.learning.job import answer_learning, keep_payloads
 from wrist_ft_comp.cli.options import part_of
+from wrist_ft_comp.cli.paths import REPORT
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
-from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.job_request import CalibrationJob, decode_job, UNTIL_CLOSED
 from wrist_ft_comp.files.model_file import save_model
 from wrist_ft_comp.files.recordings import BAG, hash_recording, kind_of, read_recording
@@ -183,7 +183,7 @@ def _report(job: CalibrationJob, outcome: JobOutcome) -> str:
         return ''
     try:
         view = view_job(job, outcome, judge_chamber_tables(job, outcome.stored))
-        write_report(job.report, page(view))
+        REPORT.write(job.report, page(view))
     except WristFtCompError as error:
         return f'\nwarning: {error}'
     return f'\nreport: {job.report}'

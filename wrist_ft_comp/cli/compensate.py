@@ -1,6 +1,7 @@
 """wrist_ft_comp compensate: a recording with its drift removed."""
 
 import argparse
+from collections.abc import Iterator
 from contextlib import ExitStack
 import gc
 from pathlib import Path
@@ -13,7 +14,12 @@ from wrist_ft_comp.cli.tables import print_warnings, range_warnings
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.files.recordings import EXTERNAL_TOPIC, read_recording, rewrite_recording
+from wrist_ft_comp.files.recordings import (
+    check_copy,
+    EXTERNAL_TOPIC,
+    read_recording,
+    rewrite_recording,
+)
 from wrist_ft_comp.model.drift_model import DriftModel, StoredModel
 from wrist_ft_comp.model.offline import correct_many, initial_tare, track_drift
 from wrist_ft_comp.model.signals import AXES, Correction, FloatArray, NANOSECONDS, Recording
@@ -50,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_json(parser)
     group = options.add_topics(parser)
     group.add_argument(
-        '--output-topic', default='/wrench', metavar='TOPIC',
+        '--output-topic', type=options.topic, default='/wrench', metavar='TOPIC',
         help='of compensated wrenches (default: %(default)s)')  # fmt: skip
 
 
@@ -58,6 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     paths.check_model(arguments.model)
     paths.check_recordings([arguments.recording])
+    added = [arguments.output_topic, *[EXTERNAL_TOPIC] * (arguments.reference == 'payload')]
+    check_copy(arguments.recording, arguments.output, added, [arguments.model])
+    options.warn_of_idle(arguments, [arguments.recording])
     stored = load_model(arguments.model)
     model, topics = stored.model, options.topics_from(arguments)
     period_s = model.period_ns / NANOSECONDS
@@ -75,7 +84,13 @@ def run(arguments: argparse.Namespace) -> int:
             lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare), topics=topics,
             output_topic=arguments.output_topic, external=external,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
-    warnings = (*recording.warnings, *warnings, *range_warnings(stored, recording), *said)
+    warnings = (
+        *_untared(tare),
+        *recording.warnings,
+        *warnings,
+        *range_warnings(stored, recording),
+        *said,
+    )
     if arguments.json:
         answer = {'output': arguments.output, 'tare': dict(zip(AXES, tare.tolist(), strict=True))}
         options.print_json({**answer, 'warnings': warnings})
@@ -83,6 +98,16 @@ def run(arguments: argparse.Namespace) -> int:
     print_warnings(warnings)
     print(f'wrote {arguments.output}')
     return 0
+
+
+def _untared(tare: FloatArray) -> Iterator[str]:
+    """Say what a missing tare means."""
+    if not tare.any():
+        yield (
+            'Nothing was tared: drift is removed, but every axis keeps a constant offset, perhaps '
+            'of many newtons. Give --tare SECONDS where the recording begins unloaded, or '
+            'subtract what is left of an unloaded part.'
+        )
 
 
 def _external(

@@ -15,12 +15,11 @@ from typing import Any, NoReturn, TextIO
 
 from tqdm import tqdm
 
-from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.demos.plan import Plan
 from wrist_ft_comp.cli.demos.result import draw, judge
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.demo_log import load_demo_log
-from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
 
 _END_TIMEOUT_S = 10.0
@@ -43,13 +42,13 @@ def play(folder: Path, log_file: Path, plan: Plan, messages: TextIO) -> None:
             if event['event'] == 'recording':
                 running['simulated sensor'] = stack.enter_context(_process(*plan.sensor()))
             else:
-                _show(event, bar, messages)
+                _show(event, bar, messages, str(folder))
     if not log_file.exists():
         raise RecordingError('The demonstration ended without a result; see the messages above.')
 
 
-def _show(event: _Event, bar: 'tqdm[NoReturn]', messages: TextIO) -> None:
-    """Show what the operator tells."""
+def _show(event: _Event, bar: 'tqdm[NoReturn]', messages: TextIO, folder: str) -> None:
+    """Show what the operator tells, but for the files in a folder that is removed at the end."""
     if event['event'] == 'progress':
         bar.set_description(str(event['what']))
         bar.update(float(str(event['share'])) - bar.n)
@@ -57,7 +56,9 @@ def _show(event: _Event, bar: 'tqdm[NoReturn]', messages: TextIO) -> None:
         raise RecordingError(f'The demonstration failed: {event["text"]}')
     elif event['event'] == 'message':
         bar.clear()
-        print(event['text'], file=messages, flush=True)
+        for line in str(event['text']).splitlines():
+            if folder not in line:
+                print(line, file=messages, flush=True)
 
 
 def _events(operator: _Process, running: Mapping[str, _Process]) -> Iterator[_Event]:
@@ -132,10 +133,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--output', type=Path, default=Path('out'), metavar='FOLDER',
         help='for the picture, demo.png (default: %(default)s)')  # fmt: skip
     parser.add_argument(
-        '--seed', type=int, default=1, metavar='N',
+        '--seed', type=options.number(0, 2**63 - 1), default=1, metavar='N',
         help='specimen of the simulated sensor (default: %(default)s)')  # fmt: skip
     parser.add_argument(
-        '--speed', type=options.number(0.01, 10_000.0), default=450.0, metavar='TIMES',
+        '--speed', type=options.number(0.1, 1000.0), default=450.0, metavar='TIMES',
         help='how many times faster than real time (default: %(default)g)')  # fmt: skip
     parser.add_argument(
         '--at-work', action='store_true',
@@ -151,12 +152,8 @@ def run(arguments: argparse.Namespace) -> int:
             'The demonstration needs rclpy, which this Python does not have. Source a ROS 2 '
             'installation, or install the package with its extra "ros".'
         )
-    try:
-        arguments.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordingError(
-            f'{arguments.output} cannot be made: {error.strerror}. Choose another --output.'
-        ) from error
+    picture = arguments.output / 'demo.png'
+    paths.PICTURE.check_target(picture)
     with tempfile.TemporaryDirectory(prefix='wrist_ft_comp_demo_') as folder:
         log_file = Path(folder, 'log.npz')
         messages = sys.stderr if arguments.json else sys.stdout
@@ -166,8 +163,7 @@ def run(arguments: argparse.Namespace) -> int:
         learnt = load_payloads(Path(folder, 'data', 'models', PAYLOADS))
     masses_kg = {name: payload.mass_kg for name, (payload, _) in learnt.items()}
     outcome = judge(log, masses_kg if plan.at_work else None)
-    picture = arguments.output / 'demo.png'
-    write_report(picture, draw(log, external=plan.at_work), 'picture')
+    paths.PICTURE.write(picture, draw(log, external=plan.at_work))
     if arguments.json:
         options.print_json({**outcome.as_json(), 'picture': picture})
     else:

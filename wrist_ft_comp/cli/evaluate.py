@@ -9,12 +9,12 @@ from wrist_ft_comp.calibration.chamber import chamber_figures, compensate_table
 from wrist_ft_comp.calibration.payload.at_work import learn_at_work
 from wrist_ft_comp.cli import options, paths, tables
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
-from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
 from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.learnt import LearntPayloads, same_payload
+from wrist_ft_comp.model.ranges import rounded
 from wrist_ft_comp.model.signals import NANOSECONDS, Progress, Reference
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors
 from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
@@ -47,7 +47,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     paths.check_model(arguments.model)
     paths.check_recordings(arguments.recordings)
-    paths.check_report_target(arguments.report, [arguments.model, *arguments.recordings])
+    if arguments.report:
+        paths.REPORT.check_target(arguments.report, [arguments.model, *arguments.recordings])
+    options.warn_of_idle(arguments, arguments.recordings)
     stored = load_model(arguments.model)
     count = len(arguments.recordings)
     with options.progress_bar('evaluating') as progress:
@@ -58,11 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     pooled = judge_errors([each.errors for each in judged])
     view = evaluation_view(stored, judged, arguments.tare)
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
-    if arguments.json:
-        figures = _as_json(arguments, stored, pooled, judged)
-        also = {'verdicts': tables.verdicts_json(verdicts), 'warnings': view.warnings}
-        options.print_json({**figures, **also})
-    else:
+    if not arguments.json:
         units = {axis.axis: axis.unit for axis in view.axes}
         print(f'{evaluation_text(pooled, units)}\n\n{tables.verdict_text(verdicts)}')
         for path, each in zip(arguments.recordings, judged, strict=True):
@@ -70,9 +68,13 @@ def run(arguments: argparse.Namespace) -> int:
                 print(f'\n{path}\n{tables.chamber_table_text(each.figures)}')
     tables.print_warnings(view.warnings)
     if arguments.report:
-        write_report(arguments.report, page(view))
+        paths.REPORT.write(arguments.report, page(view))
         if not arguments.json:
             print(f'report: {arguments.report}')
+    if arguments.json:
+        figures = _as_json(arguments, stored, pooled, judged)
+        also = {'verdicts': tables.verdicts_json(verdicts), 'warnings': view.warnings}
+        options.print_json({**figures, **also})
     return 0
 
 
@@ -120,7 +122,7 @@ def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]
     return tables.table_text(
         ['axis', 'unit', 'RMS before', 'after', 'peak before', 'after', 'RMS ratio'],
         [
-            [axis, units[axis], *(f'{figure:.4g}' for figure in vars(e).values()),
+            [axis, units[axis], *(rounded(figure, 4) for figure in vars(e).values()),
              f'{e.rms_before / e.rms_after:.1f}' if e.rms_after > 0 else '-']
             for axis, e in axes.items()
         ],

@@ -1,17 +1,19 @@
 """The command ``wrist_ft_comp``: exit code 0 done, 1 refused with one sentence, 2 usage."""
 
 from collections.abc import Sequence
+from functools import partial
 import io
+from itertools import takewhile
 import os
+import re
+import signal
 import sys
 
 import wrist_ft_comp
 from wrist_ft_comp.cli import calibrate, compensate, completion, demo, evaluate, show
-from wrist_ft_comp.cli.options import Parser
-from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.cli.options import Parser, print_json
+from wrist_ft_comp.errors import INTERRUPTED, UsageError, WristFtCompError
 
-#: What a shell reports for a command that Ctrl-C ended.
-_INTERRUPTED = 130
 EXAMPLES = """\
 examples:
   wrist_ft_comp calibrate warm_up.mcap -o model.yaml
@@ -35,27 +37,30 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
         texts = {'description': command.DESCRIPTION, 'epilog': command.EXAMPLES}
         name = command.__name__.rpartition('.')[2]
         own = commands.add_parser(name, help=command.HELP, **texts)
-        own.set_defaults(run=command.run, whole=parser, commands=commands)
+        own.set_defaults(run=command.run, own=own, whole=parser, commands=commands)
         command.add_arguments(own)
     return parser, dict(commands.choices)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command, with the process's arguments by default; returns the exit code."""
-    _print_any_text()
+    words = sys.argv[1:] if argv is None else argv
+    options = takewhile(lambda word: word != '--', words)
+    refuse = partial(_refuse, as_json=any(re.fullmatch('--js(o(n)?)?', word) for word in options))
     try:
-        return _run(sys.argv[1:] if argv is None else argv)
+        _prepare_streams()
+        return _run(words)
     except WristFtCompError as error:
-        return _refuse(str(error))
+        return refuse(error.kind(), str(error), 2 if isinstance(error, UsageError) else 1)
     except KeyboardInterrupt:
-        _refuse('interrupted; nothing was left half-written.')
-        return _INTERRUPTED
+        return refuse('interrupted', INTERRUPTED, 128 + signal.SIGINT)
     except BrokenPipeError:  # the reader of our output has gone, such as "head"
         _abandon_output()
         return 0
     except OSError as error:
         where = f'{error.filename}: ' if error.filename is not None else 'Reading or writing: '
-        return _refuse(f'{where}{error.strerror or error}. Check the path, rights and free space.')
+        what = f'{where}{error.strerror or error}. Check the path, rights and free space.'
+        return refuse('operating_system', what, 1)
 
 
 def _run(argv: Sequence[str]) -> int:
@@ -71,20 +76,27 @@ def _run(argv: Sequence[str]) -> int:
     return code
 
 
-def _refuse(sentence: str) -> int:
-    """Say on one line of standard error why there is no result."""
-    print(f'wrist_ft_comp: {" ".join(sentence.split())}', file=sys.stderr)
+def _refuse(kind: str, sentence: str, code: int, *, as_json: bool) -> int:
+    """Say on one line of standard error why there is no result, and to scripts what kind it is."""
+    # What others say may end in a full stop of its own.
+    sentence = re.sub(r'(?<=\w)\.\.(?= |$)', '.', ' '.join(sentence.split()))
+    print(f'wrist_ft_comp: {sentence}', file=sys.stderr)
     try:
+        if as_json:
+            print_json({'error': {'kind': kind, 'message': sentence}})
         sys.stdout.flush()
     except OSError:
         _abandon_output()
-    return 1
+    return code
 
 
-def _print_any_text() -> None:
-    """Write characters that a narrow locale lacks, such as "°", as escapes instead of failing."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
+def _prepare_streams() -> None:
+    """Write any character, such as "°", in a narrow locale, too, and to closed streams nothing."""
+    for name in ('stdout', 'stderr'):
+        stream = getattr(sys, name)
+        if stream is None:  # closed by whoever started us
+            setattr(sys, name, open(os.devnull, 'w'))  # noqa: PTH123, SIM115 -- for good
+        elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='backslashreplace')
 
 

@@ -2,22 +2,30 @@
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import difflib
 from itertools import takewhile
 import json
 import math
 from pathlib import Path
 import re
-from typing import Any, get_args
+import sys
+from typing import Any, get_args, NoReturn, TypeVar
 
 from tqdm import tqdm
 
+from wrist_ft_comp.errors import UsageError
 from wrist_ft_comp.files.documents import plain
+from wrist_ft_comp.files.recordings import BAG, kind_of, TABLE
 from wrist_ft_comp.model.ranges import range_words
 from wrist_ft_comp.model.signals import Progress, Reference, Topics
 from wrist_ft_comp.model.temperature_source import parse_sources
 
+_OF_BAGS = (
+    'wrench_topic', 'temperature_topic', 'reference_topic', 'imu_topic', 'gravity_frame',
+    'output_topic',
+)  # fmt: skip
+Number = TypeVar('Number', int, float)
 RECORDING_HELP = (
     'a rosbag2 folder, a bare .mcap or .db3, a CSV file, or a chamber table '
     '(see the README for their columns)'
@@ -31,6 +39,11 @@ class Parser(argparse.ArgumentParser):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
         # Let "--hat-temperatures -40,0,20" be an option and its value.
         self._negative_number_matcher = re.compile(r'-\.?\d')
+
+    def error(self, message: str) -> NoReturn:
+        """Show the usage, and leave the sentence to whoever parses."""
+        self.print_usage(sys.stderr)
+        raise UsageError(message)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Refuse unknown options first: argparse would miss an argument that has a wrong name."""
@@ -59,20 +72,27 @@ def _did_you_mean(word: str, known: Iterable[str]) -> str:
     return f' Did you mean {near[0]}?' if near else ''
 
 
-def number(low: float, high: float = math.inf) -> Callable[[str], float]:
-    """Make a parser of finite numbers in a range, for ``add_argument(type=…)``."""
+def number(low: Number, high: float = math.inf) -> Callable[[str], Number]:
+    """Make a parser, for ``add_argument``, of numbers from low to high: whole ones if low is."""
 
-    def parse(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if math.isfinite(value) and low <= value <= high:
-            return value
-        limits = range_words(low, high)
-        raise argparse.ArgumentTypeError(f'expected a number {limits}, got {text!r}')
+    def parse(text: str) -> Number:
+        with suppress(ValueError):
+            value = type(low)(text)
+            if low <= value <= high and value < math.inf:
+                return value
+        what = f'a{" whole" * isinstance(low, int)} number {range_words(low, high)}'
+        raise argparse.ArgumentTypeError(f'expected {what}, got {text!r}')
 
     return parse
+
+
+def topic(text: str) -> str:
+    """Parse the name of a topic that is to be made, for ``add_argument(type=…)``."""
+    if re.fullmatch(r'/?[a-z_]\w*(/[a-z_]\w*)*', text, re.ASCII | re.IGNORECASE):
+        return text
+    raise argparse.ArgumentTypeError(
+        f'expected words of letters, digits and _, joined by /, such as /wrench; got {text!r}'
+    )
 
 
 def add_recordings(parser: argparse.ArgumentParser) -> None:
@@ -111,7 +131,33 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
     temperatures = tuple(arguments.temperature_topic or Topics().temperatures)
     parse_sources(temperatures, lambda topic: topic.strip('/'))
     force = arguments.imu_topic, arguments.gravity_frame
+    if all(force):
+        raise UsageError('--imu-topic and --gravity-frame tell the same; leave one out.')
     return Topics(arguments.wrench_topic, temperatures, arguments.reference_topic, *force)
+
+
+def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> None:
+    """Warn of the options that were given and do nothing for these recordings."""
+    kinds = {kind_of(path) for path in recordings}
+    asked = {'method': '', 'features': None, 'reference': 'recorded', **vars(arguments)}
+    given = {name for name in asked if asked[name] != arguments.own.get_default(name)}
+    method, tables = asked['method'], kinds == {TABLE}
+    hats = asked['features'] == 'hats' or 'hat_temperatures' in given
+    hats |= tables and (method == 'auto' or asked['features'] is None)
+    chosen_alone = method == 'arx_pls_oe' or (method == 'auto' and not hats)
+    for names, idle, why in (
+        (_OF_BAGS, BAG not in kinds, 'nothing that was named is a bag'),
+        (['keep_copied_columns'], TABLE not in kinds, 'nothing that was named is a chamber table'),
+        (['tare'], tables and 'output' in asked, 'a chamber table is tared where its load is 0'),
+        (['reference_topic'], asked['reference'] != 'recorded', 'the reference is not "recorded"'),
+        (['latents'], chosen_alone, f'the method {method} has none to choose'),
+        (['features'], hats and asked['features'] != 'hats', 'auto takes hats for chamber tables'),
+        (['degree'], hats, 'hats have no degree'),
+    ):
+        for name in sorted(given.intersection(names)) if idle else ():
+            print(
+                f'warning: --{name.replace("_", "-")} does nothing here: {why}.', file=sys.stderr
+            )
 
 
 def add_reference(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""Checks of the paths on the command line, made before work that takes minutes."""
+"""The paths on the command line: checked before work that takes minutes; what is written there."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,7 +6,12 @@ from pathlib import Path
 from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.files.bags.bag import SUFFIXES
 from wrist_ft_comp.files.chamber_table import is_chamber_table
+from wrist_ft_comp.files.documents import Output
 from wrist_ft_comp.files.model_file import is_model
+from wrist_ft_comp.report import GENERATOR, PAINTER
+
+REPORT = Output(name='report', says=f'content="{GENERATOR}"', endings='.html .htm')
+PICTURE = Output(name='picture', says=f'Software\0{PAINTER}', endings='.png')
 
 
 def _is_recording(path: Path) -> bool:
@@ -36,18 +41,3 @@ def check_recordings(paths: Sequence[Path]) -> None:
     for path in paths:
         if resolved.count(path.resolve()) > 1:
             raise RecordingError(f'{path} is named twice; name each recording once.')
-
-
-def check_report_target(path: Path | None, others: Sequence[Path]) -> None:
-    """Refuse a report that cannot be written, or would overwrite the model or a recording."""
-    if path is None:
-        return
-    problem = ''
-    if not path.absolute().parent.is_dir():
-        problem = f'cannot be written: {path.parent} is no folder. Make it first.'
-    elif path.is_dir():
-        problem = 'cannot be written: it is a folder. Name a file in it.'
-    elif path.resolve() in {other.resolve() for other in others}:
-        problem = 'would overwrite the model or a recording. Name another file.'
-    if problem:
-        raise RecordingError(f'The report {path} {problem}')

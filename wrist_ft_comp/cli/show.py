@@ -7,21 +7,20 @@ import json
 from pathlib import Path
 import shlex
 
-from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.tables import days_text, payloads_json, table_text
 from wrist_ft_comp.errors import SettingsError, StateFileError
 from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.files.days.memory import load_memory, Memory
 from wrist_ft_comp.files.days.survey import node_folders, survey
-from wrist_ft_comp.files.documents import beginning, write_report
 from wrist_ft_comp.files.model_file import is_model, load_model
 from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
 from wrist_ft_comp.files.recordings import describe_recording, RecordingSummary, REFERENCE
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.directions import ForceSummary
 from wrist_ft_comp.model.payload.learnt import payload_line
+from wrist_ft_comp.model.ranges import rounded
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics
-from wrist_ft_comp.report import GENERATOR
 from wrist_ft_comp.report.view import drifts_removed, model_sources
 
 #: What a model is for, to whoever finds one.
@@ -58,12 +57,15 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     path = arguments.file
     document: dict[str, object]
+    recordings = []
     if arguments.picture and not node_folders(path):
         raise SettingsError(
             f'--picture draws the days of a node that learns, and {path} holds none. Name its '
             'data_directory.'
         )
-    if GENERATOR in beginning(path):
+    if arguments.picture:
+        paths.PICTURE.check_target(arguments.picture)
+    if paths.REPORT.is_own(path):
         document = {'name': path.name, 'kind': 'report'}
         text = f'{path}: a report of wrist_ft_comp; open it in a browser'
     elif folders := node_folders(path):
@@ -78,9 +80,11 @@ def run(arguments: argparse.Namespace) -> int:
         lines = (f'  {payload_line(*each)}' for each in learnt.items())
         text = '\n'.join((f'{path}: payloads, by the names that payload.active takes', *lines))
     else:
+        recordings = [path]
         with options.progress_bar('reading') as progress:
             summary = describe_recording(path, options.topics_from(arguments), progress)
         document, text = _as_json(summary, path), _text(summary, path)
+    options.warn_of_idle(arguments, recordings)
     if arguments.json:
         options.print_json(document)
     else:
@@ -97,12 +101,15 @@ def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, obje
         with suppress(StateFileError):  # which the node has told, and begins anew
             memory = load_memory(folder) or memory
         days = [{**vars(each), 'known': sorted(each.known)} for each in diary.days]
+        for day in days:
+            if not day['first_ns']:  # its recording could not be read
+                day.update(first_ns=None, hours=None)
         document[str(folder)] = {**vars(diary), 'days': days, 'node': memory}
         texts.append(days_text(folder, diary, memory))
     if picture:
         from wrist_ft_comp.report.days_picture import days_png  # noqa: PLC0415 -- matplotlib
 
-        write_report(picture, days_png(survey(folders[0])), 'picture')
+        paths.PICTURE.write(picture, days_png(survey(folders[0])))
     return document, '\n\n'.join(texts)
 
 
@@ -155,7 +162,7 @@ def _axes_text(stored: StoredModel) -> str:
     return table_text(
         ['axis', 'unit', 'RMS before', 'after (held out)', 'drift', 'time constants, s'],
         [
-            [axis, entry['unit'], f'{entry["rms_before"]:.4g}', f'{entry["rms_after"]:.4g}',
+            [axis, entry['unit'], rounded(entry['rms_before'], 4), rounded(entry['rms_after'], 4),
              drifts_removed(stored.model.axes.get(axis)),
              ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-']
             for axis, entry in stored.document['axes'].items()
@@ -169,7 +176,7 @@ def _text(summary: RecordingSummary, path: Path) -> str:
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
     rows = [
         [each.name, each.kind, str(each.samples),
-         f'{(each.samples - 1) / span_s:.4g}' if span_s else '-', each.role or '-']
+         rounded((each.samples - 1) / span_s, 4) if span_s else '-', each.role or '-']
         for each in summary.channels
     ]  # fmt: skip
     return '\n'.join(
@@ -208,9 +215,9 @@ def _quality(candidates: Sequence[Candidate]) -> Iterator[str]:
     yield 'as           per second  span, s  longest gap, s          values  topic'
     for each in candidates:
         values = '{:.1f} to {:.1f}'.format(*each.reads) if each.reads else ''
-        rate = f'{each.rate_hz:.4g}' if each.rate_hz else '-'
+        rate = rounded(each.rate_hz, 4) if each.rate_hz else '-'
         yield (
-            f'{each.role:11}  {rate:>10}  {each.span_s:7.1f}  {each.longest_gap_s:14.3g}  '
+            f'{each.role:11}  {rate:>10}  {each.span_s:7.1f}  {rounded(each.longest_gap_s):>14}  '
             f'{values:>14}  {each.entry}'
         )
     yield ''

@@ -14,6 +14,7 @@ from wrist_ft_comp.files.days.memory import Memory
 from wrist_ft_comp.files.payload_file import payload_figures
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.weight import Payload
+from wrist_ft_comp.model.ranges import rounded
 from wrist_ft_comp.model.signals import Recording
 from wrist_ft_comp.report.days import date_of, forces_left, known_temperatures
 from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
@@ -51,9 +52,10 @@ def days_text(directory: Path, diary: Diary, memory: Memory) -> str:
     """Put days into a table, and below it what was said of them and what is known."""
     days = diary.days[-MOST_DAYS:]
     rows = [
-        [each.name.removesuffix('.csv'), date_of(each), f'{each.hours:.1f}',
+        [each.name.removesuffix('.csv'), date_of(each),
+         f'{each.hours:.1f}' if each.first_ns else '-',
          ' to '.join(f'{value:.1f}' for value in (*each.temperature_c, ())[0]) or '-',
-         *('-' if np.isnan(value) else f'{value:.3g}' for value in forces_left(each))]
+         *('-' if np.isnan(value) else rounded(value) for value in forces_left(each))]
         for each in days
     ]  # fmt: skip
     header = ['day', 'date', 'hours', 'temperature, °C', 'drift, N', 'live left', 'challenger']
@@ -125,6 +127,6 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
             sentences.append(
                 f'Thermometer {number + 1} of {recording.name} goes from {column.min():.1f} to '
                 f'{column.max():.1f} °C; the model was learnt from {low:.1f} to {high:.1f} °C. '
-                f'For {100 * share:.2g} % of the time the correction is a guess.'
+                f'For {rounded(100 * share, 2)} % of the time the correction is a guess.'
             )
     return tuple(sentences)

@@ -13,6 +13,7 @@ import numpy as np
 
 from wrist_ft_comp.calibration.chamber import ChamberTable, leave_out_copies
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.files.csv_file import COMPENSATED
 from wrist_ft_comp.files.documents import beginning
 from wrist_ft_comp.model.signals import AXES, Correction
 
@@ -91,6 +92,7 @@ def rewrite_table(source: Path, target: Path, correct: Correction) -> tuple[str,
     columns = list(zip(*rows, strict=True))
     for temperature, at in _output_columns(rows[0]):
         columns[at] = (rows[0][at], *map(repr, outputs.get(temperature, ())))
+    columns.append((COMPENSATED, *[''] * (len(rows) - 1)))
     with target.open('x', encoding='utf-8', newline='') as file:
         kept = [column for column in columns if len(column) == len(rows)]
         csv.writer(file, lineterminator='\n').writerows(zip(*kept, strict=True))

@@ -39,6 +39,8 @@ from wrist_ft_comp.model.signals import (
 
 #: Characters per piece, the bound of what is in memory: some 10 000 rows.
 CHUNK = 1_000_000
+#: Name of the empty column of a recording from which drift was removed.
+COMPENSATED = 'compensated_by_wrist_ft_comp'
 
 
 def nanoseconds(text: str) -> int:
@@ -241,19 +243,21 @@ def rewrite_csv(
     progress: Progress | None = None,
 ) -> tuple[str, ...]:
     """Copy a recording, its wrench corrected and all else verbatim; says what was left out."""
-    # What ``external`` makes of the raw wrench comes in columns of its own.
+    # An empty column says that it is compensated; what ``external`` makes of the raw wrench comes
+    # in columns of its own.
     recording = CsvRecording(source)
     require_column(source.name, recording.columns, 'raw wrench', AXES)
     added = [f'external_{axis}' for axis in AXES if external and axis in recording.columns]
     if twice := set(added) & set(recording.columns):
         raise RecordingError(f'{source.name} holds {min(twice)} already; remove that column.')
     with target.open('x', encoding='utf-8', newline='') as file:
-        file.write(f'{recording.delimiter.join((recording.header, *added))}\n')
+        file.write(f'{recording.delimiter.join((recording.header, COMPENSATED, *added))}\n')
         writer = csv.writer(file, delimiter=recording.delimiter, lineterminator='\n')
         for piece in recording.pieces(progress):
             corrected = _corrected(piece, correct)
             columns = zip(recording.columns, piece.cells, strict=True)
             cells = [corrected.get(column, verbatim) for column, verbatim in columns]
+            cells.append([''] * len(piece.stamps_ns))
             if external:
                 made = _corrected(piece, external).values()
                 cells += [['' if cell == 'nan' else cell for cell in each] for each in made]

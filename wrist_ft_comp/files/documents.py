@@ -1,21 +1,21 @@
-"""What the package's own files share: atomic writing, a bound on their size, a schema."""
+"""What the package's own files share: what they may replace, atomic writing, size, a schema."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass
-import errno
 from functools import cache
 from importlib import resources
 import json
 import os
 from pathlib import Path
+import re
 from secrets import token_hex
 import time
 from typing import Any
 
 import numpy as np
 
-from wrist_ft_comp.errors import RecordingError, WristFtCompError
+from wrist_ft_comp.errors import OutputError, RecordingError, WristFtCompError
 
 Document = dict[str, Any]
 #: What a temporary neighbour's name ends with.
@@ -26,14 +26,19 @@ _ABANDONED_S = 60.0
 _QUOTED = 200
 #: In so much of a file it says what it is, bytes.
 _BEGINNING = 4096
+#: Endings of names that promise a content; a new file of another content gets none of them.
+_PROMISES = {
+    '.yaml': 'a model file', '.yml': 'a model file', '.json': 'JSON', '.html': 'a report',
+    '.htm': 'a report', '.png': 'a picture', '.svg': 'a picture', '.jpg': 'a picture',
+    '.pdf': 'a document', '.csv': 'a CSV file', '.mcap': 'a bag of mcap',
+    '.db3': 'a bag of sqlite3',
+}  # fmt: skip
 
 
 def replace_file(target: Path, content: str | bytes) -> None:
     """Write a file; an existing one is replaced in one step, when the new one is on the disk."""
-    # Devices and pipes are not replaced. Where it raises OSError, what was there before stays.
-    # File names in the text may hold bytes that are no text; they become "?".
-    if target.exists() and not (target.is_file() or target.is_dir()):
-        raise FileExistsError(errno.EEXIST, 'It is no regular file', str(target))
+    # Where it raises OSError, what was there before stays. File names in the text may hold bytes
+    # that are no text; they become "?".
     data = content.encode(errors='replace') if isinstance(content, str) else content
     neighbour = target.parent / f'.{target.name}.{token_hex(4)}{_SUFFIX}'
     try:
@@ -80,17 +85,6 @@ def writing(path: Path) -> Iterator[None]:
         raise RecordingError(f'{path} cannot be written: {error.strerror}.') from error
 
 
-def write_report(path: Path, content: str | bytes, what: str = 'report') -> None:
-    """Write a report, HTML, or a picture, PNG; an existing one is replaced in one step."""
-    try:
-        replace_file(path, content)
-    except OSError as error:
-        raise RecordingError(
-            f'The {what} {path} cannot be written: {error.strerror}. Choose a folder that can be '
-            'written to, or make room.'
-        ) from error
-
-
 def plain(value: Any) -> Any:
     """Turn records and arrays into plain values; an unknown number is none, for want of a NaN."""
     if is_dataclass(value):
@@ -118,33 +112,115 @@ def _refuse_constant(name: str) -> None:
 def beginning(path: Path) -> str:
     """Read the beginning of a file, where it says what it is; of what is none, nothing."""
     try:
+        if not path.is_file():
+            return ''  # a pipe would keep whoever reads it waiting
         with path.open('rb') as file:
             return file.read(_BEGINNING).decode(errors='replace')
     except (OSError, ValueError):
         return ''
 
 
-@dataclass(frozen=True)
-class Kind:
-    """A kind of file that this package writes and reads."""
+def _same(path: Path, other: Path) -> bool:
+    """Tell whether two paths lead to one file, by whatever spelling or links."""
+    if path.exists() and other.exists():
+        return path.samefile(other)
+    return os.path.realpath(path) == os.path.realpath(other)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """A kind of file that this package writes; ``write`` is the only door to it."""
 
     #: Such as ``model file``.
     name: str
-    #: What stands at ``format`` in it, and the only version that is read.
+    #: Regular expression that is found in the beginning of every such file, and of no other; empty
+    #: where none is ever replaced.
     says: str
+    #: How the name of a new one may end, of the endings that promise something: ``.html .htm``.
+    endings: str
+    #: What is raised.
+    error: type[WristFtCompError] = OutputError
+    #: What is said where the disk refuses one, with {path} and {reason}.
+    unwritable: str = '{path} cannot be written: {reason}. Name another path, or make room.'
+    #: Whether what is no such file is moved aside, once, as ``NAME.kept``: a node's own, which may
+    #: be broken beyond recognition, must not stop it.
+    keeps: bool = False
+
+    def is_own(self, path: Path) -> bool:
+        """Tell by its content whether a file is of this kind, of whatever version."""
+        return bool(self.says and re.search(self.says, beginning(path)))
+
+    def check_target(self, path: Path, others: Iterable[Path] = ()) -> None:
+        """
+        Refuse to write where something else is, and change nothing.
+
+        Parameters
+        ----------
+        path : Path
+            Where to write. There may be nothing, an empty file, or a file of this kind.
+        others : iterable of Path
+            What the same command reads, or writes besides; none of them is replaced.
+
+        Raises
+        ------
+        WristFtCompError
+            Of the class ``error``, when something would be lost, or cannot be written.
+
+        """
+        exists = path.exists()
+        filled = exists and (path.stat().st_size > 0 or not self.says)
+        same = next((other for other in others if _same(path, other)), None)
+        promise = _PROMISES.get(path.suffix.lower(), '')
+        above = next((folder for folder in path.absolute().parents if folder.exists()), path)
+        obstacles = {
+            f'it is the same file as {same}': same,
+            'it is a folder': path.is_dir(),
+            'it is a link that leads nowhere': path.is_symlink() and not exists,
+            'it is no regular file': exists and not path.is_file(),
+            f'it exists and is no {self.name} of this package': filled and not self.is_own(path),
+            f'it is named like {promise}, and a {self.name} ends in {self.endings}':
+                promise and not filled and path.suffix.lower() not in self.endings.split(),
+            f'{above} is no folder': not above.is_dir(),
+            f'{above} may not be written to': not os.access(above, os.W_OK),
+        }  # fmt: skip
+        for reason, met in obstacles.items():
+            if met:
+                raise self.error(self.unwritable.format(path=path, reason=reason))
+
+    def write(self, path: Path, content: str | bytes) -> None:
+        """Write a file, and its folder where it is missing, in one step, as far as it may."""
+        try:
+            kept = path.with_name(f'{path.name}.kept')
+            foreign = path.is_file() and path.stat().st_size and not self.is_own(path)
+            if self.keeps and foreign and not kept.exists():
+                path.rename(kept)
+            self.check_target(path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            replace_file(path, content)
+        except OSError as error:
+            reason = self.unwritable.format(path=path, reason=error.strerror)
+            raise self.error(reason) from error
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind(Output):
+    """A kind of file that this package reads as well; ``says`` stands at ``format`` in it."""
+
+    #: The only version that is read.
     version: int
     #: Name of the schema, which lies beside this module.
     schema: str
     #: No such file is larger.
     max_bytes: int
-    #: What is raised.
-    error: type[WristFtCompError]
     #: Where to get a good one, a sentence.
     made_by: str
     #: What to do about a broken one.
     renewed_by: str
-    #: What is said where the disk refuses one, with {path} and {reason}.
-    unwritable: str
+    endings: str = '.json'
+
+    def is_own(self, path: Path) -> bool:
+        """Tell by its content whether a file is of this kind, of whatever version."""
+        return bool(re.search(rf'format["\']?:\s*["\']?{self.says}', beginning(path)))
 
     def read(self, path: Path) -> bytes:
         """Read a file that must not be larger than any of its kind is."""
@@ -159,15 +235,6 @@ class Kind:
                 f'{self.made_by}'
             )
         return content
-
-    def write(self, path: Path, text: str) -> None:
-        """Write a file, and its folder where it is missing, in one step."""
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            replace_file(path, text)
-        except OSError as error:
-            reason = self.unwritable.format(path=path, reason=error.strerror)
-            raise self.error(reason) from error
 
     def write_json(self, path: Path, content: Document, indent: int | None = 1) -> None:
         """Write values as a JSON file of this kind and version."""

@@ -14,7 +14,7 @@ import yaml
 import wrist_ft_comp
 from wrist_ft_comp.calibration.result import Calibration
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.files.documents import beginning, Kind, plain
+from wrist_ft_comp.files.documents import Kind, plain
 from wrist_ft_comp.model.arx import Arx
 from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
@@ -36,31 +36,15 @@ _KEPT = (
 # A model of six axes with hats and banks takes some tens of kilobytes.
 KIND = Kind(
     name='model file', says='wrist_ft_comp drift model', version=1, schema='model.schema.json',
-    max_bytes=4_000_000, error=ModelFileError, made_by='Make one with wrist_ft_comp calibrate.',
+    max_bytes=4_000_000, endings='.yaml .yml', error=ModelFileError,
+    made_by='Make one with wrist_ft_comp calibrate.',
     renewed_by='Calibrate again',
-    unwritable='{path} cannot be written: {reason}. Choose a folder that can be written to, or '
-    'make room; no file was changed.')  # fmt: skip
+    unwritable='{path} cannot be written: {reason}. Name another file, or make room; no file was '
+    'changed.')  # fmt: skip
 
 
-def is_model(path: Path) -> bool:
-    """Tell whether a file says that it is a model, of whatever version."""
-    return KIND.says in beginning(path)
-
-
-def check_model_target(path: Path) -> None:
-    """Refuse to put a model in the place of something else; its folder is made later."""
-    if path.is_dir():
-        raise ModelFileError(
-            f'{path} is a folder; name a file in it, such as {path / "model.yaml"}.'
-        )
-    if path.is_file() and path.stat().st_size and not is_model(path):
-        raise ModelFileError(
-            f'{path} exists and is no model file, so it is not overwritten. Name another file for '
-            'the model, or remove this one first.'
-        )
-    above = next((folder for folder in path.absolute().parents if folder.exists()), path.parent)
-    if not above.is_dir():
-        raise ModelFileError(f'{path} cannot be made: {above} is no folder. Name another file.')
+#: Tells whether a file says that it is a model, of whatever version.
+is_model = KIND.is_own
 
 
 def load_model(path: Path | str) -> StoredModel:
@@ -212,7 +196,6 @@ def save_model(
     from importlib.metadata import version  # noqa: PLC0415 -- a node that only loads starts faster
 
     path = Path(path)
-    check_model_target(path)
     document = {
         'format': KIND.says,
         'version': KIND.version,

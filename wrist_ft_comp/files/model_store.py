@@ -18,7 +18,7 @@ from tempfile import TemporaryFile
 from typing import Any
 
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.files.documents import remove_leftovers, replace_file
+from wrist_ft_comp.files.documents import Output, remove_leftovers
 
 #: How many steps back ``previous`` can go.
 MAX_HISTORY = 20
@@ -26,6 +26,11 @@ MAX_HISTORY = 20
 MAX_RECORDINGS = 10
 #: A list of MAX_HISTORY paths is shorter.
 _MAX_LIST_CHARACTERS = 200_000
+_LIST = Output(
+    name='list of models', says=r'"history"|\A\s*\[\s*(null|".*\.ya?ml"|\])', endings='.json',
+    keeps=True, error=ModelFileError,
+    unwritable='{path} cannot be written: {reason}. Make room, or choose another '
+    'data_directory; the model is active until the node ends.')  # fmt: skip
 
 
 class ModelStore:
@@ -109,20 +114,12 @@ class ModelStore:
     def activate(self, history: list[Path | None], given: str | None = None) -> None:
         """Remember models that were active, newest last; paths in the folder stay relative."""
         # Which model the operator gave, a SHA-256, stays as it was when left out.
-        path = self.directory / 'active.json'
         entries = [None if entry is None else self._written(entry) for entry in history]
         document = {
             'history': entries[-MAX_HISTORY:],
             'given': self.given() if given is None else given,
         }
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            replace_file(path, json.dumps(document, indent=1))
-        except OSError as error:
-            raise ModelFileError(
-                f'{path} cannot be written: {error.strerror}. Make room, or choose another '
-                'data_directory; the model is active until the node ends.'
-            ) from error
+        _LIST.write(self.directory / 'active.json', json.dumps(document, indent=1))
 
     def check_writable(self) -> str:
         """Say why nothing can be kept here, without leaving a trace; empty when something can."""

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from wrist_ft_comp.calibration.chamber import OUTPUT_UNIT
-from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.errors import OutputError, RecordingError
 from wrist_ft_comp.files.bags.bag import Bag, open_bag, SUFFIXES
 from wrist_ft_comp.files.bags.bag_recording import read_bag, rewrite_bag
 from wrist_ft_comp.files.bags.gravity import gravity_samples, uppermost_frame
@@ -24,8 +24,8 @@ from wrist_ft_comp.files.bags.survey import (
     TF,
 )
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
-from wrist_ft_comp.files.csv_file import CsvRecording, rewrite_csv
-from wrist_ft_comp.files.documents import writing
+from wrist_ft_comp.files.csv_file import COMPENSATED, CsvRecording, rewrite_csv
+from wrist_ft_comp.files.documents import beginning, Output, writing
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.columns import require_channels
 from wrist_ft_comp.model.payload.directions import describe_force, ForceSummary, moments_of
@@ -61,6 +61,11 @@ def kind_of(path: Path) -> str:
     if not path.exists():
         raise RecordingError(
             f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file.'
+        )
+    if not path.is_dir() and not path.is_file():
+        raise RecordingError(
+            f'{path} is neither a file nor a folder; a recording is read twice. Write what it '
+            'gives into a file first.'
         )
     if path.is_dir() or path.suffix in SUFFIXES:
         return BAG
@@ -130,7 +135,8 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
             blocks, name=path.name, period_s=period_s, max_bad_share=max_bad_share
         )
     unit = OUTPUT_UNIT if kind == TABLE else ''
-    return replace(recording, warnings=(*recording.warnings, *warnings), unit=unit)
+    done = filter(None, [_compensated(path)])
+    return replace(recording, warnings=(*done, *recording.warnings, *warnings), unit=unit)
 
 
 def rewrite_recording(  # noqa: PLR0913 - as read_recording
@@ -153,7 +159,10 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
     # leaves nothing behind.
     source, target = Path(source), Path(target)
     kind = kind_of(source)
-    _check_target(source, target)
+    outputs = {output_topic: correct, **({EXTERNAL_TOPIC: external} if external else {})}
+    copy = check_copy(source, target, list(outputs))
+    with writing(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
     with (
         writing(target),
         TemporaryDirectory(prefix=f'.{target.name}.', dir=target.parent) as folder,
@@ -161,27 +170,42 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
         made = Path(folder) / target.name
         if kind == BAG:
             with open_bag(source) as bag:
-                outputs = {output_topic: correct}
-                if external:
-                    outputs[EXTERNAL_TOPIC] = external
                 warnings = rewrite_bag(bag, made, outputs, topics or Topics(), progress)
         elif kind == CSV:
             warnings = rewrite_csv(source, made, correct, external, progress)
         else:
             warnings = rewrite_table(source, made, correct)
-        _check_target(source, target)
+        copy.check_target(target)
         made.rename(target)
     return warnings
 
 
-def _check_target(source: Path, target: Path) -> None:
-    """Refuse a target that would overwrite or cannot be made."""
-    if target.resolve() == source.resolve():
-        raise RecordingError(f'{target} is the source itself; name another target.')
-    if target.exists() or target.is_symlink():
-        raise RecordingError(f'{target} exists already; name a new file or remove it first.')
-    if not target.parent.is_dir():
-        raise RecordingError(f'{target.parent} is no folder; make it first.')
+def check_copy(
+    source: Path, target: Path, topics: Sequence[str] = (), others: Sequence[Path] = ()
+) -> Output:
+    """Refuse a target of a copy, or topics that are added to it, before anything is read."""
+    copy = Output(name='copy', says='', endings='.csv')
+    if done := _compensated(source):
+        raise RecordingError(done)
+    if kind_of(source) == BAG:
+        with open_bag(source) as bag:
+            taken = {connection.topic.strip('/') for connection in bag.connections}
+            for topic in topics:
+                if topic.strip('/') in taken:
+                    raise OutputError(
+                        f'{bag.name} holds {topic} already; name another topic for the output.'
+                    )
+                taken.add(topic.strip('/'))
+            (ending,) = (end for end, storage in SUFFIXES.items() if storage == bag.storage)
+        copy = replace(copy, endings=ending)
+    copy.check_target(target, [source, *others])
+    return copy
+
+
+def _compensated(path: Path) -> str:
+    """Say that a file's drift was removed, as its header tells; empty where it was not."""
+    done = COMPENSATED in beginning(path).partition('\n')[0]
+    return f'{path.name} was compensated already. Name the raw recording.' if done else ''
 
 
 def hash_recording(path: Path) -> str:

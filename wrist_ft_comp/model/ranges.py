@@ -1,11 +1,18 @@
-"""Ranges of settings: a sentence for the number that lies outside."""
+"""Numbers in sentences: as people write them, and those outside the range of a setting."""
 
 import math
+
+import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
 
 #: Thermal cells that a person may choose, s: longer ones would average a warm-up away.
 PERIODS_S = (0.1, 600.0)
+
+
+def rounded(value: float, count: int = 3) -> str:
+    """Write a number with so many figures that count, and never with an exponent."""
+    return np.format_float_positional(value, count, unique=False, fractional=False, trim='-')
 
 
 def check_range(

@@ -202,6 +202,15 @@ class Recording:
         return tuple(axis for axis, here in zip(AXES, present, strict=True) if here)
 
 
+def require_recordings(given: object) -> None:
+    """Refuse what is no list of recordings, such as a single one, with a SettingsError."""
+    if not isinstance(given, Sequence) or not all(isinstance(each, Recording) for each in given):
+        raise SettingsError(
+            f'Expected a list of recordings; got {type(given).__name__}. Read a file with '
+            'read_recording, and put what it gives into a list: [day].'
+        )
+
+
 def noise_level(series: Sequence[FloatArray]) -> float:
     """Estimate the noise of slow series, robust against steps, from neighbours; 0 of none."""
     steps = np.concatenate([np.diff(values[np.isfinite(values)]) for values in series])

@@ -9,3 +9,5 @@ here opens a file: pages are text.
 
 #: What every page names as its generator, by which it is known again.
 GENERATOR = 'wrist_ft_comp report'
+#: The same of every picture of its own.
+PAINTER = 'wrist_ft_comp picture'

@@ -20,6 +20,8 @@ def forces_left(entry: DayEntry) -> FloatArray:
 
 def date_of(entry: DayEntry) -> str:
     """Write the date that a day began on by its stamps, UTC; what no calendar has is left out."""
+    if not entry.first_ns:
+        return '-'  # its recording could not be read
     try:
         return str(datetime.fromtimestamp(entry.first_ns // NANOSECONDS, timezone.utc).date())
     except (OverflowError, ValueError):

@@ -10,7 +10,7 @@ from wrist_ft_comp.calibration.payload.at_work import learn_at_work
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.drift_model import correct, DriftModel, no_drift
 from wrist_ft_comp.model.offline import simulate_drift, tare_at_start
-from wrist_ft_comp.model.signals import AXES, FloatArray, Recording, Reference
+from wrist_ft_comp.model.signals import AXES, FloatArray, Recording, Reference, require_recordings
 
 
 class TaredErrors(NamedTuple):
@@ -38,6 +38,7 @@ def evaluate(
     tare_s: float = 60.0,
 ) -> dict[str, AxisEvaluation]:
     """Judge a model on recordings: ``tared_errors`` of each, put into figures by axis."""
+    require_recordings(recordings)
     return judge_errors(
         [tared_errors(model, recording, reference, tare_s) for recording in recordings]
     )

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from wrist_ft_comp.model.signals import FloatArray, IntArray
+from wrist_ft_comp.report import PAINTER
 from wrist_ft_comp.report.coverage import Coverage, WORKING_RANGE_C
 from wrist_ft_comp.report.view import ErrorSeries, WorkView
 
@@ -269,5 +270,5 @@ def png_bytes(figure: Figure) -> bytes:
     """Turn a picture into the content of a PNG file."""
     FigureCanvasAgg(figure)
     buffer = BytesIO()
-    figure.savefig(buffer, dpi=120, format='png')
+    figure.savefig(buffer, dpi=120, format='png', metadata={'Software': PAINTER})
     return buffer.getvalue()

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from wrist_ft_comp.calibration.result import FoldErrors, HARMFUL_RATIO, SURE_SHARE
+from wrist_ft_comp.model.ranges import rounded
 
 Level = Literal['good', 'weak', 'harmful', 'uncalibrated']
 #: For people, the best first.
@@ -68,14 +69,14 @@ def judge(evidence: Evidence) -> Verdict:
     before, after = evidence.before, evidence.after
     if not evidence.compensated:
         return Verdict('uncalibrated', _why_uncalibrated(evidence))
-    figures = f'{before:.3g} → {after:.3g} {evidence.unit} RMS'
+    figures = f'{rounded(before)} → {rounded(after)} {evidence.unit} RMS'
     if after > HARMFUL_RATIO * before:
         return Verdict(
             'harmful',
             f'The model leaves more drift than no compensation would: {figures}'
             f'{_rests_on(evidence, harmful=True)}.',
         )
-    share = f'{100 * after / before:.2g}' if before > 0 else '0'
+    share = rounded(100 * after / before, 2) if before > 0 else '0'
     remainder = f'{share} % of the drift is left ({figures}){_rests_on(evidence)}'
     is_noise = after <= NOISE_MARGIN * evidence.noise
     doubts = _doubts(evidence)

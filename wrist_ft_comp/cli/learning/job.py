@@ -14,9 +14,9 @@ from wrist_ft_comp.calibration.learning.entry import Decision, Diary
 from wrist_ft_comp.calibration.learning.incidents import pause
 from wrist_ft_comp.calibration.learning.lesson import Champion, describe_day, take
 from wrist_ft_comp.calibration.result import Calibration
+from wrist_ft_comp.cli.paths import REPORT
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.files.days.diary import alone, load_diary, prune, save_diary
-from wrist_ft_comp.files.documents import write_report
 from wrist_ft_comp.files.job_request import ANOTHER_LEARNS, CalibrationJob, Learning
 from wrist_ft_comp.files.model_file import load_model, save_model
 from wrist_ft_comp.files.payload_file import add_payloads, PAYLOADS
@@ -102,7 +102,7 @@ def _save(
     if job.report is not None:
         with suppress(WristFtCompError):
             view = calibration_view(better, [look(n).drift for n in days], stored, 'payload')
-            write_report(job.report, page(view))
+            REPORT.write(job.report, page(view))
     return answer
 
 

@@ -204,20 +204,10 @@ def rewrite_bag(
     # Storage and compression are those of the source. The target is a folder or, where it is named
     # like one, the bare storage file. Where a raw one has none, none is added. Says what was lost.
     bare = target.suffix in SUFFIXES
-    if bare and SUFFIXES[target.suffix] != bag.storage:
-        raise RecordingError(
-            f'{target.name} names another storage than that of {bag.name}, {bag.storage}; name a '
-            'folder, or a file with the suffix of that storage.'
-        )
     folder = target.with_name(f'{target.stem}_bag') if bare else target
     compression = '' if bare else bag.compression
     wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
     stream, raw = _Stream(wrenches[0], AXES), {connection.id for connection in wrenches}
-    for topic in outputs:
-        if bag.named(topic):
-            raise RecordingError(
-                f'{bag.name} holds {topic} already; name another topic for the output.'
-            )
     with backend().write_bag(folder, bag, compression) as (add, write):
         copies = {c.id: add(c, c.topic) for c in bag.connections}
         added = [add(wrenches[0], f'/{topic.strip("/")}') for topic in outputs]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.csv_file import CsvRecordingWriter, nanoseconds
-from wrist_ft_comp.files.documents import writing
+from wrist_ft_comp.files.documents import beginning, writing
 from wrist_ft_comp.model.signals import AXES, NANOSECONDS, REFERENCE_CHANNELS
 
 #: Length of a day, silence that ends one, and what is too short to be one, ns.
@@ -145,13 +145,15 @@ class DayFiles:
         return self._writer
 
     def leave(self) -> None:
-        """End the day; one of a few minutes was none."""
+        """End the day; one of a few minutes was none, if it was begun here."""
         self.close()
         path, self.path = self.path, None
         if path is None:
             return
         with writing(path):
-            if not path.exists():
+            header = ','.join((DayWriter.stamp, *self._channels))
+            own = header.startswith(beginning(path)[: len(header)])
+            if not path.exists() or not own:
                 return
             span, size = span_of(path), path.stat().st_size
             if span.last_ns - span.first_ns < SHORTEST_NS if span else size < _PIECE:

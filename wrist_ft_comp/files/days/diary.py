@@ -19,7 +19,7 @@ from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.files.documents import Document, Kind, plain, tuples
 
 KIND = Kind(
-    name='diary', says='wrist_ft_comp diary', version=1, schema='diary.schema.json',
+    name='diary', says='wrist_ft_comp diary', version=1, schema='diary.schema.json', keeps=True,
     max_bytes=20_000_000, error=RecordingError, made_by='A node that learns makes one.',
     renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '

@@ -8,7 +8,7 @@ from wrist_ft_comp.files.documents import Kind
 
 KIND = Kind(
     name='learning state', says='wrist_ft_comp learning', version=1,
-    schema='learning.schema.json', max_bytes=1_000_000, error=StateFileError,
+    schema='learning.schema.json', keeps=True, max_bytes=1_000_000, error=StateFileError,
     made_by='A node that learns makes one.', renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; until then a restart may forget an offered model.')  # fmt: skip
