@@ -14,7 +14,7 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.recordings import EXTERNAL_TOPIC, read_recording, rewrite_recording
-from wrist_ft_comp.model.drift_model import DriftModel, StoredModel
+from wrist_ft_comp.model.drift_model import check_sensor, DriftModel, StoredModel
 from wrist_ft_comp.model.offline import correct_many, initial_tare, track_drift
 from wrist_ft_comp.model.signals import AXES, Correction, FloatArray, NANOSECONDS, Recording
 
@@ -67,6 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         recording = read_recording(
             arguments.recording, period_s=period_s, topics=topics,
             progress=lambda done: progress(done / 3))  # fmt: skip
+        doubts = check_sensor(stored, recording.sensor, f'in {recording.name}')
         track = track_drift(model, recording)
         tare = _tare(arguments, model, recording)
         external, said = _external(arguments, stored, recording)
@@ -75,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
             lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare), topics=topics,
             output_topic=arguments.output_topic, external=external,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
-    warnings = (*recording.warnings, *warnings, *range_warnings(stored, recording), *said)
+    warnings = (*doubts, *recording.warnings, *warnings, *range_warnings(stored, recording), *said)
     if arguments.json:
         answer = {'output': arguments.output, 'tare': dict(zip(AXES, tare.tolist(), strict=True))}
         options.print_json({**answer, 'warnings': warnings})

@@ -53,7 +53,10 @@ class RecordService(Part):
 
     def _begin(self) -> str:
         """Start recording; say where to."""
-        from wrist_ft_comp.files.csv_file import CsvRecordingWriter  # noqa: PLC0415 -- rare
+        from wrist_ft_comp.files.csv_file import (  # noqa: PLC0415 -- rare
+            CsvRecordingWriter,
+            origin_column,
+        )
 
         if self.current is not None:
             raise RecordingError(
@@ -67,7 +70,8 @@ class RecordService(Part):
         try:
             with writing(self._store.directory):
                 path = self._store.new_recording_path()
-                writer = CsvRecordingWriter(path, self._recorder.channels)
+                origin = origin_column(self._recorder.sensor())
+                writer = CsvRecordingWriter(path, (*self._recorder.channels, origin))
         except RecordingError as error:
             self._hub.destroy_subscription(reference)
             raise RecordingError(f'{error} {REMEDY}.') from error
