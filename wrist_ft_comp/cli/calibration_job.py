@@ -75,8 +75,7 @@ def _read(
     for number, path in enumerate(job.recordings):
         part = part_of(report, number, 2 * len(job.recordings))
         try:
-            recording = _read_one(job, path, part)
-            sha256 = _hash_new(path, used)
+            recording, sha256 = _read_one(job, path, used, part)
         except RecordingError as error:
             last = number + 1 == len(job.recordings)
             if not job.skip_unusable or (last and not recordings):
@@ -88,21 +87,18 @@ def _read(
     return recordings, used, tuple(left_out)
 
 
-def _hash_new(path: Path, used: Mapping[str, Path]) -> str:
-    """Hash a recording; refuse a copy of one that is used, which would count twice."""
-    sha256 = hash_recording(path)
-    if sha256 in used:
-        raise RecordingError(f'{path} is a copy of {used[sha256]}; name one of them only.')
-    return sha256
-
-
-def _read_one(job: CalibrationJob, path: Path, report: Progress) -> Recording:
-    """Read a recording; where others may do, refuse one that this calibration cannot use."""
+def _read_one(
+    job: CalibrationJob, path: Path, used: Mapping[str, Path], report: Progress
+) -> tuple[Recording, str]:
+    """Read and hash a recording; refuse a copy, and what this calibration can do without."""
     recording = read_recording(
         path, period_s=job.period_s, topics=job.topics,
         keep_copied_columns=job.keep_copied_columns, progress=report)  # fmt: skip
+    sha256 = hash_recording(path)
+    if sha256 in used:
+        raise RecordingError(f'{path} is a copy of {used[sha256]}; name one of them only.')
     if not job.skip_unusable:
-        return recording
+        return recording, sha256
     thermometers = len(job.topics.temperatures)
     if recording.thermometers != thermometers:
         raise RecordingError(
@@ -114,7 +110,7 @@ def _read_one(job: CalibrationJob, path: Path, report: Progress) -> Recording:
             f'{path.name} holds no reference wrench. Record wrench_reference beside the raw '
             'wrench, or declare the reference unloaded or constant.'
         )
-    return recording
+    return recording, sha256
 
 
 def view_job(

@@ -24,6 +24,7 @@ from wrist_ft_comp.files.documents import writing
 from wrist_ft_comp.model.columns import (
     channel_groups,
     mistyped_columns,
+    ORIGIN,
     require_column,
     samples_of,
 )
@@ -41,20 +42,16 @@ from wrist_ft_comp.model.signals import (
 
 #: Characters per piece, the bound of what is in memory: some 10 000 rows.
 CHUNK = 1_000_000
-#: Beginning of the name of an empty column, which goes on with what the sensor is called.
-_ORIGIN = 'recorded_from?'
 
 
 def origin_column(sensor: SensorNames) -> str:
     """Name the column that says what the sensor is called."""
-    return _ORIGIN + urlencode(sensor, doseq=True, safe='/:[]')
+    return ORIGIN + urlencode(sensor, doseq=True, safe='/:[]')
 
 
 def sensor_in(columns: Sequence[str]) -> SensorNames:
     """Read what the sensor is called from the names of columns."""
-    return parse_qs(
-        ''.join(each.partition('?')[2] for each in columns if each.startswith(_ORIGIN))
-    )
+    return parse_qs(''.join(each[len(ORIGIN) :] for each in columns if each.startswith(ORIGIN)))
 
 
 def nanoseconds(text: str) -> int:

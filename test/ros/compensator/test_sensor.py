@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.files.days.day_files import DayFiles
 from wrist_ft_comp.files.recordings import read_recording
 from wrist_ft_comp.ros.node_log import OK, WARN
 
@@ -84,7 +85,9 @@ def test_a_recording_tells_the_model_its_sensor(rig, tmp_path):
         node.put(at, [warm + 0.01 * (k % 7)] * 6, 'left_ft, "b"')
         node.put_temperature(at, 20.0 + warm, 20.0)
     assert node.call('record', False).success
-    sensor = read_recording(path, period_s=0.1).sensor
+    recording = read_recording(path, period_s=0.1)
+    assert recording.warnings == ()
+    sensor = recording.sensor
     assert sensor == {
         'hardware_id': ['FT-7'], 'frame_id': ['left_ft, "b"'],
         'wrench_topic': [node.topic('wrench_raw')], 'temperature_topics': TOPICS,
@@ -105,3 +108,15 @@ def test_a_recording_tells_the_model_its_sensor(rig, tmp_path):
     answer = other.call('calibrate')
     assert not answer.success
     assert 'in another order' in answer.message
+
+
+def test_a_restart_with_the_thermometers_in_another_order_begins_another_day(tmp_path):
+    for hour, topics in enumerate((TOPICS, TOPICS, TOPICS[::-1])):
+        days = DayFiles(tmp_path, ('force_z', 'temperature_c', 'temperature_2_c'), 1e9)
+        days.sensor = lambda topics=topics: {'temperature_topics': topics}
+        for minute in range(60):
+            days.append(START + (60 * hour + minute) * 60 * SECOND, [1.0, 20.0, 25.0])
+        days.close()
+    first, second = sorted((tmp_path / 'days').iterdir())
+    assert first.read_text().count('\n') == 121
+    assert 'temperature_topics=/b/state:motors[0]&' in second.read_text()
