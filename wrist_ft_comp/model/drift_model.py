@@ -102,9 +102,10 @@ class StoredModel:
 
     @property
     def sensor(self) -> SensorNames:
-        """What the sensor was called that it was learnt from."""
+        """What the sensor was called that it was learnt from; people may have edited that."""
         known = ((fact, self.document['provenance'].get(fact)) for fact in SENSOR_FACTS)
-        return {fact: [n] if isinstance(n, str) else n for fact, n in known if n}
+        named = ((fact, [n] if isinstance(n, str) else n) for fact, n in known if n)
+        return {fact: [*map(str, n)] for fact, n in named if isinstance(n, list)}
 
 
 def check_unit(model: DriftModel, unit: str = '', name: object = 'The model') -> None:
