@@ -26,7 +26,8 @@ import time
 from typing import Any
 from unittest import mock
 
-from hypothesis import HealthCheck, settings, strategies as st
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
 from hypothesis.stateful import (
     initialize,
     invariant,
@@ -38,7 +39,6 @@ from hypothesis.stateful import (
 from stand import make_model, message, write_warm_up
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.files.cdr import locate, WRENCH_DOUBLES
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -112,7 +112,7 @@ class Ground:
     """What all lives share: a ROS context, a model, and a count of what was done."""
 
     def __init__(self, folder: Path) -> None:
-        from rclpy.context import Context  # noqa: PLC0415 -- after the environment is set
+        from rclpy.context import Context
 
         self.folder = folder
         self.model = make_model(write_warm_up(folder / 'warm_up.csv', 1800), folder / 'm.yaml')
@@ -160,10 +160,11 @@ class HostileRobot(RuleBasedStateMachine):
 
     def _start(self) -> None:
         """Start the node; WristFtCompError when it refuses."""
-        from rclpy.logging import LoggingSeverity, set_logger_level  # noqa: PLC0415 -- likewise
-        from rclpy.parameter import Parameter  # noqa: PLC0415 -- after the environment is set
+        from rclpy.impl.logging_severity import LoggingSeverity
+        from rclpy.logging import set_logger_level
+        from rclpy.parameter import Parameter
 
-        from wrist_ft_comp.ros.compensator_node import CompensatorNode  # noqa: PLC0415
+        from wrist_ft_comp.ros.compensator_node import CompensatorNode
 
         given = {
             'data_directory': str(self.data), 'model_file': 'models/m.yaml',
@@ -308,7 +309,7 @@ class HostileRobot(RuleBasedStateMachine):
         self._force(message(self.now_ns, doubles))
 
     @rule(force=st.sampled_from([(0.0, 0.0, 9.807), (0.0, 0.0, 0.0)]), noisy=st.booleans())
-    def minute_at_rest(self, force: tuple[float, float, float], noisy: bool) -> None:  # noqa: FBT001
+    def minute_at_rest(self, force: tuple[float, float, float], noisy: bool) -> None:
         """More than a minute of a robot that stands still, perhaps without any noise."""
         self._did('minutes at rest')
         for k in range(130):
@@ -321,9 +322,9 @@ class HostileRobot(RuleBasedStateMachine):
     # What people ask for
 
     @rule(name=st.sampled_from(SERVICES), flag=st.booleans())
-    def service(self, name: str, flag: bool) -> None:  # noqa: FBT001
+    def service(self, name: str, flag: bool) -> None:
         """Call a service, whatever else runs."""
-        from std_srvs.srv import SetBool, Trigger  # noqa: PLC0415 -- after the environment
+        from std_srvs.srv import SetBool, Trigger
 
         self._did('service calls')
         full = f'/wrist_ft_comp/{name}'
@@ -339,7 +340,7 @@ class HostileRobot(RuleBasedStateMachine):
     @rule(row=st.sampled_from(PARAMETERS), which=st.integers(0, 5))
     def parameter(self, row: tuple[str, tuple[Any, ...]], which: int) -> None:
         """Set a parameter, rightly or wrongly."""
-        from rclpy.parameter import Parameter  # noqa: PLC0415 -- after the environment
+        from rclpy.parameter import Parameter
 
         self._did('parameters')
         name, values = row
@@ -377,13 +378,13 @@ class HostileRobot(RuleBasedStateMachine):
                 os.mkfifo(path)
 
     @rule(full=st.booleans())
-    def disk(self, full: bool) -> None:  # noqa: FBT001
+    def disk(self, full: bool) -> None:
         """Fill the disk, or make room."""
         self._did('full and empty disks')
         self.full = full
 
     @rule(die=st.booleans())
-    def restart(self, die: bool) -> None:  # noqa: FBT001
+    def restart(self, die: bool) -> None:
         """End the node, or kill it, and start it again; a refusal is mended by a fresh folder."""
         self._did('kills' if die else 'restarts')
         self._end(die=die)
@@ -442,7 +443,7 @@ class HostileRobot(RuleBasedStateMachine):
 
     def _end(self, *, die: bool) -> None:
         """End the node, or drop it as a kill does."""
-        from wrist_ft_comp.ros.inputs.raw_node import RawNode  # noqa: PLC0415 -- as above
+        from wrist_ft_comp.ros.inputs.raw_node import RawNode
 
         node, self.node = self.node, None
         if node is None:
@@ -468,7 +469,7 @@ def resident_mb() -> float:
 
 def run(steps: int, seed: int) -> tuple[Counter[str], int]:
     """Take steps; what was done, and how many lives that were."""
-    from hypothesis import seed as with_seed  # noqa: PLC0415 -- a name that is used as one above
+    from hypothesis import seed as with_seed
 
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -482,7 +483,8 @@ def run(steps: int, seed: int) -> tuple[Counter[str], int]:
         )  # fmt: skip
         machine: Any = with_seed(seed)(HostileRobot)
         try:
-            run_state_machine_as_test(machine, settings=chosen)
+            take: Any = run_state_machine_as_test
+            take(machine, settings=chosen)
         finally:
             GROUND[0].context.try_shutdown()
         return GROUND[0].done, GROUND[0].lives

@@ -84,6 +84,14 @@ def csv_columns() -> str:
             ),
         ],
         [f'`{ROTATION_CHANNEL}`', 'rad/s', 'speed of rotation of the sensor'],
+        [
+            '`recorded_from?…`',
+            '–',
+            (
+                'empty; written by a node, its name goes on with what the sensor was called, such '
+                'as `frame_id=ft&wrench_topic=/ft/wrench&temperature_topics=/ft/temperature`'
+            ),
+        ],
     ]
     return table(('column', 'unit', 'what it is'), rows)
 

@@ -133,11 +133,12 @@ def test_a_named_recording_is_not_left_out(good, two, tmp_path):
         run_job(job(tmp_path, good, two))
 
 
-def test_the_hash_of_a_folder_is_that_of_its_files_in_order(tmp_path):
+def test_the_hash_of_a_bag_is_that_of_its_storage_in_order(tmp_path):
     folder = tmp_path / 'bag'
-    (folder / 'inner').mkdir(parents=True)
-    (folder / 'b').write_bytes(b'two')
-    (folder / 'a').write_bytes(b'one ')
+    (folder / 'inner.mcap').mkdir(parents=True)
+    (folder / 'bag_1.mcap.zstd').write_bytes(b'two')
+    (folder / 'bag_0.mcap.zstd').write_bytes(b'one ')
+    (folder / 'metadata.yaml').write_bytes(b'version: 9')
     assert hash_recording(folder) == hashlib.sha256(b'one two').hexdigest()
 
 

@@ -199,13 +199,6 @@ def test_an_evaluation_of_ten_hours_at_a_cell_a_second_is_no_larger_and_has_its_
     assert {axis.axis: axis.errors for axis in view.axes} == expected
 
 
-def test_an_evaluation_on_what_was_learnt_is_no_proof(make, judge):
-    warnings = judge(make.recording('monday.csv')).warnings
-    assert warnings[0].startswith('By its name, monday.csv is among')
-    other = make.recording('b.csv', 1)
-    assert judge(other).warnings == other.warnings
-
-
 def test_an_evaluation_beside_a_chamber_table_is_refused(make, stored):
     judged = make.evaluated(stored, make.recording())
     other = replace(judged, recording=replace(judged.recording, unit='output units'))

@@ -1,5 +1,6 @@
 """A calibration from recordings to a model and its evidence, and its summary in a few lines."""
 
+from collections import ChainMap
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,7 +15,7 @@ from wrist_ft_comp.calibration.result import AxisFit, Calibration, SURE_SHARE
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.identification.axis_data import assign_folds, AxisData, build_axis_data
-from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.model.drift_model import differences, DriftModel
 from wrist_ft_comp.model.signals import AXES, IntArray, Progress, Recording
 
 #: What a start looks at: long enough for the noise of a thermometer, short for a thermal body, s.
@@ -79,8 +80,13 @@ def calibrate(
         work = None
         fits, model = _learn(recordings, axes, folds, settings, tell)
     duration_s = sum(recording.duration_s for recording in recordings)
+    sensors = {
+        f'in recording {n}, {each.name}': each.sensor for n, each in enumerate(recordings, 1)
+    }
+    apart = differences(sensors)
     warnings = [
         *(warning for recording in recordings for warning in recording.warnings),
+        *([f'Recordings of several sensors: {apart}. Calibrate every one alone.'] * bool(apart)),
         *dropped,
         *data_checks.silent_stretches(recordings, settings.max_gap_s),
         *data_checks.idle_thermometers(recordings),
@@ -91,7 +97,7 @@ def calibrate(
     sources = tuple(recording.name for recording in recordings)
     at_work = (work.payloads, work.separation) if work else (None, None)
     known = model, fits, ranges, duration_s, tuple(warnings), sources, settings
-    return Calibration(*known, *at_work)
+    return Calibration(*known, *at_work, ChainMap(*map(dict, sensors.values())))
 
 
 def _learn(

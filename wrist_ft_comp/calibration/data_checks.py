@@ -7,6 +7,7 @@ import numpy as np
 
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.identification.axis_data import find_plateaus
+from wrist_ft_comp.model.drift_model import order_problem
 from wrist_ft_comp.model.signals import (
     AXES,
     BoolArray,
@@ -60,6 +61,8 @@ def check_alike(recordings: Sequence[Recording]) -> None:
                 f'{first.name} and {other.name} are in different units; they must be the same. '
                 'Calibrate chamber tables and other recordings apart.'
             )
+        if problem := order_problem(first.sensor, other.sensor):
+            raise CalibrationRefusedError(f'{first.name} and {other.name} differ: {problem}')
 
 
 def check_temperatures(recordings: Sequence[Recording], min_span_k: float) -> FloatArray:

@@ -1,6 +1,6 @@
 """What a calibration found: records for the model file, the report and the summary."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ from wrist_ft_comp.calibration.settings import CalibrationSettings
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import DriftModel
 from wrist_ft_comp.model.payload.learnt import LearntPayloads
-from wrist_ft_comp.model.signals import FloatArray, IntArray
+from wrist_ft_comp.model.signals import FloatArray, IntArray, SensorNames
 
 Output = Literal['zero', 'sensitivity']
 OUTPUTS: tuple[Output, ...] = ('zero', 'sensitivity')
@@ -126,6 +126,7 @@ class Calibration:
     The range holds lowest and highest temperature of each thermometer, °C, shape (J, 2); warnings
     are what a person should know, in sentences; sources are the names of the recordings. With the
     reference payload, payloads are those that could be told, and separation is what they rest on.
+    The sensor is what the recordings call it, the first one where they differ.
     """
 
     model: DriftModel
@@ -137,3 +138,4 @@ class Calibration:
     settings: CalibrationSettings | None = None
     payloads: LearntPayloads | None = None
     separation: Separation | None = None
+    sensor: SensorNames = field(default_factory=dict)

@@ -33,9 +33,9 @@ from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.job_request import CalibrationJob, decode_job, UNTIL_CLOSED
 from wrist_ft_comp.files.model_file import save_model
-from wrist_ft_comp.files.recordings import BAG, hash_recording, kind_of, read_recording
+from wrist_ft_comp.files.recordings import hash_recording, read_recording
 from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.signals import Progress, Recording, Topics
+from wrist_ft_comp.model.signals import Progress, Recording
 from wrist_ft_comp.report.of_calibration import calibration_view
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.view import ReportView
@@ -59,43 +59,46 @@ def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome
     report = progress or (lambda _: None)
     recordings, used, left_out = _read(job, report)
     calibration = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
-    sources = [{'path': str(path), 'sha256': hash_recording(path)} for path in used]
-    provenance: dict[str, object] = {'recordings': sources}
+    sources = [{'path': str(path), 'sha256': sha256} for sha256, path in used.items()]
     calibration = keep_payloads(job, calibration)
-    if job.topics != Topics() or any(kind_of(path) == BAG for path in used):
-        provenance['temperature_topics'] = list(job.topics.temperatures)
-    stored = save_model(job.output, calibration, provenance)
+    stored = save_model(job.output, calibration, {'recordings': sources})
     return JobOutcome(calibration, stored, tuple(recordings), left_out)
 
 
 def _read(
     job: CalibrationJob, report: Progress
-) -> tuple[list[Recording], list[Path], tuple[str, ...]]:
-    """Read all recordings; half of the progress is reading."""
+) -> tuple[list[Recording], dict[str, Path], tuple[str, ...]]:
+    """Read all recordings, half of the progress; give them, their paths by hash, and warnings."""
     recordings: list[Recording] = []
-    used: list[Path] = []
+    used: dict[str, Path] = {}
     left_out: list[str] = []
     for number, path in enumerate(job.recordings):
         part = part_of(report, number, 2 * len(job.recordings))
         try:
-            recordings.append(_read_one(job, path, part))
+            recording, sha256 = _read_one(job, path, used, part)
         except RecordingError as error:
             last = number + 1 == len(job.recordings)
             if not job.skip_unusable or (last and not recordings):
                 raise
             left_out.append(f'{path.name} was left out: {error}')
         else:
-            used.append(path)
+            recordings.append(recording)
+            used[sha256] = path
     return recordings, used, tuple(left_out)
 
 
-def _read_one(job: CalibrationJob, path: Path, report: Progress) -> Recording:
-    """Read a recording; where others may do, refuse one that this calibration cannot use."""
+def _read_one(
+    job: CalibrationJob, path: Path, used: Mapping[str, Path], report: Progress
+) -> tuple[Recording, str]:
+    """Read and hash a recording; refuse a copy, and what this calibration can do without."""
     recording = read_recording(
         path, period_s=job.period_s, topics=job.topics,
         keep_copied_columns=job.keep_copied_columns, progress=report)  # fmt: skip
+    sha256 = hash_recording(path)
+    if sha256 in used:
+        raise RecordingError(f'{path} is a copy of {used[sha256]}; name one of them only.')
     if not job.skip_unusable:
-        return recording
+        return recording, sha256
     thermometers = len(job.topics.temperatures)
     if recording.thermometers != thermometers:
         raise RecordingError(
@@ -107,7 +110,7 @@ def _read_one(job: CalibrationJob, path: Path, report: Progress) -> Recording:
             f'{path.name} holds no reference wrench. Record wrench_reference beside the raw '
             'wrench, or declare the reference unloaded or constant.'
         )
-    return recording
+    return recording, sha256
 
 
 def view_job(

@@ -20,7 +20,7 @@ from wrist_ft_comp.files.recordings import (
     read_recording,
     rewrite_recording,
 )
-from wrist_ft_comp.model.drift_model import DriftModel, StoredModel
+from wrist_ft_comp.model.drift_model import check_sensor, DriftModel, StoredModel
 from wrist_ft_comp.model.offline import correct_many, initial_tare, track_drift
 from wrist_ft_comp.model.signals import AXES, Correction, FloatArray, NANOSECONDS, Recording
 
@@ -76,6 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         recording = read_recording(
             arguments.recording, period_s=period_s, topics=topics,
             progress=lambda done: progress(done / 3))  # fmt: skip
+        doubts = check_sensor(stored, recording.sensor, f'in {recording.name}')
         track = track_drift(model, recording)
         tare = _tare(arguments, model, recording)
         external, said = _external(arguments, stored, recording)
@@ -85,6 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
             output_topic=arguments.output_topic, external=external,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
     warnings = (
+        *doubts,
         *_untared(tare),
         *recording.warnings,
         *warnings,

@@ -11,14 +11,15 @@ from wrist_ft_comp.cli import options, paths, tables
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
-from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.model.drift_model import StoredModel
+from wrist_ft_comp.files.recordings import hash_recording, read_recording
+from wrist_ft_comp.model.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.model.payload.learnt import LearntPayloads, same_payload
 from wrist_ft_comp.model.ranges import rounded
 from wrist_ft_comp.model.signals import NANOSECONDS, Progress, Reference
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors
 from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
 from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.view import model_sources
 
 HELP = 'judge a model on recordings'
 DESCRIPTION = 'Compare raw and compensated wrenches with the reference, both tared first.'
@@ -89,7 +90,10 @@ def _judge(
     )
     is_table = path.is_file() and is_chamber_table(path)
     reference: Reference = arguments.reference or ('recorded' if is_table else 'unloaded')
-    warnings = (*recording.warnings, *tables.range_warnings(stored, recording))
+    warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
+    if hash_recording(path) in {sha256 for _, sha256 in model_sources(stored)}:
+        warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
+    warnings += (*recording.warnings, *tables.range_warnings(stored, recording))
     compared, true = recording, reference
     if reference == 'payload':
         work = learn_at_work([recording])

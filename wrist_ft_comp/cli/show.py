@@ -20,7 +20,7 @@ from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.directions import ForceSummary
 from wrist_ft_comp.model.payload.learnt import payload_line
 from wrist_ft_comp.model.ranges import rounded
-from wrist_ft_comp.model.signals import NANOSECONDS, Topics
+from wrist_ft_comp.model.signals import NANOSECONDS, SENSOR_FACTS, Topics
 from wrist_ft_comp.report.view import drifts_removed, model_sources
 
 #: What a model is for, to whoever finds one.
@@ -148,9 +148,10 @@ def _origin(stored: StoredModel) -> str:
 
 
 def _thermometers(stored: StoredModel) -> Iterator[str]:
-    """Say of every thermometer where it was calibrated, and its name if the provenance tells."""
-    named = stored.document['provenance'].get('temperature_topics')
-    names = [f', {entry}' for entry in named] if isinstance(named, list) else []
+    """Say what the sensor is called, and of every thermometer where it was calibrated."""
+    for fact in SENSOR_FACTS[:-1]:
+        yield from (f'{fact}: {name}' for name in stored.sensor.get(fact, ()))
+    names = [f', {entry}' for entry in stored.sensor.get('temperature_topics', ())]
     for j, thermometer in enumerate(stored.document['thermometers']):
         low, high = thermometer['range_c']
         name = names[j] if j < len(names) else ''

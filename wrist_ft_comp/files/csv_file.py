@@ -15,6 +15,7 @@ from math import isnan, nan
 import os
 from pathlib import Path
 import re
+from urllib.parse import parse_qs, urlencode
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from wrist_ft_comp.files.documents import writing
 from wrist_ft_comp.model.columns import (
     channel_groups,
     mistyped_columns,
+    ORIGIN,
     require_column,
     samples_of,
 )
@@ -35,12 +37,23 @@ from wrist_ft_comp.model.signals import (
     NANOSECONDS,
     Progress,
     Samples,
+    SensorNames,
 )
 
 #: Characters per piece, the bound of what is in memory: some 10 000 rows.
 CHUNK = 1_000_000
 #: Name of the empty column of a recording from which drift was removed.
 COMPENSATED = 'compensated_by_wrist_ft_comp'
+
+
+def origin_column(sensor: SensorNames) -> str:
+    """Name the column that says what the sensor is called."""
+    return ORIGIN + urlencode(sensor, doseq=True, safe='/:[]')
+
+
+def sensor_in(columns: Sequence[str]) -> SensorNames:
+    """Read what the sensor is called from the names of columns."""
+    return parse_qs(''.join(each[len(ORIGIN) :] for each in columns if each.startswith(ORIGIN)))
 
 
 def nanoseconds(text: str) -> int:
@@ -291,7 +304,7 @@ class CsvRecordingWriter:
     stamp = 'stamp_ns'
 
     def __init__(self, path: Path, channels: Sequence[str], *, go_on: bool = False) -> None:
-        self._path = path
+        self._path, self._width = path, len(channels)
         with writing(self._path):
             self._file = path.open('a' if go_on else 'x', encoding='utf-8', newline='')
         self._rows = csv.writer(self._file, lineterminator='\n')
@@ -306,7 +319,8 @@ class CsvRecordingWriter:
 
     def append(self, stamp_ns: int, values: Sequence[float]) -> None:
         """Write a row, ns and a value per channel, to the operating system; NaN is no sample."""
-        self._write(self._cells(stamp_ns, values))
+        filled = *values, *[nan] * (self._width - len(values))
+        self._write(self._cells(stamp_ns, filled))
 
     def _cells(self, stamp_ns: int, values: Sequence[float]) -> tuple[object, ...]:
         """Lay out a row."""

@@ -20,7 +20,7 @@ from wrist_ft_comp.model.arx_pls import ArxPls
 from wrist_ft_comp.model.axis_model import AxisModel
 from wrist_ft_comp.model.drift_model import Document, DriftModel, StoredModel
 from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import axis_unit, FloatArray
+from wrist_ft_comp.model.signals import axis_unit, FloatArray, SENSOR_FACTS
 
 #: Models are nested by less than half of this.
 _MAX_DEPTH = 30
@@ -214,6 +214,11 @@ def save_model(
             },
             'recordings': [{'path': source} for source in calibration.sources],
             'settings': calibration.settings,
+            **{
+                fact: names if fact == 'temperature_topics' else names[0]
+                for fact, names in calibration.sensor.items()
+                if fact in SENSOR_FACTS
+            },
             **(provenance or {}),
         },
         'axes': {

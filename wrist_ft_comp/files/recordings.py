@@ -14,7 +14,7 @@ from wrist_ft_comp.calibration.chamber import OUTPUT_UNIT
 from wrist_ft_comp.errors import OutputError, RecordingError
 from wrist_ft_comp.files.bags.bag import Bag, open_bag, SUFFIXES
 from wrist_ft_comp.files.bags.bag_recording import read_bag, rewrite_bag
-from wrist_ft_comp.files.bags.gravity import gravity_samples, uppermost_frame
+from wrist_ft_comp.files.bags.gravity import gravity_samples, sensor_of, uppermost_frame
 from wrist_ft_comp.files.bags.survey import (
     Candidate,
     RAW_WRENCH,
@@ -24,10 +24,11 @@ from wrist_ft_comp.files.bags.survey import (
     TF,
 )
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
-from wrist_ft_comp.files.csv_file import COMPENSATED, CsvRecording, rewrite_csv
+from wrist_ft_comp.files.csv_file import COMPENSATED, CsvRecording, rewrite_csv, sensor_in
 from wrist_ft_comp.files.documents import beginning, Output, writing
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.columns import require_channels
+from wrist_ft_comp.model.drift_model import order_problem
 from wrist_ft_comp.model.payload.directions import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.model.signals import (
     AXES,
@@ -39,6 +40,7 @@ from wrist_ft_comp.model.signals import (
     REFERENCE_CHANNELS,
     ROTATION_CHANNEL,
     Samples,
+    SensorNames,
     Topics,
 )
 from wrist_ft_comp.model.temperature_source import parse_source
@@ -119,13 +121,17 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
     kind = kind_of(path)
     blocks: Iterable[Samples]
     warnings: Iterable[str]
+    topics = topics or Topics()
+    sensor: SensorNames = {}
     with ExitStack() as stack:
         if kind == BAG:
             bag = stack.enter_context(open_bag(path))
-            blocks, warnings = read_bag(bag, topics or Topics(), progress), bag.warnings
+            blocks, warnings = read_bag(bag, topics, progress), bag.warnings
+            sensor = sensor_of(bag, topics)
         elif kind == CSV:
             text = CsvRecording(path)
             require_channels(path.name, text.columns)
+            sensor = sensor_in(text.columns)
             blocks, warnings = text.samples(progress), text.warnings
         else:
             table = read_chamber_table(path, keep_copied_columns=keep_copied_columns)
@@ -134,9 +140,12 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
         recording = grid_samples(
             blocks, name=path.name, period_s=period_s, max_bad_share=max_bad_share
         )
+    if problem := order_problem({'temperature_topics': topics.temperatures}, sensor):
+        raise RecordingError(f'{path.name} has its thermometers in another order: {problem}')
     unit = OUTPUT_UNIT if kind == TABLE else ''
     done = filter(None, [_compensated(path)])
-    return replace(recording, warnings=(*done, *recording.warnings, *warnings), unit=unit)
+    warnings = *done, *recording.warnings, *warnings
+    return replace(recording, warnings=warnings, unit=unit, sensor=sensor)
 
 
 def rewrite_recording(  # noqa: PLR0913 - as read_recording
@@ -209,13 +218,15 @@ def _compensated(path: Path) -> str:
 
 
 def hash_recording(path: Path) -> str:
-    """Hash a recording's bytes, a folder's files in order of their names: SHA-256, hexadecimal."""
-    digest = hashlib.sha256()
-    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
-        if file.is_file():
-            with file.open('rb') as content:
-                while part := content.read(_HASHED_AT_ONCE):
-                    digest.update(part)
+    """Hash a file's bytes, or those of a bag's storage files in order: SHA-256, hexadecimal."""
+    # What else lies in the folder may change: metadata.yaml, notes, a database's journal.
+    digest, files = hashlib.sha256(), [path]
+    if path.is_dir():
+        files = sorted(each for each in path.iterdir() if {*SUFFIXES} & {*each.suffixes})
+    for file in filter(Path.is_file, files):
+        with file.open('rb') as content:
+            while part := content.read(_HASHED_AT_ONCE):
+                digest.update(part)
     return digest.hexdigest()
 
 

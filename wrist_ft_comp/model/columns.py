@@ -31,6 +31,8 @@ from wrist_ft_comp.model.signals import (
 )
 
 STAMPS = ('stamp_ns', 'stamp_s')
+#: Beginning of the name of an empty column, which goes on with what the sensor is called.
+ORIGIN = 'recorded_from?'
 _THERMOMETER = re.compile(r'temperature(_([2-9]|[1-9]\d+))?_c')
 
 

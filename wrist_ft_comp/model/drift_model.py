@@ -5,7 +5,7 @@ The drift of all six axes: the model that runs, and the functions that run it.
     ŵ_i = (r_i - o_i - tare_i) / (1 + s_i)
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +14,14 @@ import numpy as np
 
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.model.axis_model import AxisModel
-from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray, NANOSECONDS
+from wrist_ft_comp.model.signals import (
+    AXES,
+    axis_unit,
+    FloatArray,
+    NANOSECONDS,
+    SENSOR_FACTS,
+    SensorNames,
+)
 
 Document = dict[str, Any]
 #: Filter state of each modelled axis, by name: what the last cell left.
@@ -93,6 +100,13 @@ class StoredModel:
     #: Everything in the file, as plain values.
     document: Document
 
+    @property
+    def sensor(self) -> SensorNames:
+        """What the sensor was called that it was learnt from; people may have edited that."""
+        known = ((fact, self.document['provenance'].get(fact)) for fact in SENSOR_FACTS)
+        named = ((fact, [n] if isinstance(n, str) else n) for fact, n in known if n)
+        return {fact: [*map(str, n)] for fact, n in named if isinstance(n, list)}
+
 
 def check_unit(model: DriftModel, unit: str = '', name: object = 'The model') -> None:
     """Refuse a model, by ModelFileError, of another unit than wrenches; '' is N and N m."""
@@ -114,6 +128,51 @@ def check_fits(model: DriftModel, thermometers: int, name: object = 'The model')
             "(temperature_topics). Calibrate with these, or list the model's topics."
         )
     check_unit(model, name=name)
+
+
+def check_sensor(stored: StoredModel, sensor: SensorNames, where: str = 'here') -> tuple[str, ...]:
+    """Warn of a model of another sensor; SettingsError where thermometers are in another order."""
+    name = stored.path.name
+    if problem := order_problem(stored.sensor, sensor):
+        raise SettingsError(f'{name} cannot run beside the thermometers {where}: {problem}')
+    found = differences({f'in {name}': stored.sensor, where: sensor})
+    warning = (
+        f'The model may be of another sensor: {found}. Calibrate this one; or, if only names were '
+        f'changed, write the new ones below provenance in {name}.'
+    )
+    return (warning,) if found else ()
+
+
+def order_problem(expected: SensorNames, sensor: SensorNames) -> str:
+    """Say what to do where the expected thermometers are in another order; else nothing."""
+    order, other = (_alike(each.get('temperature_topics', ())) for each in (expected, sensor))
+    # Of two arms, either may have the other's sensor as its second thermometer.
+    wrenches = {_alike(each.get('wrench_topic', ())) for each in (expected, sensor)} - {()}
+    if order == other or set(order) != set(other) or len(wrenches) > 1:
+        return ''
+    return (
+        f'the order is {", ".join(sensor["temperature_topics"])}; expected '
+        f'{", ".join(expected["temperature_topics"])}. Name them in that order '
+        '(temperature_topics, --temperature-topic); in a CSV file, exchange the names of the '
+        'columns and remove the column recorded_from.'
+    )
+
+
+def differences(sensors: Mapping[str, SensorNames]) -> str:
+    """List the facts in which sensors, by where they are, differ; empty where none does."""
+    found = []
+    for fact in SENSOR_FACTS:
+        known = {where: each[fact] for where, each in sensors.items() if fact in each}
+        distinct = {_alike(names): f'{", ".join(names)} {where}' for where, names in known.items()}
+        if len(distinct) > 1:
+            found.append(f'{fact} {", ".join(distinct.values())}')
+    return '; '.join(found)
+
+
+def _alike(names: Sequence[str]) -> tuple[str, ...]:
+    """Write topics that mean the same in the same way."""
+    plain = (name.strip('/').replace('[', '.').replace(']', '') for name in names)
+    return tuple(name.removesuffix(':C').removesuffix(':temperature') for name in plain)
 
 
 class Drift(NamedTuple):

@@ -7,7 +7,7 @@ and N m), ``reference_force_x`` … (reference wrench), ``temperature_c``, ``tem
 (rad/s).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -26,6 +26,11 @@ Reference = Literal['unloaded', 'constant', 'payload', 'recorded']
 Progress = Callable[[float], None]
 #: Takes stamps_ns (n,) and raw wrenches (n, 6), N and N m; returns corrected wrenches (n, 6).
 Correction = Callable[[IntArray, FloatArray], FloatArray]
+
+#: What a sensor is called: by fact one name, or one per thermometer in order; without what is
+#: unknown.
+SensorNames = Mapping[str, Sequence[str]]
+SENSOR_FACTS = ('hardware_id', 'frame_id', 'wrench_topic', 'temperature_topics')
 
 #: Axis order of every wrench array in this package.
 AXES = ('force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z')
@@ -141,6 +146,8 @@ class Recording:
     rotation_speed: FloatArray | None = None
     #: Cells from which on the zero is another, because it was or may have been tared there.
     steps: tuple[int, ...] = ()
+    #: What the sensor was called.
+    sensor: SensorNames = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check shapes and finiteness once, where the record is built."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -15,13 +14,7 @@ from wrist_ft_comp.report.advice import what_was_not_learnt
 from wrist_ft_comp.report.coverage import cover
 from wrist_ft_comp.report.evaluation import judge_errors, TaredErrors
 from wrist_ft_comp.report.verdict import Evidence
-from wrist_ft_comp.report.view import (
-    axis_view,
-    ErrorSeries,
-    model_sources,
-    one_after_the_other,
-    ReportView,
-)
+from wrist_ft_comp.report.view import axis_view, ErrorSeries, one_after_the_other, ReportView
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,20 +56,13 @@ def evaluation_view(
         axes.append(axis_view(stored, axis, evidence, errors, series[axis], parts=parts))
     ranges_c = [tuple(each['range_c']) for each in stored.document['thermometers']]
     references = ', '.join(dict.fromkeys(each.reference for each in evaluated))
-    learnt = {Path(name).name for name, _ in model_sources(stored)}
-    no_proof = [
-        f'By its name, {recording.name} is among the recordings that the model was learnt from, '
-        'so it does not show what the model does on another day.'
-        for recording in recordings
-        if recording.name in learnt
-    ]
     return ReportView(
         kind='evaluation', stored=stored, recordings=recordings, coverage=coverage,
         explanation='The model ran on the temperatures of these recordings alone. Raw and '
         f'compensated wrenches were both tared on the first {tare_s:g} s. Reference: '
         f'{references}.',
         axes=tuple(axes), advice=(what_was_not_learnt(coverage, ranges_c),),
-        warnings=(*no_proof, *dict.fromkeys(w for each in recordings for w in each.warnings)),
+        warnings=tuple(dict.fromkeys(w for each in recordings for w in each.warnings)),
         tables={each.recording.name: each.figures for each in evaluated if each.figures},
     )  # fmt: skip
 

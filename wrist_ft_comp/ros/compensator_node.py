@@ -13,7 +13,7 @@ from wrist_ft_comp.files.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.files.model_store import ModelStore, node_directory
 from wrist_ft_comp.files.state_file import StateWriter
 from wrist_ft_comp.model.drift_model import DriftModel
-from wrist_ft_comp.model.signals import Topics
+from wrist_ft_comp.model.signals import SensorNames, Topics
 from wrist_ft_comp.model.temperature_source import parse_sources, TemperatureSource
 from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.arguments.unknown import tell_unknown
@@ -67,14 +67,14 @@ class CompensatorNode(Hub):
 
         # The parts, which meet in their constructors and begin in ``run``.
         self.live = live = LiveModel(
-            store, chosen['model_file'], len(sources), self._swap, writer, log
+            store, chosen['model_file'], self.sensor, self._swap, writer, log
         )
         self.state_keeper = StateKeeper(compensator, lambda: live.sha256, writer, chosen, log)
         self.gravity = Gravity(chosen)
         self.inputs = Inputs(
             sources, compensator, self.newest, self.health, self.gravity, live, self.state_keeper
         )
-        self.recorder = Recorder(compensator, with_force=by != 'none')
+        self.recorder = Recorder(compensator, self.sensor, with_force=by != 'none')
         self.recording = RecordService(self.recorder, store, counts, log)
         shelf = Shelf(store.directory / 'models', live, by)
         self.external = ExternalWrench(compensator, self._settings, shelf, self.gravity, log)
@@ -182,12 +182,20 @@ class CompensatorNode(Hub):
         if self.running:
             self.tell('on_model')
 
+    def sensor(self) -> SensorNames:
+        """Tell what the sensor is called here."""
+        topics = zip(self.inputs.topics, self._thermometer_entries, strict=True)
+        names = {
+            'hardware_id': [self.get_parameter('hardware_id').value],
+            'frame_id': [self.hardware_id()],
+            'wrench_topic': [self._raw.topic_name],
+            'temperature_topics': [t + each.entry.removeprefix(each.topic) for t, each in topics],
+        }
+        return {fact: each for fact, each in names.items() if any(each)}
+
     def _full_topics(self, chosen: dict[str, Any]) -> Topics:
         """Tell topics by their full names."""
-        temperatures = tuple(
-            topic + source.entry.removeprefix(source.topic)
-            for topic, source in zip(self.inputs.topics, self._thermometer_entries, strict=True)
-        )
+        temperatures = tuple(self.sensor()['temperature_topics'])
         reference, by = self.resolve_topic_name('wrench_reference'), chosen['gravity.source']
         imu = self.resolve_topic_name('imu') if by == 'imu' else ''
         frame = chosen['gravity.frame'] if by == 'tf' else ''

@@ -11,7 +11,8 @@ from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.files.model_file import load_model
 from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.files.state_file import StateWriter
-from wrist_ft_comp.model.drift_model import check_fits, DriftModel, StoredModel
+from wrist_ft_comp.model.drift_model import check_fits, check_sensor, DriftModel, StoredModel
+from wrist_ft_comp.model.signals import SensorNames
 from wrist_ft_comp.ros.hub import Hub, Part, Service
 from wrist_ft_comp.ros.node_log import ERROR, NodeLog, OK, Status, WARN
 
@@ -27,7 +28,8 @@ class LiveModel(Part):
 
     _store: ModelStore
     _model_file: str
-    _thermometers: int
+    #: Tells what the sensor is called here.
+    _sensor: Callable[[], SensorNames]
     _swap: Callable[[DriftModel | None], None]
     _writer: StateWriter
     _log: NodeLog
@@ -39,6 +41,8 @@ class LiveModel(Part):
     _history: list[Path | None] = field(default_factory=list)
     #: Kept, because it goes live next, and reading it takes tens of milliseconds.
     _validated: StoredModel | None = None
+    #: Why the live model may be of another sensor, as it was logged.
+    _doubt: str = ''
 
     title = 'model'
 
@@ -84,7 +88,12 @@ class LiveModel(Part):
         }
         for j, entry in enumerate(stored.document['thermometers'], start=1):
             numbers[f'thermometer_{j}_calibrated_c'] = '{:.1f} to {:.1f}'.format(*entry['range_c'])
-        trouble = self.problem or saved.problem
+        numbers |= {f'learnt_from_{fact}': ', '.join(n) for fact, n in stored.sensor.items()}
+        doubt, before = ''.join(check_sensor(stored, self._sensor())), self._doubt
+        self._doubt = doubt
+        if doubt and doubt != before:
+            self._log.warning(doubt)
+        trouble = self.problem or saved.problem or doubt
         yield Status(self.title, WARN if trouble else OK, trouble or summary(stored), numbers)
 
     def _last(self) -> StoredModel | None:
@@ -124,9 +133,10 @@ class LiveModel(Part):
         return None if self.stored is None else self.stored.sha256
 
     def load(self, path: Path) -> StoredModel:
-        """Load a model, and refuse one of other thermometers or units than the node has."""
-        stored = load_model(path)
-        check_fits(stored.model, self._thermometers, name=path)
+        """Load a model; refuse other thermometers, another order of them, or other units."""
+        stored, sensor = load_model(path), self._sensor()
+        check_fits(stored.model, len(sensor['temperature_topics']), name=path)
+        check_sensor(stored, sensor)
         return stored
 
     def take(self, stored: StoredModel) -> str:

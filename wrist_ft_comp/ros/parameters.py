@@ -229,6 +229,10 @@ PARAMETERS = (
         'The thermometers, the one inside the sensor first: topics of sensor_msgs/Temperature, or '
         'TOPIC:FIELD for a number in messages of any type, such as '
         '/driver/state:joints[2].temperature, with :K or :F behind it where that is not in °C.'),
+    _at_start(
+        'hardware_id', '',
+        'Serial number of the sensor, which no topic tells. Recordings and models keep it, and a '
+        'model of another sensor gives a warning.'),
     Parameter(
         'model_file', '',
         'Model to run, relative to data_directory or to the working directory; empty takes the '

@@ -1,6 +1,7 @@
 """Specific force of a bag by its /tf and /tf_static."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from itertools import chain, islice
 
 import numpy as np
@@ -16,6 +17,7 @@ from wrist_ft_comp.model.signals import (
     NANOSECONDS,
     ROTATION_CHANNEL,
     Samples,
+    SensorNames,
     Topics,
 )
 
@@ -62,19 +64,29 @@ def uppermost_frame(bag: Bag, topics: Topics) -> str:
 
 def _with_static(bag: Bag, topics: Topics) -> GravityByTf:
     """Begin with the frame of the raw wrench and the static transforms of all of the bag."""
-    wrench = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')[0]
-    data = bag.first(wrench)
-    frame = cdr.locate(data, cdr.WRENCH_DOUBLES).frame_id(data) if data else ''
-    if not frame:
+    sensor = sensor_of(bag, topics)
+    if 'frame_id' not in sensor:
         raise RecordingError(
-            f'{wrench.topic} of {bag.name} has no frame_id, so TF cannot say how the sensor is '
-            'turned. Let the driver fill header.frame_id, or use an IMU.'
+            f'{sensor["wrench_topic"][0]} of {bag.name} has no frame_id, so TF cannot say how the '
+            'sensor is turned. Let the driver fill header.frame_id, or use an IMU.'
         )
-    gravity = GravityByTf(topics.gravity_frame, frame)
+    gravity = GravityByTf(topics.gravity_frame, sensor['frame_id'][0])
     static = bag.named(_topic(bag, '/tf_static'))
     for batch in bag.batches(static) if static else ():
         _take(bag, gravity, [data for _, _, data in batch], static=True)
     return gravity
+
+
+def sensor_of(bag: Bag, topics: Topics) -> SensorNames:
+    """Tell what the sensor of a bag is called."""
+    wrench = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')[0]
+    temperatures = [f'/{entry.strip("/")}' for entry in topics.temperatures]
+    names = {'wrench_topic': [wrench.topic], 'temperature_topics': temperatures}
+    data = bag.first(wrench) or b''
+    with suppress(RecordingError):  # who decodes the wrench says what is wrong with it
+        if frame_id := cdr.locate(data, cdr.WRENCH_DOUBLES).frame_id(data):
+            names['frame_id'] = [frame_id]
+    return names
 
 
 def _topic(bag: Bag, name: str) -> str:

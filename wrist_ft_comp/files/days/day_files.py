@@ -1,6 +1,6 @@
 """Days being written, ``days/day_00001.csv`` …, ended by stamps alone (docs/learning.md)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from math import isnan
 import os
@@ -9,9 +9,10 @@ import re
 from typing import NamedTuple
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files.csv_file import CsvRecordingWriter, nanoseconds
+from wrist_ft_comp.files.csv_file import CsvRecordingWriter, nanoseconds, origin_column, sensor_in
 from wrist_ft_comp.files.documents import beginning, writing
-from wrist_ft_comp.model.signals import AXES, NANOSECONDS, REFERENCE_CHANNELS
+from wrist_ft_comp.model.drift_model import differences
+from wrist_ft_comp.model.signals import AXES, NANOSECONDS, REFERENCE_CHANNELS, SensorNames
 
 #: Length of a day, silence that ends one, and what is too short to be one, ns.
 DAY_NS, SILENCE_NS, SHORTEST_NS = 86_400 * NANOSECONDS, 7200 * NANOSECONDS, 600 * NANOSECONDS
@@ -82,6 +83,8 @@ class DayFiles:
         self._channels = [channels[j] for j in self._columns]
         self._wrench = [j for j, each in enumerate(channels) if each in AXES]
         self._max_bytes = max_bytes
+        #: Tells what the sensor is called.
+        self.sensor: Callable[[], SensorNames] = dict
         days = self._all()
         self._number = max(map(_number, [known, *(each.name for each in days)]))
         #: The day that goes on, if one does.
@@ -128,7 +131,8 @@ class DayFiles:
         self._number += 1
         self.path = self._folder / f'day_{self._number:05d}.csv'
         self._first_ns = self._last_ns = stamp_ns
-        self._writer = DayWriter(self.path, self._channels)
+        columns = *self._channels, origin_column(self.sensor())
+        self._writer = DayWriter(self.path, columns)
         return self._writer
 
     def _resumed(self) -> DayWriter | None:
@@ -136,12 +140,15 @@ class DayFiles:
         path = self.path
         with writing(self._folder):
             span = span_of(path) if path and path.exists() else None
-            header = ','.join((DayWriter.stamp, *self._channels))
-            if not path or not span or span.header != header:
+            columns = span.header.split(',') if span else []
+            same = columns[:-1] == [DayWriter.stamp, *self._channels] and not differences(
+                {'before': sensor_in(columns), 'now': self.sensor()}
+            )
+            if not path or not span or not same:
                 return None
             os.truncate(path, span.size)
             self._first_ns, self._last_ns = span.first_ns, span.last_ns
-            self._writer = DayWriter(path, self._channels, go_on=True)
+            self._writer = DayWriter(path, columns[1:], go_on=True)
         return self._writer
 
     def leave(self) -> None:

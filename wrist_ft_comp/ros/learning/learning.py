@@ -90,6 +90,7 @@ class Learner(Part):
         known = max(self.memory.judged, self.memory.since)
         recorder = self._jobs.recorder
         files = DayFiles(self._directory, recorder.channels, self._max_bytes, known)
+        files.sensor = recorder.sensor
         self.diary = DiaryKeeper(recorder, files, self._log)
         if broken:
             self._decide(broken)

@@ -53,7 +53,7 @@ class RecordService(Part):
 
     def _begin(self) -> str:
         """Start recording; say where to."""
-        from wrist_ft_comp.files.csv_file import CsvRecordingWriter  # noqa: PLC0415 -- rare
+        from wrist_ft_comp.files import csv_file  # noqa: PLC0415 -- rare
 
         if self.current is not None:
             raise RecordingError(
@@ -67,7 +67,9 @@ class RecordService(Part):
         try:
             with writing(self._store.directory):
                 path = self._store.new_recording_path()
-                writer = CsvRecordingWriter(path, self._recorder.channels)
+                origin = csv_file.origin_column(self._recorder.sensor())
+                columns = *self._recorder.channels, origin
+                writer = csv_file.CsvRecordingWriter(path, columns)
         except RecordingError as error:
             self._hub.destroy_subscription(reference)
             raise RecordingError(f'{error} {REMEDY}.') from error

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model.signals import SensorNames
 from wrist_ft_comp.model.stream_grid import CompletedCells
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
@@ -60,10 +61,14 @@ class Recorder(Part):
 
     title = 'recorder'
 
-    def __init__(self, compensator: Compensator, *, with_force: bool) -> None:
+    def __init__(
+        self, compensator: Compensator, sensor: Callable[[], SensorNames], *, with_force: bool
+    ) -> None:
         self.thermometers = compensator.thermometers
         #: Of a row.
         self.channels = row_channels(self.thermometers, with_force=with_force)
+        #: Tells what the sensor is called.
+        self.sensor = sensor
         self._compensator = compensator
         self._with_force = with_force
         self._running: list[OwnRecording] = []

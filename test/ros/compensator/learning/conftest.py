@@ -38,7 +38,9 @@ class Learner:
     def __init__(self, rig, folder, clock, **parameters):
         self._folder, self._clock = folder, clock
         self.answer(success=True, message='no better model')
-        self.rig = rig(parameters={**NEEDED, 'learning': 'propose', **parameters})
+        self.rig = rig(
+            namespace='/learner', parameters={**NEEDED, 'learning': 'propose', **parameters}
+        )
         self.node, self.days = self.rig.node, self.rig.directory / 'days'
 
     def answer(self, **what):

@@ -1,0 +1,157 @@
+"""A model knows the sensor it was learnt from, and its recordings by what is in them."""
+
+import json
+import shutil
+
+import pytest
+import yaml
+
+START = 1_700_000_000 * 10**9
+TOPICS = ('/ft/temperature', '/arm/state:motors[1].celsius')
+STATE = 'arm_msgs/msg/State'
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory, messages, make):
+    """Write a day with two thermometers as a bag: a topic, and a field of a driver's message."""
+    messages.learn('arm_msgs/msg/Motor', 'float64 celsius')
+    messages.learn(STATE, 'std_msgs/Header header\nMotor[] motors')
+
+    def parts(columns, frame, wrench):
+        names = 'stamp_s', 'force_z', 'torque_x', 'temperature_c', 'temperature_2_c'
+        for second, force, torque, inside, outside in zip(*map(columns.get, names), strict=True):
+            at_ns = START + round(second * 10**9)
+            six = [0.0, 0.0, force, torque, 0.0, 0.0]
+            yield wrench, messages.wrench_type, at_ns, messages.wrench(at_ns, six, frame)
+            warm = messages.temperature(at_ns, inside)
+            yield TOPICS[0], messages.temperature_type, at_ns, warm
+            motors = [messages.make('arm_msgs/msg/Motor', each) for each in (0.0, outside)]
+            yield '/arm/state', STATE, at_ns, messages.pack(STATE, at_ns, motors)
+            aside = messages.temperature(at_ns, outside)
+            yield '/arm/temperature', messages.temperature_type, at_ns, aside
+
+    def write(name, seed=0, frame='ft_sensor', storage='mcap', wrench='/ft/wrench'):
+        folder = tmp_path_factory.mktemp('bags') / name
+        columns = make.drifting(seed=seed, both=True)
+        return messages.write(folder, parts(columns, frame, wrench), storage)
+
+    return write
+
+
+def named(*temperatures, wrench='/ft/wrench'):
+    """Name topics on the command line."""
+    words = (('--temperature-topic', each) for each in temperatures or TOPICS)
+    return '--wrench-topic', wrench, *(word for pair in words for word in pair)
+
+
+@pytest.fixture(scope='module')
+def day(bag):
+    return bag('day')
+
+
+@pytest.fixture(scope='module')
+def learnt(day, tmp_path_factory):
+    """A model of that day."""
+    from wrist_ft_comp.cli.main import main  # noqa: PLC0415 -- the fixture done is a test's
+
+    path = tmp_path_factory.mktemp('model') / 'model.yaml'
+    assert main(['calibrate', str(day), '-o', str(path), '--method', 'pls', *named()]) == 0
+    return path
+
+
+def warnings(outcome):
+    """Take the warnings of a command that succeeded, which are in its JSON, too."""
+    assert outcome.code == 0, outcome
+    said = json.loads(outcome.out)['warnings']
+    assert all(f'warning: {each}' in outcome.err for each in said) or not outcome.err
+    return said
+
+
+def test_a_model_tells_its_sensor(learnt, done):
+    provenance = yaml.safe_load(learnt.read_text())['provenance']
+    assert provenance['frame_id'] == 'ft_sensor'
+    assert provenance['wrench_topic'] == '/ft/wrench'
+    assert provenance['temperature_topics'] == list(TOPICS)
+    shown = done('show', learnt)
+    assert 'frame_id: ft_sensor\n' in shown
+    assert f'°C, {TOPICS[1]}\n' in shown
+
+
+@pytest.mark.parametrize('command', ['evaluate', 'compensate'])
+class TestBesideAnotherSensor:
+    def test_swapped_thermometers_are_refused(self, command, learnt, bag, run, tmp_path):
+        argv = [command, learnt, bag('swapped', 1)]
+        argv += ['-o', tmp_path / 'out'] if command == 'compensate' else []
+        sentence = run(*argv, *named(*TOPICS[::-1])).sentence
+        assert f'expected {TOPICS[0]}, {TOPICS[1]}.' in sentence
+        assert not (tmp_path / 'out').exists()
+
+    def test_another_frame_is_told(self, command, learnt, bag, run, tmp_path):
+        argv = [command, learnt, bag('other', 1, frame='right_ft'), *named(), '--json']
+        argv += ['-o', tmp_path / 'out'] if command == 'compensate' else []
+        (warning,) = (each for each in warnings(run(*argv)) if 'another sensor' in each)
+        assert 'frame_id ft_sensor in model.yaml, right_ft in other' in warning
+
+    def test_the_same_names_written_otherwise_are_none(self, command, learnt, bag, run, tmp_path):
+        words = named(
+            'ft/temperature:temperature', 'arm/state:motors.1.celsius:C', wrench='ft/wrench'
+        )
+        argv = [command, learnt, bag('again', 1), *words, '--json']
+        argv += ['-o', tmp_path / 'out'] if command == 'compensate' else []
+        assert not [each for each in warnings(run(*argv)) if 'sensor' in each]
+
+
+def test_recordings_of_two_sensors_in_one_fit_are_told(day, bag, done, tmp_path):
+    other = bag('other', 1, frame='right_ft')
+    argv = 'calibrate', day, other, '-o', tmp_path / 'm.yaml', '--method', 'pls', *named()
+    (warning,) = (e for e in json.loads(done(*argv, '--json'))['warnings'] if 'several' in e)
+    assert 'right_ft in recording 2, other' in warning
+
+
+class TestWhatWasLearntFrom:
+    def judged(self, run, learnt, path):
+        return any(
+            'learnt from' in each
+            for each in warnings(run('evaluate', learnt, path, '--json', *named()))
+        )
+
+    def test_is_found_under_another_name(self, learnt, day, run, tmp_path):
+        shutil.copytree(day, tmp_path / 'wednesday')
+        (tmp_path / 'wednesday/notes.txt').write_text('a wednesday')
+        assert self.judged(run, learnt, tmp_path / 'wednesday')
+        assert self.judged(run, learnt, day / 'day.mcap')
+
+    def test_is_not_another_day_of_the_same_name(self, learnt, bag, run):
+        assert not self.judged(run, learnt, bag('day', 2))
+
+    def test_is_counted_once(self, day, drift_csv, run, tmp_path):
+        output = '-o', tmp_path / 'm.yaml'
+        copy = shutil.copy(drift_csv, tmp_path / 'copy.csv')
+        assert 'copy.csv is a copy of' in run('calibrate', drift_csv, copy, *output).sentence
+        bare = day / 'day.mcap'
+        assert 'is a copy of' in run('calibrate', day, bare, *output, *named()).sentence
+        assert not (tmp_path / 'm.yaml').exists()
+
+
+def test_a_day_gives_the_same_model_from_every_kind_of_file(make, bag, done, tmp_path):
+    """CSV, mcap and sqlite3; temperatures on topics of their own and inside other messages."""
+    columns = make.drifting(seed=3, both=True)
+    stamps = [START + round(each * 10**9) for each in columns.pop('stamp_s')]
+    days = {
+        'csv': (make.csv(tmp_path / 'day.csv', {'stamp_ns': stamps, **columns}), ()),
+        'mcap': (bag('m', 3), named()),
+        'sqlite3': (bag('s', 3, storage='sqlite3'), named(TOPICS[0], '/arm/temperature')),
+        'renamed': (
+            bag('r', 3, wrench='/w'),
+            named('/ft/temperature:temperature', TOPICS[1], wrench='/w'),
+        ),
+    }
+    models = {}
+    for name, (path, words) in days.items():
+        done('calibrate', path, '-o', tmp_path / f'{name}.yaml', '--method', 'pls', *words)
+        document = yaml.safe_load((tmp_path / f'{name}.yaml').read_text())
+        axes = {axis: document['axes'][axis] for axis in ('force_z', 'torque_x')}
+        models[name] = axes, document['thermometers'], document['duration_s']
+    assert models['mcap'] == models['csv']
+    assert models['sqlite3'] == models['csv']
+    assert models['renamed'] == models['csv']
