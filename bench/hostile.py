@@ -1,12 +1,13 @@
 """
-A hostile robot: whatever can come to the node comes, in any order, and after every step it is judged.
+A hostile robot: whatever can come to the node comes, in any order; after every step it is judged.
 
-``python bench/hostile.py [--steps N] [--seed N]``. Good, damaged, late and foreign messages; services
-in any order, also while others run; parameters right and wrong; files broken, removed or replaced; a
-full disk; clocks that leap; thermometers that die and come back; parts that are sabotaged; kills and
-restarts. After every step: nothing has left a callback, every good wrench in was one wrench out,
-finite, within the limits, its header untouched, no part has stopped that was not sabotaged, and the
-diagnostics name what is wrong. Prints what was done; exit code 1 with the shortest way to a finding.
+``python bench/hostile.py [--steps N] [--seed N]``. Good, damaged, late and foreign messages;
+services in any order, also while others run; parameters right and wrong; files broken, removed or
+replaced; a full disk; clocks that leap; temperatures that no body has; parts that are sabotaged;
+kills and restarts. After every step: nothing has left a callback, every good wrench in was one
+wrench out, finite, within the limits, its header untouched, no part has stopped that was not
+sabotaged, and the diagnostics name what is wrong. Prints what was done; a finding is a traceback
+with the shortest way to it, and exit code 1.
 """
 
 import argparse
@@ -53,8 +54,8 @@ HANG_S = 20.0
 WARN = 1
 #: Verbs of a part that are sabotaged.
 VERBS = (
-    'on_model', 'on_wrench', 'on_cells', 'on_force', 'check_parameters', 'apply_parameters', 'poll',
-    'statuses',
+    'on_model', 'on_wrench', 'on_cells', 'on_force', 'check_parameters', 'apply_parameters',
+    'poll', 'statuses',
 )  # fmt: skip
 SERVICES = (
     'calibrate', 'tare', 'reset_tare', 'identify_payload', 'record', 'rollback', 'adopt',
@@ -216,20 +217,20 @@ class HostileRobot(RuleBasedStateMachine):
 
     @rule(values=st.lists(numbers, min_size=6, max_size=6), step=steps_ns)
     def good_wrench(self, values: list[float], step: int) -> None:
-        """A wrench as drivers send them."""
+        """Send a wrench as drivers send them."""
         self._did('good wrenches')
         self.now_ns += step
         self._wrench(values, self.now_ns)
 
     @rule(values=st.lists(numbers, min_size=6, max_size=6), leap=leaps_ns)
     def late_wrench(self, values: list[float], leap: int) -> None:
-        """A wrench of another time, or without one, or of another frame."""
+        """Send a wrench of another time, or without one, or of another frame."""
         self._did('wrenches of another time')
         self._wrench(values, max(self.now_ns + leap, 0) % (2**31 * SECOND), b'other\0\0\0')
 
     @rule(cut=st.integers(0, 95), values=st.sampled_from([math.nan, math.inf, -math.inf, 1e308]))
     def damaged_wrench(self, cut: int, values: float) -> None:
-        """A wrench that is cut off, or holds no numbers."""
+        """Send a wrench that is cut off, or holds no numbers."""
         self._did('damaged wrenches')
         before = len(self.out)
         good = message(self.now_ns, [values] * 6)
@@ -240,7 +241,7 @@ class HostileRobot(RuleBasedStateMachine):
 
     @rule(data=st.binary(max_size=200))
     def noise(self, data: bytes) -> None:
-        """Bytes that are nothing, on every topic."""
+        """Send bytes that are nothing, on every topic."""
         self._did('messages of random bytes')
         before = len(self.out)
         self.node._on_wrench(data)
@@ -251,7 +252,7 @@ class HostileRobot(RuleBasedStateMachine):
 
     @rule(value=celsius, step=steps_ns)
     def temperature(self, value: float, step: int) -> None:
-        """A temperature as thermometers send them."""
+        """Send a temperature as thermometers send them."""
         self._did('good temperatures')
         self.now_ns += step
         self.node.do(
@@ -261,7 +262,7 @@ class HostileRobot(RuleBasedStateMachine):
 
     @rule(value=celsius, cells=st.integers(2, 20))
     def warm_cells(self, value: float, cells: int) -> None:
-        """Some seconds of a steady temperature, and wrenches."""
+        """Send some seconds of a steady temperature, and wrenches."""
         self._did('seconds of warmth')
         for _ in range(cells):
             self.now_ns += SECOND
@@ -271,7 +272,7 @@ class HostileRobot(RuleBasedStateMachine):
 
     @rule(value=odd_celsius)
     def odd_temperature(self, value: float) -> None:
-        """A temperature that no body has."""
+        """Send a temperature that no body has."""
         self._did('impossible temperatures')
         data = message(self.now_ns, [value, 0.0])
         self.node.do(self.node.inputs, self.node.inputs.on_temperature, 0, data)
@@ -280,7 +281,7 @@ class HostileRobot(RuleBasedStateMachine):
 
     @rule(value=celsius, leap=leaps_ns)
     def temperature_of_another_time(self, value: float, leap: int) -> None:
-        """A temperature whose stamp leaps."""
+        """Send a temperature whose stamp leaps."""
         self._did('temperatures of another time')
         stamp_ns = max(self.now_ns + leap, 0) % (2**31 * SECOND)
         data = message(stamp_ns, [value, 0.0])
@@ -288,7 +289,7 @@ class HostileRobot(RuleBasedStateMachine):
 
     @rule(leap=leaps_ns)
     def clock(self, leap: int) -> None:
-        """All clocks leap; what comes goes on from there."""
+        """Let all clocks leap; what comes goes on from there."""
         self._did('leaps of the clock')
         self.now_ns = min(max(self.now_ns + leap, SECOND), 2**31 * SECOND - 10**17)
 
@@ -302,7 +303,7 @@ class HostileRobot(RuleBasedStateMachine):
         odd=st.sampled_from([0.0, 0.0, 0.0, math.nan, 1e300]),
     )
     def imu(self, force: list[float], odd: float) -> None:
-        """A specific force, mostly good."""
+        """Send a specific force, mostly good."""
         self._did('specific forces')
         doubles = [0.0] * 37
         doubles[25:28] = [force[0] + odd, *force[1:]]
@@ -310,7 +311,7 @@ class HostileRobot(RuleBasedStateMachine):
 
     @rule(force=st.sampled_from([(0.0, 0.0, 9.807), (0.0, 0.0, 0.0)]), noisy=st.booleans())
     def minute_at_rest(self, force: tuple[float, float, float], noisy: bool) -> None:
-        """More than a minute of a robot that stands still, perhaps without any noise."""
+        """Send more than a minute of a robot that stands still, perhaps without any noise."""
         self._did('minutes at rest')
         for k in range(130):
             self.now_ns += SECOND // 2
@@ -391,7 +392,7 @@ class HostileRobot(RuleBasedStateMachine):
         try:
             self._start()
         except WristFtCompError as error:
-            assert str(error)
+            self.refusal = str(error)
             self._did('refused starts')
             self._end(die=True)
             self._fresh()
@@ -415,7 +416,7 @@ class HostileRobot(RuleBasedStateMachine):
 
     @rule()
     def housekeeping(self) -> None:
-        """What the node does ten times a second."""
+        """Do what the node does ten times a second."""
         self._did('housekeepings')
         self.node._keep_house()
 

@@ -224,6 +224,9 @@ class Kind(Output):
 
     def read(self, path: Path) -> bytes:
         """Read a file that must not be larger than any of its kind is."""
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            # A pipe would hold up the stream until somebody writes into it.
+            raise self.error(f'{path} is no regular file. {self.made_by}')
         try:
             with path.open('rb') as file:
                 content = file.read(self.max_bytes + 1)

@@ -177,14 +177,7 @@ class LiveModel(Part):
                     f'got {given}. Copy the file there, or give it at start-up.'
                 )
         if name == 'model_file' and value:
-            path = store.locate(value)
-            if path.exists() and not path.is_file():
-                # A pipe would hold up the stream until somebody writes into it.
-                raise SettingsError(
-                    f'model_file must be a file; {path} is none. Make one with wrist_ft_comp '
-                    'calibrate.'
-                )
-            self._validated = self.load(path)
+            self._validated = self.load(store.locate(value))
 
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Make the model of a changed model_file live."""

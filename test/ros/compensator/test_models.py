@@ -210,7 +210,7 @@ class TestModelFile:
         node = rig()
         (node.directory / 'loop.yaml').symlink_to(node.directory / 'loop.yaml')
         os.mkfifo(node.directory / 'pipe.yaml')
-        assert 'must be a file' in node.set('model_file', 'pipe.yaml').reason
+        assert 'is no regular file' in node.set('model_file', 'pipe.yaml').reason
         for name in ('loop.yaml', '~nobody_of_this_name/a.yaml', 'x' * 5000, '.', '/dev/zero'):
             assert not node.set('model_file', name).successful
         assert node.set('model_file', '').successful
