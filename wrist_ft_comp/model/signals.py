@@ -133,8 +133,8 @@ class Recording:
     warnings: tuple[str, ...] = field(default=())
     #: Of every axis where it is not N and N m; else empty.
     unit: str = ''
-    #: Mean specific force, m/s², GRAVITY at rest, shape (N, 3), NaN where there was no sample;
-    #: None where none was recorded.
+    #: Mean specific force as it was measured, shape (N, 3), NaN where there was no sample; None
+    #: where none was recorded. Scale and bias of the accelerometer are still in it.
     specific_force: FloatArray | None = None
     #: RMS speed of rotation, rad/s, shape (N,), NaN where there was no sample; None where none was
     #: recorded.

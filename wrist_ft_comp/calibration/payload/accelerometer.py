@@ -16,6 +16,8 @@ FROZEN_S = 1200
 _JUMP, _JUMPY = 12.0, 0.01
 #: Standing still, rad/s.
 _STILL = 0.03
+#: A norm at rest that is off the newest recording's by more is another unit's, not a bias.
+_OTHER_UNIT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +34,8 @@ class Accelerometer:
 
 def set_right(recordings: Sequence[Recording]) -> Accelerometer:
     """Find bias, what temperature adds to it, and scale of recordings that hold specific force."""
-    force = np.concatenate([known_force(recording) for recording in recordings])
-    known = np.isfinite(force).all(axis=1)
+    force = np.concatenate(_in_one_unit([known_force(recording) for recording in recordings]))
+    known = np.all(np.isfinite(force), axis=1)
     temperature_c = np.concatenate([recording.temperature_c for recording in recordings])
     theta = temperature_c - temperature_c.mean(axis=0)
     still = known & (np.concatenate([rotation_speed(r) for r in recordings]) < _STILL)
@@ -42,6 +44,17 @@ def set_right(recordings: Sequence[Recording]) -> Accelerometer:
     right = (force - frame.bias - theta @ drift) / frame.scale
     ends = np.cumsum([len(recording) for recording in recordings])[:-1]
     return Accelerometer(np.split(right, ends), frame, covariance)
+
+
+def _in_one_unit(forces: Sequence[FloatArray]) -> list[FloatArray]:
+    """Bring specific forces, (N, 3), to the unit of the newest, which is what the node hears."""
+    norms = [np.linalg.norm(each[np.isfinite(each).all(axis=1)], axis=1) for each in forces]
+    usual = [float(np.median(each)) if len(each) else np.nan for each in norms]
+    newest = next((each for each in reversed(usual) if each > 0), np.nan)
+    return [
+        each * (newest / norm) if abs(norm / newest - 1) > _OTHER_UNIT and norm > 0 else each
+        for each, norm in zip(forces, usual, strict=True)
+    ]
 
 
 def known_force(recording: Recording) -> FloatArray:
