@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from wrist_ft_comp.calibration.payload.minute import identify
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.model.signals import GRAVITY
@@ -16,13 +17,7 @@ from wrist_ft_comp.simulation.work import (
     read_imu,
     WorkSettings,
 )
-from wrist_ft_comp.stream.payload_motion import (
-    CELL_S,
-    DURATION_S,
-    identify,
-    MotionCells,
-    MotionCollector,
-)
+from wrist_ft_comp.stream.payload_motion import CELL_S, DURATION_S, MotionCollector
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND + 1
@@ -47,19 +42,37 @@ def collected(seed, contacts):
         if collector.add(stamp, row, imu[k, :3].tolist(), math.hypot(*imu[k, 3:])):
             break
     assert k == DURATION_S * RATE_HZ
-    return collector.cells(), work.payloads[0], (np.abs(motion.contact).sum(axis=1) > 0).mean()
+    return (
+        np.array(collector.cells),
+        work.payloads[0],
+        (np.abs(motion.contact).sum(axis=1) > 0).mean(),
+    )
 
 
 def still(up, payload=TOOL, frame=CROOKED, sign=1.0):
     """Cells at rest under directions (n, 3), without noise, as a crooked accelerometer sees."""
     force = GRAVITY * up / np.linalg.norm(up, axis=1, keepdims=True)
     measured = sign * force @ frame.rotation * frame.scale + frame.bias
-    return MotionCells(payload.weight(force) + CONSTANT, measured, np.zeros(len(up)))
+    return np.column_stack((payload.weight(force) + CONSTANT, measured, np.zeros(len(up))))
 
 
 def tilted(angles):
     """Directions of up, tilted about x and y by degrees (n, 2)."""
     return Rotation.from_euler('xy', angles, degrees=True).apply([0, 0, 1], inverse=True)
+
+
+def found_in(cells, sensor):
+    """Identify the payload in cells."""
+    return identify(cells, CELL_S, sensor)
+
+
+def changed(cells, **parts):
+    """Replace the wrench, the specific force or the speed of cells."""
+    columns = {'wrench': slice(0, 6), 'force': slice(6, 9), 'speed': 9}
+    cells = cells.copy()
+    for name, values in parts.items():
+        cells[:, columns[name]] = values
+    return cells
 
 
 @pytest.fixture
@@ -73,7 +86,7 @@ def test_a_minute_of_ordinary_motion_tells_mass_and_center(contacts):
     pressed = []
     for seed in range(6):
         cells, tool, share = collected(seed, contacts)
-        found = identify(cells, None)
+        found = found_in(cells, None)
         payload = found.payload
         assert payload.mass_kg == pytest.approx(tool.mass_kg, rel=0.03)
         assert np.linalg.norm(payload.center_m - tool.center_m) < 5e-3
@@ -86,7 +99,7 @@ def test_a_minute_of_ordinary_motion_tells_mass_and_center(contacts):
 
 
 def test_without_noise_the_payload_and_the_turn_are_found(everywhere):
-    found = identify(everywhere, ForceFrame())
+    found = found_in(everywhere, ForceFrame())
     assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-6)
     np.testing.assert_allclose(found.payload.center_m, TOOL.center_m, atol=1e-7)
     np.testing.assert_allclose(found.frame.rotation, CROOKED.rotation, atol=1e-6)
@@ -95,8 +108,8 @@ def test_without_noise_the_payload_and_the_turn_are_found(everywhere):
 
 def test_bias_and_scale_that_a_calibration_has_found_are_kept(everywhere):
     bias, scale = np.array([0.3, -0.2, 0.1]), np.array([1.1, 1.12, 1.08])
-    biased = everywhere._replace(force=everywhere.force * scale + bias)
-    found = identify(biased, ForceFrame(np.eye(3), bias, scale))
+    biased = changed(everywhere, force=everywhere[:, 6:9] * scale + bias)
+    found = found_in(biased, ForceFrame(np.eye(3), bias, scale))
     assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-6)
     np.testing.assert_array_equal(found.frame.bias, bias)
     np.testing.assert_array_equal(found.frame.scale, scale)
@@ -105,8 +118,8 @@ def test_bias_and_scale_that_a_calibration_has_found_are_kept(everywhere):
 
 def test_cells_that_turn_fast_are_left_out(everywhere):
     fast = np.arange(100) < 30
-    wrench = np.where(fast[:, None], 100.0, everywhere.wrench)
-    found = identify(everywhere._replace(wrench=wrench, speed=0.6 * fast), ForceFrame())
+    wrench = np.where(fast[:, None], 100.0, everywhere[:, :6])
+    found = found_in(changed(everywhere, wrench=wrench, speed=0.6 * fast), ForceFrame())
     assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-6)
     assert found.fast == pytest.approx(0.3)
 
@@ -114,31 +127,8 @@ def test_cells_that_turn_fast_are_left_out(everywhere):
 def test_a_speed_that_nobody_measured_is_that_of_gravity():
     turned = CELL_S * np.cumsum(np.repeat([0.4, 0.8], [60, 30]))
     cells = still(np.column_stack((np.sin(turned), np.sin(3 * turned) / 9, np.cos(turned))))
-    assert identify(cells, LEVEL).fast == 0.0
-    assert identify(cells._replace(speed=np.full(90, np.nan)), LEVEL).fast == 31 / 90
-
-
-def test_cells_are_means_over_a_quarter_of_a_second_of_stamps():
-    collector = MotionCollector()
-    assert collector.share == 0.0
-    for k in range(12):
-        wrench = [float(k)] * 6
-        assert not collector.add(START + k * SECOND // 20, wrench, (1.0, 2.0, k), 3.0 * (k % 5))
-    cells = collector.cells()
-    np.testing.assert_allclose(cells.wrench, np.tile([[2.0], [7.0]], (1, 6)))
-    np.testing.assert_allclose(cells.force, [[1.0, 2.0, 2.0], [1.0, 2.0, 7.0]])
-    np.testing.assert_allclose(cells.speed, 3.0 * np.sqrt(30 / 5))
-    assert collector.share == pytest.approx(0.5 / DURATION_S)
-    assert collector.add(START + round(DURATION_S * SECOND), [0.0] * 6, (1.0, 2.0, 3.0), 0.0)
-
-
-def test_a_time_that_begins_anew_is_a_minute_that_begins_anew():
-    collector = MotionCollector()
-    for first in (START, START - 1000 * SECOND):
-        for k in range(3):
-            assert not collector.add(first + k * SECOND // 4, [float(k)] * 6, (1.0, 2.0, 3.0), 0.0)
-        assert collector.cells().wrench[:, 0].tolist() == [0.0, 1.0]
-        assert collector.share == pytest.approx(0.5 / DURATION_S)
+    assert found_in(cells, LEVEL).fast == 0.0
+    assert found_in(changed(cells, speed=np.nan), LEVEL).fast == 31 / 90
 
 
 ANGLES = np.linspace(-30, 30, 60)
@@ -170,10 +160,51 @@ LEVEL = ForceFrame()
 )
 def test_motion_that_does_not_tell_is_refused_with_what_is_missing(cells, sentence):
     with pytest.raises(CalibrationRefusedError, match=sentence):
-        identify(cells, ForceFrame())
+        found_in(cells, ForceFrame())
 
 
 def test_more_contact_than_motion_is_refused(everywhere):
     pushed = np.random.default_rng(5).normal(0, 20, (100, 6)) * (np.arange(100) < 70)[:, None]
     with pytest.raises(CalibrationRefusedError, match=r'the wrench did not follow|no rigid body'):
-        identify(everywhere._replace(wrench=everywhere.wrench + pushed), ForceFrame())
+        found_in(changed(everywhere, wrench=everywhere[:, :6] + pushed), ForceFrame())
+
+
+SHAKEN = np.random.default_rng(7).normal(size=(100, 3))
+REST = still(np.tile([0.0, 0.0, 1.0], (100, 1)), frame=LEVEL)
+
+
+@pytest.mark.parametrize('scale', [0.0, 1e-300, 1e-9, 1e4, 1e200, np.nan, np.inf])
+@pytest.mark.parametrize('part', ['wrench', 'force', 'both'])
+@pytest.mark.parametrize('cells', [REST, still(SHAKEN)], ids=['rest', 'motion'])
+def test_whatever_comes_gives_a_payload_or_a_sentence(cells, part, scale):
+    names = {'wrench': [0], 'force': [1], 'both': [0, 1]}[part]
+    halves = [cells[:, :6], cells[:, 6:9]]
+    with np.errstate(all='ignore'):
+        for k in names:
+            halves[k] = halves[k] * scale
+    spoiled = changed(cells, wrench=halves[0], force=halves[1])
+    for sensor in (None, ForceFrame()):
+        try:
+            found = found_in(spoiled, sensor)
+        except CalibrationRefusedError:
+            continue
+        assert found.payload.mass_kg > 0
+
+
+def test_a_robot_at_rest_under_a_noiseless_accelerometer_is_told_to_tilt():
+    for wrench in (REST[:, :6], 0.0, CONSTANT):
+        with pytest.raises(CalibrationRefusedError, match=r'gravity moved by 0\.00, 0\.00, 0\.00'):
+            found_in(changed(REST, wrench=wrench), None)
+
+
+def test_a_wrench_that_never_changes_weighs_nothing():
+    for sensor in (None, LEVEL):
+        with pytest.raises(CalibrationRefusedError, match='nothing weighs on the sensor'):
+            found_in(changed(still(SHAKEN, frame=LEVEL), wrench=CONSTANT), sensor)
+
+
+def test_an_accelerometer_that_is_no_longer_as_it_was_found_is_fitted_anew(everywhere):
+    louder = changed(everywhere, force=1.05 * everywhere[:, 6:9])
+    found = found_in(louder, ForceFrame())
+    assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-3)
+    np.testing.assert_allclose(found.frame.scale, 1.05, rtol=1e-3)

@@ -70,7 +70,7 @@ def test_payloads_are_printed_and_kept_beside_the_model(days, done, learnt):
     kept = load_payloads(path.with_name('payloads.json'))
     assert list(kept) == ['cell-1', 'cell-2', 'other-1', 'other-2']
     assert kept['other-2'][0].mass_kg == printed[1]['mass_kg']
-    assert [frame.source for _, frame in kept.values()] == ['', '', 'imu', 'imu']
+    assert [frame.source for _, frame in kept.values()] == ['imu'] * 4
 
 
 def test_a_day_is_judged_on_what_is_quiet(days, done, model):

@@ -7,6 +7,7 @@ from pathlib import Path
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.files.documents import tuples
 from wrist_ft_comp.model.arx import Orders
+from wrist_ft_comp.model.payload.weight import FrameIds
 from wrist_ft_comp.model.signals import Topics
 
 #: Argument of the program: end when standard input is closed.
@@ -31,6 +32,20 @@ class Learning:
 
 
 @dataclass(frozen=True)
+class Minute:
+    """What makes a job one that finds a payload in a minute of motion; the output gets it."""
+
+    #: Means over cells of period_s, as calibration.payload.minute takes them.
+    cells: tuple[tuple[float, ...], ...]
+    period_s: float
+    #: What its name begins with, and names that are taken elsewhere.
+    stem: str
+    taken: tuple[str, ...] = ()
+    #: Bias and scale of the accelerometer where a calibration has found them.
+    sensor: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+
+
+@dataclass(frozen=True)
 class CalibrationJob:
     """What to calibrate from, how, and where the model goes."""
 
@@ -52,6 +67,10 @@ class CalibrationJob:
     report: Path | None = None
     #: If a node learns by itself: recordings are all days that have ended, oldest first.
     learning: Learning | None = None
+    #: What one asks for that collects a minute; there are no recordings then.
+    minute: Minute | None = None
+    #: Of the sensor that asks.
+    frames: FrameIds = field(default_factory=FrameIds)
 
 
 def encode_job(job: CalibrationJob) -> str:
@@ -73,4 +92,6 @@ def decode_job(text: str) -> CalibrationJob:
     if learning:
         learning['champion'] = learning['champion'] and Path(learning['champion'])
         job['learning'] = Learning(**learning)
+    job['minute'] = job['minute'] and Minute(**job['minute'])
+    job['frames'] = FrameIds(*job['frames'])
     return CalibrationJob(**job)

@@ -1,6 +1,6 @@
 """The service ~/calibrate: what is asked of a process that fits, and what becomes of it."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 import json
@@ -15,15 +15,24 @@ from typing import Any
 from wrist_ft_comp import ONE_THREAD
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
-from wrist_ft_comp.files.job_request import CalibrationJob, encode_job, Learning, UNTIL_CLOSED
+from wrist_ft_comp.files.job_request import (
+    CalibrationJob,
+    encode_job,
+    Learning,
+    Minute,
+    UNTIL_CLOSED,
+)
 from wrist_ft_comp.files.model_file import restore_model
 from wrist_ft_comp.files.model_store import ModelStore
+from wrist_ft_comp.files.payload_file import Learnt, PAYLOADS
 from wrist_ft_comp.model.drift_model import StoredModel
+from wrist_ft_comp.model.payload.weight import ForceFrame, FrameIds
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics
 from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
 from wrist_ft_comp.ros.services.long_service import LongService, Work
 from wrist_ft_comp.ros.services.record import RecordService
 from wrist_ft_comp.ros.services.recorder import Recorder
+from wrist_ft_comp.stream.payload_motion import CELL_S, MotionCell
 
 #: What runs a job that comes on standard input, and ends when that is closed: also when this
 #: process is killed and cannot say so.
@@ -112,6 +121,7 @@ class JobMaker:
     _settings: Callable[[], dict[str, Any]]
     _topics: Callable[[dict[str, Any]], Topics]
     recorder: Recorder
+    _frames: Callable[[], FrameIds]
 
     def calibration(self) -> CalibrationJob:
         """Ask for what ``~/calibrate`` does."""
@@ -132,6 +142,17 @@ class JobMaker:
         learning = Learning(champion, since, chosen['learning.keep_days'], kept_mb)
         return replace(self._make(tuple(days), chosen, skip_unusable=True), learning=learning)
 
+    def minute(
+        self, stem: str, cells: Sequence[MotionCell], sensor: ForceFrame | None, taken: Learnt
+    ) -> CalibrationJob:
+        """Ask for what ``~/identify_payload`` does; sensor is what was learnt of it before."""
+        rounded = tuple(tuple(float(f'{x:.9g}') for x in cell) for cell in cells)  # fits a pipe
+        known = None if sensor is None else (tuple(sensor.bias), tuple(sensor.scale))
+        return CalibrationJob(
+            (), self.store.directory / 'models' / PAYLOADS, topics=self._topics(self._settings()),
+            minute=Minute(rounded, CELL_S, stem, tuple(taken), known), frames=self._frames(),
+        )  # fmt: skip
+
     def _make(
         self, recordings: tuple[Path, ...], chosen: dict[str, Any], *, skip_unusable: bool
     ) -> CalibrationJob:
@@ -145,8 +166,28 @@ class JobMaker:
         period_s = self.recorder.period_ns / NANOSECONDS
         known = recordings, output, settings, period_s, self._topics(chosen)
         return CalibrationJob(
-            *known, skip_unusable=skip_unusable, report=output.with_suffix('.html')
-        )
+            *known, skip_unusable=skip_unusable, report=output.with_suffix('.html'),
+            frames=self._frames(),
+        )  # fmt: skip
+
+
+def run_job(job: CalibrationJob) -> Generator[None, None, dict[str, Any]]:
+    """Wait for a process that runs a job; CalibrationRefusedError where it refuses, or can't."""
+    try:
+        process = CalibrationProcess(job)
+    except OSError as error:
+        raise CalibrationRefusedError(
+            f'The calibration cannot be started: {error}. Mend that, then call again.'
+        ) from error
+    try:
+        while (outcome := process.poll()) is None:
+            yield
+    except GeneratorExit:
+        process.end()
+        raise
+    if not outcome['success']:
+        raise CalibrationRefusedError(outcome['message'])
+    return outcome
 
 
 @dataclass(eq=False)
@@ -194,21 +235,8 @@ class CalibrateService(LongService):
     def _work(self) -> Work:
         """Wait for the process, and make its model live."""
         self._begun_s = time.monotonic()
-        try:
-            process = CalibrationProcess(self._make_request())
-        except OSError as error:
-            raise CalibrationRefusedError(
-                f'The calibration cannot be started: {error}. Mend that, then call again.'
-            ) from error
-        try:
-            while (outcome := process.poll()) is None:
-                yield
-        except GeneratorExit:
-            process.end()
-            raise
+        outcome = yield from run_job(self._make_request())
         message: str = outcome['message']
-        if not outcome['success']:
-            raise CalibrationRefusedError(message)
         problem = self._go_live(
             restore_model(Path(outcome['path']), outcome['sha256'], outcome['document'])
         )
