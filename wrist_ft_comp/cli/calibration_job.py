@@ -7,7 +7,7 @@ line, and where standard input is closed, as it is when the node is killed, the 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import json
 import os
 from pathlib import Path
@@ -34,7 +34,7 @@ from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.files.job_request import CalibrationJob, decode_job, Minute, UNTIL_CLOSED
 from wrist_ft_comp.files.model_file import save_model
-from wrist_ft_comp.files.payload_file import add_payloads
+from wrist_ft_comp.files.payload_file import add_payloads, IDENTIFIED
 from wrist_ft_comp.files.recordings import BAG, hash_recording, kind_of, read_recording
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.learnt import payload_line
@@ -192,8 +192,8 @@ def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
         sensor = ForceFrame(bias=bias, scale=scale)
     try:
         found = identify(cells, minute.period_s, sensor)
-        frame = replace(found.frame, source=job.topics.force_source, **job.frames._asdict())
-        (name,) = add_payloads(job.output, minute.stem, [found.payload], frame, minute.taken)
+        frame = found.frame.learnt_by(job.topics.force_source, job.topics)
+        (name,) = add_payloads(job.output, IDENTIFIED, [found.payload], frame, minute.taken)
     except WristFtCompError as error:
         return {'success': False, 'message': str(error)}
     message = (

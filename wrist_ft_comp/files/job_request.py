@@ -1,5 +1,6 @@
 """What a calibration job is, and how it travels between processes."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 import json
 from pathlib import Path
@@ -7,7 +8,6 @@ from pathlib import Path
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.files.documents import tuples
 from wrist_ft_comp.model.arx import Orders
-from wrist_ft_comp.model.payload.weight import FrameIds
 from wrist_ft_comp.model.signals import Topics
 
 #: Argument of the program: end when standard input is closed.
@@ -35,14 +35,13 @@ class Learning:
 class Minute:
     """What makes a job one that finds a payload in a minute of motion; the output gets it."""
 
-    #: Means over cells of period_s, as calibration.payload.minute takes them.
-    cells: tuple[tuple[float, ...], ...]
+    #: Means over cells, as calibration.payload.minute takes them, and their length, s.
+    cells: Sequence[tuple[float, ...]]
     period_s: float
-    #: What its name begins with, and names that are taken elsewhere.
-    stem: str
+    #: Names that are taken elsewhere.
     taken: tuple[str, ...] = ()
     #: Bias and scale of the accelerometer where a calibration has found them.
-    sensor: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    sensor: tuple[Sequence[float], Sequence[float]] | None = None
 
 
 @dataclass(frozen=True)
@@ -69,8 +68,6 @@ class CalibrationJob:
     learning: Learning | None = None
     #: What one asks for that collects a minute; there are no recordings then.
     minute: Minute | None = None
-    #: Of the sensor that asks.
-    frames: FrameIds = field(default_factory=FrameIds)
 
 
 def encode_job(job: CalibrationJob) -> str:
@@ -93,5 +90,4 @@ def decode_job(text: str) -> CalibrationJob:
         learning['champion'] = learning['champion'] and Path(learning['champion'])
         job['learning'] = Learning(**learning)
     job['minute'] = job['minute'] and Minute(**job['minute'])
-    job['frames'] = FrameIds(*job['frames'])
     return CalibrationJob(**job)

@@ -17,8 +17,8 @@ from wrist_ft_comp.errors import ModelFileError, WristFtCompError
 from wrist_ft_comp.files.documents import Document, Kind
 from wrist_ft_comp.model.payload.weight import ForceFrame, FrameIds, Payload
 
-#: Its name, in the folder of the models.
-PAYLOADS = 'payloads.json'
+#: Its name, in the folder of the models, and what names begin with that ~/identify_payload gave.
+PAYLOADS, IDENTIFIED = 'payloads.json', 'identified'
 KIND = Kind(
     name='file of payloads', says='wrist_ft_comp payloads', version=1,
     schema='payloads.schema.json', max_bytes=10_000_000, error=ModelFileError,

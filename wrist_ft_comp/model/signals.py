@@ -52,6 +52,9 @@ class Topics:
     #: which that of the wrench turns; nowhere where both are empty.
     imu: str = ''
     gravity_frame: str = ''
+    #: The frame_id of the specific force and of the wrench, where who asks knows the sensor.
+    force_frame: str = ''
+    wrench_frame: str = ''
 
     @property
     def force_source(self) -> str:

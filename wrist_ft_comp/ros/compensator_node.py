@@ -78,9 +78,7 @@ class CompensatorNode(Hub):
         self.recording = RecordService(self.recorder, store, counts, log)
         shelf = Shelf(store.directory / 'models', live, by)
         self.external = ExternalWrench(compensator, self._settings, shelf, self.gravity, log)
-        self.jobs = JobMaker(
-            store, self._settings, self._full_topics, self.recorder, self.gravity.frames
-        )
+        self.jobs = JobMaker(store, self._settings, self._full_topics, self.recorder)
         self.identification = IdentifyService(
             compensator, self.external, shelf, self.jobs, name, log
         )
@@ -195,7 +193,8 @@ class CompensatorNode(Hub):
         reference, by = self.resolve_topic_name('wrench_reference'), chosen['gravity.source']
         imu = self.resolve_topic_name('imu') if by == 'imu' else ''
         frame = chosen['gravity.frame'] if by == 'tf' else ''
-        return Topics(self._raw.topic_name, temperatures, reference, imu, frame)
+        known = temperatures, reference, imu, frame
+        return Topics(self._raw.topic_name, *known, *self.gravity.frames())
 
 
 def _stream_settings(chosen: dict[str, Any]) -> StreamSettings:

@@ -48,12 +48,12 @@ def set_right(recordings: Sequence[Recording]) -> Accelerometer:
 
 def _in_one_unit(forces: Sequence[FloatArray]) -> list[FloatArray]:
     """Bring specific forces, (N, 3), to the unit of the newest, which is what the node hears."""
-    norms = [np.linalg.norm(each[np.isfinite(each).all(axis=1)], axis=1) for each in forces]
-    usual = [float(np.median(each)) if len(each) else np.nan for each in norms]
-    newest = next((each for each in reversed(usual) if each > 0), np.nan)
+    norms = [np.linalg.norm(force[np.isfinite(force[:, 0])], axis=1) for force in forces]
+    usual = [float(np.median(norm)) if len(norm) else np.nan for norm in norms]
+    shares = [norm / next((u for u in usual[::-1] if u > 0), np.nan) for norm in usual]
     return [
-        each * (newest / norm) if abs(norm / newest - 1) > _OTHER_UNIT and norm > 0 else each
-        for each, norm in zip(forces, usual, strict=True)
+        force / share if abs(share - 1) > _OTHER_UNIT and share > 0 else force
+        for force, share in zip(forces, shares, strict=True)
     ]
 
 

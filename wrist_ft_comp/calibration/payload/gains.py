@@ -32,8 +32,6 @@ _STANDS_OUT = 10.0
 COUNTS = 0.5
 #: This share of cells is taken to be free of contact; a norm per axis of normal variables there.
 _QUIETER, _QUIETER_NORM = 0.3, 0.80
-#: Errors are told by the scatter of as many blocks; fewer are cut into shorter ones.
-_SCATTER = 12
 #: … and a difference of two of them; cells are louder than their differences by this at most, or
 #: contacts would be taken for noise.
 _QUIETER_STEP, _LOUDEST = 0.545, 4.0
@@ -140,8 +138,8 @@ def bodies_of(cells: Cells, fit: Fit, scale: FloatArray | None = None) -> RigidB
     """Find the rigid bodies behind gains of six axes; scale is the accelerometer's, (3, 3)."""
     parts = _by_state(cells, fit.states, len(fit.gains)), cells.wrench - weight_of(cells, fit)
     contrast, rest = (each - leveled(each, fit.weights, cells.powers) for each in parts)
-    count, length = cells.usable.shape
-    length = -(-length // -(-_SCATTER // count))
+    # Errors are told by the scatter of at least twelve blocks.
+    length = -(-cells.usable.shape[1] // -(-12 // len(cells.usable)))
     pieces = (
         blocks(each.reshape(-1, *each.shape[2:]), length) for each in (contrast, rest, fit.weights)
     )

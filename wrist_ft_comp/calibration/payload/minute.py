@@ -56,18 +56,11 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
     Parameters
     ----------
     cells : ndarray, shape (n, CHANNELS)
-        Means over cells of period_s, in order of time: N and N m, m/s² as measured, and rad/s,
-        which is NaN where nobody knows.
-    period_s : float
-        Length of a cell, s.
+        Means over period_s, s, in order of time: N and N m, m/s² as measured, and rad/s, which is
+        NaN where nobody knows.
     sensor : ForceFrame or None
-        Bias and scale of the accelerometer as a calibration has found them. They are found in the
-        minute where there is none, or where they do not make gravity of what was measured.
-
-    Returns
-    -------
-    Identified
-        The frame has the sensor's bias and scale.
+        Bias and scale of the accelerometer as a calibration found them. They are found in the
+        minute where there are none, or where they do not make gravity of what was measured.
 
     Raises
     ------
@@ -75,22 +68,17 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
         When motion or wrenches do not tell; it says what to do.
 
     """
-    wrench, force = cells[:, : len(AXES)], cells[:, len(AXES) : -1]
+    wrench, force, speed = cells[:, : len(AXES)], cells[:, len(AXES) : -1], cells[:, -1]
     real = np.all(np.abs(cells[:, :-1]) < _LARGEST, axis=1)
-    real &= np.linalg.norm(np.where(real[:, None], force, 0.0), axis=1) > _LEAST_NORM
-    if real.sum() < min(_LEAST_CELLS, len(cells)):
-        raise CalibrationRefusedError(
-            f'Wrench and gravity were felt for {real.sum() * period_s:.0f} s only; at least '
-            f'{_LEAST_CELLS * period_s:.0f} s are needed. Look whether the specific force is '
-            'about 9.8 m/s² at rest.'
-        )
-    wrench, force, speed = wrench[real], force[real], cells[real, -1]
-    slow = np.where(np.isnan(speed), turning_speed(force, period_s), speed) < FASTEST
+    felt = np.where(real[:, np.newaxis], force, 0.0)
+    turned = np.where(np.isnan(speed), turning_speed(felt, period_s)[: len(felt)], speed)
+    slow = real & (np.linalg.norm(felt, axis=1) > _LEAST_NORM) & (turned < FASTEST)
     if slow.sum() < _LEAST_CELLS:
         raise CalibrationRefusedError(
             f'The tool turned slower than {FASTEST:g} rad/s for {slow.sum() * period_s:.0f} s '
-            f'only; at least {_LEAST_CELLS * period_s:.0f} s are needed. Move more slowly, or '
-            'rest in every pose.'
+            f'only, as far as wrench and gravity were felt; at least '
+            f'{_LEAST_CELLS * period_s:.0f} s are needed. Move more slowly, or rest in every '
+            'pose, and look whether the specific force is about 9.8 m/s² at rest.'
         )
     wrench, force = wrench[slow], force[slow]
     fitted, _, scale = fit_norm(force, np.empty((len(force), 0)))
@@ -112,8 +100,8 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
         )
     if doubts := found.doubts():
         raise CalibrationRefusedError(doubts[0])
-    turned = replace(frame, rotation=found.rotation)
-    return Identified(found.payload(0), turned, 1 - free, 1 - float(slow.mean()))
+    frame = replace(frame, rotation=found.rotation)
+    return Identified(found.payload(0), frame, 1 - free, 1 - float(slow.mean()))
 
 
 def _start(cells: Cells) -> Fit:

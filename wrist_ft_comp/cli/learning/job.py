@@ -114,7 +114,7 @@ def keep_payloads(job: CalibrationJob, found: Calibration) -> Calibration:
         return found
     # A file with columns does not say what told specific force; only TF's needs no frame.
     source = job.topics.force_source or ('' if learnt.frame.does_nothing else 'imu')
-    frame = replace(learnt.frame, source=source, **job.frames._asdict())
+    frame = learnt.frame.learnt_by(source, job.topics)
     payloads, path = learnt.payloads.values(), job.output.with_name(PAYLOADS)
     try:
         names = add_payloads(path, job.output.stem, payloads, frame)

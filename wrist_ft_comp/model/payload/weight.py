@@ -4,14 +4,14 @@ A payload and what it pushes with: F = -m f, τ = c × F, at specific force f (d
 Specific force is that of sensor_msgs/Imu (REP 145): +9.81 m/s² upwards at rest.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.model.ranges import check_range
-from wrist_ft_comp.model.signals import FloatArray
+from wrist_ft_comp.model.signals import FloatArray, Topics
 
 #: Heaviest that is believed, kg, and farthest centre of mass, m.
 MOST_KG, FARTHEST_M = 1000.0, 10.0
@@ -72,6 +72,12 @@ class ForceFrame:
     def turn(self, specific_force: FloatArray) -> FloatArray:
         """Turn measured specific forces (…, 3) into the wrench's frame."""
         return np.asarray(((specific_force - self.bias) / self.scale) @ self.rotation.T)
+
+    def learnt_by(self, source: str, topics: Topics) -> 'ForceFrame':
+        """Say what told it, and of which sensor."""
+        return replace(
+            self, source=source, force_frame=topics.force_frame, wrench_frame=topics.wrench_frame
+        )
 
     def apart_deg(self, other: 'ForceFrame') -> float:
         """Tell by which angle its rotation and another one differ, degrees."""

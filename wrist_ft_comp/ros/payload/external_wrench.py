@@ -11,7 +11,7 @@ import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.files.cdr import Layout
-from wrist_ft_comp.files.payload_file import Learnt, load_payloads, PAYLOADS
+from wrist_ft_comp.files.payload_file import IDENTIFIED, Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.model.payload.weight import ForceFrame, FrameIds, Payload
 from wrist_ft_comp.model.signals import AXES, NANOSECONDS
 from wrist_ft_comp.ros.gravity.part import Gravity
@@ -23,8 +23,6 @@ from wrist_ft_comp.stream.payload import Force, LivePayload, RecentForces
 
 #: What payload.active says for what payload.mass and payload.center_of_mass say.
 MANUAL = 'manual'
-#: What the names of payloads that were identified in operation begin with.
-IDENTIFIED = 'identified'
 #: Turns of specific force that differ by more, degrees, can't both be right: what is learnt is
 #: within 3, and so is what people mount by hand.
 _DISAGREE_DEG = 5.0
@@ -218,10 +216,7 @@ class ExternalWrench(Part):
         if apart_deg <= _DISAGREE_DEG:
             return ''
         who = '/tf_static' if self._shelf.source == 'imu' else 'TF'
-        return (
-            f'{who} says otherwise, by {apart_deg:.0f} degrees: a frame_id or a transform of '
-            'the driver is wrong, or two axes are swapped'
-        )
+        return f'{who} says otherwise, by {apart_deg:.0f} degrees: a frame of the driver is wrong'
 
     def _choose(self, chosen: Mapping[str, Any]) -> LivePayload | None:
         """Find the payload that parameters name."""
@@ -239,9 +234,8 @@ class ExternalWrench(Part):
         if name == MANUAL:
             if not by_hand.mass_kg:
                 raise SettingsError(
-                    f'payload.active is {MANUAL}, and payload.mass is 0; expected the mass of all '
-                    'that is mounted, kg. Set payload.mass and payload.center_of_mass first, or '
-                    'leave payload.active empty.'
+                    f'payload.active is {MANUAL}, and payload.mass is 0. Set payload.mass and '
+                    'payload.center_of_mass of all that is mounted first, or in one request.'
                 )
             return LivePayload(name, by_hand, *self._turn())
         learnt = self._shelf.payloads()

@@ -7,15 +7,16 @@ import time
 import numpy as np
 
 from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.files.job_request import Minute
 from wrist_ft_comp.model.payload.weight import ForceFrame
 from wrist_ft_comp.ros.node_log import NodeLog
-from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench, IDENTIFIED, Shelf
+from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench, Shelf
 from wrist_ft_comp.ros.services.calibrate import JobMaker, run_job
 from wrist_ft_comp.ros.services.deferred import Reply
 from wrist_ft_comp.ros.services.long_service import LongService, Work
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.payload import Force
-from wrist_ft_comp.stream.payload_motion import DURATION_S, MotionCollector
+from wrist_ft_comp.stream.payload_motion import CELL_S, DURATION_S, MotionCollector
 
 #: Wrenches or specific force that stay away for so long by a steady clock end it, s.
 _PATIENCE_S = 10.0
@@ -71,9 +72,10 @@ class IdentifyService(LongService):
             yield from self._wait()
         finally:
             self._external.collect(None)
-        sensor, taken = self._shelf.sensor(self._external.gravity.frames()), self._shelf.payloads()
-        job = self._jobs.minute(IDENTIFIED, self._collector.cells, sensor, taken)
-        outcome = yield from run_job(job)
+        sensor = self._shelf.sensor(self._external.gravity.frames())
+        known = None if sensor is None else (sensor.bias.tolist(), sensor.scale.tolist())
+        minute = Minute(self._collector.cells, CELL_S, tuple(self._shelf.payloads()), known)
+        outcome = yield from run_job(self._jobs.identification(minute))
         frame = ForceFrame(np.array(outcome['rotation']))
         other = self._external.disagreement(frame)
         return (

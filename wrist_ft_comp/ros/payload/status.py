@@ -99,10 +99,7 @@ class PayloadReport(Part):
         if held is None:
             return
         if changed := changed_frames(held.frame, self._external.gravity.frames()):
-            yield (
-                f'{held.name} was learnt under other frame_ids: {changed}. If the sensor or its '
-                'IMU is another one, call ~/identify_payload'
-            )
+            yield f'{held.name} was learnt under other frame_ids: {changed}; is it another sensor?'
         if held.name == MANUAL and (other := self._external.disagreement(held.frame)):
             yield f'{held.turn}; {other}'
 

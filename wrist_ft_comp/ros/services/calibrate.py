@@ -24,15 +24,13 @@ from wrist_ft_comp.files.job_request import (
 )
 from wrist_ft_comp.files.model_file import restore_model
 from wrist_ft_comp.files.model_store import ModelStore
-from wrist_ft_comp.files.payload_file import Learnt, PAYLOADS
+from wrist_ft_comp.files.payload_file import PAYLOADS
 from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.payload.weight import ForceFrame, FrameIds
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics
 from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
 from wrist_ft_comp.ros.services.long_service import LongService, Work
 from wrist_ft_comp.ros.services.record import RecordService
 from wrist_ft_comp.ros.services.recorder import Recorder
-from wrist_ft_comp.stream.payload_motion import CELL_S, MotionCell
 
 #: What runs a job that comes on standard input, and ends when that is closed: also when this
 #: process is killed and cannot say so.
@@ -121,7 +119,6 @@ class JobMaker:
     _settings: Callable[[], dict[str, Any]]
     _topics: Callable[[dict[str, Any]], Topics]
     recorder: Recorder
-    _frames: Callable[[], FrameIds]
 
     def calibration(self) -> CalibrationJob:
         """Ask for what ``~/calibrate`` does."""
@@ -142,16 +139,10 @@ class JobMaker:
         learning = Learning(champion, since, chosen['learning.keep_days'], kept_mb)
         return replace(self._make(tuple(days), chosen, skip_unusable=True), learning=learning)
 
-    def minute(
-        self, stem: str, cells: Sequence[MotionCell], sensor: ForceFrame | None, taken: Learnt
-    ) -> CalibrationJob:
-        """Ask for what ``~/identify_payload`` does; sensor is what was learnt of it before."""
-        rounded = tuple(tuple(float(f'{x:.9g}') for x in cell) for cell in cells)  # fits a pipe
-        known = None if sensor is None else (tuple(sensor.bias), tuple(sensor.scale))
-        return CalibrationJob(
-            (), self.store.directory / 'models' / PAYLOADS, topics=self._topics(self._settings()),
-            minute=Minute(rounded, CELL_S, stem, tuple(taken), known), frames=self._frames(),
-        )  # fmt: skip
+    def identification(self, minute: Minute) -> CalibrationJob:
+        """Ask for what ``~/identify_payload`` does."""
+        output, topics = self.store.directory / 'models' / PAYLOADS, self._topics(self._settings())
+        return CalibrationJob((), output, topics=topics, minute=minute)
 
     def _make(
         self, recordings: tuple[Path, ...], chosen: dict[str, Any], *, skip_unusable: bool
@@ -166,9 +157,8 @@ class JobMaker:
         period_s = self.recorder.period_ns / NANOSECONDS
         known = recordings, output, settings, period_s, self._topics(chosen)
         return CalibrationJob(
-            *known, skip_unusable=skip_unusable, report=output.with_suffix('.html'),
-            frames=self._frames(),
-        )  # fmt: skip
+            *known, skip_unusable=skip_unusable, report=output.with_suffix('.html')
+        )
 
 
 def run_job(job: CalibrationJob) -> Generator[None, None, dict[str, Any]]:

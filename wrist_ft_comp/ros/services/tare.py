@@ -94,17 +94,16 @@ class TareService(LongService):
 
     def _weight(self, held: LivePayload | None) -> FloatArray | None:
         """Give the mean weight of what is held; refuse where it is not what was held all along."""
-        active, known = self._external.payload, [w for w in self._weights if w is not None]
-        if active is None and held is None and not self._external.waiting:
+        active, waiting = self._external.payload, self._external.waiting
+        if active is None and held is None and not waiting:
             return None
-        if active is held and active is not None and len(known) == len(self._weights):
-            return np.asarray(np.mean(known, axis=0))
-        why = self._external.waiting or (
-            'payload.active changed meanwhile'
-            if active is not held
-            else f'specific force was fresh for {len(known)} of {len(self._weights)} wrenches'
-        )
-        raise TareRefusedError(
-            f'wrench_external can not be tared: {why}. Both tares stay as they were. Look at the '
-            'status payload and call again; with payload.active empty, wrench is tared alone.'
-        )
+        known = [weight for weight in self._weights if weight is not None]
+        if active is None or active is not held or len(known) < len(self._weights):
+            fresh = f'specific force was fresh for {len(known)} of {len(self._weights)} wrenches'
+            why = waiting or (fresh if active is held else 'payload.active changed meanwhile')
+            raise TareRefusedError(
+                f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look at '
+                'the status payload and call again; with payload.active empty, wrench is tared '
+                'alone.'
+            )
+        return np.asarray(np.mean(known, axis=0))
