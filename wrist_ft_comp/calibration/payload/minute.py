@@ -56,8 +56,9 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
     Parameters
     ----------
     cells : ndarray, shape (n, CHANNELS)
-        Means over period_s, s, in order of time: N and N m, m/s² as measured, and rad/s, which is
-        NaN where nobody knows.
+        Means in order of time: N and N m, m/s² as measured, and rad/s, or NaN where nobody knows.
+    period_s : float
+        Length of a cell, s.
     sensor : ForceFrame or None
         Bias and scale of the accelerometer as a calibration found them. They are found in the
         minute where there are none, or where they do not make gravity of what was measured.
