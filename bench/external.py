@@ -30,6 +30,7 @@ import numpy as np
 from worlds import DEVELOPMENT_SEED, report_seed
 
 from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.payload.minute import identify
 from wrist_ft_comp.calibration.settings import CalibrationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
@@ -55,7 +56,7 @@ from wrist_ft_comp.simulation.work import (
 )
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.payload import LivePayload
-from wrist_ft_comp.stream.payload_motion import DURATION_S, identify, MotionCollector
+from wrist_ft_comp.stream.payload_motion import CELL_S, DURATION_S, MotionCollector
 
 RATE, SECONDS, TARE_S = 20, 9000, 60
 DUTIES = (((0, 600, 4200, 6000), (0.0, 0.9, 0.0, 0.5)), ((0, 900, 5000), (0.0, 0.7, 0.2)))
@@ -190,7 +191,7 @@ def in_a_minute(stream: Compensator, day: Day, frame: ForceFrame) -> Payload | N
         if collector.add(stamp_ns, wrench, day.force[row].tolist(), float(day.speed[row])):
             break
     try:
-        return identify(collector.cells(), frame).payload
+        return identify(np.array(collector.cells), CELL_S, frame).payload
     except CalibrationRefusedError as refusal:
         print(f'  refused: {refusal}')
         return None

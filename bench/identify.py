@@ -13,6 +13,7 @@ import time
 
 import numpy as np
 
+from wrist_ft_comp.calibration.payload.minute import identify
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.model.payload.weight import Payload
 from wrist_ft_comp.model.signals import FloatArray, GRAVITY, NANOSECONDS
@@ -23,7 +24,7 @@ from wrist_ft_comp.simulation.work import (
     read_imu,
     WorkSettings,
 )
-from wrist_ft_comp.stream.payload_motion import DURATION_S, identify, MotionCells, MotionCollector
+from wrist_ft_comp.stream.payload_motion import CELL_S, DURATION_S, MotionCollector
 
 RATE_HZ = 100
 NOISE = np.repeat([0.1, 0.005], 3)
@@ -31,7 +32,7 @@ NOISE = np.repeat([0.1, 0.005], 3)
 
 def collected(
     seed: tuple[int, int], contacts: float, *, by_tf: bool
-) -> tuple[MotionCells, Payload]:
+) -> tuple[FloatArray, Payload]:
     """Let a robot work for a minute; by TF nothing tells its acceleration or speed."""
     rng = np.random.default_rng(seed)
     work = draw_work(WorkSettings(part_kg=0.0, contacts=contacts), rng)
@@ -47,7 +48,7 @@ def collected(
         stamp_ns = k * NANOSECONDS // RATE_HZ
         if collector.add(stamp_ns, row, imu[k, :3].tolist(), math.hypot(*imu[k, 3:])):
             break
-    return collector.cells(), work.payloads[0]
+    return np.array(collector.cells), work.payloads[0]
 
 
 def row(name: str, seed: int, worlds: int, contacts: float, *, by_tf: bool = False) -> None:
@@ -57,7 +58,7 @@ def row(name: str, seed: int, worlds: int, contacts: float, *, by_tf: bool = Fal
         cells, tool = collected((seed, world), contacts, by_tf=by_tf)
         start = time.perf_counter()
         try:
-            payload = identify(cells, None).payload
+            payload = identify(cells, CELL_S, None).payload
         except CalibrationRefusedError:
             refused += 1
             continue

@@ -17,6 +17,7 @@ from wrist_ft_comp.files.job_request import (
     decode_job,
     encode_job,
     Learning,
+    Minute,
     UNTIL_CLOSED,
 )
 from wrist_ft_comp.files.model_file import load_model
@@ -41,11 +42,12 @@ OTHER = CalibrationJob(
         ),
     ),
     period_s=2.5,
-    topics=Topics('/w', ('/t1', '/t2'), '/r', '/imu'),
+    topics=Topics('/w', ('/t1', '/t2'), '/r', '/imu', '', 'imu', 'tool0'),
     skip_unusable=True,
     keep_copied_columns=True,
     report=Path('out/report.html'),
     learning=Learning(Path('models/live.yaml'), 'day_3.csv', 7, 12.5),
+    minute=Minute(((1.0, -2.5), (3.0, 4.0)), 0.5, ('a-1',), ((0.1, 0.0, 0.0), (1.0, 1.1, 1.0))),
 )
 
 
@@ -64,7 +66,7 @@ def job(tmp_path, *recordings, **more):
 
 
 def test_every_setting_of_the_example_differs_from_its_default():
-    default = leaves(CalibrationJob((), Path(), learning=Learning()))
+    default = leaves(CalibrationJob((), Path(), learning=Learning(), minute=Minute((), 0.0)))
     alike = [name for name, value in leaves(OTHER).items() if default[name] == value]
     assert alike == ['job.topics.gravity_frame'], 'an IMU has its place'
 

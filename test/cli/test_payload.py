@@ -8,7 +8,9 @@ import json
 import numpy as np
 import pytest
 
+from wrist_ft_comp.cli import calibration_job
 from wrist_ft_comp.cli.main import main
+from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.files.payload_file import load_payloads
 from wrist_ft_comp.model.signals import AXES, FORCE_CHANNELS
 
@@ -70,7 +72,23 @@ def test_payloads_are_printed_and_kept_beside_the_model(days, done, learnt):
     kept = load_payloads(path.with_name('payloads.json'))
     assert list(kept) == ['cell-1', 'cell-2', 'other-1', 'other-2']
     assert kept['other-2'][0].mass_kg == printed[1]['mass_kg']
-    assert [frame.source for _, frame in kept.values()] == ['', '', 'imu', 'imu']
+    assert [frame.source for _, frame in kept.values()] == ['imu'] * 4
+
+
+def test_payloads_are_kept_only_with_their_model_and_a_model_goes_without_them(
+    days, run, done, tmp_path, monkeypatch
+):
+    argv = 'calibrate', days[0], '--reference', 'payload', '--method', 'pls', '-o'
+    kept = tmp_path / 'payloads.json'
+    with monkeypatch.context() as patch:
+        full = ModelFileError('The disk is full.')
+        patch.setattr(calibration_job, 'save_model', lambda *_: (_ for _ in ()).throw(full))
+        assert run(*argv, tmp_path / 'lost.yaml').sentence
+    assert not kept.exists()
+    kept.write_text('{')
+    text = done(*argv, tmp_path / 'cell.yaml')
+    assert 'its payloads are not: ' in text
+    assert (tmp_path / 'cell.yaml').exists()
 
 
 def test_a_day_is_judged_on_what_is_quiet(days, done, model):

@@ -1,5 +1,6 @@
 """The file of payloads: what comes back, names that are never given twice, and what is refused."""
 
+from concurrent.futures import ThreadPoolExecutor
 import json
 
 import numpy as np
@@ -86,3 +87,10 @@ def test_a_disk_that_refuses_is_told(tmp_path):
     (tmp_path / 'file').write_text('', 'utf-8')
     with pytest.raises(ModelFileError, match=r'cannot be written: .*\. Make room'):
         add_payloads(tmp_path / 'file' / PAYLOADS, 'day', [TOOL], FRAME)
+
+
+def test_payloads_that_are_added_at_once_are_all_kept(tmp_path):
+    path = tmp_path / PAYLOADS
+    with ThreadPoolExecutor(8) as pool:
+        names = list(pool.map(lambda _: add_payloads(path, 'day', [TOOL], FRAME)[0], range(24)))
+    assert sorted(names) == sorted(load_payloads(path)) == sorted(f'day-{n}' for n in range(1, 25))

@@ -12,7 +12,6 @@ from wrist_ft_comp.model.batch_grid import grid_samples, GridBuilder, MAX_CELLS
 from wrist_ft_comp.model.signals import (
     AXES,
     FORCE_CHANNELS,
-    GRAVITY,
     Samples,
     temperature_channel,
 )
@@ -227,17 +226,17 @@ def gridded(force, seconds=None):
 POSES = np.repeat([[0, 0, 9.5], [9.5, 0, 0], [0, -9.5, 0]], 10, axis=0)
 
 
-def test_specific_force_is_scaled_by_its_norm_at_rest():
+def test_specific_force_stays_as_it_was_measured():
     moving = np.array([[30.0, 0.0, 0.0], [0.0, 0.0, 30.0]])
-    recording = gridded(np.concatenate((POSES, moving)))
+    measured = np.concatenate((POSES, moving))
+    recording = gridded(measured)
     assert recording.warnings == ()
-    np.testing.assert_allclose(recording.specific_force[:30], POSES * GRAVITY / 9.5)
-    np.testing.assert_allclose(recording.specific_force[30:], moving * GRAVITY / 9.5)
+    np.testing.assert_array_equal(recording.specific_force, measured)
 
 
-def test_specific_force_in_g_is_scaled_and_doubted():
+def test_specific_force_in_g_is_doubted():
     recording = gridded(POSES / 9.5)
-    np.testing.assert_allclose(recording.specific_force, POSES * GRAVITY / 9.5)
+    np.testing.assert_array_equal(recording.specific_force, POSES / 9.5)
     (doubt,) = recording.warnings
     assert 'norm of 1 at rest, -90% off 9.807' in doubt
 

@@ -25,16 +25,20 @@ from wrist_ft_comp.calibration.chamber import (
     compensate_table,
     leave_one_temperature_out,
 )
+from wrist_ft_comp.calibration.payload.minute import CHANNELS, identify
 from wrist_ft_comp.calibration.result import Calibration
 from wrist_ft_comp.cli.learning.job import answer_learning, keep_payloads
 from wrist_ft_comp.cli.options import part_of
 from wrist_ft_comp.cli.paths import REPORT
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
-from wrist_ft_comp.files.job_request import CalibrationJob, decode_job, UNTIL_CLOSED
+from wrist_ft_comp.files.job_request import CalibrationJob, decode_job, Minute, UNTIL_CLOSED
 from wrist_ft_comp.files.model_file import save_model
+from wrist_ft_comp.files.payload_file import add_payloads, IDENTIFIED
 from wrist_ft_comp.files.recordings import hash_recording, read_recording
 from wrist_ft_comp.model.drift_model import StoredModel
+from wrist_ft_comp.model.payload.learnt import payload_line
+from wrist_ft_comp.model.payload.weight import ForceFrame
 from wrist_ft_comp.model.signals import Progress, Recording
 from wrist_ft_comp.report.of_calibration import calibration_view
 from wrist_ft_comp.report.page import page
@@ -60,8 +64,8 @@ def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome
     recordings, used, left_out = _read(job, report)
     calibration = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
     sources = [{'path': str(path), 'sha256': sha256} for sha256, path in used.items()]
-    calibration = keep_payloads(job, calibration)
     stored = save_model(job.output, calibration, {'recordings': sources})
+    calibration = keep_payloads(job, calibration)
     return JobOutcome(calibration, stored, tuple(recordings), left_out)
 
 
@@ -165,6 +169,8 @@ def _answer(job: CalibrationJob) -> dict[str, Any]:
     """Run a job and put its outcome into plain values."""
     if job.learning is not None:
         return answer_learning(job, job.learning)
+    if job.minute is not None:
+        return _identify(job, job.minute)
     try:
         outcome = run_job(job)
     except WristFtCompError as error:
@@ -178,6 +184,26 @@ def _answer(job: CalibrationJob) -> dict[str, Any]:
         'sha256': outcome.stored.sha256,
         'document': outcome.stored.document,
     }
+
+
+def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
+    """Find the payload in a minute of motion, keep it, and put it into plain values."""
+    cells = np.array(minute.cells, dtype=float).reshape(-1, CHANNELS)
+    sensor = None
+    if minute.sensor is not None:
+        bias, scale = np.array(minute.sensor)
+        sensor = ForceFrame(bias=bias, scale=scale)
+    try:
+        found = identify(cells, minute.period_s, sensor)
+        frame = found.frame.learnt_by(job.topics.force_source, job.topics)
+        (name,) = add_payloads(job.output, IDENTIFIED, [found.payload], frame, minute.taken)
+    except WristFtCompError as error:
+        return {'success': False, 'message': str(error)}
+    message = (
+        f"{payload_line(name, found.payload)} in the wrench's frame. Contact was taken for "
+        f'{found.contact:.0%} of the time, {found.fast:.0%} was too fast.'
+    )
+    return {'success': True, 'message': message, 'name': name, 'rotation': frame.rotation.tolist()}
 
 
 def _report(job: CalibrationJob, outcome: JobOutcome) -> str:

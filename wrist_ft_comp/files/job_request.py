@@ -1,5 +1,6 @@
 """What a calibration job is, and how it travels between processes."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 import json
 from pathlib import Path
@@ -31,6 +32,19 @@ class Learning:
 
 
 @dataclass(frozen=True)
+class Minute:
+    """What makes a job one that finds a payload in a minute of motion; the output gets it."""
+
+    #: Means over cells, as calibration.payload.minute takes them, and their length, s.
+    cells: Sequence[tuple[float, ...]]
+    period_s: float
+    #: Names that are taken elsewhere.
+    taken: tuple[str, ...] = ()
+    #: Bias and scale of the accelerometer where a calibration has found them.
+    sensor: tuple[Sequence[float], Sequence[float]] | None = None
+
+
+@dataclass(frozen=True)
 class CalibrationJob:
     """What to calibrate from, how, and where the model goes."""
 
@@ -52,6 +66,8 @@ class CalibrationJob:
     report: Path | None = None
     #: If a node learns by itself: recordings are all days that have ended, oldest first.
     learning: Learning | None = None
+    #: What one asks for that collects a minute; there are no recordings then.
+    minute: Minute | None = None
 
 
 def encode_job(job: CalibrationJob) -> str:
@@ -73,4 +89,5 @@ def decode_job(text: str) -> CalibrationJob:
     if learning:
         learning['champion'] = learning['champion'] and Path(learning['champion'])
         job['learning'] = Learning(**learning)
+    job['minute'] = job['minute'] and Minute(**job['minute'])
     return CalibrationJob(**job)

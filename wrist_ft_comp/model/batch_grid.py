@@ -115,7 +115,7 @@ class GridBuilder:
         force = None
         if any(channel in dense for channel in FORCE_CHANNELS):
             force = np.stack([dense.get(c, absent) for c in FORCE_CHANNELS], axis=1)
-            force, doubts = _scale_to_gravity(force, self._name)
+            force, doubts = _doubt_gravity(force, self._name)
             warnings += doubts
         return Recording(
             name=self._name, period_ns=self._period_ns, first_cell=first,
@@ -196,8 +196,8 @@ class GridBuilder:
         return held
 
 
-def _scale_to_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, tuple[str, ...]]:
-    """Scale specific force by its norm at rest, because accelerometers are off by some percent."""
+def _doubt_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, tuple[str, ...]]:
+    """Doubt specific force whose norm at rest is not gravity's; its numbers stay as measured."""
     # Shape (N, 3), NaN in cells without a sample of all three; None where it can't be gravity. The
     # sentences are doubts.
     # At rest a cell is like its neighbour; where it hardly ever is, the quietest half has to do.
@@ -218,13 +218,12 @@ def _scale_to_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, 
         return None, (doubt,)
     off = norm / GRAVITY - 1
     doubt = (
-        f'{its} a norm of {norm:.4g} at rest, {off:+.0%} off {GRAVITY} m/s²; it was scaled. If it '
-        'is in another unit, that is all; if not, calibrate the accelerometer, because a payload '
-        'is as wrong as it is.'
+        f'{its} a norm of {norm:.4g} at rest, {off:+.0%} off {GRAVITY} m/s², which a payload '
+        'takes for its scale. If it is in another unit, that is all; if not, calibrate the '
+        'accelerometer, because a payload is as wrong as it is.'
     )
     known = np.isfinite(force).all(axis=1, keepdims=True)
-    scaled = np.where(known, force * (GRAVITY / norm), np.nan)
-    return scaled, (doubt,) if abs(off) > _GRAVITY_DOUBT else ()
+    return np.where(known, force, np.nan), (doubt,) if abs(off) > _GRAVITY_DOUBT else ()
 
 
 def grid_samples(

@@ -57,6 +57,9 @@ class Topics:
     #: which that of the wrench turns; nowhere where both are empty.
     imu: str = ''
     gravity_frame: str = ''
+    #: The frame_id of the specific force and of the wrench, where who asks knows the sensor.
+    force_frame: str = ''
+    wrench_frame: str = ''
 
     @property
     def force_source(self) -> str:
@@ -138,8 +141,8 @@ class Recording:
     warnings: tuple[str, ...] = field(default=())
     #: Of every axis where it is not N and N m; else empty.
     unit: str = ''
-    #: Mean specific force, m/s², GRAVITY at rest, shape (N, 3), NaN where there was no sample;
-    #: None where none was recorded.
+    #: Mean specific force as it was measured, shape (N, 3), NaN where there was no sample; None
+    #: where none was recorded. Scale and bias of the accelerometer are still in it.
     specific_force: FloatArray | None = None
     #: RMS speed of rotation, rad/s, shape (N,), NaN where there was no sample; None where none was
     #: recorded.

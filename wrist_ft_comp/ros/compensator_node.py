@@ -78,11 +78,13 @@ class CompensatorNode(Hub):
         self.recording = RecordService(self.recorder, store, counts, log)
         shelf = Shelf(store.directory / 'models', live, by)
         self.external = ExternalWrench(compensator, self._settings, shelf, self.gravity, log)
-        self.identification = IdentifyService(compensator, self.external, shelf, name, log)
+        self.jobs = JobMaker(store, self._settings, self._full_topics, self.recorder)
+        self.identification = IdentifyService(
+            compensator, self.external, shelf, self.jobs, name, log
+        )
         self.tare = TareService(
             compensator, self.external, self._settings, self.state_keeper.save, log
         )
-        self.jobs = JobMaker(store, self._settings, self._full_topics, self.recorder)
         self.calibration = CalibrateService(self.jobs.calibration, live.take, self.recording, log)
         self.learning = Learner(chosen, live, self.calibration, self.jobs, log)
         self.output = Output(compensator, counts, self.hardware_id)
@@ -199,7 +201,8 @@ class CompensatorNode(Hub):
         reference, by = self.resolve_topic_name('wrench_reference'), chosen['gravity.source']
         imu = self.resolve_topic_name('imu') if by == 'imu' else ''
         frame = chosen['gravity.frame'] if by == 'tf' else ''
-        return Topics(self._raw.topic_name, temperatures, reference, imu, frame)
+        known = temperatures, reference, imu, frame
+        return Topics(self._raw.topic_name, *known, *self.gravity.frames())
 
 
 def _stream_settings(chosen: dict[str, Any]) -> StreamSettings:

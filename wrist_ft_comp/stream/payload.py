@@ -55,8 +55,10 @@ class RecentForces:
 class LivePayload:
     """Weighs a payload at specific forces as they are measured."""
 
-    def __init__(self, name: str, payload: Payload, frame: ForceFrame) -> None:
+    def __init__(self, name: str, payload: Payload, frame: ForceFrame, turned: str = '') -> None:
         self.name, self.payload, self.frame = name, payload, frame
+        #: How specific force is turned for it, and who says so.
+        self.turn = f'specific force is {frame}, {turned}'
         still = payload.weight(frame.turn(np.zeros(3)))
         gains = payload.weight(frame.turn(np.eye(3))) - still
         #: Per axis: what each direction adds, and what is there without any.

@@ -13,7 +13,7 @@ from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.files.payload_file import add_payloads
-from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.model.payload.weight import ForceFrame, FrameIds, Payload
 from wrist_ft_comp.ros.payload import status
 
 SECOND = 1_000_000_000
@@ -129,6 +129,7 @@ def test_without_fresh_specific_force_it_rests_and_the_wrench_goes_on(holding):
     found = node.diagnosis('payload')
     assert (found.level, found.message) == (OK, 'subtracting day-1')
     assert found.values['active'] == 'day-1, 1.5000 kg at (0.0100, -0.0200, 0.0600) m'
+    assert found.values['turn'].endswith('learnt with it by an unknown source')
 
 
 def test_an_imu_is_asked_when_its_newest_sample_is_behind_the_wrench(holding):
@@ -158,21 +159,140 @@ def test_a_payload_changes_with_the_next_wrench_and_refusals_change_nothing(hold
     assert ask(node, START, CONSTANT)[1] is None
 
 
-def test_what_is_mounted_can_be_said_by_hand_and_turns_as_a_calibration_found(holding):
-    node = holding(**{'payload.active': ''})
-    wanted = {'payload.active': 'manual', 'payload.mass': 2.5, 'payload.center_of_mass': [1.0]}
-    refused = node.node.set_parameters_atomically(
-        [Parameter(n, value=v) for n, v in wanted.items()]
+def by_hand(payload=PART, **parameters):
+    """Parameters of a payload by hand."""
+    center = payload.center_m.tolist()
+    known = {'payload.mass': payload.mass_kg, 'payload.center_of_mass': center}
+    return {'payload.active': 'manual', **known, **parameters}
+
+
+def set_all(node, parameters):
+    """Set parameters in one request; return the verdict."""
+    return node.node.set_parameters_atomically(
+        [Parameter(name, value=value) for name, value in parameters.items()]
     )
-    assert not refused.successful
-    assert 'three numbers in m' in refused.reason
-    wanted['payload.center_of_mass'] = PART.center_m.tolist()
-    done = node.node.set_parameters_atomically([Parameter(n, value=v) for n, v in wanted.items()])
+
+
+def test_what_is_mounted_can_be_said_by_hand_and_turns_as_this_sensor_learnt(holding, tmp_path):
+    path = tmp_path / 'data/models/payloads.json'
+    add_payloads(path, 'node', [TOOL], replace(FRAME, source='imu', wrench_frame='tool0'))
+    node = holding(**{'payload.active': ''})
+    for spoiled, sentence in (
+        ({'payload.center_of_mass': [1.0]}, 'three numbers in m'),
+        ({'payload.mass': 0.0}, 'payload.mass is 0'),
+    ):
+        refused = set_all(node, by_hand(**spoiled))
+        assert not refused.successful
+        assert sentence in refused.reason
+    assert not node.set('payload.center_of_mass', [0.1, 0.2]).successful
+    done = set_all(node, by_hand())
     assert done.successful, done.reason
     feel(node, START, ASIDE)
     np.testing.assert_allclose(ask(node, START, PART.weight(ASIDE))[1], 0.0, atol=1e-12)
     assert node.set('payload.mass', 2.0).successful
     assert ask(node, START, PART.weight(ASIDE))[1][0] == pytest.approx(-0.5 * 9.807)
+    turn = node.diagnosis('payload').values['turn']
+    assert 'yaw of 180.0, 0.0, 0.0 degrees, learnt with node-1' in turn
+
+
+@pytest.mark.parametrize(
+    'entry',
+    [
+        {},
+        {'source': 'tf'},
+        {'source': 'imu'},
+        {'source': 'imu', 'wrench_frame': 'left'},
+        {'source': 'imu', 'wrench_frame': 'tool0', 'force_frame': 'x'},
+    ],
+)
+def test_by_hand_it_never_turns_as_another_sensor_or_an_unknown_source(holding, tmp_path, entry):
+    path = tmp_path / 'data/models/payloads.json'
+    other = replace(FRAME, rotation=np.diag([-1.0, -1.0, 1.0]), **entry)
+    add_payloads(path, 'other', [TOOL], other)
+    node = holding(**{'payload.active': ''})
+    ask(node, START, CONSTANT)
+    node.node.gravity.frames = lambda: FrameIds('imu', 'tool0')
+    assert 'nobody knows how specific' in set_all(node, by_hand()).reason
+    node.node.gravity.mount = lambda: FRAME
+    assert set_all(node, by_hand()).successful
+    feel(node, START, ASIDE)
+    np.testing.assert_allclose(ask(node, START, PART.weight(ASIDE))[1], 0.0, atol=1e-12)
+    assert node.diagnosis('payload').values['turn'].endswith('degrees, by /tf_static')
+
+
+def test_the_model_that_is_live_says_whose_payloads_in_a_shared_folder_are_its_own(
+    rig, make_model, tmp_path
+):
+    models = [make_model(f'{side}.yaml', {'force_z': (2.0, 0.0, 600.0)}) for side in 'ab']
+    path = models[0].path.with_name('payloads.json')
+    for side, rotation in (('a', FRAME.rotation), ('b', np.eye(3))):
+        add_payloads(path, side, [TOOL], ForceFrame(rotation, source='imu'))
+    for model, roll in zip(models, ('180.0', '0.0'), strict=True):
+        chosen = {**IMU, **by_hand(), 'model_file': str(model.path)}
+        node = rig(parameters=chosen, directory=tmp_path / model.path.stem)
+        assert f'yaw of {roll}, 0.0' in node.diagnosis('payload').values['turn']
+
+
+def test_by_tf_specific_force_needs_no_turn_and_what_an_imu_taught_is_refused(rig, tmp_path):
+    path = tmp_path / 'data/models/payloads.json'
+    frames = [FRAME, replace(FRAME, source='imu'), ForceFrame(source='imu'), ForceFrame()]
+    for frame in frames:
+        add_payloads(path, 'day', [TOOL], frame)
+    node = rig(parameters={**IMU, **by_hand(TOOL)})
+    # Of the package that is missing here, the node needs nothing for what is asked of it.
+    node.node.external._shelf.source = 'tf'
+    for name in ('day-1', 'day-2', 'day-3'):
+        assert 'learnt by imu, and gravity.source is tf' in node.set('payload.active', name).reason
+    for name, held in (('day-4', 'by an unknown source'), ('manual', 'as TF gives it')):
+        assert node.set('payload.active', name).successful
+        assert held in node.diagnosis('payload').values['turn']
+
+
+def test_turns_that_disagree_are_said_and_the_tare_of_the_other_one_is_gone(holding, tmp_path):
+    node = holding(**{'payload.active': '', 'tare.duration': 0.2})
+    mounted = ForceFrame(np.eye(3), source='imu')
+    node.node.gravity.mount = lambda: mounted
+    ask(node, START, CONSTANT)
+    assert set_all(node, by_hand(TOOL)).successful
+    taken, tare = tare_at_rest(node)
+    assert taken.success
+    assert abs(tare[2]) > 10.0, 'the wrong turn is in it'
+    path = tmp_path / 'data/models/payloads.json'
+    add_payloads(path, 'node', [TOOL], replace(FRAME, source='imu', wrench_frame='tool0'))
+    assert set_all(node, by_hand(TOOL)).successful
+    assert not node.node.compensator.external_tare.any()
+    assert tare_at_rest(node, START + 10 * SECOND)[0].success
+    found = node.diagnosis('payload')
+    assert (found.level, '/tf_static says otherwise, by 180 degrees' in found.message) == (
+        WARN,
+        True,
+    )
+    assert node.set('payload.active', 'node-1').successful
+    assert node.node.compensator.external_tare.any(), 'the same turn needs no second tare'
+    found = node.diagnosis('payload')
+    assert (found.level, '/tf_static says otherwise, by 180 degrees' in found.message) == (
+        OK,
+        True,
+    )
+
+
+def test_another_frame_id_of_the_wrench_than_a_payload_was_learnt_under_is_said(holding, tmp_path):
+    path = tmp_path / 'data/models/payloads.json'
+    add_payloads(path, 'node', [TOOL], replace(FRAME, source='imu', wrench_frame='left'))
+    node = holding(**{'payload.active': 'node-1'})
+    feel(node, START, UP)
+    ask(node, START, CONSTANT)
+    found = node.diagnosis('payload')
+    assert (found.level, 'left is now tool0' in found.message) == (WARN, True)
+
+
+def tare_at_rest(node, start=START):
+    """Tare upright under the tool; the answer, and the tare of the external wrench."""
+    answers = node.ask('tare')
+    for k in range(21):
+        feel(node, start + k * SECOND // 100, UP)
+        ask(node, start + k * SECOND // 100, TOOL.weight(UP) + CONSTANT)
+    return answers.get(timeout=20.0), node.node.compensator.external_tare
 
 
 @pytest.mark.parametrize(
@@ -202,23 +322,27 @@ def test_by_hand_it_waits_at_the_start_for_what_only_tf_can_tell(rig):
     found = node.diagnosis('payload')
     assert (found.level, node.node.external.published) == (WARN, 0)
     assert 'nobody knows how specific force is turned' in found.message
-    refused = node.set('payload.mass', 2.5)
-    assert 'nobody knows how specific force is turned' in refused.reason
+    assert node.set('payload.mass', 2.5).successful
+    assert node.call('tare').message.startswith('Taring needs at least 10 wrenches')
     node.node.gravity.mount = lambda: FRAME
     assert node.diagnosis('payload').message == 'subtracting manual'
     feel(node, START, ASIDE)
     weight = node.node.external.weight_at(START)
-    np.testing.assert_allclose(weight, TOOL.weight(ASIDE), atol=1e-12)
+    np.testing.assert_allclose(weight, Payload(2.5, TOOL.center_m).weight(ASIDE), atol=1e-12)
+
+
+def test_a_broken_file_of_payloads_does_not_end_a_node_that_waits(rig, tmp_path):
+    node = rig(parameters={**IMU, **by_hand(TOOL)})
+    (tmp_path / 'data/models').mkdir(parents=True)
+    (tmp_path / 'data/models/payloads.json').write_text('{')
+    node.node.gravity.mount = lambda: FRAME
+    assert node.diagnosis('payload').level == WARN
+    assert not node.node.external.stopped
 
 
 def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
     node = holding(**{'tare.duration': 0.2})
-    answers = node.ask('tare')
-    for k in range(21):
-        stamp = START + k * SECOND // 100
-        feel(node, stamp, UP)
-        ask(node, stamp, TOOL.weight(UP) + CONSTANT)
-    answer = answers.get(timeout=20.0)
+    answer, _ = tare_at_rest(node)
     assert answer.success
     assert answer.message.endswith('; wrench_external is tared, too')
     numbers = node.diagnosis('payload').values
@@ -237,15 +361,38 @@ def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
     np.testing.assert_allclose(both, [TOOL.weight(ASIDE) + CONSTANT, CONSTANT])
 
 
-def test_a_tare_without_specific_force_leaves_the_external_one_alone(holding):
+def test_a_tare_without_specific_force_is_refused_and_both_stay(holding):
     node = holding(**{'tare.duration': 0.2})
+    feel(node, START - SECOND, UP)
     answers = node.ask('tare')
     for k in range(21):
         ask(node, START + k * SECOND // 100, CONSTANT)
-    assert answers.get(timeout=20.0).message.endswith(
-        'is not: specific force stayed away meanwhile'
-    )
+    answer = answers.get(timeout=20.0)
+    assert not answer.success
+    assert 'specific force was fresh for 0 of 21 wrenches. Both tares stay' in answer.message
     assert not node.node.compensator.external_tare.any()
+    assert not node.node.compensator.tare.any()
+
+
+def test_a_tare_of_a_payload_that_was_changed_meanwhile_is_refused(holding):
+    node = holding(**{'tare.duration': 0.2})
+    answers = node.ask('tare')
+    for k in range(21):
+        feel(node, START + k * SECOND // 100, UP)
+        ask(node, START + k * SECOND // 100, CONSTANT)
+        if k == 10:
+            assert node.set('payload.active', 'day-2').successful
+    assert 'payload.active changed meanwhile' in answers.get(timeout=20.0).message
+
+
+def test_an_accelerometer_that_is_off_what_was_learnt_is_told(holding):
+    node = holding()
+    for k in range(status._OFF_REPORTS):
+        feel(node, START + k * SECOND, (1.05 + 1e-6 * k) * UP)
+        ask(node, START + k * SECOND, CONSTANT)
+        found = node.diagnosis('payload')
+        assert (found.level == WARN) == (k == status._OFF_REPORTS - 1)
+    assert 'specific force is +5% off gravity by the accelerometer of day-1' in found.message
 
 
 @pytest.mark.parametrize(

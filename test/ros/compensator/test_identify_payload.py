@@ -7,6 +7,7 @@ import queue
 import numpy as np
 import pytest
 
+from wrist_ft_comp.model.payload.weight import ForceFrame
 from wrist_ft_comp.ros.payload import identify
 from wrist_ft_comp.simulation.work import (
     draw_accelerometer,
@@ -61,6 +62,7 @@ def ask(node):
 
 def test_a_minute_of_work_tells_what_is_mounted_and_how_to_use_it(working, minute):
     tool = minute[0]
+    working.node.gravity.mount = lambda: ForceFrame(np.diag([1.0, -1.0, -1.0]))
     answers = ask(working)
     send(working, minute, range(600))
     assert working.diagnosis('payload').message == 'identifying a payload: 50% of a minute'
@@ -74,9 +76,12 @@ def test_a_minute_of_work_tells_what_is_mounted_and_how_to_use_it(working, minut
     path = working.directory / 'models/payloads.json'
     (kept,) = json.loads(path.read_text('utf-8'))['payloads'].items()
     assert (kept[0], kept[1]['source']) == ('identified-1', 'imu')
+    assert kept[1]['wrench_frame'] == 'tool0'
     assert kept[1]['mass_kg'] == pytest.approx(tool.mass_kg, rel=0.03)
     np.testing.assert_allclose(kept[1]['center_of_mass_m'], tool.center_m, atol=5e-3)
     assert answer.message.startswith(f'identified-1: {kept[1]["mass_kg"]:.3f} ± 0.0')
+    assert 'Specific force is turned by roll, pitch, yaw of ' in answer.message
+    assert '/tf_static says otherwise, by 17' in answer.message or 'by 18' in answer.message
     name = working.node.get_fully_qualified_name()
     assert answer.message.endswith(f'ros2 param set {name} payload.active identified-1')
     assert working.diagnosis('payload').values['last_identification'] == answer.message
@@ -109,7 +114,7 @@ def test_a_robot_that_stands_still_is_told_to_move(working):
     answers = ask(working)
     for k in range(0, 61 * RATE_HZ, 5):
         stamp = START + 2 * SECOND + k * SECOND // RATE_HZ
-        working.node.tell('on_force', stamp, (0.0, 0.0, 9.8), None)
+        working.node.tell('on_force', stamp, (0.0, 0.0, 9.807), None)
         working.ask_output(stamp, [1.0] * 6)
     working.wait_until(lambda: not answers.empty(), 'the answer')
     assert 'gravity moved by 0.00, 0.00, 0.00 m/s²' in answers.get().message

@@ -16,6 +16,8 @@ FROZEN_S = 1200
 _JUMP, _JUMPY = 12.0, 0.01
 #: Standing still, rad/s.
 _STILL = 0.03
+#: A norm at rest that is off the newest recording's by more is another unit's, not a bias.
+_OTHER_UNIT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +34,8 @@ class Accelerometer:
 
 def set_right(recordings: Sequence[Recording]) -> Accelerometer:
     """Find bias, what temperature adds to it, and scale of recordings that hold specific force."""
-    force = np.concatenate([known_force(recording) for recording in recordings])
-    known = np.isfinite(force).all(axis=1)
+    force = np.concatenate(_in_one_unit([known_force(recording) for recording in recordings]))
+    known = np.all(np.isfinite(force), axis=1)
     temperature_c = np.concatenate([recording.temperature_c for recording in recordings])
     theta = temperature_c - temperature_c.mean(axis=0)
     still = known & (np.concatenate([rotation_speed(r) for r in recordings]) < _STILL)
@@ -42,6 +44,17 @@ def set_right(recordings: Sequence[Recording]) -> Accelerometer:
     right = (force - frame.bias - theta @ drift) / frame.scale
     ends = np.cumsum([len(recording) for recording in recordings])[:-1]
     return Accelerometer(np.split(right, ends), frame, covariance)
+
+
+def _in_one_unit(forces: Sequence[FloatArray]) -> list[FloatArray]:
+    """Bring specific forces, (N, 3), to the unit of the newest, which is what the node hears."""
+    norms = [np.linalg.norm(force[np.isfinite(force[:, 0])], axis=1) for force in forces]
+    usual = [float(np.median(norm)) if len(norm) else np.nan for norm in norms]
+    shares = [norm / next((u for u in usual[::-1] if u > 0), np.nan) for norm in usual]
+    return [
+        force / share if abs(share - 1) > _OTHER_UNIT and share > 0 else force
+        for force, share in zip(forces, shares, strict=True)
+    ]
 
 
 def known_force(recording: Recording) -> FloatArray:

@@ -17,7 +17,9 @@ BLOCK_S, _FEWEST = 300.0, 30
 #: Where a smaller share of the cells is usable, a contact looks like the level.
 _SPARSE = 0.2
 #: Cells that turn faster are left out, rad/s: ω×(ω×c) of the payload is not seen.
-_FASTEST = 0.5
+FASTEST = 0.5
+#: A block's level is a polynomial with as many coefficients: a parabola follows the drift.
+POWERS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +32,15 @@ class Cells:
     #: Whether they are known and the sensor does not turn fast, (n, B).
     usable: BoolArray
     #: Cells of each piece that was cut into blocks, by recording.
-    pieces: Sequence[Sequence[int]]
+    pieces: Sequence[Sequence[int]] = ()
+    #: Coefficients of a block's level; one where the drift is off already.
+    powers: int = POWERS
 
     def part(self, chosen: IntArray) -> 'Cells':
         """Choose blocks."""
-        return Cells(self.wrench[chosen], self.force[chosen], self.usable[chosen], ())
+        return Cells(
+            self.wrench[chosen], self.force[chosen], self.usable[chosen], powers=self.powers
+        )
 
     def cut(self, parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
         """Cut arrays, a part per recording, into the same blocks."""
@@ -80,7 +86,7 @@ def cut(
     for recording, force in zip(recordings, forces, strict=True):
         wrench = recording.wrench[:, axes]
         usable = np.isfinite(wrench).all(axis=1) & np.isfinite(force).all(axis=1)
-        usable &= rotation_speed(recording) < _FASTEST
+        usable &= rotation_speed(recording) < FASTEST
         wrenches.append(np.where(usable[:, None], wrench, 0))
         rights.append(np.where(usable[:, None], force, 0))
         usables.append(usable)

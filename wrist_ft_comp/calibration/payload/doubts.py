@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from wrist_ft_comp.calibration.payload.accelerometer import FROZEN_S, known_force
+from wrist_ft_comp.calibration.payload.accelerometer import FROZEN_S, known_force, set_right
 from wrist_ft_comp.calibration.payload.cells import axes_of, cut
 from wrist_ft_comp.calibration.payload.gains import (
     contrast,
@@ -130,7 +130,7 @@ def follows_gravity(recordings: Sequence[Recording], reference: Reference) -> It
         axes = axes_of([recording])
         if recording.specific_force is None or not axes:
             continue
-        cells = cut([recording], [known_force(recording)])
+        cells = cut([recording], set_right([recording]).forces)
         weights, states = cells.usable.astype(float), np.zeros(cells.usable.shape, dtype=np.int64)
         fit = Fit(
             solve(cells, states, weights, 1), states, weights, cells.wrench, np.ones(len(axes))

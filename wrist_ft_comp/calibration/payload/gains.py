@@ -13,11 +13,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from wrist_ft_comp.calibration.payload.cells import Cells
-from wrist_ft_comp.model.payload.rigid_body import information, rigid_bodies, RigidBodies
+from wrist_ft_comp.calibration.payload.cells import Cells, POWERS
+from wrist_ft_comp.model.payload.rigid_body import (
+    blocks,
+    information,
+    rigid_bodies,
+    RigidBodies,
+)
 from wrist_ft_comp.model.signals import BoolArray, FloatArray, IntArray
 
-_POWERS = 3
 #: A cell is not known better than to this share of the wrench, or nothing else would count.
 _NOISELESS = 1e-4
 #: Contrasts of the specific force below this tell no gain, m/s².
@@ -52,7 +56,7 @@ def solve(cells: Cells, states: IntArray, weights: FloatArray, count: int) -> Fl
     """Fit gains (K, 3, A) to weighted cells, parabolas eliminated."""
     size = 3 * count
     z = np.concatenate((_by_state(cells, states, count), cells.wrench), axis=2)
-    normal = _eliminated(z, weights)
+    normal = _eliminated(z, weights, cells.powers)
     gram = normal[:size, :size]
     ridge = (_SAYS_NOTHING**2 * weights.sum() + 1e-30) * np.eye(size)
     return np.linalg.solve(gram + ridge, normal[:size, size:]).reshape(count, 3, cells.axes)
@@ -65,34 +69,34 @@ def _by_state(cells: Cells, states: IntArray, count: int) -> FloatArray:
 
 
 @lru_cache(maxsize=8)
-def _parabolas(cells: int) -> tuple[FloatArray, FloatArray]:
+def _parabolas(cells: int, powers: int) -> tuple[FloatArray, FloatArray]:
     """Draw Legendre polynomials over a block, (B, P), and their products, (B, P²)."""
     share = (np.arange(cells) + 0.5) / cells * 2 - 1
-    phi = np.asarray(np.polynomial.legendre.legvander(share, _POWERS - 1), dtype=float)
+    phi = np.asarray(np.polynomial.legendre.legvander(share, powers - 1), dtype=float)
     return phi, (phi[:, :, None] * phi[:, None]).reshape(cells, -1)
 
 
-def _normal(weights: FloatArray) -> FloatArray:
+def _normal(weights: FloatArray, powers: int) -> FloatArray:
     """Sum weighted products of the polynomials over every block, (n, P, P)."""
-    _, products = _parabolas(weights.shape[1])
-    return np.asarray((weights @ products).reshape(-1, _POWERS, _POWERS))
+    _, products = _parabolas(weights.shape[1], powers)
+    return np.asarray((weights @ products).reshape(-1, powers, powers))
 
 
-def _eliminated(z: FloatArray, weights: FloatArray) -> FloatArray:
+def _eliminated(z: FloatArray, weights: FloatArray, powers: int) -> FloatArray:
     """Sum products of columns over blocks, parabolas eliminated in each."""
-    phi, _ = _parabolas(z.shape[1])
+    phi, _ = _parabolas(z.shape[1], powers)
     weighted = weights[..., None] * z
     crossed = phi.T @ weighted
-    inner = _normal(weights) + 1e-9 * np.eye(_POWERS)
+    inner = _normal(weights, powers) + 1e-9 * np.eye(powers)
     own = np.einsum('nbi,nbj->ij', weighted, z, optimize=True)
     taken = np.einsum('npi,npj->ij', crossed, np.linalg.solve(inner, crossed))
     return np.asarray(own - taken)
 
 
-def leveled(values: FloatArray, weights: FloatArray) -> FloatArray:
-    """Fit parabolas to weighted values (n, B, A), and draw them."""
-    phi, _ = _parabolas(values.shape[1])
-    inner = _normal(weights) + 1e-6 * np.eye(_POWERS)
+def leveled(values: FloatArray, weights: FloatArray, powers: int = POWERS) -> FloatArray:
+    """Fit parabolas, or constants by one power, to weighted values (n, B, A), and draw them."""
+    phi, _ = _parabolas(values.shape[1], powers)
+    inner = _normal(weights, powers) + 1e-6 * np.eye(powers)
     return np.asarray(phi @ np.linalg.solve(inner, phi.T @ (weights[..., None] * values)))
 
 
@@ -133,14 +137,18 @@ def _neighbours_noise(cells: Cells, rest: FloatArray) -> FloatArray:
 def bodies_of(cells: Cells, fit: Fit, scale: FloatArray | None = None) -> RigidBodies:
     """Find the rigid bodies behind gains of six axes; scale is the accelerometer's, (3, 3)."""
     parts = _by_state(cells, fit.states, len(fit.gains)), cells.wrench - weight_of(cells, fit)
-    contrast, rest = (each - leveled(each, fit.weights) for each in parts)
-    known = *information(contrast, rest, fit.weights), float(fit.weights.sum())
-    return rigid_bodies(fit.gains, *known, scale)
+    contrast, rest = (each - leveled(each, fit.weights, cells.powers) for each in parts)
+    # Errors are told by the scatter of at least twelve blocks.
+    length = -(-cells.usable.shape[1] // -(-12 // len(cells.usable)))
+    pieces = (
+        blocks(each.reshape(-1, *each.shape[2:]), length) for each in (contrast, rest, fit.weights)
+    )
+    return rigid_bodies(fit.gains, *information(*pieces), float(fit.weights.sum()), scale)
 
 
 def contrast(cells: Cells, weights: FloatArray) -> float:
     """Tell the RMS of what changes of the specific force within blocks, m/s²."""
-    moved = cells.force - leveled(cells.force, weights)
+    moved = cells.force - leveled(cells.force, weights, cells.powers)
     total = np.einsum('nb,nbi->', weights, moved**2)
     return float(np.sqrt(total / max(weights.sum(), 1e-9)))
 

@@ -119,12 +119,14 @@ def explained(cells: Cells, gains: FloatArray, noise: FloatArray) -> Fit:
 
 def _followed(cells: Cells, fit: Fit) -> FloatArray:
     """Start from levels that the states and weights of a fit give, by the noise."""
-    return leveled((cells.wrench - weight_of(cells, fit)) / fit.noise, fit.weights)
+    rest = (cells.wrench - weight_of(cells, fit)) / fit.noise
+    return leveled(rest, fit.weights, cells.powers)
 
 
 def _everywhere(cells: Cells, fit: Fit) -> list[FloatArray]:
     """Start from the levels that each state gives if it is on everywhere, by the noise."""
-    return [leveled(rest, cells.usable.astype(float)) for rest in _rests(cells, fit)]
+    weights = cells.usable.astype(float)
+    return [leveled(rest, weights, cells.powers) for rest in _rests(cells, fit)]
 
 
 def _windows(cells: Cells, fit: Fit, width: float) -> Iterator[FloatArray]:
@@ -135,7 +137,7 @@ def _windows(cells: Cells, fit: Fit, width: float) -> Iterator[FloatArray]:
         for window in np.array_split(known, _WINDOWS, axis=1):
             level = _medians(window)[:, None]
             states, weights = _turn(rests, cells.usable, level, 4 * width)
-            yield leveled(held(rests, states), weights)
+            yield leveled(held(rests, states), weights, cells.powers)
 
 
 def _medians(values: FloatArray) -> FloatArray:
@@ -173,7 +175,7 @@ def _assign(cells: Cells, fit: Fit, width: float, starts: Iterable[FloatArray], 
         levels = start
         states, weights = _turn(rests, usable, levels, width)
         for _ in range(turns - 1):
-            levels = leveled(held(rests, states), weights)
+            levels = leveled(held(rests, states), weights, cells.powers)
             states, weights = _turn(rests, usable, levels, width)
         lost = _loss(weights, usable)
         better = (lost < cost - 1.0)[:, None]

@@ -95,9 +95,9 @@ def _save(
     job: CalibrationJob, better: Calibration, days: dict[str, Path], look: Callable[[str], Day]
 ) -> Answer:
     """Save a better model and its report; it is not given up because its report failed."""
-    better = keep_payloads(job, better)
     sources = [{'path': str(path), 'sha256': hash_recording(path)} for path in days.values()]
     stored = save_model(job.output, better, {'recordings': sources})
+    better = keep_payloads(job, better)
     answer = {'path': str(stored.path), 'sha256': stored.sha256, 'document': stored.document}
     if job.report is not None:
         with suppress(WristFtCompError):
@@ -108,11 +108,18 @@ def _save(
 
 def keep_payloads(job: CalibrationJob, found: Calibration) -> Calibration:
     """Keep what a job learnt of payloads beside its model; they are called as they are there."""
+    # The model is saved already: where payloads cannot be kept, that is a warning.
     learnt = found.payloads
     if learnt is None:
         return found
-    frame = replace(learnt.frame, source=job.topics.force_source)
+    # A file with columns does not say what told specific force; only TF's needs no frame.
+    source = job.topics.force_source or ('' if learnt.frame.does_nothing else 'imu')
+    frame = learnt.frame.learnt_by(source, job.topics)
     payloads, path = learnt.payloads.values(), job.output.with_name(PAYLOADS)
-    names = add_payloads(path, job.output.stem, payloads, frame)
+    try:
+        names = add_payloads(path, job.output.stem, payloads, frame)
+    except WristFtCompError as error:
+        lost = f'The model is saved, but its payloads are not: {error}'
+        return replace(found, warnings=(*found.warnings, lost))
     named = dict(zip(names, payloads, strict=True))
     return replace(found, payloads=replace(learnt, payloads=named))

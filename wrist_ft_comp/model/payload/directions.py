@@ -64,7 +64,7 @@ def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArr
     # Specific force as it was measured, m/s², (n, 3), and temperatures less their mean, K, (n, J),
     # give the frame, the bias per kelvin, (J, 3), and the covariance of the scale that is left.
     norms = np.linalg.norm(force, axis=1)
-    common = float(np.median(norms)) / GRAVITY if len(force) else 1.0
+    common = (float(np.median(norms)) if len(force) else 0.0) / GRAVITY or 1.0
     near = np.abs(norms - common * GRAVITY) < _FAR * common * GRAVITY
     force, theta = force[near], theta[near]
     thermometers = theta.shape[1]

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
-from wrist_ft_comp.model.signals import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,18 +16,10 @@ class LearntPayloads:
     #: By name, lightest first.
     payloads: dict[str, Payload]
 
-    @property
-    def rotation_deg(self) -> FloatArray:
-        """Roll, pitch and yaw from the frame of the specific force to the wrench's."""
-        r = self.frame.rotation
-        roll, yaw = np.arctan2((r[2, 1], r[1, 0]), (r[2, 2], r[0, 0]))
-        return np.degrees([roll, -np.arcsin(np.clip(r[2, 0], -1, 1)), yaw])
-
     def lines(self) -> list[str]:
         """Describe each in a line, and the frame in another."""
         said = [f'payload {payload_line(*each)}' for each in self.payloads.items()]
-        turned = ', '.join(f'{each:.1f}' for each in np.round(self.rotation_deg, 1) + 0.0)
-        return [*said, f'specific force turned by roll, pitch, yaw of {turned} degrees']
+        return [*said, f'specific force {self.frame}']
 
 
 def payload_line(name: str, payload: Payload) -> str:

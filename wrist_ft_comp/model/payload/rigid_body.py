@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrist_ft_comp.model.payload.weight import FARTHEST_M, Payload
+from wrist_ft_comp.model.payload.weight import FARTHEST_M, MOST_KG, Payload
 from wrist_ft_comp.model.signals import BoolArray, FloatArray
 
 #: A second direction has to be seen, m/s² of its contrast, for a rotation to be known.
@@ -25,6 +25,8 @@ CONTRAST = 0.3
 LIGHTEST_KG, MISFIT = 0.02, 0.1
 #: How well a sensor's own calibration is trusted, 1 for all.
 _SENSOR_GAIN = 0.01
+#: Squares of contrasts, m²/s⁴, of wrenches, and of what weighs, below this say nothing.
+_SAYS_NOTHING = 1e-12
 #: Steps end when they are this small, rad, kg and m.
 _ROUNDS, _SETTLED = 20, 1e-10
 
@@ -53,6 +55,7 @@ class RigidBodies:
     def tangible(self) -> BoolArray:
         """Whether there is a body at all, (K,): it weighs, and not far from the sensor."""
         weighs = self.mass_kg > np.maximum(LIGHTEST_KG, 3 * self.mass_error_kg)
+        weighs &= self.mass_kg < MOST_KG
         return np.asarray(weighs & (np.abs(self.center_m) < FARTHEST_M).all(axis=1))
 
     def payload(self, number: int, share: float = np.nan) -> Payload:
@@ -136,10 +139,11 @@ def rigid_bodies(
     own = np.einsum('kikj->kij', by_body)
     rotation, mirrored = _start_rotation(gains, own.sum(axis=0))
     sign = -1.0 if mirrored else 1.0
-    roots = np.linalg.cholesky(normal + 1e-9 * np.trace(normal) * np.eye(3 * count)).T
+    ridge = 1e-9 * np.trace(normal) + _SAYS_NOTHING
+    roots = np.linalg.cholesky(normal + ridge * np.eye(3 * count)).T
     mass = -sign * np.einsum('kji,ij->k', gains[:, :, :3], rotation) / 3
     values = np.append(np.zeros(3 + 6), mass[:, None] * [1.0, 0.0, 0.0, 0.0])
-    spread = np.maximum(spread, 1e-18 * np.mean(gains**2, axis=(0, 1)) + 1e-30)
+    spread = np.maximum(spread, 1e-18 * np.mean(gains**2, axis=(0, 1)) + _SAYS_NOTHING)
     for _ in range(2):  # the second time with errors that hold what no rigid body explains
         problem = _Problem(gains, roots, spread, sign)
         values, rotation = problem.settle(values, rotation)
@@ -159,7 +163,7 @@ def rigid_bodies(
     left, whole = (
         np.einsum('kia,kij,kja,a->k', each, own, each, 1 / spread) for each in (strange, gains)
     )
-    misfit = float(np.sqrt(left.max() / whole.max()))
+    misfit = float(np.sqrt(left.max() / max(whole.max(), _SAYS_NOTHING)))
     found = bodies[:, 0], error[:, 0], bodies[:, 1:], error[:, 1:], rotation, misfit, mirrored
     contrast = np.sqrt(np.maximum(sizes[::-1], 0) / cells)
     return RigidBodies(*found, contrast, rotation @ directions[:, 0])

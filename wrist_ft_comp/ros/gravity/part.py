@@ -3,7 +3,7 @@
 from functools import partial
 from typing import Any
 
-from wrist_ft_comp.model.payload.weight import ForceFrame
+from wrist_ft_comp.model.payload.weight import ForceFrame, FrameIds
 from wrist_ft_comp.ros.gravity.source import GravitySource
 from wrist_ft_comp.ros.hub import Hub, Part
 
@@ -34,6 +34,10 @@ class Gravity(Part):
         """Take what an IMU has sent."""
         if self.source is not None and not self.stopped:
             self.source.poll()
+
+    def frames(self) -> FrameIds:
+        """Tell the frame_ids of specific force and wrench, as far as they are known yet."""
+        return FrameIds() if self.source is None else self.source.frames()
 
     def mount(self) -> ForceFrame | None:
         """Tell how TF turns specific force into the wrench's frame; None where it does not."""

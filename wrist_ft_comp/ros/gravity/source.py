@@ -13,7 +13,7 @@ from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.files.bags.tf_messages import decode_transforms
 from wrist_ft_comp.files.cdr import ACCELERATION, IMU_DOUBLES, locate, ROTATION, TF
 from wrist_ft_comp.model.payload.tf_tree import GravityByTf
-from wrist_ft_comp.model.payload.weight import ForceFrame
+from wrist_ft_comp.model.payload.weight import ForceFrame, FrameIds
 from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.inputs.raw_node import waiting
 from wrist_ft_comp.ros.inputs.topic_types import load_type
@@ -74,16 +74,22 @@ class GravitySource:
             for data in waiting(self._imu):
                 self._on_imu(data)
 
+    def frames(self) -> FrameIds:
+        """Tell the frame of the specific force, which by TF is the upper one, and the wrench's."""
+        if self._by_tf or not self._newest:
+            return FrameIds(self._tree.upper if self._by_tf else '', self._frame())
+        return FrameIds(locate(self._newest, IMU_DOUBLES).frame_id(self._newest), self._frame())
+
     def mount(self) -> ForceFrame | None:
         """Tell how TF turns specific force into the wrench's frame; None where it does not."""
         if self._by_tf:
             return ForceFrame()
-        if not self._newest or not self._frame():
+        names = self.frames()
+        if not self._newest or not names.wrench_frame:
             return None
-        self._tree.upper = self._frame()
-        self._tree.lower = locate(self._newest, IMU_DOUBLES).frame_id(self._newest)
+        self._tree.lower, self._tree.upper = names
         (rotation,) = self._tree.rotations(np.zeros(1, np.int64))
-        return ForceFrame(rotation) if np.isfinite(rotation).all() else None
+        return ForceFrame(rotation, source='imu') if np.isfinite(rotation).all() else None
 
     def _on_imu(self, data: bytes) -> None:
         """Take one sensor_msgs/Imu; a gyroscope that is not there leaves zeros."""

@@ -1,7 +1,7 @@
 """The wrench without drift and payload, and the parameters that say which payload is held."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
 from pathlib import Path
 from typing import Any
@@ -9,11 +9,11 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
-from wrist_ft_comp.errors import SettingsError, WristFtCompError
+from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.files.cdr import Layout
-from wrist_ft_comp.files.payload_file import add_payloads, Learnt, load_payloads, PAYLOADS
-from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
-from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.files.payload_file import IDENTIFIED, Learnt, load_payloads, PAYLOADS
+from wrist_ft_comp.model.payload.weight import ForceFrame, FrameIds, Payload
+from wrist_ft_comp.model.signals import AXES, NANOSECONDS
 from wrist_ft_comp.ros.gravity.part import Gravity
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.live_model import LiveModel
@@ -23,8 +23,9 @@ from wrist_ft_comp.stream.payload import Force, LivePayload, RecentForces
 
 #: What payload.active says for what payload.mass and payload.center_of_mass say.
 MANUAL = 'manual'
-#: What the names of payloads that were identified in operation begin with.
-_IDENTIFIED = 'identified'
+#: Turns of specific force that differ by more, degrees, can't both be right: what is learnt is
+#: within 3, and so is what people mount by hand.
+_DISAGREE_DEG = 5.0
 #: An IMU is not asked while its newest sample is no older: to take each at a kilohertz would cost
 #: a third of what the wrench does, and this much leaves 0.03 N at 1 rad/s and 1.5 kg.
 _FRESH_NS = 2_000_000
@@ -45,22 +46,35 @@ class Shelf:
         beside = {} if stored is None else load_payloads(stored.path.parent / PAYLOADS)
         return {**{name: each for name, each in beside.items() if name not in own}, **own}
 
-    def frames(self) -> dict[str, ForceFrame]:
-        """Give the frames of payloads, but for those that another source told, oldest first."""
-        known = {name: frame for name, (_, frame) in self.payloads().items()}
-        return {name: each for name, each in known.items() if each.source in ('', self.source)}
+    def frames(self, here: FrameIds) -> dict[str, ForceFrame]:
+        """
+        Give the frames that this node's own source and sensor have told, oldest first.
 
-    def sensor(self) -> ForceFrame | None:
+        They were learnt with the live model, or by this node under the same frame_ids, as far as
+        these are known.
+        """
+        stored, own = self._live.stored, load_payloads(self._own)
+        stem = None if stored is None else stored.path.stem
+        return {
+            name: frame
+            for name, (_, frame) in self.payloads().items()
+            if frame.source == self.source
+            and (name.rpartition('-')[0] == stem or (name in own and frame.wrench_frame))
+            and not changed_frames(frame, here)
+        }
+
+    def sensor(self, here: FrameIds) -> ForceFrame | None:
         """Tell what the last calibration found of the accelerometer: it saw more than a minute."""
-        calibrated = [
-            each for name, each in self.frames().items() if not name.startswith(f'{_IDENTIFIED}-')
-        ]
+        frames = self.frames(here).items()
+        calibrated = [each for name, each in frames if not name.startswith(f'{IDENTIFIED}-')]
         return calibrated[-1] if calibrated else None
 
-    def keep(self, payload: Payload, frame: ForceFrame) -> str:
-        """Keep a payload that was identified, and name it."""
-        frame = replace(frame, source=self.source)
-        return add_payloads(self._own, _IDENTIFIED, [payload], frame, self.payloads())[0]
+
+def changed_frames(frame: ForceFrame, here: FrameIds) -> str:
+    """Say which frame_ids are not those of when a frame was learnt, where both are known."""
+    then = FrameIds(frame.force_frame, frame.wrench_frame)
+    known = [(before, now) for before, now in zip(then, here, strict=True) if before and now]
+    return ' and '.join(f'{before} is now {now}' for before, now in known if before != now)
 
 
 class _UnknownTurnError(SettingsError):
@@ -87,7 +101,9 @@ class ExternalWrench(Part):
     #: Why a payload is not held yet: TF may take its time.
     waiting: str = ''
     _hub: Hub = field(init=False)
-    _chosen: bool = False
+    #: The frame_ids when a payload was chosen last, and what was held last.
+    _chosen: FrameIds | None = None
+    _last: LivePayload | None = None
 
     title = 'wrench_external'
 
@@ -103,13 +119,8 @@ class ExternalWrench(Part):
 
     def on_model(self) -> None:
         """Hold what is to be held from the start, when it is known which model is live."""
-        if self._chosen:
-            return
-        self._chosen = True
-        try:
-            self._hold(self._choose(self._settings()))
-        except _UnknownTurnError as error:
-            self.waiting = str(error)
+        if self._chosen is None:
+            self._settle()
 
     def on_force(self, stamp_ns: int, force: Force, speed: float | None) -> None:
         """Take one specific force, m/s², and its speed of rotation, rad/s."""
@@ -149,8 +160,12 @@ class ExternalWrench(Part):
     def check_parameters(self, parameters: Sequence[Any]) -> None:
         """Refuse payloads that can't be had; changes nothing that runs."""
         changed = {each.name: each.value for each in parameters if each.name in _NAMES}
-        if changed:
-            self._choose({**self._settings(), **changed})
+        try:
+            if changed:
+                self._choose({**self._settings(), **changed})
+        except _UnknownTurnError:
+            if not self.waiting or 'payload.active' in changed:
+                raise
 
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Hold another payload from the next wrench on; it was validated before."""
@@ -158,25 +173,56 @@ class ExternalWrench(Part):
             if each.name == 'gravity.timeout':
                 self.forces.timeout_ns = round(each.value * NANOSECONDS)
         if not _NAMES.isdisjoint(each.name for each in parameters):
-            try:
-                self._hold(self._choose(self._settings()))
-            except WristFtCompError as error:
-                self._log.error(str(error))
+            self._settle()
 
     def poll(self) -> None:
-        """Look whether TF tells now what a payload has waited for since the start."""
-        if self.waiting and self.gravity.mount() is not None:
+        """Look whether the turn that a payload by hand needs is known now, or is another one."""
+        by_hand = self.payload is not None and self.payload.name == MANUAL
+        renamed = (by_hand or self.waiting) and self.gravity.frames() != self._chosen
+        if renamed or (self.waiting and self.gravity.mount() is not None):
+            self._settle()
+
+    def _settle(self) -> None:
+        """Hold what parameters say, or wait for its turn."""
+        self._chosen = self.gravity.frames()
+        try:
             self._hold(self._choose(self._settings()))
+        except _UnknownTurnError as error:
+            self._hold(None)
+            self.waiting = str(error)
 
     def _hold(self, payload: LivePayload | None) -> None:
-        """Hold a payload."""
+        """Hold a payload; a tare that was taken with another turn is none."""
         if payload is not None or self.payload is not None:
-            self._log.info(f'payload: {payload or "none; wrench_external rests"}')
+            said = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
+            self._log.info(f'payload: {said}')
         self.payload, self.waiting = payload, ''
         self.collect(self._collect)
+        if payload is None:
+            return
+        before, self._last = self._last or payload, payload
+        apart_deg = payload.frame.apart_deg(before.frame)
+        if apart_deg > _DISAGREE_DEG and self._compensator.external_tare.any():
+            self._compensator.restore_tare(self._compensator.tare, np.zeros(len(AXES)))
+            self._log.warning(
+                f'payload: specific force is turned otherwise than for {before.name}, by '
+                f'{apart_deg:.0f} degrees; the tare of wrench_external is zero again. Call ~/tare.'
+            )
+
+    def disagreement(self, frame: ForceFrame) -> str:
+        """Say by how much TF turns specific force otherwise than a frame; empty if it agrees."""
+        mounted = self.gravity.mount()
+        apart_deg = 0.0 if mounted is None else frame.apart_deg(mounted)
+        if apart_deg <= _DISAGREE_DEG:
+            return ''
+        who = '/tf_static' if self._shelf.source == 'imu' else 'TF'
+        return f'{who} says otherwise, by {apart_deg:.0f} degrees: a frame of the driver is wrong'
 
     def _choose(self, chosen: Mapping[str, Any]) -> LivePayload | None:
         """Find the payload that parameters name."""
+        by_hand = Payload(
+            chosen['payload.mass'], np.array(chosen['payload.center_of_mass'], float)
+        )
         name = chosen['payload.active']
         if not name:
             return None
@@ -185,33 +231,47 @@ class ExternalWrench(Part):
                 f'payload.active is {name}, but gravity.source is none, so nobody knows where '
                 'down is. Start the node with -p gravity.source:=imu, or tf.'
             )
-        learnt = self._shelf.payloads()
         if name == MANUAL:
-            center = np.array(chosen['payload.center_of_mass'], dtype=float)
-            payload = Payload(chosen['payload.mass'], center)
-            return LivePayload(name, payload, self._turn())
+            if not by_hand.mass_kg:
+                raise SettingsError(
+                    f'payload.active is {MANUAL}, and payload.mass is 0. Set payload.mass and '
+                    'payload.center_of_mass of all that is mounted first, or in one request.'
+                )
+            return LivePayload(name, by_hand, *self._turn())
+        learnt = self._shelf.payloads()
         if name not in learnt:
             raise SettingsError(
                 f'payload.active must be empty, {MANUAL}, or the name of a payload that was '
                 f'learnt ({", ".join(learnt) or "there is none yet"}); got {name}. Learn it with '
                 '~/identify_payload.'
             )
-        if name not in self._shelf.frames():
+        source, frame = self._shelf.source, learnt[name][1]
+        # By TF it comes in the wrench's frame: what was turned was told by an accelerometer.
+        by = frame.source or ('imu' if source == 'tf' and not frame.does_nothing else source)
+        if by != source:
             raise SettingsError(
-                f'payload.active is {name}, which was learnt by {learnt[name][1].source}, and '
-                f'gravity.source is {self._shelf.source}: another frame. Learn it again with '
-                '~/identify_payload, or start the node with the source of then.'
+                f'payload.active is {name}, which was learnt by {by}, and gravity.source is '
+                f'{source}: another frame. Learn it again with ~/identify_payload, or by '
+                'calibrate with --gravity-frame (tf) or --imu-topic (imu) where the file does not '
+                'say, or start the node with the source of then.'
             )
-        return LivePayload(name, *learnt[name])
+        turned = f'learnt with it by {frame.source or "an unknown source"}'
+        return LivePayload(name, *learnt[name], turned)
 
-    def _turn(self) -> ForceFrame:
-        """Find how specific force leads to the wrench's frame, for a payload nobody learnt."""
-        frames = list(self._shelf.frames().values())
-        frame = frames[-1] if frames else self.gravity.mount()
-        if frame is None:
-            raise _UnknownTurnError(
-                f'payload.active is {MANUAL}, but nobody knows how specific force is turned in '
-                "the wrench's frame: no payload has been learnt yet, and /tf_static has no way "
-                'from the frame of the IMU to it. Call ~/identify_payload, or publish the way.'
-            )
-        return frame
+    def _turn(self) -> tuple[ForceFrame, str]:
+        """Find how specific force leads to the wrench's frame, and who says so."""
+        # For a payload that nobody learnt: TF gives it in that frame; of an IMU what was learnt
+        # counts before what people publish.
+        if self._shelf.source == 'tf':
+            return ForceFrame(source='tf'), 'as TF gives it'
+        learnt = self._shelf.frames(self.gravity.frames())
+        if learnt:
+            name, frame = list(learnt.items())[-1]
+            return frame, f'learnt with {name}'
+        if (mounted := self.gravity.mount()) is not None:
+            return mounted, 'by /tf_static'
+        raise _UnknownTurnError(
+            f'payload.active is {MANUAL}, but nobody knows how specific force is turned in the '
+            "wrench's frame: this sensor has learnt no payload yet, and /tf_static has no way "
+            'from the frame of the IMU to it. Call ~/identify_payload, or publish the way.'
+        )

@@ -4,15 +4,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 import time
 
+import numpy as np
+
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.model.payload.learnt import payload_line
+from wrist_ft_comp.files.job_request import Minute
+from wrist_ft_comp.model.payload.weight import ForceFrame
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench, Shelf
+from wrist_ft_comp.ros.services.calibrate import JobMaker, run_job
 from wrist_ft_comp.ros.services.deferred import Reply
 from wrist_ft_comp.ros.services.long_service import LongService, Work
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.payload import Force
-from wrist_ft_comp.stream.payload_motion import DURATION_S, identify, MotionCollector
+from wrist_ft_comp.stream.payload_motion import CELL_S, DURATION_S, MotionCollector
 
 #: Wrenches or specific force that stay away for so long by a steady clock end it, s.
 _PATIENCE_S = 10.0
@@ -20,11 +24,12 @@ _PATIENCE_S = 10.0
 
 @dataclass(eq=False)
 class IdentifyService(LongService):
-    """Learns a payload from the wrenches of a minute; the shelf keeps it, the answer names it."""
+    """Collects wrenches for a minute, in which a process finds a payload; the answer names it."""
 
     _compensator: Compensator
     _external: ExternalWrench
     _shelf: Shelf
+    _jobs: JobMaker
     _node_name: str
     _log: NodeLog
     _collector: MotionCollector = field(default_factory=MotionCollector)
@@ -67,12 +72,15 @@ class IdentifyService(LongService):
             yield from self._wait()
         finally:
             self._external.collect(None)
-        found = identify(self._collector.cells(), self._shelf.sensor())
-        name = self._shelf.keep(found.payload, found.frame)
+        sensor = self._shelf.sensor(self._external.gravity.frames())
+        known = None if sensor is None else (sensor.bias.tolist(), sensor.scale.tolist())
+        minute = Minute(self._collector.cells, CELL_S, tuple(self._shelf.payloads()), known)
+        outcome = yield from run_job(self._jobs.identification(minute))
+        frame = ForceFrame(np.array(outcome['rotation']))
+        other = self._external.disagreement(frame)
         return (
-            f"{payload_line(name, found.payload)} in the wrench's frame. Contact was taken for "
-            f'{found.contact:.0%} of the time, {found.fast:.0%} was too fast. Use it: ros2 param '
-            f'set {self._node_name} payload.active {name}'
+            f'{outcome["message"]} Specific force is {frame}{other and "; "}{other}. Use it: ros2 '
+            f'param set {self._node_name} payload.active {outcome["name"]}'
         )
 
     def _wait(self) -> Iterator[None]:

@@ -1,6 +1,6 @@
 """The service ~/calibrate: what is asked of a process that fits, and what becomes of it."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 import json
@@ -15,9 +15,16 @@ from typing import Any
 from wrist_ft_comp import ONE_THREAD
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
-from wrist_ft_comp.files.job_request import CalibrationJob, encode_job, Learning, UNTIL_CLOSED
+from wrist_ft_comp.files.job_request import (
+    CalibrationJob,
+    encode_job,
+    Learning,
+    Minute,
+    UNTIL_CLOSED,
+)
 from wrist_ft_comp.files.model_file import restore_model
 from wrist_ft_comp.files.model_store import ModelStore
+from wrist_ft_comp.files.payload_file import PAYLOADS
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.signals import NANOSECONDS, Topics
 from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
@@ -132,6 +139,11 @@ class JobMaker:
         learning = Learning(champion, since, chosen['learning.keep_days'], kept_mb)
         return replace(self._make(tuple(days), chosen, skip_unusable=True), learning=learning)
 
+    def identification(self, minute: Minute) -> CalibrationJob:
+        """Ask for what ``~/identify_payload`` does."""
+        output, topics = self.store.directory / 'models' / PAYLOADS, self._topics(self._settings())
+        return CalibrationJob((), output, topics=topics, minute=minute)
+
     def _make(
         self, recordings: tuple[Path, ...], chosen: dict[str, Any], *, skip_unusable: bool
     ) -> CalibrationJob:
@@ -147,6 +159,25 @@ class JobMaker:
         return CalibrationJob(
             *known, skip_unusable=skip_unusable, report=output.with_suffix('.html')
         )
+
+
+def run_job(job: CalibrationJob) -> Generator[None, None, dict[str, Any]]:
+    """Wait for a process that runs a job; CalibrationRefusedError where it refuses, or can't."""
+    try:
+        process = CalibrationProcess(job)
+    except OSError as error:
+        raise CalibrationRefusedError(
+            f'The calibration cannot be started: {error}. Mend that, then call again.'
+        ) from error
+    try:
+        while (outcome := process.poll()) is None:
+            yield
+    except GeneratorExit:
+        process.end()
+        raise
+    if not outcome['success']:
+        raise CalibrationRefusedError(outcome['message'])
+    return outcome
 
 
 @dataclass(eq=False)
@@ -194,21 +225,8 @@ class CalibrateService(LongService):
     def _work(self) -> Work:
         """Wait for the process, and make its model live."""
         self._begun_s = time.monotonic()
-        try:
-            process = CalibrationProcess(self._make_request())
-        except OSError as error:
-            raise CalibrationRefusedError(
-                f'The calibration cannot be started: {error}. Mend that, then call again.'
-            ) from error
-        try:
-            while (outcome := process.poll()) is None:
-                yield
-        except GeneratorExit:
-            process.end()
-            raise
+        outcome = yield from run_job(self._make_request())
         message: str = outcome['message']
-        if not outcome['success']:
-            raise CalibrationRefusedError(message)
         problem = self._go_live(
             restore_model(Path(outcome['path']), outcome['sha256'], outcome['document'])
         )

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from std_srvs.srv import Trigger
 
-from wrist_ft_comp.model.signals import AXES, axis_unit
+from wrist_ft_comp.errors import TareRefusedError
+from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray
 from wrist_ft_comp.ros.hub import Hub, Service
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.payload.external_wrench import ExternalWrench
 from wrist_ft_comp.ros.services.long_service import LongService, Work
 from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.payload import LivePayload
 from wrist_ft_comp.stream.tare import TareCollector
 
 #: A tare that gets no wrenches is answered this long after it should have been done, s.
@@ -69,7 +71,7 @@ class TareService(LongService):
 
     def _work(self) -> Work:
         """Wait for enough wrenches, or until they stay away, and tare with what there is."""
-        chosen = self._settings()
+        chosen, held = self._settings(), self._external.payload
         collector = TareCollector(chosen['tare.duration'], chosen['tare.max_deviation'])
         deadline = time.monotonic() + chosen['tare.duration'] + _GRACE_S
         self._collector, self._weights = collector, []
@@ -81,16 +83,27 @@ class TareService(LongService):
             self._collector = None
             self._hub.listen(self, wanted=False)
         mean, stamp_ns = collector.result()
-        known = [each for each in self._weights if each is not None]
-        whole = len(known) == len(self._weights)
-        weight = np.mean(known, axis=0) if whole else None
+        weight = self._weight(held)
         tare = self._compensator.set_tare(mean, stamp_ns, weight)
         self._save()
         offsets = ', '.join(
             f'{axis} {value:.4g} {axis_unit(axis)}' for axis, value in zip(AXES, tare, strict=True)
         )
-        if self._external.payload is not None:
-            offsets += '; wrench_external ' + (
-                'is tared, too' if whole else 'is not: specific force stayed away meanwhile'
+        also = '' if weight is None else '; wrench_external is tared, too'
+        return f'tared: {offsets}{also}'
+
+    def _weight(self, held: LivePayload | None) -> FloatArray | None:
+        """Give the mean weight of what is held; refuse where it is not what was held all along."""
+        active, waiting = self._external.payload, self._external.waiting
+        if active is None and held is None and not waiting:
+            return None
+        known = [weight for weight in self._weights if weight is not None]
+        if active is None or active is not held or len(known) < len(self._weights):
+            fresh = f'specific force was fresh for {len(known)} of {len(self._weights)} wrenches'
+            why = waiting or (fresh if active is held else 'payload.active changed meanwhile')
+            raise TareRefusedError(
+                f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look at '
+                'the status payload and call again; with payload.active empty, wrench is tared '
+                'alone.'
             )
-        return f'tared: {offsets}'
+        return np.asarray(np.mean(known, axis=0))

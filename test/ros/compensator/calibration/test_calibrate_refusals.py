@@ -16,7 +16,7 @@ def begin(node):
     answers = node.ask('calibrate')
     control = node.node.calibration
     node.wait_until(lambda: control.running_s is not None, 'the calibration')
-    return answers, control._running[0].gi_frame.f_locals['process']
+    return answers, control._running[0].gi_yieldfrom.gi_frame.f_locals['process']
 
 
 def goes_on(node):
