@@ -54,6 +54,7 @@ class CompensatorNode(Hub):
         self._newest: Newest | None = None
         sources = self._thermometers(chosen['temperature_topics'])
         self._thermometer_entries = sources
+        self._topics = tuple(self.resolve_topic_name(source.topic) for source in sources)
         self.store = store = ModelStore(node_directory(chosen['data_directory'], sensor, name))
         self.compensator = compensator = Compensator(len(sources), _stream_settings(chosen))
         self.health = InputHealth(len(sources))
@@ -72,7 +73,14 @@ class CompensatorNode(Hub):
         self.state_keeper = StateKeeper(compensator, lambda: live.sha256, writer, chosen, log)
         self.gravity = Gravity(chosen)
         self.inputs = Inputs(
-            sources, compensator, self.newest, self.health, self.gravity, live, self.state_keeper
+            sources,
+            self._topics,
+            compensator,
+            self.newest,
+            self.health,
+            self.gravity,
+            live,
+            self.state_keeper,
         )
         self.recorder = Recorder(compensator, self.sensor, with_force=by != 'none')
         self.recording = RecordService(self.recorder, store, counts, log)
@@ -96,7 +104,7 @@ class CompensatorNode(Hub):
         ))  # fmt: skip
         self._check_topics()
         self.add_post_set_parameters_callback(self._follow_uncalibrated)
-        known = (self.resolve_topic_name('wrench_reference'), *self.inputs.topics)
+        known = (self.resolve_topic_name('wrench_reference'), *self._topics)
         tell_unknown(self, known, log)
 
     def _thermometers(self, entries: Sequence[str]) -> tuple[TemperatureSource, ...]:
@@ -186,7 +194,7 @@ class CompensatorNode(Hub):
 
     def sensor(self) -> SensorNames:
         """Tell what the sensor is called here."""
-        topics = zip(self.inputs.topics, self._thermometer_entries, strict=True)
+        topics = zip(self._topics, self._thermometer_entries, strict=True)
         names = {
             'hardware_id': [self.get_parameter('hardware_id').value],
             'frame_id': [self.hardware_id()],

@@ -35,6 +35,8 @@ class Inputs(Part):
     """Gives temperatures to the stream; thermometers are counted from 0."""
 
     _sources: Sequence[TemperatureSource]
+    #: Full name of each thermometer's topic.
+    topics: Sequence[str]
     _compensator: Compensator
     _newest: Callable[[], Newest | None]
     health: InputHealth
@@ -49,8 +51,6 @@ class Inputs(Part):
         self._hub = hub
         self._reported = time.monotonic(), copy(self.health.counts)
         self._wrench_topic = hub.resolve_topic_name('wrench_raw')
-        #: Full name of each thermometer's topic.
-        self.topics = tuple(hub.resolve_topic_name(source.topic) for source in self._sources)
         for j, source in enumerate(self._sources):
             if not source.path:
                 callback = partial(self.on_temperature, j)
