@@ -13,13 +13,7 @@ from wrist_ft_comp.calibration.cross_validation import (
     unexplained,
     WORTHWHILE,
 )
-from wrist_ft_comp.calibration.result import (
-    AxisFit,
-    Candidate,
-    left_of_a_day,
-    rms_by_fold,
-    Term,
-)
+from wrist_ft_comp.calibration.result import AxisFit, Candidate, left_of_a_day, Term
 from wrist_ft_comp.identification.axis_data import AxisData
 from wrist_ft_comp.identification.bins import bin_axis_data
 from wrist_ft_comp.identification.gains import anchored
@@ -51,8 +45,10 @@ def finish(
         notes = (*notes, f'zero drift only: {data.no_sensitivity}')
     elif winner.model is not None and winner.model.outputs == 1:
         notes = (*notes, 'zero drift only: gain drift held no better than none on held-out data')
-    held_out = {name: hold_out(data, bins['none'], each) for name, each in bins.items()}
-    after = {name: float(rms_by_fold(each).after.mean()) for name, each in held_out.items()}
+    after = {
+        name: float(np.mean([np.sqrt(np.mean(each.errors**2)) for each in left]))
+        for name, left in bins.items()
+    }
     factor = day_over_blocks(bin_axis_data(data, data.bin_cells[0]), after['none'])
     rms = {name: left_of_a_day(each, after['none'], factor) for name, each in after.items()}
     model = None if winner.model is None else anchor(data, winner.model)
@@ -68,7 +64,8 @@ def finish(
         rms_before=rms['none'], rms_after=rms[chosen],
         reason=_reason(data.unit, chosen, bins, rms, competing), time_constants_s=time_constants_s,
         time_constant_errors_s=stated_errors_s, terms=winner.terms, notes=notes,
-        doubts=winner.doubts, held_out=held_out[chosen], unit=data.unit)  # fmt: skip
+        doubts=winner.doubts, unit=data.unit,
+        held_out=hold_out(data, bins['none'], bins[chosen]))  # fmt: skip
 
 
 def anchor(data: AxisData, model: AxisModel) -> AxisModel:
