@@ -34,6 +34,42 @@ def test_every_method_learns(method, done, drift_csv, tmp_path):
     assert ('WORSE THAN NONE' in done(*argv).splitlines()[0]) == harmful
 
 
+def test_figures_of_one_recording_are_of_the_same_blocks_by_every_method(done, make, tmp_path):
+    """What drifts is the same whatever the method; what is left is stated wider, peaks as RMS."""
+    columns = make.drifting(1950)
+    path, page = make.csv(tmp_path / 'day.csv', columns), tmp_path / 'r.html'
+    means = np.reshape(columns['force_z'], (5, 39, 10)).mean(axis=2)
+    tared = means - means[:, :6].mean(axis=1, keepdims=True)
+    before = np.sqrt(np.mean(tared**2, axis=1)).mean()
+    for method in ('auto', 'pls', 'arx_pls_oe'):
+        argv = ['calibrate', path, '-o', tmp_path / 'm.yaml', '--method', method]
+        fit = json.loads(done(*argv, '--report', page, '--json'))['axes']['force_z']
+        assert fit['rms_before'] == pytest.approx(before, rel=1e-9)
+        row = page.read_text().split('force z, N</th>')[1].split('</tr>')[0]
+        figures = [float(cell.split('<')[0]) for cell in row.split('<td>')[1:]]
+        assert figures[:2] == pytest.approx([before, fit['rms_after']], rel=1e-3)
+        assert figures[2] == pytest.approx(np.abs(tared).max(), rel=1e-3)
+        assert figures[3] > figures[1]
+        assert f'({before:.3g} → {fit["rms_after"]:.3g} N RMS)' in fit['why']
+        assert f'{before:.4g}  ' in done('show', tmp_path / 'm.yaml')
+
+
+def test_a_quiet_block_does_not_make_an_axis_weak(done, make, tmp_path):
+    """A body that is not the sensor's warms one thermometer by 0.1 K in the quiet last fifth."""
+    columns, page = make.drifting(2000), tmp_path / 'r.html'
+    rng, t = np.random.default_rng(4), np.arange(2000)
+    inside = 20 + 8 * np.sin(np.minimum(t, 1600) / 200) ** 2
+    columns['force_z'] = (1.5 * inside + rng.normal(0, 0.02, 2000)).tolist()
+    columns['torque_x'] = (0.1 * inside + rng.normal(0, 0.001, 2000)).tolist()
+    columns['temperature_c'] = (inside + np.where(t > 1600, 0.1 * np.sin(t / 60), 0)).tolist()
+    path, model = make.csv(tmp_path / 'day.csv', columns), tmp_path / 'm.yaml'
+    argv = ['calibrate', path, '-o', model, '--method', 'pls', '--report', page, '--json']
+    axes = json.loads(done(*argv))['axes']
+    assert {each['verdict'] for each in axes.values()} == {'good'}, axes
+    assert all(each['rms_after'] < 0.1 * each['rms_before'] for each in axes.values())
+    assert 'put another one' not in page.read_text()
+
+
 def test_text_says_what_was_learnt_and_where_it_is(done, drift_csv, tmp_path):
     argv = ['calibrate', drift_csv, '-o', tmp_path / 'm.yaml', '--method', 'pls']
     out = done(*argv)

@@ -127,6 +127,24 @@ def test_a_report_tells_what_was_printed(done, make, model, tmp_path):
     assert 'first 5\N{NO-BREAK SPACE}s' in text
 
 
+@pytest.mark.parametrize('seconds', [1, 30])
+def test_where_no_temperature_moved_there_is_nothing_to_judge(
+    seconds, done, make, model, tmp_path
+):
+    columns = make.drifting(seconds)
+    noise = np.random.default_rng(0).normal(0, 0.02, (2, seconds))
+    columns['temperature_c'] = [24.0] * seconds
+    columns['force_z'], columns['torque_x'] = (3 + noise).tolist()
+    path, page = make.csv(tmp_path / 'still.csv', columns), tmp_path / 'r.html'
+    assert 'force_z: nothing to judge. ' in done('evaluate', model, path, '--report', page)
+    assert '2 nothing to judge' in page.read_text()
+    judged = json.loads(done('evaluate', model, path, '--json'))['verdicts']
+    assert {each['level'] for each in judged.values()} == {'unjudged'}
+    moved = make.csv(tmp_path / 'day.csv', make.drifting(seed=3))
+    judged = json.loads(done('evaluate', model, path, moved, '--json'))['verdicts']
+    assert {each['level'] for each in judged.values()} == {'good'}
+
+
 def test_every_recording_is_simulated_once(done, make, model, tmp_path, monkeypatch):
     paths = [make.csv(tmp_path / f'{seed}.csv', make.drifting(seed=seed)) for seed in (1, 2)]
     runs, run_once = [], drift_model.run_from_rest

@@ -206,16 +206,74 @@ def test_what_was_named_is_taken_before_what_looks_right(done, drivers, messages
     )
 
 
-def test_kelvins_and_missing_stamps_are_told(done, messages, tmp_path):
+def test_kelvins_and_temperatures_that_stand_still_are_told(done, messages, tmp_path):
     heat = [messages.temperature(k + 1, 295.0 + k) for k in range(9)]
     warm = [('/motor/heat', messages.temperature_type, T0, each) for each in heat]
-    wrench = '/ft', messages.wrench_type, T0, messages.wrench(0, range(6))
+    wrench = '/ft', messages.wrench_type, T0, messages.wrench(1, range(6))
     out = done('show', messages.write(tmp_path / 'bag', [wrench, *warm]))
     assert 'If /motor/heat is in kelvin, write /motor/heat:temperature:K.' in out
-    assert '/ft has no stamps and cannot be used' in out
     assert 'No temperature moves' not in out
     cold = '/heat', messages.temperature_type, T0, messages.temperature(1, 20.0)
     assert 'No temperature moves' in done('show', messages.write(tmp_path / 'b', [wrench, cold]))
+
+
+def test_of_two_arms_one_is_proposed_with_its_own_thermometers(done, messages, tmp_path):
+    def arms():
+        for k in range(600):
+            at = T0 + k * 10**8
+            for arm in ('left', 'right'):
+                whole, heat = messages.wrench(at, range(6)), messages.temperature(at, 25 + k / 100)
+                yield f'/{arm}/ft/wrench', messages.wrench_type, at, whole
+                for name in (f'/{arm}/motor_temperature', f'/{arm}_ft/heat', '/room/heat'):
+                    yield name, messages.temperature_type, at, heat
+
+    bag = messages.write(tmp_path / 'day', arms())
+    for arm, given in (('left', []), ('right', ['--wrench-topic', '/right/ft/wrench'])):
+        out = done('show', bag, *given)
+        calibrate, *_ = commands(out)
+        own, motor = f'/{arm}_ft/heat', f'/{arm}/motor_temperature'
+        assert calibrate[-6:] == [
+            '--wrench-topic', f'/{arm}/ft/wrench', '--temperature-topic', own,
+            '--temperature-topic', motor,
+        ]  # fmt: skip
+        assert f'by its name it is most probably {own}:' in out
+
+
+@pytest.mark.parametrize('fault', ['none', 'wrench', 'temperature', 'clocks', 'hours'])
+def test_what_show_prints_calibrate_takes(  # noqa: PLR0913, PLR0917
+    fault, run, done, messages, tmp_path, monkeypatch
+):
+    """Stamps of zero, another clock than the recorder's, and two clocks hours apart."""
+    ahead_ns = {'clocks': -(10**18), 'hours': 3 * 3600 * 10**9}.get(fault, 0)
+
+    def day():
+        for k in range(600):
+            at = T0 + k * 10**9
+            heat = messages.temperature(at * (fault != 'temperature'), 25 + k / 50)
+            yield '/ft/heat', messages.temperature_type, at, heat
+            wrench = messages.wrench((at + ahead_ns) * (fault != 'wrench'), [k / 100] * 6)
+            yield '/ft/wrench', messages.wrench_type, at, wrench
+
+    bag = messages.write(tmp_path / 'day', day(), 'mcap')
+    monkeypatch.chdir(tmp_path)
+    shown = json.loads(done('show', bag, '--json'))
+    if fault in {'none', 'temperature'}:
+        done(*shlex.split(shown['commands'][0])[1:])
+        return
+    assert not shown['commands']
+    assert shown['refusal'] in done('show', bag)
+    words = ['-o', 'm.yaml', '--wrench-topic', '/ft/wrench', '--temperature-topic', '/ft/heat']
+    assert run('calibrate', bag, *words).sentence
+
+
+def test_a_thermometer_without_stamps_can_be_read_as_a_field(run, messages, tmp_path):
+    heat = '/temperature', messages.temperature_type, T0, messages.temperature(0, 25.0)
+    wrench = '/wrench_raw', messages.wrench_type, T0, messages.wrench(T0, range(6))
+    bag = messages.write(tmp_path / 'bag', [heat, wrench])
+    said = run('calibrate', bag, '-o', tmp_path / 'm.yaml').sentence
+    assert 'name /temperature:temperature' in said
+    words = '-o', tmp_path / 'm.yaml', '--temperature-topic', '/temperature:temperature'
+    assert 'spans 0.0 K' in run('calibrate', bag, *words).sentence
 
 
 def test_a_damaged_topic_does_not_hide_the_others(done, drivers, messages, tmp_path):

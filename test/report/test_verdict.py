@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.calibration.result import FoldErrors, HARMFUL_RATIO
-from wrist_ft_comp.report.verdict import Evidence, GOOD_REMAINDER, judge, NOISE_MARGIN
+from wrist_ft_comp.report.verdict import (
+    Evidence,
+    GOOD_REMAINDER,
+    judge,
+    NOISE_MARGIN,
+    SMALLEST_CHANGE_K,
+)
 
 FINE = Evidence('N', before=10.0, after=1.0, noise=0.01, compensated=True)
 JUST = 1e-9
@@ -29,6 +35,10 @@ def level(**changes):
         ({'slowest_s': 5000.0 + JUST, 'longest_s': 10000.0}, 'weak'),
         ({'slowest_s': 5000.0}, 'good'),
         ({'compensated': False, 'after': 10.0}, 'uncalibrated'),
+        ({'moved_k': SMALLEST_CHANGE_K}, 'good'),
+        ({'moved_k': SMALLEST_CHANGE_K - JUST}, 'unjudged'),
+        ({'after': 8.0, 'noise': 4.0 / NOISE_MARGIN + JUST, 'widening': 2.0}, 'good'),
+        ({'after': 8.0, 'noise': 4.0 / NOISE_MARGIN - JUST, 'widening': 2.0}, 'weak'),
         ({'before': 0.0, 'after': 0.0, 'noise': 0.0}, 'good'),
     ],
 )
@@ -37,17 +47,19 @@ def test_every_level_begins_where_the_table_says(changes, expected):
 
 
 def test_a_block_that_got_worse_makes_an_axis_weak():
-    before = np.array([1.0, 1.0, 1.0])
-    worse = judge(replace(FINE, blocks=FoldErrors(before, np.array([0.1, 1.2, 0.1]))))
+    before = np.array([1.0, 3.0, 1.0])
+    worse = judge(replace(FINE, blocks=FoldErrors(before, np.array([0.1, 3.2, 0.1]))))
     assert worse.level == 'weak'
     assert 'in 1 of 3 held-out blocks' in worse.sentence
-    assert level(blocks=FoldErrors(before, np.array([0.1, 1.0, 0.1]))) == 'good'
+    assert level(blocks=FoldErrors(before, np.array([0.1, 3.1, 0.1]))) == 'good'
+    quiet = FoldErrors(before, np.array([10 * GOOD_REMAINDER - JUST, 0.1, 0.1]))
+    assert level(blocks=quiet) == 'good', 'it hardly drifts there, and little is left'
 
 
 def test_a_block_within_the_noise_is_not_worse():
     small = FoldErrors(np.array([0.01, 1.0]), np.array([0.014, 0.1]))
-    assert level(blocks=small, noise=0.01) == 'good'
-    assert level(blocks=small, noise=0.009) == 'weak'
+    assert level(before=0.05, after=0.01, blocks=small, noise=0.01) == 'good'
+    assert level(before=0.05, after=0.01, blocks=small, noise=0.009) == 'weak'
 
 
 def test_a_sentence_holds_its_numbers():

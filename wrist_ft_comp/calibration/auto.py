@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp.calibration.candidate_fits import Axis, Body, HeldOutForms, Kind
-from wrist_ft_comp.calibration.cross_validation import keep_errors
-from wrist_ft_comp.calibration.result import AxisFit, Candidate, HeldOut
+from wrist_ft_comp.calibration.cross_validation import day_over_blocks, keep_errors
+from wrist_ft_comp.calibration.result import AxisFit, Candidate, HeldOut, left_of_a_day
 from wrist_ft_comp.calibration.settings import IdentificationSettings
 from wrist_ft_comp.identification.axis_data import AxisData
 from wrist_ft_comp.identification.bins import tare
@@ -161,15 +161,15 @@ def _axis_fit(
         """Tell what some candidates leave together, weighted as they run."""
         total = float(weights[members].sum())
         inside = np.where(members, weights if total > 0 else 1.0, 0.0)
-        rms = _root_mean_squares(inside / inside.sum(), tared).mean() * np.sqrt(longer)
-        return Candidate(name, float(rms) if rms > rounding else 0.0, total)
+        after = float(_root_mean_squares(inside / inside.sum(), tared).mean())
+        rms = left_of_a_day(after, before, factor)
+        return Candidate(name, rms if rms > rounding else 0.0, total)
 
     rounding = _ROUNDING * max(np.fmax.reduce(np.abs(each), initial=0.0) for each in data.residual)
-    longer = _whole_over_parts(axis, tared)
+    before = float(np.sqrt(tared[:, 0, 0]).mean())
+    factor = day_over_blocks(axis.binned, before)
     positions = np.arange(len(weights))
     none = state('none', positions == 0)
-    # Over a whole recording drift goes all that way, what a model leaves of it wanders.
-    none = replace(none, rms=none.rms * float(np.sqrt(longer)))
     used = 1 - float(weights[0])
     after = state(COMBINATION, positions >= 0) if used else none
     names = np.array(['none', *(kind.name for kind in owners)])
@@ -195,17 +195,6 @@ def _axis_fit(
         notes=(f'zero drift only: {data.no_sensitivity}',) if data.no_sensitivity else (),
         reason=reason, time_constants_s=tuple(tau_s.tolist()),
         time_constant_errors_s=tuple(tau_errors_s.tolist()), unit=data.unit)  # fmt: skip
-
-
-def _whole_over_parts(axis: Axis, tared: FloatArray) -> float:
-    """Tell how much further a whole recording moves than the parts of it that were held out."""
-    if len(axis.binned.sums) > 1:
-        return 1.0
-    sums = axis.binned.sums[0]
-    rows = sums.count > 0
-    y = tare((sums.residual[rows] / sums.count[rows])[:, np.newaxis], axis.binned.period_s)
-    whole = np.sqrt(np.mean(y**2))
-    return max(1.0, float(whole / np.sqrt(tared[:, 0, 0] + _TINY).mean()))
 
 
 def _model(body: Body, axis: Axis, gains: FloatArray) -> AxisModel | None:

@@ -1,6 +1,6 @@
 """Where a candidate is scored: on folds that it did not see, in free run, averaged over bins."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -63,14 +63,19 @@ def time_constant_grid(data: AxisData) -> FloatArray:
 
 
 class FoldBins(NamedTuple):
-    """Bins of a recording in a held-out fold: cell numbers and tared errors, (n,)."""
+    """Tared errors of a recording in a held-out fold, by bins whose cell numbers are known."""
 
     recording: int
     fold: int
+    #: Mean number of each bin's cells, and the errors that are stated, shapes (n,).
     cells: FloatArray
     errors: FloatArray
+    #: Means over the longer bins that candidates compete on, shape (m,).
+    judged: FloatArray
 
 
+#: The bins that each candidate left, by its name; ``none`` is no compensation.
+Scores = Mapping[str, Sequence[FoldBins]]
 #: Fits an axis, of which a fold may be held out: a model or None, and what had to be mended.
 Refit = Callable[[AxisData], tuple[AxisModel | None, tuple[str, ...]]]
 
@@ -108,7 +113,7 @@ def part_errors(bins: Sequence[FoldBins]) -> FloatArray:
         [
             part.mean()
             for each in bins
-            for part in np.array_split(each.errors**2, min(JUDGED_PARTS, len(each.errors)))
+            for part in np.array_split(each.judged**2, min(JUDGED_PARTS, len(each.judged)))
         ]
     )
 
@@ -162,14 +167,30 @@ def fold_bins(data: AxisData, remainders: Sequence[FloatArray], fold: int) -> li
         finite = np.isfinite(values)
         rows = np.flatnonzero((folds == fold) & finite)
         if len(rows):
-            inside = bin_means(values[rows], rows, data.bin_cells[1])
-            cells = bin_means(rows.astype(float), rows, data.bin_cells[1])
+            cells = bin_means(rows.astype(float), rows, data.bin_cells[0])
+            means = [(bin_means(values[rows], rows, width), width) for width in data.bin_cells]
             if data.tared:
-                errors = tare(inside, data.bin_cells[1] * data.period_s)
+                errors = [tare(inside, width * data.period_s) for inside, width in means]
             else:
-                errors = inside - values[(folds != fold) & finite].mean()
-            bins.append(FoldBins(i, fold, cells, errors))
+                others = values[(folds != fold) & finite].mean()
+                errors = [inside - others for inside, _ in means]
+            bins.append(FoldBins(i, fold, cells, *errors))
     return bins
+
+
+def day_over_blocks(binned: BinnedData, before: float) -> float:
+    """
+    Say how many times more is left of a day than of blocks that, uncompensated, leave some RMS.
+
+    A single recording is held out in blocks. What a model leaves wanders like a random walk, so
+    it grows by the root of how much further drift goes in the whole recording; else by nothing.
+    """
+    if len(binned.sums) > 1 or not binned.tared or before == 0:
+        return 1.0
+    sums = binned.sums[0]
+    rows = sums.count > 0
+    y = tare((sums.residual[rows] / sums.count[rows])[:, np.newaxis], binned.period_s)
+    return float(np.sqrt(max(1.0, float(np.sqrt(np.mean(y**2)) / before))))
 
 
 def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray:
@@ -186,12 +207,12 @@ def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray
 def hold_out(data: AxisData, before: Sequence[FoldBins], after: Sequence[FoldBins]) -> HeldOut:
     """Keep the errors on every held-out fold, without compensation and of the winner."""
     rows = [
-        np.stack(np.broadcast_arrays(*raw, compensated.errors))
+        np.stack(np.broadcast_arrays(*raw[:4], compensated.errors))
         for raw, compensated in zip(before, after, strict=True)
     ]
     table = np.concatenate(rows, axis=1)
     sorted_ = table[:, np.lexsort((table[2], table[0]))]
-    return keep_errors(sorted_, data.bin_cells[1] * data.period_s, tared=data.tared)
+    return keep_errors(sorted_, data.bin_cells[0] * data.period_s, tared=data.tared)
 
 
 def keep_errors(table: FloatArray, bin_s: float, *, tared: bool) -> HeldOut:

@@ -7,9 +7,9 @@ from wrist_ft_comp.calibration.cross_validation import (
     build_candidate_data,
     CandidateData,
     cross_validate,
-    hold_out,
     part_errors,
     refit_bins,
+    Scores,
     simplest_good,
 )
 from wrist_ft_comp.calibration.features import build_features
@@ -38,9 +38,7 @@ def identify_free_relaxations(data: AxisData, settings: IdentificationSettings) 
     for structure in _structures(settings, features):
         bins[structure.name], tau_s = cross_validate(candidate_data, structure)
         found[structure.name] = structure, tau_s
-    errors = {name: part_errors(each) for name, each in bins.items()}
-    fit = _choose(candidate_data, found, errors)
-    return replace(fit, held_out=hold_out(data, bins['none'], bins[fit.chosen]))
+    return _choose(candidate_data, found, bins)
 
 
 def _structures(settings: IdentificationSettings, features: Features) -> list[Structure]:
@@ -60,16 +58,15 @@ def _structures(settings: IdentificationSettings, features: Features) -> list[St
 
 
 def _choose(
-    data: CandidateData,
-    found: Mapping[str, tuple[Structure, FloatArray]],
-    errors: Mapping[str, FloatArray],
+    data: CandidateData, found: Mapping[str, tuple[Structure, FloatArray]], bins: Scores
 ) -> AxisFit:
     """Fit the simplest good candidate to everything."""
     competing = list(found)
+    errors = {name: part_errors(each) for name, each in bins.items()}
     chosen = competing[simplest_good([errors[name] for name in competing])]
     fitted, longest_s = _fit(data, *found[chosen]), data.axis_data.longest_s
     if max(fitted.time_constants_s, default=0.0) < (1 - _AT_BOUND) * longest_s:
-        return finish(data.axis_data, fitted, chosen, errors, competing)
+        return finish(data.axis_data, fitted, chosen, bins, competing)
     slow = (
         f'its slowest time constant is at least {longest_s:.0f} s, as long as the longest '
         'recording'
@@ -77,8 +74,8 @@ def _choose(
     if simplest_good([errors['none'], errors[chosen]]) == 0:
         # What a person named finds no drift, so there is none that could be too slow.
         nothing = Fitted(None, notes=(f'{chosen} was left out: {slow}',))
-        return finish(data.axis_data, nothing, 'none', errors, ['none', chosen])
-    return _refuse(data.axis_data, chosen, slow, errors)
+        return finish(data.axis_data, nothing, 'none', bins, ['none', chosen])
+    return _refuse(data.axis_data, chosen, slow, bins)
 
 
 def _fit(data: CandidateData, structure: Structure, start_s: FloatArray) -> Fitted:
@@ -100,12 +97,12 @@ def _fit(data: CandidateData, structure: Structure, start_s: FloatArray) -> Fitt
     return Fitted(model, tuple(times_s), tuple(errors_s), terms)
 
 
-def _refuse(data: AxisData, chosen: str, why: str, errors: Mapping[str, FloatArray]) -> AxisFit:
+def _refuse(data: AxisData, chosen: str, why: str, bins: Scores) -> AxisFit:
     """Leave an axis without model whose drift is slower than the recordings can show."""
     refusal = (
         f'{data.axis} drifts too slowly for these recordings: {chosen} explains it best, but '
         f'{why}. Record at least {2 * data.longest_s / 3600:.1f} h from cold, or choose the '
         'method pls'
     )
-    fit = finish(data, Fitted(None), 'none', errors, ['none'])
+    fit = finish(data, Fitted(None), 'none', bins, ['none'])
     return replace(fit, reason=f'{refusal}.', refusal=refusal)

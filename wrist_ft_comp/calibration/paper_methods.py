@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 
 from wrist_ft_comp.calibration.cross_validation import (
-    hold_out,
     part_errors,
     Refit,
     refit_bins,
@@ -80,11 +79,9 @@ def _compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool =
     competing = ['none', *refits] if may_be_none else list(refits)
     refits = {'none': lambda _: (None, ()), **refits}
     bins = {name: refit_bins(data, refit) for name, refit in refits.items()}
-    errors = {name: part_errors(each) for name, each in bins.items()}
-    chosen = competing[simplest_good([errors[name] for name in competing])]
+    chosen = competing[simplest_good([part_errors(bins[name]) for name in competing])]
     model, notes = refits[chosen](data)
-    result = finish(data, Fitted(model, notes=notes), chosen, errors, competing)
-    return replace(result, held_out=hold_out(data, bins['none'], bins[chosen]))
+    return finish(data, Fitted(model, notes=notes), chosen, bins, competing)
 
 
 def _fit_zero(

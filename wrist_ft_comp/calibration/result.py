@@ -81,6 +81,12 @@ def rms_by_fold(held_out: HeldOut) -> FoldErrors:
     return FoldErrors(before, after)
 
 
+def left_of_a_day(after: float, before: float, factor: float) -> float:
+    """State what is left of a day, where blocks leave some, RMS, by ``day_over_blocks``."""
+    # What leaves less of the blocks than no compensation is not said to leave more of a day.
+    return max(after, min(factor * after, before))
+
+
 @dataclass(frozen=True, eq=False)
 class AxisFit:
     """What was found for one axis."""
@@ -90,7 +96,8 @@ class AxisFit:
     #: The winning candidate; and all that were tried, simplest first.
     chosen: str
     candidates: tuple[Candidate, ...]
-    #: Held-out root mean square error without and with compensation, in the unit.
+    #: Root mean square error in the unit, mean over held-out folds: of no compensation, and what
+    #: is stated to be left (``left_of_a_day``); those of candidates are stated, too.
     rms_before: float
     rms_after: float
     #: Of the model's relaxations, increasing, s.

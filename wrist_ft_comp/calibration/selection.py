@@ -5,12 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.calibration.cross_validation import standard_error, unexplained, WORTHWHILE
-from wrist_ft_comp.calibration.result import AxisFit, Candidate, Term
+from wrist_ft_comp.calibration.cross_validation import (
+    day_over_blocks,
+    hold_out,
+    part_errors,
+    Scores,
+    unexplained,
+    WORTHWHILE,
+)
+from wrist_ft_comp.calibration.result import AxisFit, Candidate, left_of_a_day, Term
 from wrist_ft_comp.identification.axis_data import AxisData
+from wrist_ft_comp.identification.bins import bin_axis_data
 from wrist_ft_comp.identification.gains import anchored
 from wrist_ft_comp.model.axis_model import AxisModel
-from wrist_ft_comp.model.signals import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,16 +36,21 @@ def finish(
     data: AxisData,
     winner: Fitted,
     chosen: str,
-    errors: Mapping[str, FloatArray],
+    bins: Scores,
     competing: Sequence[str],
 ) -> AxisFit:
-    """Fix what the fit leaves open, and collect mean squares, simplest candidate first."""
+    """Fix what the fit leaves open, and state held-out errors, simplest candidate first."""
     notes = winner.notes
     if data.no_sensitivity:
         notes = (*notes, f'zero drift only: {data.no_sensitivity}')
     elif winner.model is not None and winner.model.outputs == 1:
         notes = (*notes, 'zero drift only: gain drift held no better than none on held-out data')
-    rms = {name: float(np.sqrt(error.mean())) for name, error in errors.items()}
+    after = {
+        name: float(np.mean([np.sqrt(np.mean(each.errors**2)) for each in left]))
+        for name, left in bins.items()
+    }
+    factor = day_over_blocks(bin_axis_data(data, data.bin_cells[0]), after['none'])
+    rms = {name: left_of_a_day(each, after['none'], factor) for name, each in after.items()}
     model = None if winner.model is None else anchor(data, winner.model)
     time_constants_s, stated_errors_s = winner.time_constants_s, winner.time_constant_errors_s
     if model is not None and not time_constants_s:
@@ -50,9 +62,10 @@ def finish(
         model=model, chosen=chosen,
         candidates=tuple(Candidate(name, value) for name, value in rms.items()),
         rms_before=rms['none'], rms_after=rms[chosen],
-        reason=_reason(data.unit, chosen, errors, competing), time_constants_s=time_constants_s,
+        reason=_reason(data.unit, chosen, bins, rms, competing), time_constants_s=time_constants_s,
         time_constant_errors_s=stated_errors_s, terms=winner.terms, notes=notes,
-        doubts=winner.doubts, unit=data.unit)  # fmt: skip
+        doubts=winner.doubts, unit=data.unit,
+        held_out=hold_out(data, bins['none'], bins[chosen]))  # fmt: skip
 
 
 def anchor(data: AxisData, model: AxisModel) -> AxisModel:
@@ -75,27 +88,18 @@ def anchor(data: AxisData, model: AxisModel) -> AxisModel:
 
 
 def _reason(
-    unit: str, chosen: str, errors: Mapping[str, FloatArray], competing: Sequence[str]
+    unit: str, chosen: str, bins: Scores, rms: Mapping[str, float], competing: Sequence[str]
 ) -> str:
     """Say in one sentence why a candidate was chosen."""
-    means = {name: float(errors[name].mean()) for name in competing}
-    own, nothing = (float(np.sqrt(errors[name].mean())) for name in (chosen, 'none'))
-    outcome = f'{chosen} leaves {own:.3g} {unit} RMS on held-out data'
+    outcome = f'{chosen} leaves {rms[chosen]:.3g} {unit} RMS on held-out data'
     if chosen != 'none':
-        outcome += f', no compensation {nothing:.3g} {unit}'
+        outcome += f', no compensation {rms["none"]:.3g} {unit}'
     if len(competing) == 1:
         return f'{outcome}; nothing else competed.'
-    best = min(means, key=lambda name: means[name])
+    best = min(competing, key=lambda name: float(part_errors(bins[name]).mean()))
     if best == chosen:
         return f'{outcome}; of {len(competing)} candidates it is the best.'
-    chance = standard_error(errors[chosen] - errors[best])
-    gap = means[chosen] - means[best]
-    why = (
-        f'no more than chance (standard error {chance:.2g} {unit}²)'
-        if gap <= chance
-        else f'not worth its complexity (less than {100 * WORTHWHILE:.0f} %)'
-    )
     return (
-        f'{outcome}; the best of {len(competing)}, {best}, leaves {np.sqrt(means[best]):.3g} '
-        f'{unit}: in mean square {gap:.2g} {unit}² less, {why}.'
+        f'{outcome}; the best of {len(competing)}, {best}, is better by no more than chance, or '
+        f'than {100 * WORTHWHILE:.0f} % in mean square, and less simple.'
     )

@@ -7,20 +7,27 @@ import json
 from pathlib import Path
 import shlex
 
+import numpy as np
+
 from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.tables import days_text, payloads_json, table_text
-from wrist_ft_comp.errors import SettingsError, StateFileError
+from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError
 from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.files.days.memory import load_memory, Memory
 from wrist_ft_comp.files.days.survey import node_folders, survey
 from wrist_ft_comp.files.model_file import is_model, load_model
 from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
-from wrist_ft_comp.files.recordings import describe_recording, RecordingSummary, REFERENCE
+from wrist_ft_comp.files.recordings import (
+    describe_recording,
+    read_recording,
+    RecordingSummary,
+    REFERENCE,
+)
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.directions import ForceSummary
 from wrist_ft_comp.model.payload.learnt import payload_line
 from wrist_ft_comp.model.ranges import rounded
-from wrist_ft_comp.model.signals import NANOSECONDS, SENSOR_FACTS, Topics
+from wrist_ft_comp.model.signals import NANOSECONDS, Progress, SENSOR_FACTS, Topics
 from wrist_ft_comp.report.view import drifts_removed, model_sources
 
 #: What a model is for, to whoever finds one.
@@ -82,8 +89,10 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         recordings = [path]
         with options.progress_bar('reading') as progress:
-            summary = describe_recording(path, options.topics_from(arguments), progress)
-        document, text = _as_json(summary, path), _text(summary, path)
+            topics, half = options.topics_from(arguments), options.part_of
+            summary = describe_recording(path, topics, half(progress, 0, 2))
+            refusal = _refusal(summary, path, half(progress, 1, 2))
+        document, text = _as_json(summary, path, refusal), _text(summary, path, refusal)
     options.warn_of_idle(arguments, recordings)
     if arguments.json:
         options.print_json(document)
@@ -171,7 +180,7 @@ def _axes_text(stored: StoredModel) -> str:
     )  # fmt: skip
 
 
-def _text(summary: RecordingSummary, path: Path) -> str:
+def _text(summary: RecordingSummary, path: Path, refusal: str) -> str:
     """Describe a recording for people."""
     span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
@@ -186,7 +195,7 @@ def _text(summary: RecordingSummary, path: Path) -> str:
             table_text(['channel', 'type or unit', 'samples', 'per second', 'used as'], rows),
             *_quality(summary.candidates),
             *_directions(summary.specific_force, summary.topics or Topics()),
-            *_use(summary, path),
+            *_use(summary, path, refusal),
             *(f'warning: {warning}' for warning in summary.warnings),
         ]
     )
@@ -223,31 +232,48 @@ def _quality(candidates: Sequence[Candidate]) -> Iterator[str]:
         )
     yield ''
     for each in candidates:
-        if each.role == RAW_WRENCH and not each.stamped:
-            yield f'{each.entry} has no stamps and cannot be used: let the driver fill them.'
         if each.reads and 200 < each.reads[0] <= each.reads[1] < 450:
             field = '' if ':' in each.entry else ':temperature'
             yield f'If {each.entry} is in kelvin, write {each.entry}{field}:K.'
 
 
-def _lacks(summary: RecordingSummary) -> list[str]:
-    """Name what a recording would need to be learnt from."""
+def _refusal(summary: RecordingSummary, path: Path, progress: Progress) -> str:
+    """Say why nothing can be learnt from a recording; empty where it is read as others read it."""
     held = {channel.role for channel in summary.channels if channel.samples}
-    return [role for role in (RAW_WRENCH, TEMPERATURE) if role not in held]
-
-
-def _use(summary: RecordingSummary, path: Path) -> Iterator[str]:
-    """Say what a recording is good for, or what it lacks."""
-    if lacks := _lacks(summary):
+    if lacks := [role for role in (RAW_WRENCH, TEMPERATURE) if role not in held]:
         named = ' of that name' if any(each.role in lacks for each in summary.candidates) else ''
-        yield f'It holds no {" and no ".join(lacks)}{named}, so nothing can be learnt from it.'
+        return f'It holds no {" and no ".join(lacks)}{named}, so nothing can be learnt from it.'
+    if not summary.candidates:
+        return ''
+    try:
+        recording = read_recording(path, topics=summary.topics, progress=progress)
+    except RecordingError as error:
+        return f'Nothing can be learnt from it with these topics. {error}'
+    there = recording.measured, np.isfinite(recording.wrench)
+    cells = [np.flatnonzero(each.any(axis=1)) for each in there]
+    if not all(map(len, cells)) or max(c[0] for c in cells) > min(c[-1] for c in cells):
+        return (
+            'Nothing can be learnt from it: wrenches and temperatures have no time in common. '
+            'Their drivers stamp by two clocks; let both stamp by that of ROS, and record again.'
+        )
+    return ''
+
+
+def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
+    """Say what a recording is good for, or why for nothing."""
+    if refusal:
+        yield refusal
         return
     if not summary.candidates:
         yield f'Learn from it: {_commands(summary, path)[0]}'
         return
     if not any(each.moves for each in summary.candidates):
         yield 'No temperature moves by half a degree, and a calibration needs a warm-up.'
-    yield "Learn from it, judge on another day, and run; the sensor's own thermometer first:"
+    first = summary.topics.temperatures[0] if summary.topics else ''
+    yield (
+        'Learn from it, judge on another day, and run. The thermometer inside the sensor comes '
+        f'first; by its name it is most probably {first}:'
+    )
     yield from _commands(summary, path)
 
 
@@ -282,9 +308,8 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     return [shlex.join([*calibrate, *words]), shlex.join([*evaluate, *words]), shlex.join(run)]
 
 
-def _as_json(summary: RecordingSummary, path: Path) -> dict[str, object]:
+def _as_json(summary: RecordingSummary, path: Path, refusal: str) -> dict[str, object]:
     """Everything a script may want; of a bag, rates and commands, too."""
     candidates = [{**vars(each), 'rate_hz': each.rate_hz} for each in summary.candidates]
-    usable = summary.candidates and not _lacks(summary)
-    commands = _commands(summary, path) if usable else []
-    return {**vars(summary), 'candidates': candidates, 'commands': commands}
+    commands = _commands(summary, path) if candidates and not refusal else []
+    return {**vars(summary), 'candidates': candidates, 'commands': commands, 'refusal': refusal}

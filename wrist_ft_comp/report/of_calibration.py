@@ -43,8 +43,8 @@ def calibration_view(
     axes = []
     for axis, fit in fits.items():
         series = _series(_held_out(fit), recordings, coverage.leading)
-        peaks = (float(np.abs(each).max()) for each in (series.before, series.after))
-        errors = AxisEvaluation(fit.rms_before, fit.rms_after, *peaks)
+        before, after = (float(np.abs(each).max()) for each in (series.before, series.after))
+        errors = AxisEvaluation(fit.rms_before, fit.rms_after, before, _widening(fit) * after)
         axes.append(axis_view(stored, axis, _evidence(fit, max(durations_s)), errors, series))
     # An axis that was refused drifts, and is explained no better than a weak one.
     levels: dict[str, Level] = {
@@ -68,6 +68,14 @@ def _held_out(fit: AxisFit) -> HeldOut:
     """Return the errors that every identified axis carries."""
     assert fit.held_out is not None  # noqa: S101 -- identify_axis always keeps them
     return fit.held_out
+
+
+def _widening(fit: AxisFit) -> float:
+    """Say how many times as much is stated to be left as was of the folds that were held out."""
+    held_out = _held_out(fit)
+    measured = float(rms_by_fold(held_out).after.mean())
+    whole = not held_out.tared or held_out.recording.any()
+    return 1.0 if whole or measured == 0 else fit.rms_after / measured
 
 
 def _hardest_day(fits: Mapping[str, AxisFit], recordings: Sequence[Recording]) -> list[str]:
@@ -109,8 +117,8 @@ def _evidence(fit: AxisFit, longest_s: float) -> Evidence:
     return Evidence(
         unit=fit.unit, before=fit.rms_before, after=fit.rms_after,
         noise=noise_level([held_out.after[parts == part] for part in np.unique(parts)]),
-        compensated=fit.model is not None, best_candidate=min(tried, default=None),
-        blocks=rms_by_fold(held_out),
+        widening=_widening(fit), compensated=fit.model is not None,
+        best_candidate=min(tried, default=None), blocks=rms_by_fold(held_out),
         recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
         slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal)  # fmt: skip
 
@@ -132,8 +140,9 @@ def _explanation(
     calibration: Calibration, recordings: Sequence[Recording], reference: Reference
 ) -> str:
     """Say what was held out, and from where errors are counted."""
-    first = _held_out(next(iter(calibration.fits.values())))
-    count = len(np.unique(first.fold))
+    fits = calibration.fits.values()
+    first = _held_out(next(iter(fits)))
+    count, widened = len(np.unique(first.fold)), ''
     if len(recordings) > 1:
         blocks = f'Each of the {count} recordings was held out in turn'
         zero = 'its first minute'
@@ -144,6 +153,11 @@ def _explanation(
             'out in turn'
         )
         zero = 'its first minute'
+        factors = [_widening(fit) for fit in fits]
+        widened = (
+            f' What is left is stated {min(factors):.1f} to {max(factors):.1f} times as large as '
+            'it was (see the pictures), because drift goes further in a day than in a block.'
+        )
     else:
         blocks = f'Each of the {count} plateaus was held out in turn'
         zero = 'the mean of the other plateaus'
@@ -151,7 +165,7 @@ def _explanation(
     return (
         f'{blocks}: a model that was fitted to the others ran on its temperatures alone. Errors '
         f'are means over {first.bin_s:g} s, counted from {zero}, with compensation and '
-        f'without{tared}. Reference: {reference}.'
+        f'without{tared}.{widened} Reference: {reference}.'
     )
 
 

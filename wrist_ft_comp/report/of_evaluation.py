@@ -46,9 +46,14 @@ def evaluation_view(
     for axis, errors in pooled.items():
         parts = [(name, judged[axis]) for name, judged in named if axis in judged]
         after, part = series[axis].after, series[axis].part
+        compared = [
+            each.recording.temperature_c[np.isfinite(each.errors.after[:, AXES.index(axis)])]
+            for each in evaluated
+        ]
         evidence = Evidence(
             unit=recordings[0].unit_of(axis), before=errors.rms_before, after=errors.rms_after,
             noise=noise_level([after[part == each] for each in np.unique(part)]),
+            moved_k=max(float(np.ptp(each, axis=0).max()) for each in compared if len(each)),
             compensated=axis in stored.model.axes, block_name='recording',
             blocks=FoldErrors(
                 np.array([each.rms_before for _, each in parts]),

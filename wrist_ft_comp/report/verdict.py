@@ -4,13 +4,16 @@ Is an axis' compensation good? One table of thresholds, one sentence with the nu
 | level | when |
 |---|---|
 | good | at most 25 % of the drift is left, or what is left is below 1.5 times the noise |
-| weak | more is left; or a held-out block got worse; or the slowest time constant is above half |
-| | of the longest recording, so that it can't be told from a trend |
-| harmful | more is left than without compensation |
+| weak | more is left; or a held-out block got worse and keeps more than 25 % of the axis' drift; |
+| | or the slowest time constant is above half of the longest recording, so that it can't be told |
+| | from a trend |
+| harmful | more is left than without compensation; here as of a block, 5 % more may be chance |
 | uncalibrated | no compensation: nothing that was tried was better, or there is no drift |
+| unjudged | no thermometer moved by 0.5 K within a recording, so that nothing can be judged |
 """
 
 from dataclasses import dataclass
+import math
 from typing import Literal
 
 import numpy as np
@@ -18,15 +21,19 @@ import numpy as np
 from wrist_ft_comp.calibration.result import FoldErrors, HARMFUL_RATIO, SURE_SHARE
 from wrist_ft_comp.model.ranges import rounded
 
-Level = Literal['good', 'weak', 'harmful', 'uncalibrated']
+Level = Literal['good', 'weak', 'harmful', 'uncalibrated', 'unjudged']
 #: For people, the best first.
 LEVEL_NAMES: dict[Level, str] = {
     'good': 'good', 'weak': 'weak', 'harmful': 'harmful', 'uncalibrated': 'not calibrated',
+    'unjudged': 'nothing to judge',
 }  # fmt: skip
 #: Largest share of the drift that a good axis leaves.
 GOOD_REMAINDER = 0.25
 #: What is no larger than this many times the noise counts as noise.
 NOISE_MARGIN = 1.5
+#: A model predicts the same drift all the time where its thermometers move by less, K: their noise
+#: and quanta are up to 0.2 K, and a calibration wants 3 K.
+SMALLEST_CHANGE_K = 0.5
 
 
 @dataclass(frozen=True)
@@ -35,13 +42,17 @@ class Evidence:
 
     #: N, N m, or what the recordings are in; so are all errors.
     unit: str
-    #: Root mean square error without and with compensation.
+    #: Root mean square error without and with compensation, the latter as it is stated.
     before: float
     after: float
     #: Standard deviation of what no model of temperature can explain; 0 if unknown.
     noise: float
     #: Whether there is a model for the axis.
     compensated: bool
+    #: How many times as much ``after`` is as was measured; noise is the same on every day.
+    widening: float = 1.0
+    #: How far a thermometer moved within a recording, at most, K.
+    moved_k: float = math.inf
     #: Smallest error among the candidates that were refused.
     best_candidate: float | None = None
     #: The errors block by block, and what a block is.
@@ -69,6 +80,12 @@ def judge(evidence: Evidence) -> Verdict:
     before, after = evidence.before, evidence.after
     if not evidence.compensated:
         return Verdict('uncalibrated', _why_uncalibrated(evidence))
+    if evidence.moved_k < SMALLEST_CHANGE_K:
+        return Verdict(
+            'unjudged',
+            f'The thermometers moved by {evidence.moved_k:.2g} K only, and drift that follows '
+            f'them shows from {SMALLEST_CHANGE_K:g} K on. Evaluate a recording of a warm-up.',
+        )
     figures = f'{rounded(before)} → {rounded(after)} {evidence.unit} RMS'
     if after > HARMFUL_RATIO * before:
         return Verdict(
@@ -78,14 +95,18 @@ def judge(evidence: Evidence) -> Verdict:
         )
     share = rounded(100 * after / before, 2) if before > 0 else '0'
     remainder = f'{share} % of the drift is left ({figures}){_rests_on(evidence)}'
-    is_noise = after <= NOISE_MARGIN * evidence.noise
+    noise = NOISE_MARGIN * evidence.noise
+    is_noise = after <= noise * evidence.widening
     doubts = _doubts(evidence)
     if not is_noise and after > GOOD_REMAINDER * before:
         doubts.insert(0, f'a good axis leaves at most {100 * GOOD_REMAINDER:g} %')
     if doubts:
         return Verdict('weak', f'{remainder}; {"; ".join(doubts)}.')
-    noise = ', no more than the noise of the sensor' if is_noise else ''
-    return Verdict('good', f'{remainder}{noise}.')
+    if after <= noise:
+        remainder += ', no more than the noise of the sensor'
+    elif after > GOOD_REMAINDER * before:
+        remainder += ', in which no more than the noise of the sensor was left'
+    return Verdict('good', f'{remainder}.')
 
 
 def _rests_on(evidence: Evidence, *, harmful: bool = False) -> str:
@@ -121,7 +142,9 @@ def _doubts(evidence: Evidence) -> list[str]:
     doubts = []
     if evidence.blocks is not None:
         before, after = evidence.blocks
-        worse = (after > HARMFUL_RATIO * before) & (after > NOISE_MARGIN * evidence.noise)
+        # In a block that hardly drifts, more of it may be left and still be little.
+        little = max(NOISE_MARGIN * evidence.noise, GOOD_REMAINDER * evidence.before)
+        worse = (after > HARMFUL_RATIO * before) & (after > little)
         if worse.any():
             doubts.append(
                 f'in {np.count_nonzero(worse)} of {len(worse)} {evidence.block_name}s it leaves '

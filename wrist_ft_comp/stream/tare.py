@@ -8,7 +8,7 @@ from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.limits import axis_limits
 
-#: The mean is compared over this many parts of the time: noise averages out, motion does not.
+#: The mean is compared over this many parts of the samples: noise averages out, motion does not.
 _PARTS = 5
 _MIN_SAMPLES = 10
 
@@ -17,8 +17,8 @@ class TareCollector:
     """
     Collects raw wrenches over a stretch of stamps.
 
-    The mean of any fifth of the time may be at most max_deviation_n off the whole mean, N; of a
-    torque, a tenth of the number in N m.
+    The mean of any fifth of the samples, in the order in which they came, may be at most
+    max_deviation_n off the whole mean, N; of a torque, a tenth of the number in N m.
     """
 
     def __init__(self, duration_s: float, max_deviation_n: float) -> None:

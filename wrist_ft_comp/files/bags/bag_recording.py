@@ -92,7 +92,9 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
     for stream in unstamped:
         raise RecordingError(
             f'Every message on {stream.connection.topic} of {bag.name} has the header stamp 0; '
-            'expected the time of measurement. Let the driver fill header.stamp, and record again.'
+            'expected the time of measurement. Let the driver fill header.stamp, and record '
+            f'again; or, if it is a temperature, name {stream.connection.topic}:temperature, '
+            'which counts at its time of arrival.'
         )
 
 

@@ -23,6 +23,8 @@ _ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cd
 _TREATED = re.compile(r'compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE)
 #: Temperatures of the sensor, or beside it, are named like this.
 _NEAR = re.compile(r'sensor|force|wrench|torque|tool|flange|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
+#: Temperatures of what heats the sensor, or of what is around, are named like this.
+_FAR = re.compile(r'motor|drive(?!r)|joint|cabinet|ambient|room|cpu|battery', re.IGNORECASE)
 #: A thermometer that moves by less sees no warm-up.
 _MOVES_K = 0.5
 #: As many thermometers are suggested: one inside the sensor, and one at the motor's side.
@@ -117,7 +119,9 @@ class _Tally:
         if self.role != TEMPERATURE:
             yield Candidate(self.role, topic, *known, force=describe_force(self.moments))
             return
-        for path, low, high in zip(self.paths or [()], self.low, self.high, strict=True):
+        # What has no stamp counts at its time of arrival where it is read as a field.
+        plain: list[Path] = [()] if self.stamped else [('temperature',)]
+        for path, low, high in zip(self.paths or plain, self.low, self.high, strict=True):
             entry = f'{topic}:{path_text(path)}' if path else topic
             yield Candidate(self.role, entry, *known, (float(low), float(high)))
 
@@ -158,23 +162,31 @@ def _tally(bag: Bag, connection: Connection, warnings: list[str]) -> _Tally | No
 
 def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     """Decide what to use of a bag: what was named and is there, else what looks right."""
-    # The raw wrench is one that nothing was done to. The thermometer that has most of its name in
-    # common with it, or is named like something at the tool, is most probably inside the sensor
-    # and comes first, and so it is with IMUs; of an array, the last element counts as nearest to
-    # the tool. Where there is no candidate, the wrench is empty, or there are no temperatures.
+    # The raw wrench is one that nothing was done to. What is named after the sensor of another one
+    # is not used with it. The thermometer that is not named like a motor's, has most of its name
+    # in common with the wrench, or is named like something at the tool, is most probably inside
+    # the sensor and comes first, and so it is with IMUs; of an array, the last element counts as
+    # nearest to the tool. Where there is none, the wrench is empty, or there are no temperatures.
     wrenches = [each for each in candidates if each.role == RAW_WRENCH]
     wrenches.sort(key=lambda each: (bool(_TREATED.search(each.entry)), -each.samples))
     wrenches.sort(key=lambda each: each.entry.strip('/') != topics.wrench.strip('/'))
     wrench = wrenches[0].entry if wrenches else ''
 
-    def distance(each: Candidate) -> tuple[int, bool, int]:
+    def is_others(each: Candidate) -> bool:
+        names, ours = _names(each.entry), _names(wrench)
+        others = (_names(other.entry) for other in wrenches[1:])
+        return any(names & (other - ours) and not names & (ours - other) for other in others)
+
+    def distance(each: Candidate) -> tuple[bool, int, bool, int]:
         pairs = zip(each.entry.split('/'), wrench.split('/'), strict=False)
         common = list(takewhile(lambda pair: pair[0] == pair[1], pairs))
         indices = re.findall(r'\[(\d+)\]', each.entry)
-        return -len(common), not _NEAR.search(each.entry), -int(indices[-1] if indices else -1)
+        far, near = _FAR.search(each.entry), _NEAR.search(each.entry)
+        return far is not None, -len(common), near is None, -int(indices[-1] if indices else -1)
 
     topics = replace(topics, wrench=wrench)
-    imus = sorted((each for each in candidates if each.role == IMU), key=distance)
+    candidates = [each for each in candidates if not is_others(each)]
+    imus = sorted((c for c in candidates if c.role == IMU and c.stamped), key=distance)
     if imus and not topics.imu and not topics.gravity_frame:
         topics = replace(topics, imu=imus[0].entry)
     if topics.temperatures != Topics().temperatures:
@@ -182,3 +194,8 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     found = [each for each in candidates if each.role == TEMPERATURE]
     found = sorted([each for each in found if each.usable] or found[:1], key=distance)
     return replace(topics, temperatures=tuple(each.entry for each in found[:_SUGGESTED]))
+
+
+def _names(entry: str) -> set[str]:
+    """Split a topic into the names between its slashes, and these into words."""
+    return {*entry.lower().split('/'), *re.findall(r'[a-z]+', entry.lower())}
