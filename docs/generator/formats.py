@@ -10,6 +10,7 @@ from markdown import table
 
 import wrist_ft_comp
 from wrist_ft_comp.cli.main import build_parser
+from wrist_ft_comp.model.columns import STAMPS
 from wrist_ft_comp.model.signals import (
     AXES,
     FORCE_CHANNELS,
@@ -64,12 +65,19 @@ def csv_columns() -> str:
     thermometers = ', '.join(f'`{temperature_channel(j)}`' for j in range(3))
     rows = [
         [
-            '`stamp_s` or `stamp_ns`',
-            's or ns',
+            ' or '.join(f'`{column}`' for column in reversed(STAMPS)),
+            's, ms, µs or ns',
             'one of them, ascending; kept as integer nanoseconds',
         ],
         [', '.join(f'`{axis}`' for axis in AXES), 'N, N m', 'raw wrench, any subset'],
-        [f'{thermometers} …', '°C', 'thermometers, the one inside the sensor first'],
+        [
+            f'{thermometers} …',
+            '°C',
+            (
+                'thermometers, the one inside the sensor first; `temperature_k`, `temperature_2_f` '
+                '… are in K or °F'
+            ),
+        ],
         [
             ', '.join(f'`{each}`' for each in REFERENCE_CHANNELS),
             'N, N m',

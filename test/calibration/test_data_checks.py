@@ -81,5 +81,7 @@ def test_a_wrench_that_is_missing_for_long_is_named_unless_between_plateaus(reco
     (sentence,) = silent_stretches([recording], 600.0)
     assert sentence.startswith('The raw wrench of a.csv is missing for 900 s')
     assert silent_stretches([recording], 900.0) == []
-    recording.wrench[600:690] = np.nan  # three stretches look like a chamber test
-    assert silent_stretches([recording], 600.0) == []
+    recording.wrench[600:690] = np.nan  # three stretches of a warm-up are no plateaus
+    assert len(silent_stretches([recording], 600.0)) == 1
+    stairs = np.repeat([10.0, 20.0, 30.0], [245, 400, 355])[:, np.newaxis]
+    assert silent_stretches([replace(recording, temperature_c=stairs)], 600.0) == []

@@ -40,8 +40,10 @@ def test_a_csv_says_its_channels(done, drift_csv):
     out = done('show', drift_csv)
     assert out.startswith('drift.csv: CSV recording, 399.0 s')
     assert 'raw wrench' in out
+    assert re.search(r'temperature_c +°C, 20\.\d to 3\d\.\d', out)
     shown = json.loads(done('show', drift_csv, '--json'))
     torque = {'name': 'torque_x', 'role': 'raw wrench', 'kind': 'N m', 'samples': 400}
+    torque['reads'] = None
     assert torque in shown['channels']
     assert shown['last_ns'] - shown['first_ns'] == 399 * 10**9
 
@@ -69,7 +71,9 @@ def test_a_bag_says_which_topic_may_be_meant(done, bags):
 def test_a_bag_without_wrenches_names_no_topic_that_would_not_help(done, messages, tmp_path):
     part = ('/motor/heat', messages.temperature_type, 1, messages.temperature(1, 20.0))
     out = done('show', messages.write(tmp_path / 'bag', [part])).rstrip()
-    assert out.endswith('It holds no raw wrench, so nothing can be learnt from it.')
+    assert out.endswith(
+        'It holds no raw wrench in a form that can be read, so nothing can be learnt from it.'
+    )
 
 
 def test_a_report_is_known(done, drift_csv, model, tmp_path):

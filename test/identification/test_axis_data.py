@@ -85,7 +85,8 @@ class TestFolds:
         (folds,) = assign_folds([make_recording(LOAD, {'force_x': LOAD})])
         np.testing.assert_array_equal(folds, np.repeat(range(5), CELLS // 5))
         raw = np.where(np.arange(CELLS) % 60 < 20, 1.0, np.nan)
-        (folds,) = assign_folds([make_recording(LOAD, {'force_x': raw})])
+        stairs = np.repeat([20.0, 10.0, 30.0, 40.0], 60)[:CELLS]
+        (folds,) = assign_folds([make_recording(stairs, {'force_x': raw})])
         np.testing.assert_array_equal(folds[np.isfinite(raw)], np.repeat(range(4), 20))
 
     def test_one_that_is_held_out_loses_its_samples_only(self, make_axis_data):

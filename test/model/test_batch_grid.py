@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.model.batch_grid import grid_samples, GridBuilder, MAX_CELLS
+from wrist_ft_comp.model.batch_grid import grid_samples, GridBuilder, MAX_NUMBERS
 from wrist_ft_comp.model.signals import (
     AXES,
     FORCE_CHANNELS,
@@ -53,7 +53,7 @@ def streams(draw):
             )
         )
         stamps = np.cumsum(steps) + draw(st.integers(0, 5)) * SECOND
-        values = draw(st.lists(st.floats(-50, 150), min_size=len(steps), max_size=len(steps)))
+        values = draw(st.lists(st.floats(-50, 58), min_size=len(steps), max_size=len(steps)))
         blocks.append(Samples((channel,), stamps, np.array(values)[:, np.newaxis]))
     return blocks
 
@@ -114,12 +114,14 @@ def test_several_channels_of_one_block_share_their_stamps():
     assert recording.axes_present == ('force_x',)
 
 
-@pytest.mark.parametrize('fault', ['repeated', 'backward', 'nan', 'infinite'])
+@pytest.mark.parametrize('fault', ['repeated', 'backward', 'ahead', 'nan', 'infinite', 'kelvin'])
 def test_unusable_samples_are_dropped_and_counted(fault):
-    good = [(float(k), 20.0 + k) for k in range(200)]
+    good = [(float(k), 20.0 + k / 10) for k in range(200)]
     bad = {
         'repeated': (99.0, 1e6),
         'backward': (50.0, 1e6),
+        'ahead': (9000.0, 1e6),
+        'kelvin': (99.5, 295.15),
         'nan': (99.5, math.nan),
         'infinite': (99.5, math.inf),
     }[fault]
@@ -127,11 +129,13 @@ def test_unusable_samples_are_dropped_and_counted(fault):
     clean = grid_samples([samples('temperature_c', *good), wrenches(0.5)], name='a.csv')
     gridded = grid_samples([samples('temperature_c', *with_fault), wrenches(0.5)], name='a.csv')
     np.testing.assert_array_equal(gridded.temperature_c, clean.temperature_c)
-    counts = (1, 0) if fault in ('nan', 'infinite') else (0, 1)
-    (warning,) = gridded.warnings
-    assert warning == (
-        f'temperature_c of a.csv: {counts[0]} of 201 samples are not finite and {counts[1]} have '
-        'a stamp that does not increase; they were dropped.'
+    why = {
+        'nan': 'are not finite',
+        'infinite': 'are not finite',
+        'kelvin': 'are outside -100 to 200 °C, which no sensor reads, such as 295.1 °C',
+    }.get(fault, 'have a stamp that does not increase')
+    assert gridded.warnings == (
+        f'temperature_c of a.csv: 1 of 201 samples {why}; they were dropped.',
     )
 
 
@@ -204,8 +208,8 @@ def test_a_broken_first_stamp_is_not_taken_for_a_late_thermometer():
 
 
 def test_one_stamp_of_another_century_is_refused_without_the_memory_for_it():
-    blocks = [samples('temperature_c', (0, 20), (MAX_CELLS, 21)), wrenches(0)]
-    with pytest.raises(RecordingError, match=r'span 5e\+06 s; at most 5000000 thermal cells'):
+    blocks = [samples('temperature_c', (0, 20), (MAX_NUMBERS, 21)), wrenches(0)]
+    with pytest.raises(RecordingError, match=r'span 4.2e\+06 s; at most 2100000 thermal cells'):
         grid_samples(blocks)
 
 

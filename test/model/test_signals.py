@@ -23,7 +23,10 @@ def test_samples_refuse_values_that_do_not_fit_their_channels():
         ({'period_ns': 0}, r'^A thermal cell must last longer than 0 ns; got 0\.$'),
         ({'temperature_c': np.zeros((0, 1))}, r'^run holds no temperature\. .* one cell\.$'),
         ({'temperature_c': np.zeros((3, 0))}, r'^run holds no temperature\. .* one cell\.$'),
-        ({'temperature_c': np.full((3, 1), np.nan)}, r'^Temp.* of run must be finite .* grid\.$'),
+        (
+            {'temperature_c': np.full((3, 1), np.nan)},
+            r'^Temp.* of run must lie between -100 .* got nan',
+        ),
         ({'measured': np.ones((3, 2))}, r'^measured of run must have shape \(3, 1\)'),
         ({'wrench': np.zeros((3, 5))}, r'^wrench of run must have shape \(3, 6\)'),
         ({'reference': np.zeros((2, 6))}, r'^reference of run must have shape \(3, 6\)'),

@@ -66,7 +66,7 @@ def calibrate(
             f'{names} holds no wrench on the thermal cells that have a temperature. '
             'Record wrench and temperature at the same time.'
         )
-    data_checks.check_loads(recordings, axes, settings.reference)
+    recordings, spikes = data_checks.check_loads(recordings, axes, settings.reference)
     recordings, dropped = data_checks.drop_stuck_cells(recordings, axes)
     folds = assign_folds(recordings)
     tell = progress or (lambda _: None)
@@ -87,6 +87,7 @@ def calibrate(
     warnings = [
         *(warning for recording in recordings for warning in recording.warnings),
         *([f'Recordings of several sensors: {apart}. Calibrate every one alone.'] * bool(apart)),
+        *spikes,
         *dropped,
         *data_checks.silent_stretches(recordings, settings.max_gap_s),
         *data_checks.idle_thermometers(recordings),

@@ -12,6 +12,7 @@ from wrist_ft_comp.model.signals import (
     AXES,
     BoolArray,
     FloatArray,
+    IntArray,
     noise_level,
     Recording,
     Reference,
@@ -29,6 +30,12 @@ _JUMP_TO_RANGE = 0.2
 _JUMP_TO_RESOLUTION = 3.5
 #: An axis that moves no more often than this may have been loaded and unloaded, and shows none.
 _FEW_STEPS = 4
+#: A cell is a spike when its axis comes back by all but this share of the jump …
+_BACK = 0.3
+#: … and cells are no longer than this: in longer ones lies more than a spike, s.
+_SPIKE_S = 10.0
+#: More spikes than this, or than this share of the cells, are a load that moves.
+_SPIKES, _SPIKE_SHARE = 3, 1e-3
 #: A channel is lively when so many of its neighbouring cells differ …
 _LIVELY = 0.9
 #: … and then stuck when it keeps a value for so many cells.
@@ -81,43 +88,94 @@ def check_temperatures(recordings: Sequence[Recording], min_span_k: float) -> Fl
 
 def check_loads(
     recordings: Sequence[Recording], axes: Sequence[str], reference: Reference
-) -> None:
-    """Refuse a missing reference, and a load that moves although it was declared not to."""
-    if reference == 'recorded':
-        for recording in recordings:
-            if not np.isfinite(recording.reference).any():
-                raise CalibrationRefusedError(
-                    f'{recording.name} holds no reference wrench, but the reference was declared '
-                    'recorded. Record wrench_reference beside the raw wrench, or declare the '
-                    'reference unloaded or constant.'
-                )
-        return
-    for recording in recordings:
-        if reference == 'payload' and recording.specific_force is not None:
-            continue
-        declared = reference.replace('payload', 'constant, as there is no specific force')
-        for axis in axes:
-            raw = recording.wrench[:, AXES.index(axis)]
-            at = np.flatnonzero(np.isfinite(raw))
-            # A gap is no jump: drift moves on while nothing is recorded.
-            joined = np.diff(stretches(np.isfinite(raw), recording.period_s)[at]) == 0
-            steps = np.abs(np.diff(raw[at])) * joined
-            limit = max(
-                _JUMP_TO_NOISE * noise_level([raw]),
-                _JUMP_TO_RANGE * (float(np.ptp(raw[at])) if len(at) else 0.0),
-                _JUMP_TO_RESOLUTION * _resolution(raw[at]),
+) -> tuple[list[Recording], list[str]]:
+    """Make spikes of a still load NaN, and say so; refuse a load that moves, and no reference."""
+    sound, sentences = list(recordings), list[str]()
+    for number, recording in enumerate(recordings):
+        if reference == 'recorded' and not np.isfinite(recording.reference).any():
+            raise CalibrationRefusedError(
+                f'{recording.name} holds no reference wrench, but the reference was declared '
+                'recorded. Record wrench_reference beside the raw wrench, or declare the '
+                'reference unloaded or constant.'
             )
-            if len(steps) > MIN_SAMPLES and steps.max() > limit > 0:
-                cell = int(at[int(np.argmax(steps)) + 1])
-                raise CalibrationRefusedError(
-                    f'{axis} of {recording.name} jumps by {steps.max():.3g} '
-                    f'{recording.unit_of(axis)} '
-                    f'after {cell * recording.period_s:.0f} s, although the load was declared '
-                    f'{declared}. Record again without contact or payload change, or '
-                    'record the load as reference.'
-                    + ' Or declare it payload, because specific force was recorded.'
-                    * (recording.specific_force is not None)
+        known = reference == 'payload' and recording.specific_force is not None
+        for axis in axes if reference != 'recorded' and not known else ():
+            raw = recording.wrench[:, AXES.index(axis)]
+            jumps = _find_jumps(raw, recording.period_s)
+            spikes = _find_spikes(raw, recording.period_s) if len(jumps) else []
+            clean = np.where(np.isin(np.arange(len(raw)), spikes), np.nan, raw)
+            if len(jumps) and len(_find_jumps(clean, recording.period_s)):
+                _refuse_jumps(recording, axis, reference, jumps)
+            if spikes:
+                wrench = sound[number].wrench.copy()
+                wrench[:, AXES.index(axis)] = clean
+                sound[number] = replace(recording, wrench=wrench)
+                sentences.append(
+                    f'{axis} of {recording.name} stands out alone in {len(spikes)} of {len(raw)} '
+                    f'cells, first at stamp {_stamp(recording, spikes[0])} with '
+                    f'{raw[spikes[0]]:.3g} {recording.unit_of(axis)}; left out.'
                 )
+    return sound, sentences
+
+
+def _find_jumps(raw: FloatArray, period_s: float) -> IntArray:
+    """Find the cells at which an axis is farther from the cell before than drift can be."""
+    at = np.flatnonzero(np.isfinite(raw))
+    # A gap is no jump: drift moves on while nothing is recorded.
+    joined = np.diff(stretches(np.isfinite(raw), period_s)[at]) == 0
+    steps = np.abs(np.diff(raw[at])) * joined
+    if len(steps) <= MIN_SAMPLES:
+        return at[:0]
+    limit = max(
+        _JUMP_TO_NOISE * noise_level([raw]),
+        _JUMP_TO_RANGE * float(np.ptp(raw[at])),
+        _JUMP_TO_RESOLUTION * _resolution(raw[at]),
+    )
+    return np.asarray(at[1:][(steps > limit) & (limit > 0)])
+
+
+def _find_spikes(raw: FloatArray, period_s: float) -> list[int]:
+    """Find the cells that an axis jumps to and back from; none where they are too many."""
+    raw, spikes = raw.copy(), list[int]()
+    at = np.flatnonzero(np.isfinite(raw))
+    most = max(_SPIKES, _SPIKE_SHARE * len(at)) if period_s <= _SPIKE_S else 0
+    while len(jumps := _find_jumps(raw, period_s)):
+        at = np.flatnonzero(np.isfinite(raw))
+        place = np.searchsorted(at, jumps)
+        before, spike = raw[at[place - 1]], raw[jumps]
+        after = raw[at[np.minimum(place + 1, len(at) - 1)]]
+        found = jumps[
+            np.isin(place + 1, place) & (abs(after - before) < _BACK * abs(spike - before))
+        ]
+        if not len(found):  # the first cell and the last have one neighbour only
+            found = at[[0, -1]][np.isin(at[[1, -1]], jumps)]
+        if not 0 < len(found) <= most - len(spikes):
+            return []
+        spikes += found.tolist()
+        raw[found] = np.nan
+    return sorted(spikes)
+
+
+def _refuse_jumps(recording: Recording, axis: str, reference: Reference, cells: IntArray) -> None:
+    """Say where a load moved, and what to do."""
+    raw = recording.wrench[:, AXES.index(axis)]
+    at = np.flatnonzero(np.isfinite(raw))
+    steps = np.abs(raw[cells] - raw[at[np.searchsorted(at, cells) - 1]])
+    declared = reference.replace('payload', 'constant, as there is no specific force')
+    place = ' to '.join(_stamp(recording, cell) for cell in dict.fromkeys(cells[[0, -1]].tolist()))
+    raise CalibrationRefusedError(
+        f'{axis} of {recording.name} jumps by {steps.max():.3g} {recording.unit_of(axis)} after '
+        f'{cells[np.argmax(steps)] * recording.period_s:.0f} s, although the load was declared '
+        f'{declared} ({len(cells)} jumps, at stamp {place}). Record again without contact or '
+        'payload change, or record the load as reference.'
+        + ' Or declare it payload, because specific force was recorded.'
+        * (recording.specific_force is not None)
+    )
+
+
+def _stamp(recording: Recording, cell: int) -> str:
+    """Write the stamp at which a cell begins."""
+    return f'{(recording.first_cell + cell) * recording.period_s:.10g} s'
 
 
 def _resolution(values: FloatArray) -> float:

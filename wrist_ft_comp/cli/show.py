@@ -185,7 +185,7 @@ def _text(summary: RecordingSummary, path: Path, refusal: str) -> str:
     span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
     rows = [
-        [each.name, each.kind, str(each.samples),
+        [each.name, ', '.join([each.kind, *_range(each.reads)]), str(each.samples),
          rounded((each.samples - 1) / span_s, 4) if span_s else '-', each.role or '-']
         for each in summary.channels
     ]  # fmt: skip
@@ -199,6 +199,11 @@ def _text(summary: RecordingSummary, path: Path, refusal: str) -> str:
             *(f'warning: {warning}' for warning in summary.warnings),
         ]
     )
+
+
+def _range(reads: tuple[float, float] | None) -> list[str]:
+    """Write lowest and highest reading of a temperature, if there are any."""
+    return ['{:.1f} to {:.1f}'.format(*reads)] if reads and reads[0] <= reads[1] else []
 
 
 def _directions(force: ForceSummary | None, topics: Topics) -> Iterator[str]:
@@ -242,6 +247,8 @@ def _refusal(summary: RecordingSummary, path: Path, progress: Progress) -> str:
     held = {channel.role for channel in summary.channels if channel.samples}
     if lacks := [role for role in (RAW_WRENCH, TEMPERATURE) if role not in held]:
         named = ' of that name' if any(each.role in lacks for each in summary.candidates) else ''
+        words = {RAW_WRENCH: 'raw wrench in a form that can be read'}
+        lacks = [words.get(each, each) for each in lacks]
         return f'It holds no {" and no ".join(lacks)}{named}, so nothing can be learnt from it.'
     if not summary.candidates:
         return ''

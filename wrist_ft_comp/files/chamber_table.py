@@ -13,12 +13,14 @@ import numpy as np
 
 from wrist_ft_comp.calibration.chamber import ChamberTable, leave_out_copies
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files.csv_file import COMPENSATED
 from wrist_ft_comp.files.documents import beginning
+from wrist_ft_comp.model.columns import COMPENSATED
 from wrist_ft_comp.model.signals import AXES, Correction
 
 _OUTPUT = re.compile(r'output_at_([-+]?\d+(?:\.\d+)?)_c')
 _LOAD = re.compile(r'load_(\w+)')
+#: Bytes of a table: those that were published have 2 kB.
+_LARGEST = 100_000
 
 
 def is_chamber_table(path: Path) -> bool:
@@ -30,6 +32,11 @@ def is_chamber_table(path: Path) -> bool:
 def _read_rows(path: Path) -> list[list[str]]:
     """Read all cells; blank lines are skipped."""
     try:
+        if path.stat().st_size > _LARGEST:
+            raise RecordingError(
+                f'{path.name} has more than {_LARGEST} bytes, which no chamber table has. Name '
+                'its columns as those of a CSV recording.'
+            )
         with path.open(encoding='utf-8-sig', newline='') as file:
             rows = [row for row in csv.reader(file) if row]
     except OSError as error:

@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 import csv
 from dataclasses import dataclass
 from decimal import Decimal
+from functools import partial
 import io
 from math import isnan, nan
 import os
@@ -22,11 +23,14 @@ import numpy as np
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.documents import writing
 from wrist_ft_comp.model.columns import (
-    channel_groups,
-    mistyped_columns,
+    channels_in,
+    COMPENSATED,
+    in_channel_unit,
     ORIGIN,
     require_column,
     samples_of,
+    STAMPS,
+    unknown_columns,
 )
 from wrist_ft_comp.model.signals import (
     AXES,
@@ -40,10 +44,8 @@ from wrist_ft_comp.model.signals import (
     SensorNames,
 )
 
-#: Characters per piece, the bound of what is in memory: some 10 000 rows.
-CHUNK = 1_000_000
-#: Name of the empty column of a recording from which drift was removed.
-COMPENSATED = 'compensated_by_wrist_ft_comp'
+#: Characters per piece, the bound of what is in memory: some 10 000 rows; and of a line.
+CHUNK = LONGEST_LINE = 1_000_000
 
 
 def origin_column(sensor: SensorNames) -> str:
@@ -56,16 +58,9 @@ def sensor_in(columns: Sequence[str]) -> SensorNames:
     return parse_qs(''.join(each[len(ORIGIN) :] for each in columns if each.startswith(ORIGIN)))
 
 
-def nanoseconds(text: str) -> int:
-    """Convert decimal seconds to nanoseconds exactly."""
-    return round(Decimal(text) * NANOSECONDS)
-
-
-#: How a stamp is converted, and what its column is expected to hold.
-_STAMPS: dict[str, tuple[Callable[[str], int], str]] = {
-    'stamp_ns': (int, 'a whole number of nanoseconds'),
-    'stamp_s': (nanoseconds, 'a decimal number of seconds'),
-}
+def nanoseconds(text: str, unit_ns: int = NANOSECONDS) -> int:
+    """Convert a decimal number of seconds, or of another unit, to nanoseconds exactly."""
+    return round(Decimal(text) * unit_ns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,14 +75,14 @@ class CsvPiece:
 
 
 class CsvRecording:
-    """A CSV file with a header, of which ``columns`` and ``groups`` tell; read by ``pieces``."""
+    """A CSV file with a header, read by ``pieces``."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         #: What was left out; complete when the pieces are through.
         self.warnings: list[str] = []
         with self._open() as text:
-            first = text.readlines(1)
+            first = self._lines(text, 1)
         if not first or not first[0].strip():
             raise RecordingError(
                 f'{path.name} is empty; expected a header such as '
@@ -103,31 +98,29 @@ class CsvRecording:
                 f'Line 1 of {path.name} must be a header naming the columns, such as '
                 f'stamp_s,force_z,temperature_c; got {self.header.strip()[:60]!r}.'
             )
-        #: Channels that share their samples: raw wrench, each thermometer, reference.
-        self.groups = channel_groups(self.columns)
-        channels = [channel for group in self.groups for channel in group]
-        for column in (*_STAMPS, *channels):
-            if self.columns.count(column) > 1:
-                raise RecordingError(
-                    f'{path.name} has the column {column} twice; remove or rename one.'
-                )
-        require_column(path.name, self.columns, 'stamp', tuple(_STAMPS))
-        self._stamp = next(column for column in _STAMPS if column in self.columns)
-        #: How the known columns are converted, and what they are expected to hold.
+        #: The column of every channel.
+        self.channels = channels_in(path.name, self.columns)
+        require_column(path.name, self.columns, 'stamp', STAMPS)
+        self._stamp = next(column for column in STAMPS if column in self.columns)
+        unit_ns = STAMPS[self._stamp]
+        #: How the columns that are used are converted, and what they are expected to hold.
         self._expected: dict[str, tuple[Callable[[str], float], str]] = {
-            self._stamp: _STAMPS[self._stamp],
-            **dict.fromkeys(channels, (_number, 'a number with a decimal point')),
+            self._stamp: (
+                partial(nanoseconds, unit_ns=unit_ns) if unit_ns > 1 else int,
+                'a decimal number' if unit_ns > 1 else 'a whole number of nanoseconds',
+            ),
+            **dict.fromkeys(self.channels.values(), (_number, 'a number with a decimal point')),
         }
-        self.warnings += mistyped_columns(path.name, self.columns, self._expected)
+        self.warnings += unknown_columns(path.name, self.columns)
 
     def pieces(self, progress: Progress | None = None) -> Iterator[CsvPiece]:
         """Read rows piece by piece, never an empty one; refuse bad ones, naming the line."""
         rows = 0
         with self._open() as text:
             size = os.fstat(text.fileno()).st_size
-            text.readlines(1)
+            self._lines(text, 1)
             line = 2
-            while lines := text.readlines(CHUNK):
+            while lines := self._lines(text, CHUNK):
                 last = None if lines[-1].endswith('\n') else lines.pop()
                 complete = self._piece(lines, line)
                 line += len(lines)
@@ -145,7 +138,7 @@ class CsvRecording:
     def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
         """Read as pieces do; a group that some rows fill in part comes channel by channel."""
         for piece in self.pieces(progress):
-            yield from samples_of(self.groups, piece.stamps_ns, piece.values, piece.filled)
+            yield from samples_of(piece.stamps_ns, piece.values, piece.filled)
 
     @contextmanager
     def _open(self) -> Iterator[io.TextIOWrapper]:
@@ -160,6 +153,17 @@ class CsvRecording:
             ) from error
         except OSError as error:
             raise RecordingError(f'{self.path} cannot be read: {error.strerror}.') from error
+
+    def _lines(self, text: io.TextIOWrapper, size: int) -> list[str]:
+        """Read the next lines, some characters in all; refuse one that no recording has."""
+        part = text.read(size)
+        rest = text.readline(LONGEST_LINE)
+        if len(rest) == LONGEST_LINE:
+            raise RecordingError(
+                f'{self.path.name} has a line of more than {LONGEST_LINE} characters; expected a '
+                'CSV recording, a row on each line.'
+            )
+        return io.StringIO(part + rest).readlines()
 
     def _split(self, lines: Sequence[str]) -> list[list[str]]:
         """Cut lines into cells."""
@@ -186,8 +190,9 @@ class CsvRecording:
         stamps = cells[self.columns.index(self._stamp)]
         stamps_ns = np.fromiter(map(convert, stamps), np.int64, len(stamps))
         values, filled = {}, {}
-        for channel in (channel for group in self.groups for channel in group):
-            values[channel], filled[channel] = _numbers(cells[self.columns.index(channel)])
+        for channel, column in self.channels.items():
+            numbers, filled[channel] = _numbers(cells[self.columns.index(column)])
+            values[channel] = in_channel_unit(column, numbers)
         return CsvPiece(cells, stamps_ns, values, filled)
 
     def _refusal(self, lines: list[str], first: int) -> RecordingError:

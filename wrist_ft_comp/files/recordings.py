@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 import hashlib
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,7 +14,7 @@ import numpy as np
 from wrist_ft_comp.calibration.chamber import OUTPUT_UNIT
 from wrist_ft_comp.errors import OutputError, RecordingError
 from wrist_ft_comp.files.bags.bag import Bag, open_bag, SUFFIXES
-from wrist_ft_comp.files.bags.bag_recording import read_bag, rewrite_bag
+from wrist_ft_comp.files.bags.bag_recording import read_bag, rewrite_bag, wrenches_inside
 from wrist_ft_comp.files.bags.gravity import gravity_samples, sensor_of, uppermost_frame
 from wrist_ft_comp.files.bags.survey import (
     Candidate,
@@ -24,12 +25,13 @@ from wrist_ft_comp.files.bags.survey import (
     TF,
 )
 from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table, rewrite_table
-from wrist_ft_comp.files.csv_file import COMPENSATED, CsvRecording, rewrite_csv, sensor_in
+from wrist_ft_comp.files.csv_file import CsvRecording, rewrite_csv, sensor_in
 from wrist_ft_comp.files.documents import beginning, Output, writing
 from wrist_ft_comp.model.batch_grid import grid_samples
-from wrist_ft_comp.model.columns import require_channels
+from wrist_ft_comp.model.columns import COMPENSATED, require_channels
 from wrist_ft_comp.model.drift_model import order_problem
 from wrist_ft_comp.model.payload.directions import describe_force, ForceSummary, moments_of
+from wrist_ft_comp.model.ranges import SampleChecks
 from wrist_ft_comp.model.signals import (
     AXES,
     axis_unit,
@@ -43,7 +45,7 @@ from wrist_ft_comp.model.signals import (
     SensorNames,
     Topics,
 )
-from wrist_ft_comp.model.temperature_source import parse_source
+from wrist_ft_comp.model.temperature_source import parse_source, parse_sources, TemperatureSource
 
 BAG, CSV, TABLE = 'rosbag2', 'CSV recording', 'chamber table'
 REFERENCE = 'reference'
@@ -123,11 +125,13 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
     warnings: Iterable[str]
     topics = topics or Topics()
     sensor: SensorNames = {}
+    sources: Sequence[TemperatureSource] = ()
     with ExitStack() as stack:
         if kind == BAG:
             bag = stack.enter_context(open_bag(path))
             blocks, warnings = read_bag(bag, topics, progress), bag.warnings
             sensor = sensor_of(bag, topics)
+            sources = parse_sources(topics.temperatures)
         elif kind == CSV:
             text = CsvRecording(path)
             require_channels(path.name, text.columns)
@@ -138,7 +142,11 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
             blocks = table.samples()
             warnings = [f'{reason} It was left out.' for _, reason in table.left_out]
         recording = grid_samples(
-            blocks, name=path.name, period_s=period_s, max_bad_share=max_bad_share
+            blocks,
+            name=path.name,
+            period_s=period_s,
+            max_bad_share=max_bad_share,
+            temperatures=sources,
         )
     if problem := order_problem({'temperature_topics': topics.temperatures}, sensor):
         raise RecordingError(f'{path.name} has its thermometers in another order: {problem}')
@@ -240,6 +248,8 @@ class ChannelSummary:
     samples: int
     #: RAW_WRENCH, TEMPERATURE, REFERENCE, SPECIFIC_FORCE, or '' where it is not used.
     role: str
+    #: Lowest and highest usable reading of a temperature in a file, °C.
+    reads: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -303,7 +313,10 @@ def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> Reco
             for (topic, kind), count in sorted(counts.items())
         )
         kind = f'{BAG}, {bag.storage}{compressed}'
-        warnings = *bag.warnings, *warnings, *doubts
+        warnings = *bag.warnings, *warnings, *doubts, *_judge_samples(bag, topics)
+        if not topics.wrench:
+            inside = (wrenches_inside(bag, each) for each in bag.connections)
+            warnings += tuple(chain.from_iterable(inside))
         known = first, last, warnings, candidates, topics, force
         return RecordingSummary(path.name, kind, channels, *known)
 
@@ -327,30 +340,50 @@ def _survey_gravity(
     return topics, describe_force(moments), ()
 
 
+def _judge_samples(bag: Bag, topics: Topics) -> tuple[str, ...]:
+    """Say what of a bag's wrench and temperatures cannot be used, as read_recording would."""
+    sources = parse_sources(topics.temperatures)
+    if not all(map(bag.named, (topics.wrench, *(source.topic for source in sources)))):
+        return ()
+    checks = SampleChecks(bag.name, sources)
+    try:
+        for block in read_bag(bag, replace(topics, imu='', gravity_frame='')):
+            checks.admit(block)
+    except RecordingError as error:
+        return (str(error),)
+    return tuple(sentence for sentence, _ in checks.judge())
+
+
 def _describe_samples(
     name: str, kind: str, blocks: Iterable[Samples], warnings: Iterable[str]
 ) -> RecordingSummary:
     """Count samples and find their time span."""
-    counts: Counter[str] = Counter()
+    checks = SampleChecks(name)
     ends: list[int] = []
     moments = np.zeros((4, 4))
     for block in blocks:
         if block.channels == FORCE_CHANNELS:
             moments += moments_of(block.values)
-        counts.update(dict.fromkeys(block.channels, len(block.stamps_ns)))
         if len(block.stamps_ns):
             ends += [int(block.stamps_ns.min()), int(block.stamps_ns.max())]
             ends = [min(ends), max(ends)]
-    channels = tuple(_describe_channel(channel, n, kind) for channel, n in counts.items())
+        checks.admit(block)
+    channels = _describe_channels(checks, kind)
     first, last = ends or (None, None)
     force = describe_force(moments)
-    return RecordingSummary(
-        name, kind, channels, first, last, tuple(warnings), specific_force=force
-    )
+    said = *warnings, *(sentence for sentence, _ in checks.judge())
+    return RecordingSummary(name, kind, channels, first, last, said, specific_force=force)
 
 
-def _describe_channel(channel: str, samples: int, kind: str) -> ChannelSummary:
-    """Name unit and role of a channel."""
-    role = _ROLES.get(channel, TEMPERATURE)
-    unit = OUTPUT_UNIT if kind == TABLE else axis_unit(channel.removeprefix('reference_'))
-    return ChannelSummary(channel, '°C' if role == TEMPERATURE else unit, samples, role)
+def _describe_channels(checks: SampleChecks, kind: str) -> tuple[ChannelSummary, ...]:
+    """Name unit, role and, of temperatures, the range of every channel."""
+    found: dict[str, ChannelSummary] = {}
+    for channels, tally in checks.tallies.items():
+        for channel in channels:
+            role = _ROLES.get(channel, TEMPERATURE)
+            unit = OUTPUT_UNIT if kind == TABLE else axis_unit(channel.removeprefix('reference_'))
+            reads = (tally.least, tally.largest) if role == TEMPERATURE else None
+            unit = '°C' if reads else unit
+            samples = tally.samples + (found[channel].samples if channel in found else 0)
+            found[channel] = ChannelSummary(channel, unit, samples, role, reads)
+    return tuple(found.values())

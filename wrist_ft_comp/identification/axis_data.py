@@ -27,6 +27,9 @@ JUDGED_BIN_S = 30.0
 _BINS_PER_FOLD = 8
 #: The load of an axis varies enough when its deviation is this many times the noise.
 MIN_LOAD_TO_NOISE = 10.0
+#: On a plateau temperature moves by less than this share of the smallest step between plateaus:
+#: a chamber holds to a tenth of that, and a warm-up moves more between any two of its gaps.
+_STILL = 0.25
 #: Folds of time that a single recording is divided into.
 FOLDS = 5
 
@@ -158,9 +161,17 @@ def _bin_cells(longest: int, period_s: float) -> tuple[int, int]:
 
 
 def find_plateaus(recordings: Sequence[Recording]) -> IntArray | None:
-    """Count a chamber test's plateaus, shape (N,); None unless there are 3 to 12 stretches."""
+    """Count a chamber test's plateaus, shape (N,); None unless there are 3 to 12 of them."""
+    # A plateau is a stretch of wrenches in which temperature stands still, and between them it
+    # moves: a warm-up with gaps has none.
     if len(recordings) > 1:
         return None
     present = np.any(np.isfinite(recordings[0].wrench), axis=1)
     plateaus = stretches(present, recordings[0].period_s)
-    return plateaus if 3 <= plateaus[-1] + 1 <= 12 else None
+    if not 3 <= plateaus[-1] + 1 <= 12:
+        return None
+    temperature_c = recordings[0].temperature_c
+    leading = temperature_c[:, np.argmax(np.ptp(temperature_c, axis=0))]
+    levels = [leading[present & (plateaus == number)] for number in range(plateaus[-1] + 1)]
+    steps_k = np.abs(np.diff([np.mean(level) for level in levels]))
+    return plateaus if max(map(np.ptp, levels)) < _STILL * steps_k.min() else None

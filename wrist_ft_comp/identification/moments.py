@@ -81,10 +81,14 @@ def bank_inputs(
     """Compute the features behind every relaxation of a grid (eq. 11), by these, (n_i, K·F)."""
     bank = [data.relaxation(float(tau)) for tau in time_constants_s]
     # A relaxation stays within the range of its input, from which the features were built.
-    return [
-        np.concatenate([features.expand_within(free_run(h, temperature_c)) for h in bank], axis=1)
-        for temperature_c in data.temperature_c
-    ]
+    banked: list[FloatArray] = []
+    for temperature_c in data.temperature_c:
+        columns = features.expand_within(temperature_c).shape[1]
+        x = np.empty((len(temperature_c), len(bank), columns))  # without a copy: it is large
+        for k, h in enumerate(bank):
+            x[:, k] = features.expand_within(free_run(h, temperature_c))
+        banked.append(x.reshape(len(x), -1))
+    return banked
 
 
 def accumulate(

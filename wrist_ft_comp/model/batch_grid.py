@@ -1,13 +1,13 @@
 """Samples of a recording onto the thermal grid, as a batch: an empty cell holds the last value."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
 
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.model.ranges import PERIODS_S
+from wrist_ft_comp.model.ranges import PERIODS_S, SampleChecks
 from wrist_ft_comp.model.signals import (
     AXES,
     FloatArray,
@@ -21,9 +21,15 @@ from wrist_ft_comp.model.signals import (
     Samples,
     temperature_channel,
 )
+from wrist_ft_comp.model.temperature_source import TemperatureSource
 
-#: More cells than this in one recording (58 days at 1 s) can only be a broken stamp.
-MAX_CELLS = 5_000_000
+#: Cells times one more than the thermometers, at most: 24 days at 1 s with one, 10 with four. A
+#: calibration from as many takes 1 GB.
+MAX_NUMBERS = 4_200_000
+#: Longer recordings are doubted: an hour of milliseconds, read as seconds, lasts 42 days, s.
+_LONG_S = 7 * 86_400
+#: Stamps of wrenches and temperatures that lie farther apart come from two clocks, s.
+_SAME_CLOCK_S = 3600.0
 #: Losing more than this of a recording's beginning, where a warm-up moves most, is said, s.
 _LATE_S = 60
 #: Neighbouring cells at rest differ by less, m/s²; a norm at rest is doubted that is off by this
@@ -31,21 +37,17 @@ _LATE_S = 60
 _STILL, _GRAVITY_DOUBT, _LEAST_GRAVITY = 0.1, 0.1, 0.5
 
 
-@dataclass
-class _Tally:
-    """What one group of channels delivered so far."""
-
-    seen: int = 0
-    not_finite: int = 0
-    out_of_order: int = 0
-    last_stamp_ns: int | None = None
-
-
 class GridBuilder:
     """Reduces blocks of samples to means per cell while they are read; as ``grid_samples``."""
 
-    def __init__(self, name: str, period_s: float = 1.0, max_bad_share: float = 0.01) -> None:
-        self._name = name
+    def __init__(
+        self,
+        name: str,
+        period_s: float = 1.0,
+        max_bad_share: float = 0.01,
+        temperatures: Sequence[TemperatureSource] = (),
+    ) -> None:
+        self._name, self._is_table = name, not temperatures
         # NaN is outside every range.
         if not 1 / NANOSECONDS <= period_s <= PERIODS_S[1]:
             raise RecordingError(
@@ -54,30 +56,17 @@ class GridBuilder:
             )
         self._period_ns = round(period_s * NANOSECONDS)
         self._max_bad_share = max_bad_share
-        self._tallies: defaultdict[tuple[str, ...], _Tally] = defaultdict(_Tally)
+        self._checks = SampleChecks(name, temperatures)
         self._cells: defaultdict[str, list[IntArray]] = defaultdict(list)
         self._sums: defaultdict[str, list[FloatArray]] = defaultdict(list)
         self._counts: defaultdict[str, list[IntArray]] = defaultdict(list)
 
     def add(self, samples: Samples) -> None:
         """Add a block of samples; blocks of the same channels must come in order of time."""
-        if not len(samples.stamps_ns):
-            return
-        tally = self._tallies[samples.channels]
+        samples = self._checks.admit(samples)
         stamps_ns, values = samples.stamps_ns, samples.values
-        tally.seen += len(stamps_ns)
-        before = stamps_ns[0] - 1 if tally.last_stamp_ns is None else tally.last_stamp_ns
-        highest = np.maximum.accumulate(np.concatenate(([before], stamps_ns)))
-        in_order = stamps_ns > highest[:-1]
-        finite = np.isfinite(values).all(axis=1)
-        tally.last_stamp_ns = int(highest[-1])
-        tally.out_of_order += int(np.count_nonzero(~in_order))
-        tally.not_finite += int(np.count_nonzero(in_order & ~finite))
-        usable = in_order & finite
-        if not usable.any():
+        if not len(values):
             return
-        if not usable.all():
-            stamps_ns, values = stamps_ns[usable], values[usable]
         cells = stamps_ns // self._period_ns
         starts = np.flatnonzero(np.diff(cells, prepend=cells[0] - 1))
         if samples.channels == (ROTATION_CHANNEL,):
@@ -91,7 +80,7 @@ class GridBuilder:
 
     def build(self) -> Recording:
         """Make the recording from everything that was added; raises as ``grid_samples``."""
-        warnings = self._judge_tallies()
+        warnings = self._judge_samples()
         thermometers = self._count_thermometers()
         wanted = [temperature_channel(j) for j in range(thermometers)]
         if not any(axis in self._cells for axis in AXES):
@@ -101,50 +90,57 @@ class GridBuilder:
             )
         first = max(int(self._cells[channel][0][0]) for channel in wanted)
         last = max(int(parts[-1][-1]) for parts in self._cells.values())
-        if last - first >= MAX_CELLS:
-            period_s = self._period_ns / NANOSECONDS
-            raise RecordingError(
-                f'Stamps of {self._name} span {(last - first) * period_s:.6g} s; at most '
-                f'{MAX_CELLS} thermal cells of {period_s:g} s fit in a recording. Remove the '
-                'sample with the broken stamp, or use a longer thermal period.'
-            )
+        warnings += tuple(self._judge_span(last + 1 - first, wanted))
         warnings += tuple(self._late_thermometer(wanted, first))
-        dense = {channel: self._dense(channel, first, last) for channel in self._cells}
-        temperature_c = np.stack([dense[channel] for channel in wanted], axis=1)
-        absent = np.full(last - first + 1, np.nan)
-        force = None
-        if any(channel in dense for channel in FORCE_CHANNELS):
-            force = np.stack([dense.get(c, absent) for c in FORCE_CHANNELS], axis=1)
+        temperature_c = self._table(wanted, first, last)
+        force, speed = None, None
+        if any(channel in self._cells for channel in FORCE_CHANNELS):
+            force = self._table(FORCE_CHANNELS, first, last)
             force, doubts = _doubt_gravity(force, self._name)
             warnings += doubts
+        if ROTATION_CHANNEL in self._cells:
+            speed = np.sqrt(self._dense(ROTATION_CHANNEL, first, last))
         return Recording(
             name=self._name, period_ns=self._period_ns, first_cell=first,
             temperature_c=self._hold(temperature_c, wanted, first),
             measured=np.isfinite(temperature_c),
-            wrench=np.stack([dense.get(axis, absent) for axis in AXES], axis=1),
-            reference=np.stack([dense.get(c, absent) for c in REFERENCE_CHANNELS], axis=1),
-            warnings=warnings, specific_force=force,
-            rotation_speed=np.sqrt(dense[ROTATION_CHANNEL]) if ROTATION_CHANNEL in dense else None,
-        )  # fmt: skip
+            wrench=self._table(AXES, first, last),
+            reference=self._table(REFERENCE_CHANNELS, first, last),
+            warnings=warnings, specific_force=force, rotation_speed=speed)  # fmt: skip
 
-    def _judge_tallies(self) -> tuple[str, ...]:
+    def _judge_span(self, cells: int, thermometers: Sequence[str]) -> Iterator[str]:
+        """Refuse stamps that are no times of one recording; doubt a long one."""
+        remedy = (
+            'Is the unit of the stamps right? Columns may be stamp_s, stamp_ms, stamp_us or '
+            'stamp_ns.'
+        ) * self._is_table
+        span_s, period_s = cells * self._period_ns / NANOSECONDS, self._period_ns / NANOSECONDS
+        for thermometer, axis in product(thermometers, filter(self._cells.__contains__, AXES)):
+            parts = self._cells[thermometer], self._cells[axis]
+            apart = max(int(part[0][0]) for part in parts) - min(int(p[-1][-1]) for p in parts)
+            if apart * period_s > _SAME_CLOCK_S:
+                raise RecordingError(
+                    f'Stamps of {axis} and {thermometer} of {self._name} are '
+                    f'{apart * period_s:.0f} s apart; both drivers must use one clock. Record '
+                    'both at the same time.'
+                )
+        most = MAX_NUMBERS // (1 + len(thermometers))
+        if cells > most:
+            raise RecordingError(
+                f'Stamps of {self._name} span {span_s:.6g} s; at most {most} thermal cells of '
+                f'{period_s:g} s fit in a recording. Remove the sample with the broken stamp, '
+                f'use a longer thermal period, or split the recording. {remedy}'
+            )
+        if remedy and span_s > _LONG_S:
+            yield f'{self._name} lasts {span_s / 86_400:.1f} days. {remedy}'
+
+    def _judge_samples(self) -> tuple[str, ...]:
         """Report what was dropped; refuse when it is too much."""
         warnings = []
-        for channels, tally in self._tallies.items():
-            bad = tally.not_finite + tally.out_of_order
-            if not bad:
-                continue
-            what = channels[0] if len(channels) == 1 else f'{channels[0]} … {channels[-1]}'
-            sentence = (
-                f'{what} of {self._name}: {tally.not_finite} of {tally.seen} samples are not '
-                f'finite and {tally.out_of_order} have a stamp that does not increase'
-            )
-            if bad > self._max_bad_share * tally.seen:
-                raise RecordingError(
-                    f'{sentence}; at most {self._max_bad_share:.1%} may be unusable. '
-                    'Record again, or remove those samples.'
-                )
-            warnings.append(f'{sentence}; they were dropped.')
+        for sentence, is_too_much in self._checks.judge(self._max_bad_share):
+            if is_too_much:
+                raise RecordingError(sentence)
+            warnings.append(sentence)
         return tuple(warnings)
 
     def _late_thermometer(self, channels: list[str], first: int) -> Iterator[str]:
@@ -170,6 +166,17 @@ class GridBuilder:
                 'thermal cell; record the temperature beside the wrench.'
             )
         return len(numbers)
+
+    def _table(self, channels: Sequence[str], first: int, last: int) -> FloatArray:
+        """Means of channels, shape (n, C); where none was recorded, one NaN seen n C times."""
+        shape = last - first + 1, len(channels)
+        if not any(channel in self._cells for channel in channels):
+            return np.broadcast_to(np.nan, shape)
+        table = np.full(shape, np.nan)
+        for column, channel in enumerate(channels):
+            if channel in self._cells:
+                table[:, column] = self._dense(channel, first, last)
+        return table
 
     def _dense(self, channel: str, first: int, last: int) -> FloatArray:
         """Means of a channel on cells first … last, shape (last - first + 1,), NaN where none."""
@@ -232,12 +239,14 @@ def grid_samples(
     name: str = 'recording',
     period_s: float = 1.0,
     max_bad_share: float = 0.01,
+    temperatures: Sequence[TemperatureSource] = (),
 ) -> Recording:
     """Average blocks of samples, those of a channel in order of time, onto the thermal grid."""
-    # Cells last period_s. Up to a share of a channel's samples may be unusable (not finite, or a
-    # stamp that does not increase): they are dropped and reported. RecordingError when there are
-    # more, a thermometer or every axis is missing, or the stamps span more than any recording.
-    builder = GridBuilder(name, period_s, max_bad_share)
+    # Cells last period_s. Up to a share of a channel's samples may be unusable, as SampleChecks
+    # say: they are dropped and reported. Temperatures say where those of a bag come from.
+    # RecordingError when there are more, a thermometer or every axis is missing, or the stamps are
+    # no times of one recording.
+    builder = GridBuilder(name, period_s, max_bad_share, temperatures)
     for block in blocks:
         builder.add(block)
     return builder.build()

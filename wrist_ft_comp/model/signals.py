@@ -40,6 +40,10 @@ ROTATION_CHANNEL = 'rotation_speed'
 #: Norm of the specific force at rest, m/s².
 GRAVITY = 9.807
 NANOSECONDS = 1_000_000_000
+#: A wrist sensor's thermometer reads nothing outside this, °C; 0 K and kelvins are.
+PLAUSIBLE_C = (-100.0, 200.0)
+#: No other channel reaches this, in whatever unit: what does is damaged, and would overflow sums.
+LARGEST = 1e9
 #: Samples further apart than this many times the usual distance belong to different stretches.
 _GAP_FACTOR = 10.0
 
@@ -85,6 +89,11 @@ def axis_unit(axis: str) -> str:
     if axis in {*FORCE_CHANNELS, ROTATION_CHANNEL}:
         return 'rad/s' if axis == ROTATION_CHANNEL else 'm/s²'
     return 'N' if axis.startswith('force') else 'N m'
+
+
+def is_plausible(value: float) -> bool:
+    """Tell whether a thermometer may read a value, °C; NaN and infinities may not."""
+    return PLAUSIBLE_C[0] < value < PLAUSIBLE_C[1]
 
 
 def temperature_channel(thermometer: int) -> str:
@@ -174,8 +183,12 @@ class Recording:
                 raise RecordingError(
                     f'{what} of {self.name} must have shape {shape}; got {array.shape}.'
                 )
-        if not np.isfinite(self.temperature_c).all():
-            raise RecordingError(f'Temperatures of {self.name} must be finite on the grid.')
+        low, high = PLAUSIBLE_C
+        if not ((self.temperature_c > low) & (self.temperature_c < high)).all():
+            raise RecordingError(
+                f'Temperatures of {self.name} must lie between {low:g} and {high:g} °C in every '
+                f'cell; got {self.temperature_c.min():.4g} to {self.temperature_c.max():.4g}.'
+            )
 
     def __len__(self) -> int:
         """N."""

@@ -27,6 +27,11 @@ from wrist_ft_comp.model.signals import FloatArray, NANOSECONDS
 _Number = TypeVar('_Number', float, FloatArray)
 #: Factor and offset to °C of every unit.
 _UNITS = {'C': (1.0, 0.0), 'K': (1.0, -273.15), 'F': (5 / 9, -160 / 9)}
+#: What a reading may be in that is no temperature in °C.
+_OTHER_UNITS = {'degrees Fahrenheit': 'F', 'kelvins': 'K'}
+#: Temperatures that a robot's wrist works at: a reading that lies here in one of these units is
+#: probably in that unit, °C.
+_LIKELY_C = (-40.0, 85.0)
 _NAME_PART = r'(?![0-9])(?:[A-Za-z0-9_]|\{(?:node|ns|namespace)\})+'
 #: What ROS allows in the name of a topic.
 _TOPIC = re.compile(rf'(?:~?/)?{_NAME_PART}(?:/{_NAME_PART})*')
@@ -58,12 +63,36 @@ class TemperatureSource:
 
     def celsius(self, numbers: _Number) -> _Number:
         """Convert a number, or an array of numbers, in this source's unit to °C."""
-        factor, offset = _UNITS[self.unit]
-        return numbers * factor + offset
+        return to_celsius(numbers, self.unit)
+
+    def in_unit(self, unit: str) -> str:
+        """Write the entry that reads the same number in another unit."""
+        return f'{self.topic}:{path_text(self.path or ("temperature",))}:{unit}'
 
     def read(self, message: Any) -> float:
         """Read the temperature, °C, from a message; SettingsError, with why, if there is none."""
         return self.celsius(_number_at(message, self.path or ('temperature',), self.entry))
+
+
+def to_celsius(numbers: _Number, unit: str) -> _Number:
+    """Convert a number, or an array of numbers, from C, K or F to °C."""
+    factor, offset = _UNITS[unit]
+    return numbers if unit == 'C' else numbers * factor + offset
+
+
+def other_unit(value: float, lower_c: float, upper_c: float) -> str:
+    """Guess the unit in which a temperature that is far off would lie as expected, or empty."""
+    names = _OTHER_UNITS.items()
+    return next((n for n, unit in names if lower_c <= to_celsius(value, unit) <= upper_c), '')
+
+
+def unit_remedy(value: float, in_unit: Callable[[str], str]) -> str:
+    """Say how to name a temperature, °C, that is probably in another unit, or to check it."""
+    # in_unit gives the name, a column or an entry, that reads the same number in unit K or F.
+    if not (name := other_unit(value, *_LIKELY_C)):
+        return 'Check it and its unit.'
+    unit = _OTHER_UNITS[name]
+    return f'In {name} it would be {to_celsius(value, unit):.1f} °C: then name it {in_unit(unit)}.'
 
 
 def parse_source(entry: str) -> TemperatureSource:

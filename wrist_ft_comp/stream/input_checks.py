@@ -13,8 +13,6 @@ LOOKS = 50
 _STAMP_LOOKS = 5
 #: Stamps that move by more between two looks have leapt, unless they move that fast always.
 _LEAP_NS, _STEPS = 60 * NANOSECONDS, 10
-#: A wrist sensor's thermometer reads nothing outside this, °C; 0 K and kelvins are.
-PLAUSIBLE_C = (-100.0, 200.0)
 #: No thermometer in a piece of metal moves by more between two cells: this, K, and this, K/s.
 _JUMP_K, _JUMP_K_S = 2.0, 0.2
 
@@ -97,14 +95,3 @@ class ThermometerWatch:
         jumped = np.abs(step_k) > limit_k
         self.jumps += jumped
         self.last_jump_k[jumped] = step_k[jumped]
-
-
-def other_unit(value: float, lower_c: float, upper_c: float) -> str:
-    """Guess the unit in which a temperature that is far off would lie as expected, or empty."""
-    in_units = {'degrees Fahrenheit': (value - 32.0) / 1.8, 'kelvins': value - 273.15}
-    return next((unit for unit, c in in_units.items() if lower_c <= c <= upper_c), '')
-
-
-def is_plausible(value: float) -> bool:
-    """Tell whether a thermometer may read a value, °C; NaN and infinities may not."""
-    return PLAUSIBLE_C[0] < value < PLAUSIBLE_C[1]

@@ -6,7 +6,7 @@ where a temperature is a field of messages without a stamp.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import pathlib
 
@@ -16,7 +16,8 @@ from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.files import cdr
 from wrist_ft_comp.files.bags.bag import backend, Bag, Connection, SUFFIXES
 from wrist_ft_comp.files.bags.gravity import gravity_samples
-from wrist_ft_comp.files.cdr_fields import decode, Definitions, read_numbers
+from wrist_ft_comp.files.cdr_fields import decode, Decoded, Definitions, read_numbers
+from wrist_ft_comp.model.ranges import NO_TIME
 from wrist_ft_comp.model.signals import (
     AXES,
     Correction,
@@ -32,6 +33,7 @@ from wrist_ft_comp.model.signals import (
     Topics,
 )
 from wrist_ft_comp.model.temperature_source import (
+    numbers_in,
     parse_sources,
     Path,
     path_text,
@@ -69,7 +71,7 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
             if stamps_ns.any():
                 unstamped.discard(stream)
                 ahead_ns = int(stamps_ns[-1]) - times_ns[-1]
-            yield from _samples(stream, stamps_ns, values)
+            yield from _samples(stream, np.where(stamps_ns, stamps_ns, NO_TIME), values)
             continue
         if stream in unread:
             _check_first(bag, stream, messages, values)
@@ -89,12 +91,18 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
             values = values[first]
         for channel, source, column in zip(stream.channels, stream.sources, values.T, strict=True):
             yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
-    for stream in unstamped:
+    _refuse_unstamped(bag, [stream.connection for stream in unstamped])
+
+
+def _refuse_unstamped(bag: Bag, connections: Sequence[Connection]) -> None:
+    """Refuse topics of which no message has a stamp."""
+    for connection in connections:
+        remedy = 'and record again'
+        if connection.msgtype == cdr.TEMPERATURE:
+            remedy = f'or name it {connection.topic}:temperature, which takes the times of arrival'
         raise RecordingError(
-            f'Every message on {stream.connection.topic} of {bag.name} has the header stamp 0; '
-            'expected the time of measurement. Let the driver fill header.stamp, and record '
-            f'again; or, if it is a temperature, name {stream.connection.topic}:temperature, '
-            'which counts at its time of arrival.'
+            f'Every message on {connection.topic} of {bag.name} has the header stamp 0; expected '
+            f'the time of measurement. Let the driver fill header.stamp, {remedy}.'
         )
 
 
@@ -111,6 +119,9 @@ def _samples(stream: _Stream, stamps_ns: IntArray, values: FloatArray) -> Iterat
 
 def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
     """Find the topics; one stream for each connection."""
+    for connection in bag.named(topics.wrench):
+        for sentence in wrenches_inside(bag, connection):
+            raise RecordingError(sentence)
     wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
     streams = [_Stream(connection, AXES) for connection in wrenches]
     inside: defaultdict[str, list[tuple[str, TemperatureSource]]] = defaultdict(list)
@@ -157,14 +168,30 @@ def _check_plain(bag: Bag, source: TemperatureSource) -> None:
 
 def temperatures_inside(bag: Bag, connection: Connection) -> list[Path]:
     """Find the numbers of a topic's first message that are named like temperatures."""
+    message = _first_message(bag, connection)
+    return [] if message is None else temperatures_in(message, connection.topic)
+
+
+def wrenches_inside(bag: Bag, connection: Connection) -> list[str]:
+    """Say of wrenches inside a topic's messages of another type what to do to use them."""
+    message = None if connection.msgtype == cdr.WRENCH else _first_message(bag, connection)
+    found = [path for path, _ in numbers_in(message)] if message else []
+    return [
+        f'{connection.topic} of {bag.name} is {connection.msgtype} and holds a wrench inside '
+        f'({path_text(path[:-1])}); a raw wrench is read from {cdr.WRENCH} only. Play the bag, '
+        'publish it as that, too (ros2 run topic_tools transform), and record the result.'
+        for path in found
+        if path[-2:] in {('force', 'x'), ('force', 0)}
+    ]
+
+
+def _first_message(bag: Bag, connection: Connection) -> Decoded | None:
+    """Decode the first message of a topic; None where there is none, or it cannot be decoded."""
     content = bag.first(connection)
-    if content is None:
-        return []
     try:
-        message = decode(bag.define(connection), connection.msgtype, content)
+        return decode(bag.define(connection), connection.msgtype, content) if content else None
     except RecordingError:
-        return []
-    return temperatures_in(message, connection.topic)
+        return None
 
 
 def _check_first(bag: Bag, stream: _Stream, messages: list[bytes], values: FloatArray) -> None:

@@ -13,9 +13,15 @@ from wrist_ft_comp.files.bags.bag import Bag, Connection
 from wrist_ft_comp.files.bags.bag_recording import temperatures_inside
 from wrist_ft_comp.files.cdr_fields import Definitions, read_numbers
 from wrist_ft_comp.model.payload.directions import describe_force, ForceSummary, moments_of
-from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS, Progress, Topics
+from wrist_ft_comp.model.signals import (
+    FloatArray,
+    IntArray,
+    is_plausible,
+    NANOSECONDS,
+    Progress,
+    Topics,
+)
 from wrist_ft_comp.model.temperature_source import Path, path_text
-from wrist_ft_comp.stream.input_checks import is_plausible
 
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
 _ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}

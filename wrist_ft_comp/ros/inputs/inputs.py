@@ -10,6 +10,7 @@ from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.cdr import locate, TEMPERATURE_DOUBLES, WRENCH, WRENCH_DOUBLES
+from wrist_ft_comp.model.signals import is_plausible
 from wrist_ft_comp.model.stream_grid import CompletedCells
 from wrist_ft_comp.model.temperature_source import TemperatureSource
 from wrist_ft_comp.ros import messages
@@ -24,7 +25,6 @@ from wrist_ft_comp.ros.live_model import LiveModel
 from wrist_ft_comp.ros.node_log import Status
 from wrist_ft_comp.ros.state_keeper import StateKeeper
 from wrist_ft_comp.stream.compensator import Compensator, Wrench
-from wrist_ft_comp.stream.input_checks import is_plausible
 
 #: The newest raw wrench: stamp, ns, six numbers, N and N m, and the message's bytes.
 Newest = tuple[int, Sequence[float], bytes]
@@ -120,7 +120,7 @@ class Inputs(Part):
             stream=self._compensator, live=self._live, state_keeper=self._state_keeper,
             before=before, elapsed_s=now_s - reported_s,
             wrench_topic=wrench,
-            temperature_topics=tuple(source.topic for source in self._sources),
+            sources=tuple(self._sources),
             unreadable=self.fields.unreadable, thermometer_problems=self._problems(),
             wrench_publishers=hub.count_publishers(wrench),
             wrench_problem='' if self._newest() else wrong_type(hub, wrench, WRENCH),

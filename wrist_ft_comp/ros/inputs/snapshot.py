@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from wrist_ft_comp.model.temperature_source import TemperatureSource
 from wrist_ft_comp.ros.inputs.health import Counts, InputHealth
 from wrist_ft_comp.ros.live_model import LiveModel
 from wrist_ft_comp.ros.state_keeper import StateKeeper
@@ -24,7 +25,8 @@ class Snapshot(NamedTuple):
     elapsed_s: float
     #: Full name, and relative ones; how many publishers each has.
     wrench_topic: str
-    temperature_topics: tuple[str, ...]
+    #: How the temperature of each thermometer is read.
+    sources: tuple[TemperatureSource, ...]
     #: What the topic carries instead of wrenches; empty when it is right.
     wrench_problem: str
     #: Messages of which no temperature could be read.

@@ -4,9 +4,10 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from wrist_ft_comp.model.signals import PLAUSIBLE_C
+from wrist_ft_comp.model.temperature_source import other_unit, unit_remedy
 from wrist_ft_comp.ros.inputs.snapshot import Snapshot
 from wrist_ft_comp.ros.node_log import OK, STALE, Status, WARN
-from wrist_ft_comp.stream.input_checks import other_unit, PLAUSIBLE_C
 
 #: Stamps of wrenches and temperatures that differ by more come from different clocks.
 _SAME_CLOCK_S = 3600.0
@@ -102,7 +103,8 @@ def _thermometer_troubles(now: Snapshot) -> Iterator[str]:
         low, high = PLAUSIBLE_C
         yield (
             f'thermometer {j + 1} reads {value:.4g} °C, which is dropped: no sensor is outside '
-            f'{low:g} to {high:g} °C. Check it and its unit; drift is held meanwhile'
+            f'{low:g} to {high:g} °C. {unit_remedy(value, now.sources[j].in_unit)} Drift is held '
+            'meanwhile'
         )
     yield from _silence(now)
     shared = [
@@ -148,7 +150,7 @@ def _silence(now: Snapshot) -> Iterator[str]:
     never = [j for j, at_s in enumerate(last_s) if at_s is None]
     if never:
         fate = _fate(now)
-        policies = [now.incompatible.get(now.temperature_topics[j], '') for j in never]
+        policies = [now.incompatible.get(now.sources[j].topic, '') for j in never]
         if any(policies):
             yield (
                 f'thermometer {_numbers(never)} is not heard: a publisher offers less '

@@ -1,0 +1,369 @@
+"""
+One table of bad recordings: whatever door they come through, one sentence, and nothing is lost.
+
+A row is a kind of bad input, how it is made of a good recording, what the sentence says, and the
+doors it can come through: a CSV file, a bag of either storage, and a table in memory. A refusal is
+a RecordingError or a CalibrationRefusedError, exit code 1 and one line on standard error; what is
+only dropped or doubted is a warning of ``calibrate``, beside its model.
+"""
+
+import json
+import re
+import resource
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.calibration.calibrate import calibrate
+from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
+from wrist_ft_comp.files.recordings import read_recording
+from wrist_ft_comp.model.columns import recording_from_columns
+
+ROWS = 600
+EPOCH_S = 1_723_248_197.0
+ALL = ('csv', 'mcap', 'sqlite3', 'table')
+COLUMNS = ('csv', 'table')
+BAGS = ('mcap', 'sqlite3')
+SETTINGS = CalibrationSettings(identification=IdentificationSettings(method='pls'))
+
+
+def good():
+    """A warm-up of ten minutes at 1 Hz, unloaded."""
+    t = np.arange(ROWS, dtype=float)
+    temperature_c = 21 + 12 * (1 - np.exp(-t / 150)) + 2 * np.sin(t / 40)
+    force = 1.5 * (temperature_c - 21) + np.random.default_rng(0).normal(0, 0.02, ROWS)
+    return {
+        'stamp_s': EPOCH_S + t,
+        'force_x': force / 2,
+        'force_z': force,
+        'temperature_c': temperature_c,
+    }
+
+
+def put(channel, value, *places):
+    """Change a channel at some places, or all."""
+
+    def change(table):
+        table[channel][list(places) if places else slice(None)] = value
+
+    return change
+
+
+def add(channel, value, *places):
+    def change(table):
+        table[channel][list(places) if places else slice(None)] += value
+
+    return change
+
+
+def convert(channel, function):
+    def change(table):
+        table[channel] = function(table[channel])
+
+    return change
+
+
+def rename(channel, name, function=lambda values: values):
+    """Give a column another name, and perhaps another unit."""
+
+    def change(table):
+        items = [(name, function(v)) if c == channel else (c, v) for c, v in table.items()]
+        table.clear()
+        table.update(items)
+
+    return change
+
+
+def both(*changes):
+    def change(table):
+        for each in changes:
+            each(table)
+
+    return change
+
+
+def kelvin(values):
+    return values + 273.15
+
+
+def fahrenheit(values):
+    return values * 1.8 + 32
+
+
+def without(*channels):
+    def change(table):
+        for channel in channels:
+            del table[channel]
+
+    return change
+
+
+def more(name, value=1.0):
+    def change(table):
+        table[name] = np.full(ROWS, value)
+
+    return change
+
+
+EVERY_TENTH = range(0, ROWS, 10)
+#: Name: change, pattern of the sentence, doors. These are refused …
+REFUSED = {
+    'kelvin in °C': (
+        convert('temperature_c', kelvin),
+        r'600 of 600 .* In kelvins it would be 21.0 °C: then name it (\S+_k|\S+temperature:K)\.$',
+        ALL,
+    ),
+    'a temperature of 1e10': (put('temperature_c', 1e10), 'such as 1e\\+10 °C', ALL),
+    'absolute zero in a tenth': (
+        put('temperature_c', -273.15, *EVERY_TENTH), '60 of 600 .* such as -273.1 °C', ALL),
+    'tenths of a degree': (
+        convert('temperature_c', lambda v: 10 * v + 20), 'which no sensor reads', ALL),
+    'temperature never a number': (put('temperature_c', np.inf), '600 of 600 .* not finite', ALL),
+    'wrench never a number': (put('force_z', np.inf), '600 of 600 .* not finite', ALL),
+    'a wrench that overflows': (put('force_z', 1e300), 'are outside -1e\\+09 to 1e\\+09', ALL),
+    'stamps run back': (
+        convert('stamp_s', lambda v: v[::-1].copy()), '599 of 600 .* does not increase', ALL),
+    'stamps stand still': (put('stamp_s', EPOCH_S), 'does not increase', ALL),
+    'stamps begin anew half-way': (
+        convert('stamp_s', lambda v: np.concatenate((v[:300], v[:300]))),
+        '300 of 600 .* does not increase', ALL),
+    'stamps of years out of few rows': (
+        add('stamp_s', 3e8, ROWS - 1), r'span 3\S*e\+08 s; at most \d+ thermal cells', ALL),
+    'a first stamp of 1970': (
+        put('stamp_s', 1.0, 0), r'span 1.72\d+e\+09 s; at most', ALL),
+    'milliseconds called seconds': (
+        convert('stamp_s', lambda v: 1e5 * (v - EPOCH_S)),
+        r'span 5.99\S*e\+07 s.*stamp_s, stamp_ms, stamp_us or stamp_ns', COLUMNS),
+    'microseconds called nanoseconds': (
+        rename('stamp_s', 'stamp_ns', lambda v: ((v - EPOCH_S) * 1000).astype(int)),
+        r'600 samples within 0.000599 s.*stamp_us', COLUMNS),
+    'no stamp': (without('stamp_s'), 'no stamp column; expected stamp_ns', COLUMNS),
+    'time instead of a stamp': (
+        rename('stamp_s', 'time'), r"Is 'time' meant to be 'stamp_s' \(or .*stamp_ms", COLUMNS),
+    'minutes': (
+        rename('stamp_s', 'stamp_min'), "Is 'stamp_min' meant to be 'stamp_s'", COLUMNS),
+    'no wrench': (without('force_x', 'force_z'), r'no raw wrench', COLUMNS),
+    'short names of axes': (
+        both(rename('force_x', 'fx'), rename('force_z', 'Fz [N]')),
+        r"Is 'fx' meant to be 'force_x' \(N\)\? Is 'Fz \[N\]' meant to be 'force_z'", COLUMNS),
+    'kilonewtons': (
+        both(rename('force_z', 'force_z_kn'), without('force_x')),
+        r"Is 'force_z_kn' meant to be 'force_z' \(N\)\?.* with its values in that unit", COLUMNS),
+    'no temperature': (without('temperature_c'), 'no temperature column', COLUMNS),
+    'a temperature of another name': (
+        rename('temperature_c', 'motor_temp'),
+        r"'motor_temp' meant to be 'temperature_c' \(or temperature_k, temperature_f\)", COLUMNS),
+    'a second thermometer without a first': (
+        rename('temperature_c', 'temperature_2_c'), 'no temperature column', COLUMNS),
+    'one thermometer in two units': (
+        more('temperature_k', 3e2), 'temperature_k and temperature_c, which is the s', COLUMNS),
+    'a gap in the numbers of thermometers': (
+        more('temperature_3_c', 20.0), 'no usable temperature_2_c', COLUMNS),
+    'two clocks': (None, r'17232\d+ s apart; both drivers must use one clock', BAGS),
+    'no stamp at all': (None, 'header stamp 0', BAGS),
+    'thermometer without a stamp': (
+        None, 'header stamp 0.* or name it /temperature:temperature', BAGS),
+    'no topic of a wrench': (None, 'no topic /wrench_raw for the raw wrench', BAGS),
+    'wrench and temperature in one message': (
+        None, r'holds a wrench inside \(wrench.force\).*topic_tools transform', BAGS),
+    'a stamp taken for a temperature': (None, 'such as 1.72\\d+e\\+09 °C', BAGS),
+    'a step that stays': (
+        add('force_z', 30.0, *range(300, ROWS)),
+        r'force_z of .* jumps by [23]\d.* N after 300 s.*\(1 jumps, at stamp 1723248497 s\)', ALL),
+    'a contact of three seconds': (
+        add('force_z', 30.0, 300, 301, 302),
+        r'jumps by 30.* \(2 jumps, at stamp 172324849[67] s to 172324850[01] s\)', ALL),
+    'taps all the time': (
+        add('force_z', 30.0, *range(5, ROWS, 40)), r'\(30 jumps, at stamp 1723248202 s to', ALL),
+    'no warm-up': (put('temperature_c', 22.0), 'spans 0.0 K; at least 3.0 K', ALL),
+    'every axis dead': (
+        both(put('force_z', 0.0), put('force_x', 0.0)), 'keeps one value throughout', ALL),
+}  # fmt: skip
+#: … and these give a model, with a warning.
+WARNED = {
+    'one spike': (
+        add('force_z', 60.0, 300),
+        r'force_z of .* alone in 1 of 600 cells, first at stamp 1723248497 s with 7\d.* N', ALL),
+    'one reading of absolute zero': (
+        put('temperature_c', -273.15, 300),
+        r'1 of 600 samples are outside .* such as -273.1 °C; they were dropped', ALL),
+    'one reading of a full range': (
+        put('temperature_c', 3276.7, 300), 'such as 3277 °C; they were dropped', ALL),
+    'one temperature that is none': (
+        put('temperature_c', np.inf, 300), '1 of 600 samples are not finite; they', ALL),
+    'one wrench that is none': (put('force_z', np.inf, 300), '1 of 600 .* not finite; they', ALL),
+    'one stamp hours ahead': (
+        add('stamp_s', 5e4, 300), '1 of 600 samples have a stamp that does not inc', ALL),
+    'one stamp hours behind': (
+        add('stamp_s', -5e4, 300), '1 of 600 samples have a stamp that does not inc', ALL),
+    'a temperature in Fahrenheit': (
+        convert('temperature_c', fahrenheit),
+        r'hot throughout: .* Fahrenheit it would be 21.0 °C: then name it \S+(_f|:F)\.$', ALL),
+    'columns that nobody knows': (
+        both(more('note'), more('Torque_Z'), more('force_y_kn')),
+        r'used: note, Torque_Z, force_y_kn. Is Torque_Z meant.* \(N m\)\? Is force_y_kn', COLUMNS),
+    'a second time': (more('time'), 'not understood and not used: time\\.', COLUMNS),
+    'a thermometer more': (
+        more('temp_motor', 30.0), 'Is temp_motor meant to be temperature_2_c', COLUMNS),
+    'months': (
+        convert('stamp_s', lambda v: 2000 * (v - EPOCH_S)), r'lasts 13.9 days', COLUMNS),
+    'a wrench without a stamp': (None, '1 of 600 samples have a stamp that', BAGS),
+}  # fmt: skip
+
+
+def cases(rows):
+    return [
+        pytest.param(kind, door, id=f'{kind}, {door}')
+        for kind, (_, _, doors) in rows.items()
+        for door in doors
+    ]
+
+
+class Door:
+    """A way in for recordings."""
+
+    def __init__(self, run, make, messages, folder):
+        self.run, self.make, self.messages, self.folder = run, make, messages, folder
+
+    def csv(self, table):
+        return self.make.csv(self.folder / 'day.csv', {c: v.tolist() for c, v in table.items()})
+
+    def bag(self, table, kind, storage):
+        return self.messages.write(self.folder / 'day', self.parts(table, kind), storage)
+
+    def parts(self, table, kind):
+        """Write wrenches and temperatures, received when they should have been measured."""
+        tell = self.messages
+        state = tell.learn('rokubi_like_msgs/msg/State', STATE)
+        for k, (stamp_s, x, z, t) in enumerate(zip(*table.values(), strict=True)):
+            at_ns, received_ns = round(stamp_s * 1e9), round((EPOCH_S + k) * 1e9)
+            wrench_ns = at_ns - round(EPOCH_S * 1e9) if kind == 'two clocks' else at_ns
+            if kind == 'no stamp at all' or (kind == 'a wrench without a stamp' and not k):
+                wrench_ns = 0
+            stamp_ns = 0 if kind == 'thermometer without a stamp' else at_ns
+            wrench = tell.wrench(wrench_ns, [x, 0.1, z, 0.01, 0.02, 0.03])
+            if kind == 'wrench and temperature in one message':
+                body = tell._make('geometry_msgs/msg/Vector3', x, 0.0, z)
+                inside = tell._make('geometry_msgs/msg/Wrench', body, body)
+                yield '/wrench_raw', state, received_ns, tell.pack(state, at_ns, inside, t)
+            elif kind == 'no topic of a wrench':
+                yield '/other', tell.wrench_type, received_ns, wrench
+            else:
+                yield '/wrench_raw', tell.wrench_type, received_ns, wrench
+            warm = tell.temperature(stamp_ns, t)
+            yield '/temperature', tell.temperature_type, received_ns + 1000, warm
+
+
+STATE = """
+std_msgs/Header header
+geometry_msgs/Wrench wrench
+float32 temperature
+"""
+
+
+@pytest.fixture
+def door(run, make, messages, tmp_path):
+    return Door(run, make, messages, tmp_path)
+
+
+def changed(rows, kind):
+    table = good()
+    change, pattern, _ = rows[kind]
+    if change:
+        change(table)
+    return table, pattern
+
+
+def arguments(path, kind):
+    more = ['--temperature-topic', '/temperature:header.stamp.sec'] if 'taken for' in kind else []
+    return ['calibrate', path, '-o', path.parent / 'model.yaml', '--method', 'pls', *more]
+
+
+@pytest.mark.parametrize(('kind', 'way'), cases(REFUSED))
+def test_a_bad_recording_is_refused_in_one_sentence(kind, way, door):
+    table, pattern = changed(REFUSED, kind)
+    if way == 'table':
+        with pytest.raises((RecordingError, CalibrationRefusedError), match=pattern):
+            calibrate([recording_from_columns(table)], SETTINGS)
+        return
+    path = door.csv(table) if way == 'csv' else door.bag(table, kind, way)
+    before = sorted(door.folder.rglob('*'))
+    assert re.search(pattern, door.run(*arguments(path, kind)).sentence)
+    assert sorted(door.folder.rglob('*')) == before
+
+
+@pytest.mark.parametrize(('kind', 'way'), cases(WARNED))
+def test_what_is_dropped_or_doubted_is_said(kind, way, door):
+    table, pattern = changed(WARNED, kind)
+    if way == 'table':
+        warnings = calibrate([recording_from_columns(table)], SETTINGS).warnings
+    else:
+        path = door.csv(table) if way == 'csv' else door.bag(table, kind, way)
+        outcome = door.run(*arguments(path, kind), '--json')
+        assert outcome.code == 0, outcome
+        warnings = json.loads(outcome.out)['warnings']
+        if not pattern.startswith(('force_z of', 'lasts')):  # what only a calibration can know
+            shown = json.loads(door.run('show', path, '--json').out)
+            assert any(re.search(pattern, each) for each in shown['warnings'])
+    assert [each for each in warnings if re.search(pattern, each)]
+
+
+@pytest.mark.parametrize(
+    ('column', 'unit', 'function'),
+    [
+        ('stamp_s', 'stamp_ms', lambda v: v * 1e3),
+        ('stamp_s', 'stamp_us', lambda v: v * 1e6),
+        ('stamp_s', 'stamp_ns', lambda v: (v * 1e9).astype(np.int64)),
+        ('temperature_c', 'temperature_k', kelvin),
+        ('temperature_c', 'temperature_f', fahrenheit),
+    ],
+)
+def test_a_unit_in_a_name_is_what_it_says(column, unit, function, door):
+    table = good()
+    expected = recording_from_columns(table)
+    rename(column, unit, function)(table)
+    for recording in (recording_from_columns(table), read_recording(door.csv(table))):
+        assert recording.first_cell == expected.first_cell
+        assert not recording.warnings
+        np.testing.assert_allclose(recording.temperature_c, expected.temperature_c, atol=1e-9)
+        np.testing.assert_array_equal(recording.wrench, expected.wrench)
+
+
+HEADER = 'stamp_s,force_z,temperature_c\n'
+MANY = ','.join(f'temperature_{j}_c' for j in range(2, 99))
+ROW = ','.join(['20'] * 97)
+HUNGRY = {
+    'a line without an end': (b'\0', 3 << 30, 'more than 1000000 characters'),
+    'a last line without an end': (HEADER.encode() + b'0,1,20\n', 3 << 30, 'characters'),
+    'a chamber table of gigabytes': (b'step,load_n,output_at_20_c\n', 3 << 30, 'no chamber table'),
+    'seven weeks in two rows': (f'{HEADER}0,1,20\n4000000,1,30\n'.encode(), 0, 'at most'),
+    'hundred thermometers, a week': (
+        f'{HEADER.strip()},{MANY}\n0,1,20,{ROW}\n600000,1,30,{ROW}\n'.encode(), 0, 'at most'),
+    'three weeks in two rows': (f'{HEADER}0,1,20\n1800000,2,30\n'.encode(), 0, 'at least 30'),
+    'a temperature beyond all': (
+        (HEADER + ''.join(f'{k},{k % 7},{k / 9}\n' for k in range(200))
+         + '200,1,1e10\n').encode(), 0, ''),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('kind', HUNGRY)
+def test_memory_is_bounded_whatever_a_file_holds(kind, tmp_path):
+    content, size, sentence = HUNGRY[kind]
+    path = tmp_path / 'hungry.csv'
+    with path.open('wb') as file:
+        file.write(content)
+        file.truncate(max(size, len(content)))  # a hole, which takes no room on the disk
+    command = [sys.executable, '-m', 'wrist_ft_comp', 'calibrate', path, '-o', tmp_path / 'm.yaml']
+
+    def one_gigabyte():
+        resource.setrlimit(resource.RLIMIT_DATA, (1 << 30, 1 << 30))
+
+    done = subprocess.run(
+        [*command, '--report', tmp_path / 'm.html'], stderr=subprocess.PIPE, text=True,
+        timeout=100, check=False, preexec_fn=one_gigabyte)  # fmt: skip
+    assert 'Traceback' not in done.stderr
+    assert done.returncode == (1 if sentence else 0), done.stderr
+    assert sentence in done.stderr
