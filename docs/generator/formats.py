@@ -10,6 +10,7 @@ from markdown import table
 
 import wrist_ft_comp
 from wrist_ft_comp.cli.main import build_parser
+from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.model.columns import STAMPS
 from wrist_ft_comp.model.signals import (
     AXES,
@@ -27,6 +28,16 @@ A rosbag2 folder (mcap or sqlite3, compressed or not), a bare `.mcap` or `.db3`,
 (UTF-8) with these columns in any order. A cell may be empty where a channel has no sample at that
 stamp.
 """
+EXITS = """\
+Exit code 0 done, 1 refused or failed with one sentence on standard error, 2 usage, 130
+interrupted. With `--json` an error is `{"error": {"kind": …, "message": …}}` on standard output,
+too. `kind` is %s, `interrupted` or `operating_system`; later versions may have more.
+
+What is written replaces its predecessor only: a model replaces a model; a report or a picture, one
+that this package made; each is known by its content. An empty file may be replaced, too. All else
+stays, and so do the files that the command reads, by whatever spelling or link. An option that
+does nothing for what was given is a warning on standard error.
+"""
 CHAMBER = """
 A chamber table of static tests is a CSV file with one row per load step: `load_<unit>` and one
 column `output_at_<T>_c` per temperature; other columns are carried along.
@@ -41,7 +52,7 @@ element of a list, `*` for the name of an axis.
 def command_line() -> Iterator[str]:
     """Describe the command's options, in a form that no Python version changes."""
     yield '## Command `wrist_ft_comp`\n'
-    yield 'Exit code 0 done, 1 refused or failed with one sentence on standard error, 2 usage.\n'
+    yield EXITS % ', '.join(f'`{each.kind()}`' for each in WristFtCompError.__subclasses__())
     _, commands = build_parser()
     for name, parser in commands.items():
         yield f'### `{name}`\n\n{parser.description}\n'

@@ -33,6 +33,7 @@ def days(folder, make_working_day):
             **dict(zip(AXES, day.wrench.T, strict=True)),
             **dict(zip(FORCE_CHANNELS, day.specific_force.T, strict=True)),
             'rotation_speed': day.rotation_speed,
+            'recorded_from?frame_id=left_ft': np.full(len(day), ''),
         }
         path = folder / f'day{number}.csv'
         with path.open('w', newline='') as file:
@@ -73,6 +74,7 @@ def test_payloads_are_printed_and_kept_beside_the_model(days, done, learnt):
     assert list(kept) == ['cell-1', 'cell-2', 'other-1', 'other-2']
     assert kept['other-2'][0].mass_kg == printed[1]['mass_kg']
     assert [frame.source for _, frame in kept.values()] == ['imu'] * 4
+    assert {frame.wrench_frame for _, frame in kept.values()} == {'left_ft'}
 
 
 def test_payloads_are_kept_only_with_their_model_and_a_model_goes_without_them(

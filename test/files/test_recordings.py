@@ -212,7 +212,7 @@ def test_a_bare_file_may_be_rewritten_into_a_bare_file(make_bag, storage, suffix
     assert target.is_file()
     assert len(raw_messages(target)['/cleaned']) == 200
     other = {'.db3': '.mcap', '.mcap': '.db3'}[suffix]
-    with pytest.raises(OutputError, match='is named like a bag of'):
+    with pytest.raises(OutputError, match=f'a copy ends in {suffix}, not in {other}'):
         rewrite_recording(source, target.with_name(f'x{other}'), halve)
 
 

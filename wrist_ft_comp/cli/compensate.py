@@ -1,7 +1,6 @@
 """wrist_ft_comp compensate: a recording with its drift removed."""
 
 import argparse
-from collections.abc import Iterator
 from contextlib import ExitStack
 import gc
 from pathlib import Path
@@ -26,11 +25,18 @@ from wrist_ft_comp.model.signals import AXES, Correction, FloatArray, NANOSECOND
 
 #: Specific force is taken off on cells of this length, s, or longer ones of a long recording.
 _FINE_S, _MOST_CELLS = 0.02, 2_000_000
+_UNTARED = (
+    'Nothing was tared: drift is removed, but every axis keeps a constant offset, perhaps of many '
+    'newtons. Give --tare SECONDS where the recording begins unloaded, or subtract what is left '
+    'of an unloaded part.'
+)
 HELP = 'remove the drift from a recording'
 DESCRIPTION = """\
 Write a recording of the same kind with compensated wrenches.
 In CSV files they replace the raw ones; in bags they come beside them, on a
-topic of their own. An existing file or folder is never overwritten."""
+topic of their own. An existing file or folder is never overwritten. An empty
+column tells that a CSV file is compensated, which is refused here. Without a
+tare every axis keeps a constant offset."""
 EXAMPLES = """\
 examples:
   wrist_ft_comp compensate model.yaml run.csv -o compensated.csv
@@ -76,7 +82,10 @@ def run(arguments: argparse.Namespace) -> int:
         recording = read_recording(
             arguments.recording, period_s=period_s, topics=topics,
             progress=lambda done: progress(done / 3))  # fmt: skip
-        doubts = check_sensor(stored, recording.sensor, f'in {recording.name}')
+        doubts = (
+            *check_sensor(stored, recording.sensor, f'in {recording.name}'),
+            *recording.warnings,
+        )
         track = track_drift(model, recording)
         tare = _tare(arguments, model, recording)
         external, said = _external(arguments, stored, recording)
@@ -85,14 +94,9 @@ def run(arguments: argparse.Namespace) -> int:
             lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare), topics=topics,
             output_topic=arguments.output_topic, external=external,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
-    warnings = (
-        *doubts,
-        *_untared(tare),
-        *recording.warnings,
-        *warnings,
-        *range_warnings(stored, recording),
-        *said,
-    )
+    if not arguments.tare and not tare.any():
+        doubts = _UNTARED, *doubts
+    warnings = (*doubts, *warnings, *range_warnings(stored, recording), *said)
     if arguments.json:
         answer = {'output': arguments.output, 'tare': dict(zip(AXES, tare.tolist(), strict=True))}
         options.print_json({**answer, 'warnings': warnings})
@@ -100,16 +104,6 @@ def run(arguments: argparse.Namespace) -> int:
     print_warnings(warnings)
     print(f'wrote {arguments.output}')
     return 0
-
-
-def _untared(tare: FloatArray) -> Iterator[str]:
-    """Say what a missing tare means."""
-    if not tare.any():
-        yield (
-            'Nothing was tared: drift is removed, but every axis keeps a constant offset, perhaps '
-            'of many newtons. Give --tare SECONDS where the recording begins unloaded, or '
-            'subtract what is left of an unloaded part.'
-        )
 
 
 def _external(

@@ -21,6 +21,7 @@ from wrist_ft_comp.model.ranges import range_words
 from wrist_ft_comp.model.signals import Progress, Reference, Topics
 from wrist_ft_comp.model.temperature_source import parse_sources
 
+#: Options that only bags have a use for.
 _OF_BAGS = (
     'wrench_topic', 'temperature_topic', 'reference_topic', 'imu_topic', 'gravity_frame',
     'output_topic',
@@ -155,9 +156,8 @@ def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> N
         (['degree'], hats, 'hats have no degree'),
     ):
         for name in sorted(given.intersection(names)) if idle else ():
-            print(
-                f'warning: --{name.replace("_", "-")} does nothing here: {why}.', file=sys.stderr
-            )
+            option = f'--{name.replace("_", "-")}'
+            print(f'warning: {option} does nothing here: {why}.', file=sys.stderr)
 
 
 def add_reference(parser: argparse.ArgumentParser) -> None:

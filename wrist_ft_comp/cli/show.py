@@ -109,10 +109,12 @@ def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, obje
         diary, memory = survey(folder), Memory()
         with suppress(StateFileError):  # which the node has told, and begins anew
             memory = load_memory(folder) or memory
-        days = [{**vars(each), 'known': sorted(each.known)} for each in diary.days]
-        for day in days:
-            if not day['first_ns']:  # its recording could not be read
-                day.update(first_ns=None, hours=None)
+        # Where its recording could not be read, a day has neither date nor length.
+        unknown = {'first_ns': None, 'hours': None}
+        days = [
+            {**vars(each), 'known': sorted(each.known), **({} if each.first_ns else unknown)}
+            for each in diary.days
+        ]
         document[str(folder)] = {**vars(diary), 'days': days, 'node': memory}
         texts.append(days_text(folder, diary, memory))
     if picture:

@@ -27,12 +27,7 @@ _QUOTED = 200
 #: In so much of a file it says what it is, bytes.
 _BEGINNING = 4096
 #: Endings of names that promise a content; a new file of another content gets none of them.
-_PROMISES = {
-    '.yaml': 'a model file', '.yml': 'a model file', '.json': 'JSON', '.html': 'a report',
-    '.htm': 'a report', '.png': 'a picture', '.svg': 'a picture', '.jpg': 'a picture',
-    '.pdf': 'a document', '.csv': 'a CSV file', '.mcap': 'a bag of mcap',
-    '.db3': 'a bag of sqlite3',
-}  # fmt: skip
+_PROMISING = '.yaml .yml .json .html .htm .png .svg .jpg .pdf .csv .mcap .db3'
 
 
 def replace_file(target: Path, content: str | bytes) -> None:
@@ -152,25 +147,16 @@ class Output:
 
     def check_target(self, path: Path, others: Iterable[Path] = ()) -> None:
         """
-        Refuse to write where something else is, and change nothing.
+        Raise ``error`` where writing would destroy something, or is not possible; change nothing.
 
-        Parameters
-        ----------
-        path : Path
-            Where to write. There may be nothing, an empty file, or a file of this kind.
-        others : iterable of Path
-            What the same command reads, or writes besides; none of them is replaced.
-
-        Raises
-        ------
-        WristFtCompError
-            Of the class ``error``, when something would be lost, or cannot be written.
-
+        There may be nothing, an empty file, or a file of this kind, but none of ``others``, which
+        are what the same command reads, or writes besides.
         """
         exists = path.exists()
         filled = exists and (path.stat().st_size > 0 or not self.says)
         same = next((other for other in others if _same(path, other)), None)
-        promise = _PROMISES.get(path.suffix.lower(), '')
+        ending = path.suffix.lower()
+        misnamed = ending in _PROMISING.split() and ending not in self.endings.split()
         above = next((folder for folder in path.absolute().parents if folder.exists()), path)
         obstacles = {
             f'it is the same file as {same}': same,
@@ -178,8 +164,7 @@ class Output:
             'it is a link that leads nowhere': path.is_symlink() and not exists,
             'it is no regular file': exists and not path.is_file(),
             f'it exists and is no {self.name} of this package': filled and not self.is_own(path),
-            f'it is named like {promise}, and a {self.name} ends in {self.endings}':
-                promise and not filled and path.suffix.lower() not in self.endings.split(),
+            f'a {self.name} ends in {self.endings}, not in {ending}': misnamed and not filled,
             f'{above} is no folder': not above.is_dir(),
             f'{above} may not be written to': not os.access(above, os.W_OK),
         }  # fmt: skip
