@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from wrist_ft_comp.model.stream_grid import CompletedCells
 from wrist_ft_comp.stream.input_checks import (
     is_plausible,
     LOOKS,
@@ -13,6 +12,7 @@ from wrist_ft_comp.stream.input_checks import (
     SensorWatch,
     ThermometerWatch,
 )
+from wrist_ft_comp.stream.stream_grid import CompletedCells
 
 SECOND = 1_000_000_000
 RAW = [1.0, 2.0, 3.0, 0.1, 0.2, 0.0]

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.model.stream_grid import CompletedCells
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
 from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.stream_grid import CompletedCells
 
 #: Ends every sentence of a disk that refuses.
 REMEDY = 'Make room or choose another data_directory'
