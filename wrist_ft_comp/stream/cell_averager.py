@@ -82,6 +82,7 @@ class CellAverager:
             if cells.first_cell < self._end:  # time ran back: what waits is of the time before
                 self._cells = {at: sums for at, sums in self._cells.items() if at < self._begin}
                 self._temperatures.clear()
+                self._latest = [min(latest, cells.first_cell) for latest in self._latest]
             self._end, self._silent = cells.first_cell + cells.count, False
             if not -inf < self._begin <= self._end:  # at first, and when time ran back
                 self._begin = cells.first_cell

@@ -72,7 +72,7 @@ class History:
         """Draw the line from before a silence of some cells to the last cell, where it ended."""
         if silent and len(self) > 1:
             column = self.temperature_c[-silent - 1 :, thermometer]
-            ends = np.array([0, silent + 1]), column[[0, -1]]
+            ends = np.array([0, silent + 1]), column[-2:].copy()
             column[:-1] = straight_lines(*ends, silent + 2 - len(column), len(column) - 1)
 
 
@@ -195,8 +195,8 @@ class DriftTracker:
         self.end_ns = self._next * self.grid.period_ns
         self._open += cells.count
         self._since_soaked += cells.count
-        too_old = self._open - (self._longest + 1)
-        if too_old > 0:
+        if max(self._silent) > self._longest:
+            too_old = max(self._open - self._longest, 0)
             self._open, self._settled = self._open - too_old, None
             self._run_open = max(self._run_open - too_old, 0)
 
