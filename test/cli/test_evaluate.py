@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from wrist_ft_comp.model import drift_model
+from wrist_ft_comp.model import gap
 
 
 def arx_by_hand(arx, t):
@@ -147,13 +147,13 @@ def test_where_no_temperature_moved_there_is_nothing_to_judge(
 
 def test_every_recording_is_simulated_once(done, make, model, tmp_path, monkeypatch):
     paths = [make.csv(tmp_path / f'{seed}.csv', make.drifting(seed=seed)) for seed in (1, 2)]
-    runs, run_once = [], drift_model.run_from_rest
+    runs, run_once = [], gap.run_from_rest
 
     def counted(*arguments):
         runs.append(arguments)
         return run_once(*arguments)
 
-    monkeypatch.setattr(drift_model, 'run_from_rest', counted)
+    monkeypatch.setattr(gap, 'run_from_rest', counted)
     done('evaluate', model, *paths, '--report', tmp_path / 'r.html')
     assert len(runs) == len(paths)
 

@@ -74,10 +74,12 @@ def test_the_grid_is_the_textbook_loop_in_pieces_of_any_size(blocks, period_s, s
     assert recording.first_cell == first
     assert len(recording) == last - first + 1
     for j, cells in enumerate(temperatures):
-        held = cells[max(cell for cell in cells if cell <= first)]
         for row, cell in enumerate(range(first, last + 1)):
-            held = cells.get(cell, held)
-            assert recording.temperature_c[row, j] == pytest.approx(held, abs=1e-10)
+            before = max(at for at in cells if at <= cell)
+            after = min((at for at in cells if at >= cell), default=before)
+            share = (cell - before) / max(after - before, 1)
+            line = cells[before] + share * (cells[after] - cells[before])
+            assert recording.temperature_c[row, j] == pytest.approx(line, abs=1e-10)
             assert recording.measured[row, j] == (cell in cells)
     for row, cell in enumerate(range(first, last + 1)):
         expected = torque.get(cell, math.nan)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import ModelFileError, SettingsError
+from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.drift_model import Drift
 from wrist_ft_comp.model.offline import correct_many, simulate_drift, track_drift
@@ -298,13 +299,13 @@ class TestModelSwap:
         stream(compensator, (1000, 1010))
         stream(compensator, (0, 10))
         compensator.add_temperature(0, 9 * SECOND, 20.0)
-        assert tracker.origin.startswith('the drift started')
+        assert 'or time ran back; so the drift starts at the steady state' in tracker.origin
         compensator.go_live(None)
         assert tracker.origin == 'no model is live'
         compensator.go_live(make_model(OTHER, period_s=period_s))
         assert (tracker.grid.rejected, tracker.grid.restarts) == (1, 1)
         assert tracker.grid.period_ns == round(period_s * SECOND)
-        known = 'the drift was found from 18 thermal cells before'
+        known = 'the drift was found from 9 thermal cells before'
         assert tracker.origin == (known if period_s == 1.0 else 'no temperatures yet')
         stream(compensator, (10, 20))
         assert tracker.origin.startswith(
@@ -401,7 +402,7 @@ class TestTare:
 
 
 class TestTrouble:
-    def test_a_gap_longer_than_the_history_counts_as_soaked(self, model):
+    def test_a_gap_longer_than_the_model_remembers_counts_as_soaked_behind_it(self, model):
         compensator = Compensator(1, StreamSettings(history_s=60.0), model)
         stream(compensator, (0, 60))
         far = 10**9 * SECOND
@@ -409,29 +410,60 @@ class TestTrouble:
         *_, held, _ = compensator.add_temperature(0, far + SECOND, 50.0)
         assert held.count > 10**8
         assert np.isfinite(compensator.compensation.zero).all()
-        assert len(compensator.tracker.history.cells) <= 60
-        held_c = float(held.temperature_c[0])
-        one_cell = (1 - np.exp(-1 / 30)) * (50.0 - held_c)
-        assert compensator.tracker.drift.zero[2] == pytest.approx(0.4 * (held_c - 20 + one_cell))
+        assert len(compensator.tracker.history) <= 92
+        assert compensator.tracker.drift.zero[2] == pytest.approx(0.4 * (50.0 - 20.0))
+        assert 'old and this model remembers 90 s; so the drift' in compensator.tracker.origin
 
-    def test_a_gap_within_the_history_is_run_with_the_held_temperature(self, model):
+    def test_a_gap_within_the_model_s_memory_is_run_on_a_straight_line(self, model):
         compensator = Compensator(1, StreamSettings(max_drift_rate_n_s=100.0), model)
         for second, temperature in ((0, 20.0), (1, 40.0), (2, 40.0)):
             compensator.add_temperature(0, second * SECOND, temperature)
-        compensator.add_temperature(0, 92 * SECOND, 40.0)
+        compensator.add_temperature(0, 82 * SECOND, 60.0)
         assert compensator.compensation.zero[2] < 0.5, 'one sample that leaps is not believed'
-        compensator.add_temperature(0, 92 * SECOND + 1, 40.0)
-        # 20 °C for one cell, then 91 cells of 40 °C.
-        assert compensator.compensation.zero[2] == pytest.approx(0.4 * 20 * (1 - np.exp(-91 / 30)))
+        compensator.add_temperature(0, 83 * SECOND, 60.0)
+        pole, heat = np.exp(-1 / 30), 0.0
+        for temperature in (40.0, *np.linspace(40.0, 60.0, 81)):
+            heat = pole * heat + (1 - pole) * (temperature - 20.0)
+        assert compensator.tracker.drift.zero[2] == pytest.approx(0.4 * heat)
 
-    def test_time_that_ran_back_goes_on_from_where_the_drift_was(self, model):
+    @pytest.mark.parametrize('back_s', [30, 1000])
+    def test_time_that_ran_back_by_more_than_a_minute_starts_at_the_steady_state(
+        self, model, back_s
+    ):
         compensator = Compensator(1, StreamSettings(), model)
-        _, before = stream(compensator, (1000, 1060))
-        held = compensator.compensation
-        _, after = stream(compensator, (0, 3), temperature=lambda _: warming(1060 * SECOND))
-        assert compensator.tracker.grid.restarts == 1
-        np.testing.assert_allclose(compensator.compensation.zero, held.zero, atol=2.0)
-        assert np.abs(after[-1] - before[-1])[2] < 2.0
+        stream(compensator, (1000, 1060))
+        lived = compensator.tracker.drift.zero[2]
+        stream(compensator, (1060 - back_s, 1063 - back_s), temperature=lambda _: 60.0)
+        tracker = compensator.tracker
+        assert (tracker.grid.restarts, tracker.forgot) == (1, back_s > 60)
+        expected = 0.4 * 40.0 if tracker.forgot else pytest.approx(lived, abs=2.0)
+        assert tracker.drift.zero[2] == expected
+
+    @pytest.mark.parametrize('hours', [1, 5])
+    def test_a_temperature_after_an_outage_does_not_block_the_stream(self, make_model, hours):
+        """The model runs through so many cells at once; the drift rests until it has caught up."""
+        slow = make_model({'force_z': (2.0, 0.0, 7200.0)})
+        compensator = Compensator(1, StreamSettings(), slow)
+        whole = drift_model.start(slow, np.array([40.0]))
+        for second in range(10):
+            compensator.add_temperature(0, second * SECOND, 40.0)
+        gap = hours * 3600
+        line = np.linspace(40.0, 22.0, gap + 2)[1:-1]
+        cold = np.concatenate((line, np.full(20, 22.0)))[:, np.newaxis]
+        _, drift = drift_model.run(slow, whole, cold)
+        most, run = 0, drift_model.run
+
+        def counted(*arguments, **options):
+            nonlocal most
+            most = max(most, len(arguments[2]))
+            return run(*arguments, **options)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(drift_model, 'run', counted)
+            for second in range(21):
+                compensator.add_temperature(0, (10 + gap + second) * SECOND, 22.0)
+        assert 0 < most <= 1800
+        assert compensator.tracker.drift.zero[2] == pytest.approx(drift.zero[-1, 2], rel=1e-12)
 
 
 @pytest.mark.parametrize('thermometer', [-1, 1])

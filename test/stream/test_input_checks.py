@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.model.signals import is_plausible
-from wrist_ft_comp.model.stream_grid import CompletedCells
 from wrist_ft_comp.model.temperature_source import other_unit
 from wrist_ft_comp.stream.input_checks import LOOKS, SensorWatch, ThermometerWatch
+from wrist_ft_comp.stream.stream_grid import CompletedCells
 
 SECOND = 1_000_000_000
 RAW = [1.0, 2.0, 3.0, 0.1, 0.2, 0.0]

@@ -9,16 +9,15 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.model import drift_model
-from wrist_ft_comp.model.signals import AXES as AXES_ORDER
-from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
-from wrist_ft_comp.stream.warm_restart import (
-    belongs_to,
-    fill_gap,
+from wrist_ft_comp.model.gap import (
     LEAST_GAP_S,
     longest_gap_s,
     MOST_GAP_S,
     slowest_time_constant_s,
 )
+from wrist_ft_comp.model.signals import AXES as AXES_ORDER
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.stream.warm_restart import belongs_to
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -136,18 +135,25 @@ class TestGap:
         assert again.compensation.zero[2] == pytest.approx(2.0 * 10.0)
         assert not again.tracker.awaiting_gap
 
-    def test_is_crossed_on_a_straight_line_up_to_what_is_told_as_its_end(self, make_model):
+    @pytest.mark.parametrize(
+        ('gap_s', 'at_least_s'), [(-60, 0.0), (0, 0.0), (10, 70.0), (round(LEAST_GAP_S), 0.0)]
+    )
+    def test_is_crossed_on_a_straight_line_up_to_what_is_told_as_its_end(
+        self, make_model, gap_s, at_least_s
+    ):
         """Stamps that are a minute behind, or behind another clock, and the longest gap."""
         hasty = make_model({'force_z': (1.0, 0.0, 1.0)})
-        memory = memory_of(ran(hasty, 10))
-        first = memory.end_ns // SECOND
-        for gap_s, at_least_s in ((-60, 0.0), (0, 0.0), (10, 70.0), (round(LEAST_GAP_S), 0.0)):
-            between, sentence = fill_gap(
-                hasty, memory, first + gap_s, memory.temperature_c + gap_s + 1.0, at_least_s
-            )
-            expected = memory.temperature_c + np.arange(1.0, gap_s + 1.0)[:, np.newaxis]
-            np.testing.assert_allclose(between, expected)
-            assert sentence == f'the drift goes on from the thermal state saved {gap_s} s before'
+        killed = ran(hasty, 100)
+        memory, again = memory_of(killed), restarted(hasty, killed, at_least_s)
+        first, before_c = memory.end_ns + gap_s * SECOND, memory.temperature_c[0]
+        for second in range(2):
+            again.add_temperature(0, first + second * SECOND, before_c + max(gap_s, 0) + 1.0)
+        line = before_c + np.arange(1.0, max(gap_s, 0) + 2.0)[:, np.newaxis]
+        _, drift = drift_model.run(hasty, memory.filters, line)
+        np.testing.assert_allclose(again.tracker.drift.zero, drift.zero[-1])
+        assert again.tracker.origin == (
+            f'the drift goes on from the thermal state saved {gap_s} s before'
+        )
 
     @pytest.mark.parametrize('at_least_s', [0.0, 0.4, 1.0, 10.0])
     def test_of_another_clock_is_run_at_the_temperature_before(self, model, at_least_s):
@@ -224,10 +230,10 @@ def test_a_gap_that_was_crossed_is_a_part_of_the_history(model):
     again = restarted(model, killed)
     feed(again, 900, 910)
     memory = memory_of(again)
-    assert sum(count for _, count in memory.history) == len(again.tracker.history.cells) == 909
+    assert sum(count for _, count in memory.history) == len(again.tracker.history) == 909
     between = np.repeat([value for value, _ in memory.history], [n for _, n in memory.history])
     np.testing.assert_allclose(
-        between[400:800], np.array(again.tracker.history.cells)[400:800, 0], atol=0.5
+        between[400:800], again.tracker.history.temperature_c[400:800, 0], atol=0.5
     )
 
 
@@ -239,7 +245,7 @@ def test_a_memory_that_was_refused_leaves_no_history_and_is_not_told_of_the_next
         again = restarted(model, killed)
         feed(again, -5000, -4990)
         assert again.tracker.forgot
-        assert len(again.tracker.history.cells) < 12
+        assert len(again.tracker.history) < 12
         again.go_live(following)
         assert not again.tracker.forgot
 

@@ -97,11 +97,13 @@ class ChamberTable:
 
     def samples(self, reference: FloatArray | None = None) -> tuple[Samples, ...]:
         """Lay the table out in time, as force_z in the table's unit and its reference."""
-        # Temperatures come every 30 s along all plateaus. Loads are in units of output: the
-        # table's own ``reference`` by default, so that the gain is 1 at the reference temperature.
+        # Temperatures come at both ends of every 30 s along all plateaus, which are no slopes.
+        # Loads are in units of output: the table's own ``reference`` by default, so that the gain
+        # is 1 at the reference temperature.
         steps = RESIDENCE_S // STEP_S
-        temperature_c = np.repeat(self.temperatures_c, steps)
-        temperature_stamps = np.arange(len(temperature_c), dtype=np.int64) * STEP_S * NANOSECONDS
+        temperature_c = np.repeat(self.temperatures_c, 2 * steps)[:-1]
+        ends = (np.arange(len(temperature_c), dtype=np.int64) + 1) // 2 * STEP_S * NANOSECONDS
+        temperature_stamps = ends - np.arange(len(temperature_c)) % 2
         readings = self.reading_stamps_ns.T.ravel()
         loads = self.reference if reference is None else reference
         repeated = np.tile(loads, len(self.temperatures_c))

@@ -272,8 +272,8 @@ def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[
             gap_s = _longest_gap(measured) * recording.period_s
             if gap_s > max_gap_s:
                 sentences.append(
-                    f'Thermometer {j + 1} of {recording.name} is silent for {gap_s:.0f} s; its '
-                    'last value was held.'
+                    f'Thermometer {j + 1} of {recording.name} is silent for {gap_s:.0f} s; a '
+                    'straight line was drawn over it.'
                 )
         present = np.any(np.isfinite(recording.wrench), axis=1)
         gap_s = _longest_gap(present) * recording.period_s

@@ -1,5 +1,6 @@
 """What a restart goes on from, as JSON, and a thread that saves it while callbacks go on."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 import threading
@@ -12,7 +13,7 @@ from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.files.documents import Document, Kind, plain
 from wrist_ft_comp.model.drift_model import Drift
 from wrist_ft_comp.model.signals import AXES, FloatArray
-from wrist_ft_comp.stream.warm_restart import ThermalMemory
+from wrist_ft_comp.stream.warm_restart import Block, OpenCells, ThermalMemory
 
 # The state of six axes with banks of filters takes a few kilobytes.
 KIND = Kind(
@@ -57,7 +58,8 @@ def _document(state: SavedState) -> Document:
     """Turn a state into plain values; what could not be read again is left out."""
     memory, nothing = state.thermal, np.zeros(len(AXES))
     if memory is not None:
-        means = (mean for mean, _ in memory.history)
+        later = memory.open_cells
+        means = (mean for mean, _ in (*memory.history, *(later.blocks if later else ())))
         filters = memory.filters.values()
         if not _readable(memory.temperature_c, *filters, *memory.compensation, *means):
             memory = None
@@ -70,12 +72,22 @@ def _document(state: SavedState) -> Document:
         'temperature_c': memory.temperature_c,
         'filters': memory.filters,
         **memory.compensation._asdict(),
-        'history': [{'cells': n, 'temperature_c': block} for block, n in memory.history],
+        'history': _block_list(memory.history),
     }
+    if thermal and memory and memory.open_cells:
+        later = memory.open_cells
+        blocks = _block_list(later.blocks)
+        thermal['open_cells'] = {
+            'from_rest': later.from_rest, 'silent': later.silent, 'blocks': blocks}  # fmt: skip
     external = {'external_tare': external_tare} if external_tare.any() else {}
     known = {'saved_ns': state.saved_ns, 'model_sha256': state.model_sha256, 'tare': tare}
     document: Document = plain({**known, **external, 'thermal': thermal})
     return document
+
+
+def _block_list(blocks: Sequence[Block]) -> list[Document]:
+    """Turn blocks of cells into plain values."""
+    return [{'cells': cells, 'temperature_c': mean} for mean, cells in blocks]
 
 
 def _readable(*arrays: FloatArray) -> bool:
@@ -86,17 +98,24 @@ def _readable(*arrays: FloatArray) -> bool:
 def _state(document: Document) -> SavedState:
     """Build a state from a document that was checked."""
     thermal = document['thermal']
+    later = thermal and thermal.get('open_cells')
     memory = thermal and ThermalMemory(
         thermal['end_ns'],
         thermal['period_ns'],
         _array(thermal['temperature_c']),
         {axis: _array(values) for axis, values in thermal['filters'].items()},
         Drift(_array(thermal['zero']), _array(thermal['sensitivity'])),
-        tuple((_array(each['temperature_c']), each['cells']) for each in thermal['history']),
+        _blocks(thermal['history']),
+        later and OpenCells(later['from_rest'], tuple(later['silent']), _blocks(later['blocks'])),
     )
     external = _array(document.get('external_tare', [0.0] * len(AXES)))
     known = document['saved_ns'], document['model_sha256'], _array(document['tare'])
     return SavedState(*known, memory, external)
+
+
+def _blocks(listed: Sequence[Document]) -> tuple[Block, ...]:
+    """Build blocks of cells from checked ones."""
+    return tuple((_array(block['temperature_c']), block['cells']) for block in listed)
 
 
 def _array(values: Any) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Samples of a recording onto the thermal grid, as a batch: an empty cell holds the last value."""
+"""Samples of a recording onto the thermal grid, as a batch; empty cells as ``gap`` says."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.model.gap import straight_lines
 from wrist_ft_comp.model.ranges import PERIODS_S, SampleChecks
 from wrist_ft_comp.model.signals import (
     AXES,
@@ -102,7 +103,7 @@ class GridBuilder:
             speed = np.sqrt(self._dense(ROTATION_CHANNEL, first, last))
         return Recording(
             name=self._name, period_ns=self._period_ns, first_cell=first,
-            temperature_c=self._hold(temperature_c, wanted, first),
+            temperature_c=self._bridge(temperature_c, wanted, first),
             measured=np.isfinite(temperature_c),
             wrench=self._table(AXES, first, last),
             reference=self._table(REFERENCE_CHANNELS, first, last),
@@ -190,17 +191,16 @@ class GridBuilder:
         np.divide(sums, counts, out=means, where=counts > 0)
         return means
 
-    def _hold(self, temperature_c: FloatArray, channels: list[str], first: int) -> FloatArray:
-        """Fill empty cells with the last value, shape (N, J), also from before the first cell."""
-        held = temperature_c.copy()
+    def _bridge(self, temperature_c: FloatArray, channels: list[str], first: int) -> FloatArray:
+        """Fill empty cells by the rule for gaps, shape (N, J), also from before the first cell."""
+        bridged = np.empty_like(temperature_c)
         for j, channel in enumerate(channels):
-            if np.isnan(held[0, j]):
-                cells = np.concatenate(self._cells[channel])
-                latest = cells[cells < first].max()
-                held[0, j] = self._dense(channel, int(latest), int(latest))[0]
-            filled = np.isfinite(held[:, j])
-            held[:, j] = held[np.maximum.accumulate(np.where(filled, np.arange(len(held)), 0)), j]
-        return held
+            cells = np.concatenate(self._cells[channel])
+            begin = int(cells[cells <= first].max())
+            means = self._dense(channel, begin, first + len(bridged) - 1)
+            at = np.flatnonzero(np.isfinite(means))
+            bridged[:, j] = straight_lines(begin + at, means[at], first, len(bridged))
+        return bridged
 
 
 def _doubt_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, tuple[str, ...]]:

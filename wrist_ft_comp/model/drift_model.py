@@ -195,6 +195,11 @@ def start(model: DriftModel, temperature_c: FloatArray) -> DriftState:
     return {name: axis.start(temperature_c) for name, axis in model.axes.items()}
 
 
+def at_rest(model: DriftModel, temperature_c: FloatArray) -> DriftState:
+    """State of a sensor that had soaked before its first N cells, temperatures (N, J)."""
+    return start(model, temperature_c[: model.start_cells].mean(axis=0))
+
+
 def run_from_rest(model: DriftModel, temperature_c: FloatArray) -> tuple[DriftState, Drift]:
     """Run a soaked sensor through its first N cells, temperatures (N, J), drift (N, 6)."""
     # A start looks at the mean of ``start_cells``, and in each of these at those that have come:
@@ -202,8 +207,7 @@ def run_from_rest(model: DriftModel, temperature_c: FloatArray) -> tuple[DriftSt
     cells = min(model.start_cells, len(temperature_c))
     parts = []
     for end in [*range(1, cells), len(temperature_c)]:
-        soaked = temperature_c[: min(end, cells)].mean(axis=0)
-        state, drift = run(model, start(model, soaked), temperature_c[:end])
+        state, drift = run(model, at_rest(model, temperature_c[:end]), temperature_c[:end])
         parts.append(Drift(*(part[end - 1 if end < cells else cells - 1 :] for part in drift)))
     return state, Drift(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 

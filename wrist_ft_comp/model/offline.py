@@ -7,6 +7,7 @@ import numpy as np
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model import drift_model
 from wrist_ft_comp.model.drift_model import Drift, DriftModel
+from wrist_ft_comp.model.gap import simulate
 from wrist_ft_comp.model.signals import AXES, FloatArray, IntArray, Recording
 
 
@@ -20,7 +21,7 @@ class DriftTrack(NamedTuple):
 
 
 def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
-    """Run the model freely over a recording, from the steady state of its first cells: (N, 6)."""
+    """Run the model freely over a recording, from rest and over gaps (``gap``): (N, 6)."""
     # RecordingError when thermometers or thermal period differ, ModelFileError when the unit does.
     if recording.thermometers != model.thermometers:
         raise RecordingError(
@@ -34,7 +35,7 @@ def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
             f'{model.period_ns / 1e9} s. Read it with the period of the model.'
         )
     drift_model.check_unit(model, recording.unit)
-    return drift_model.run_from_rest(model, recording.temperature_c)[1]
+    return simulate(model, recording.temperature_c, recording.measured)
 
 
 def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:

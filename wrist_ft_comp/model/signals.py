@@ -138,7 +138,7 @@ class Recording:
     period_ns: int
     #: Number of the first cell.
     first_cell: int
-    #: Mean temperature, °C, shape (N, J); a cell without a sample holds the last one's value.
+    #: Mean temperature, °C, shape (N, J); on straight lines over cells without a sample (``gap``).
     temperature_c: FloatArray
     #: Whether the cell had a temperature sample of its own, shape (N, J).
     measured: BoolArray

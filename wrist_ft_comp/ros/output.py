@@ -7,12 +7,12 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
 from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray
-from wrist_ft_comp.model.stream_grid import CompletedCells
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.inputs.health import Counts
 from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.ros.node_log import ERROR, OK, Status, WARN
 from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.stream_grid import CompletedCells
 
 
 class Output(Part):

@@ -7,11 +7,12 @@ from typing import Any
 
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.files.state_file import load_state, SavedState, StateWriter
+from wrist_ft_comp.model.gap import doubt, longest_gap_s
 from wrist_ft_comp.model.signals import NANOSECONDS
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.warm_restart import belongs_to, longest_gap_s, ThermalMemory, too_old
+from wrist_ft_comp.stream.warm_restart import belongs_to, ThermalMemory
 
 #: How long the node waits for the disk when it ends, s.
 _END_TIMEOUT_S = 2.0
@@ -75,8 +76,8 @@ class StateKeeper(Part):
             self._begin_anew(f'{self.writer.path} does not fit the model it names')
         elif gap_s < -_SET_BACK_S:
             self._begin_anew(f'the saved state is from {-gap_s:.0f} s in the future')
-        elif gap_s > longest_gap_s(model):
-            self._begin_anew(too_old(model, gap_s))
+        elif problem := doubt(gap_s, longest_gap_s(model)):
+            self._begin_anew(problem)
         else:
             self._loaded = state
             self._compensator.resume(memory, max(gap_s, 0.0))

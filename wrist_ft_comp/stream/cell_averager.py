@@ -10,7 +10,7 @@ from wrist_ft_comp.model.signals import (
     ROTATION_CHANNEL,
     temperature_channel,
 )
-from wrist_ft_comp.model.stream_grid import CompletedCells
+from wrist_ft_comp.stream.stream_grid import CompletedCells
 
 _NAN = float('nan')
 #: Rows wait at most this many cells for wrenches that are late.
@@ -41,7 +41,7 @@ class CellAverager:
         self._with_force = with_force
         #: Per cell: count and sums of everything that comes.
         self._cells: dict[int, list[list[float]]] = {}
-        #: The newest cell of everything that comes.
+        #: The cell of the last one of everything that comes; -1 before the first.
         self._latest = [-1] * len(_WIDTHS)
         #: Cells before it have their row; what comes for them is too late, unless time ran back.
         self._begin = -inf
@@ -68,7 +68,7 @@ class CellAverager:
     def _add(self, what: int, stamp_ns: int, values: Sequence[float]) -> None:
         """Add to the sums of a cell."""
         cell = stamp_ns // self._period_ns
-        self._latest[what] = max(self._latest[what], cell)
+        self._latest[what] = cell
         if cell not in self._cells:
             self._cells[cell] = _no_sums()
         sums = self._cells[cell][what]
@@ -79,6 +79,10 @@ class CellAverager:
     def add_cells(self, completed: Sequence[CompletedCells]) -> None:
         """Take cells whose temperatures are complete; held values are not written as measured."""
         for cells in completed:
+            if cells.first_cell < self._end:  # time ran back: what waits is of the time before
+                self._cells = {at: sums for at, sums in self._cells.items() if at < self._begin}
+                self._temperatures.clear()
+                self._latest = [min(latest, cells.first_cell) for latest in self._latest]
             self._end, self._silent = cells.first_cell + cells.count, False
             if not -inf < self._begin <= self._end:  # at first, and when time ran back
                 self._begin = cells.first_cell

@@ -1,46 +1,79 @@
 """From temperatures to drift: here the model is stepped, once per thermal cell."""
 
-from collections import deque
+from collections.abc import Sequence
+import sys
 
 import numpy as np
 
 from wrist_ft_comp.model import drift_model
-from wrist_ft_comp.model.drift_model import DriftModel, DriftState, no_drift
-from wrist_ft_comp.model.signals import FloatArray, NANOSECONDS
-from wrist_ft_comp.model.stream_grid import CompletedCells, ThermalGrid
+from wrist_ft_comp.model.drift_model import Drift, DriftModel, DriftState, no_drift
+from wrist_ft_comp.model.gap import doubt, longest_gap_cells, starts, straight_lines
+from wrist_ft_comp.model.signals import BoolArray, FloatArray, NANOSECONDS
+from wrist_ft_comp.stream.stream_grid import CompletedCells, ThermalGrid
 from wrist_ft_comp.stream.timestamp_filter import TimestampFilter
-from wrist_ft_comp.stream.warm_restart import fill_gap, SPAN_S, ThermalMemory
+from wrist_ft_comp.stream.warm_restart import blocks_of, OpenCells, ThermalMemory
+
+#: A saved history consists of means over this, s; it takes a few kilobytes then.
+SPAN_S = 60.0
+#: Open cells are saved one by one up to this many, which takes some ten kilobytes; of more, means.
+_MOST_OPEN_BLOCKS = 600
+#: The model runs through at most this many cells per temperature, which takes some milliseconds;
+#: after an outage of hours it needs several temperatures to catch up.
+_CELLS_AT_ONCE = 1800
 
 
 class History:
-    """The temperatures of some hours: cell by cell, and as means over SPAN_S for a restart."""
+    """
+    Keeps the newest cells of J thermometers, as a recording of them would hold them.
 
-    def __init__(self, period_ns: int, history_s: float) -> None:
-        most = max(round(history_s * NANOSECONDS / period_ns), 1)
-        self.cells: deque[FloatArray] = deque(maxlen=most)
-        self._cells_per_span = max(round(SPAN_S * NANOSECONDS / period_ns), 1)
-        self._full: deque[tuple[FloatArray, int]] = deque(
-            maxlen=max(most // self._cells_per_span, 1)
-        )
-        self._sum: FloatArray = np.zeros(1)
-        self._count = 0
+    Parameters
+    ----------
+    thermometers : int
+        J.
+    most : int
+        How many cells are kept.
 
-    def add(self, temperature_c: FloatArray, count: int) -> int:
-        """Add cells of the same temperatures, °C, shape (J,); tell how many have room."""
-        count = min(count, self.cells.maxlen or count)
-        self.cells.extend([temperature_c] * count)
-        for _ in range(count):
-            self._sum, self._count = self._sum + temperature_c, self._count + 1
-            # The very first cell stays alone: it is where a model starts from.
-            if self._count == self._cells_per_span or not self._full:
-                self._full.append((self._sum / self._count, self._count))
-                self._sum, self._count = np.zeros(1), 0
-        return count
+    """
 
-    def means(self) -> tuple[tuple[FloatArray, int], ...]:
-        """Mean temperatures, °C, and how many cells they are of; oldest first."""
-        begun = [(self._sum / self._count, self._count)] if self._count else []
-        return (*self._full, *begun)
+    def __init__(self, thermometers: int, most: int) -> None:
+        self.most = most
+        self._temperature_c: FloatArray = np.zeros((0, thermometers))
+        self._measured: BoolArray = np.zeros((0, thermometers), dtype=bool)
+        self._end = 0
+
+    def __len__(self) -> int:
+        """Count the cells."""
+        return min(self._end, self.most)
+
+    @property
+    def temperature_c(self) -> FloatArray:
+        """°C, shape (N, J), oldest first; held since a thermometer was last heard."""
+        return self._temperature_c[self._end - len(self) : self._end]
+
+    @property
+    def measured(self) -> BoolArray:
+        """Which thermometers measured in which cells, shape (N, J)."""
+        return self._measured[self._end - len(self) : self._end]
+
+    def add(self, temperature_c: FloatArray, measured: Sequence[bool], count: int) -> None:
+        """Add cells of the same temperatures, °C, shape (J,)."""
+        count = min(count, self.most)
+        if self._end + count > len(self._measured):
+            kept_c, kept = self.temperature_c, self.measured
+            room = 2 * self.most, len(measured)
+            self._temperature_c, self._measured = np.zeros(room), np.zeros(room, dtype=bool)
+            self._end = len(kept)
+            self._temperature_c[: self._end], self._measured[: self._end] = kept_c, kept
+        new = slice(self._end, self._end + count)
+        self._temperature_c[new], self._measured[new] = temperature_c, measured
+        self._end = new.stop
+
+    def bridge(self, thermometer: int, silent: int) -> None:
+        """Draw the line from before a silence of some cells to the last cell, where it ended."""
+        if silent and len(self) > 1:
+            column = self.temperature_c[-silent - 1 :, thermometer]
+            ends = np.array([0, silent + 1]), column[-2:].copy()
+            column[:-1] = straight_lines(*ends, silent + 2 - len(column), len(column) - 1)
 
 
 _NOT_YET = 'no temperatures yet'
@@ -60,18 +93,43 @@ class DriftTracker:
         self.drift = no_drift()
         #: How the drift came to be where it is, a sentence; changes when it starts or goes on.
         self.origin = _NOT_YET
-        #: Whether another stream's memory was of no use.
+        #: Whether a thermal state was of no use after a gap.
         self.forgot = False
         self.timestamp_filter = TimestampFilter(thermometers)
         self.grid = ThermalGrid(period_ns, thermometers, patience_s)
-        self.history = History(period_ns, history_s)
         self._thermometers, self._patience_s = thermometers, patience_s
         self._history_s = history_s
+        #: The longest gap that the model's memory outlasts, cells.
+        self._longest = sys.maxsize
+        #: After the newest cell that was run; held temperatures are in it.
         self._state: DriftState | None = None
-        #: The first cells of a start that still looks at them.
-        self._starting: list[FloatArray] | None = None
         #: What to go on from when the first cell is complete, and its age by another clock, s.
         self._awaited: tuple[ThermalMemory, float] | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        """Begin with no cells."""
+        self.history = History(self._thermometers, self._most_cells())
+        #: The cell that comes next; None before the first.
+        self._next: int | None = None
+        #: For how many cells each thermometer has been silent.
+        self._silent = (0,) * self._thermometers
+        self._soak()
+
+    def _soak(self) -> None:
+        """Let the model start at rest with the next cell."""
+        #: How many cells at the end are open: a thermometer has been silent since before them.
+        self._open = 0
+        #: The state before these; None when the model starts at rest with the first of them.
+        self._settled: DriftState | None = None
+        #: How many of these the state has been through.
+        self._run_open = 0
+        self._since_soaked = 0
+
+    def _most_cells(self) -> int:
+        """Tell how many cells are kept: what a later model needs, and the longest gap."""
+        most = round(self._history_s * NANOSECONDS / self.grid.period_ns)
+        return max(most, 1, 0 if self.model is None else self._longest + 2)
 
     @property
     def following(self) -> bool:
@@ -88,60 +146,97 @@ class DriftTracker:
         samples = self.timestamp_filter.admit(thermometer, stamp_ns, temperature_c)
         completed = [cells for sample in samples for cells in self.grid.add(*sample)]
         for cells in completed:
-            resting = self._state is None
-            if self.model is not None and self._awaited is not None:
-                self._fill_gap(self.model, *self._awaited, cells)
-            self.temperature_c = cells.temperature_c
-            self.end_ns = (cells.first_cell + cells.count) * self.grid.period_ns
-            count = self.history.add(cells.temperature_c, cells.count)
-            if self.model is None:
-                continue
-            if self._state is None or count < cells.count:
-                # Nothing known before, or a gap longer than any memory: the robot has soaked.
-                if resting:
-                    self.origin = 'the drift started at the steady state of the first temperatures'
-                self._starting, count = [], 1
-            if self._state is None or self._starting is not None:
-                self._start(self.model, [*(self._starting or []), *[cells.temperature_c] * count])
-            elif count == 1:
-                self._state, self.drift = drift_model.step(
-                    self.model, self._state, cells.temperature_c
-                )
-            else:
-                self._run(self.model, self._state, np.tile(cells.temperature_c, (count, 1)))
+            self._take(cells)
+        catching_up = self._settled is not None and self._open > max(self._silent)
+        if (completed or catching_up) and not self.awaiting_gap:
+            self._follow(_CELLS_AT_ONCE)
         return completed
 
-    def _start(self, model: DriftModel, cells: list[FloatArray]) -> None:
-        """Start at rest with the cells that have come, each (J,), as ``run_from_rest``."""
-        temperature_c = np.array(cells)
-        soaked = temperature_c[: model.start_cells].mean(axis=0)
-        self._run(model, drift_model.start(model, soaked), temperature_c)
-        self._starting = cells if len(cells) < model.start_cells else None
+    def _take(self, cells: CompletedCells) -> None:
+        """Add completed cells, and judge the gap that they end."""
+        gap = 0 if self._next is None else cells.first_cell - self._next
+        if gap > 0 and self.temperature_c is not None:
+            silent = tuple(each + gap for each in self._silent)
+            held = self.temperature_c
+            self._append(CompletedCells(cells.first_cell - gap, gap, held, silent))
+        gap = min(gap, 0) or min(self._silent)
+        if gap < 0 or (0 in cells.silent and (self._awaited or gap > self._longest)):
+            self._cross(gap)
+        self._append(cells)
 
-    def _run(self, model: DriftModel, state: DriftState, temperature_c: FloatArray) -> None:
-        """Go on from a state through cells, shape (N, J)."""
-        self._state, last = drift_model.run(model, state, temperature_c, last_only=True)
-        self.drift = drift_model.Drift(last.zero[0], last.sensitivity[0])
-
-    def _fill_gap(
-        self, model: DriftModel, memory: ThermalMemory, at_least_s: float, cells: CompletedCells
-    ) -> None:
-        """Take the state over the gap behind a restart, or give it up."""
+    def _cross(self, gap: int) -> None:
+        """Go on over a gap of some cells, or let the model start anew behind it."""
+        period_s = self.grid.period_ns / NANOSECONDS
+        memory, at_least_s = self._awaited or (None, 0.0)
         self._awaited = None
-        temperature_c, self.origin = fill_gap(
-            model, memory, cells.first_cell, cells.temperature_c, at_least_s
-        )
-        self.forgot = temperature_c is None
-        self._starting = None
-        if temperature_c is None:
-            self._state = None
-            self.history = History(self.grid.period_ns, self._history_s)
+        problem = doubt(gap * period_s, self._longest * period_s, at_least_s)
+        if gap > self._longest:
+            self._soak()
+        elif problem:  # what came before is of another time
+            self._forget()
+        if self.model is None or not (problem or memory):
             return
-        self._state = memory.filters
-        if len(temperature_c):
-            self._run(model, memory.filters, temperature_c)
-            for cell in temperature_c:
-                self.history.add(cell, 1)
+        self.forgot = bool(problem)
+        self.origin = (
+            f'the drift goes on from the thermal state saved {gap * period_s:.0f} s before'
+        )
+        if problem:
+            start = 'the drift starts at the steady state of the present temperatures'
+            self.origin = f'{problem}; so {start}'
+
+    def _append(self, cells: CompletedCells) -> None:
+        """Add cells to the history; a thermometer that was heard ends its silence."""
+        self.history.add(cells.temperature_c, cells.measured, cells.count)
+        for thermometer, measured in enumerate(cells.measured):
+            if measured:
+                self.history.bridge(thermometer, self._silent[thermometer])
+        self.temperature_c, self._silent = cells.temperature_c, cells.silent
+        self._next = cells.first_cell + cells.count
+        self.end_ns = self._next * self.grid.period_ns
+        self._open += cells.count
+        self._since_soaked += cells.count
+        if max(self._silent) > self._longest:
+            too_old = max(self._open - self._longest, 0)
+            self._open, self._settled = self._open - too_old, None
+            self._run_open = max(self._run_open - too_old, 0)
+
+    def _follow(self, most: int) -> None:
+        """Run the model up to the last cell, or through some of those before it."""
+        model = self.model
+        if model is None or not self._open or min(self._silent) > most:
+            return
+        cells = self.history.temperature_c[-self._open :]
+        if self.origin == _NOT_YET:
+            self.origin = 'the drift started at the steady state of the first temperatures'
+        settled = self._open - max(self._silent)
+        can_settle = settled >= (model.start_cells if self._settled is None else 1)
+        if self._settled is None and self._open <= model.start_cells:
+            self._run_open = 0  # the mean that it started at has changed
+        if can_settle or not self._run_open:
+            rest = self._settled is None
+            self._state = drift_model.at_rest(model, cells) if rest else self._settled
+        drift = None
+        if can_settle:
+            settled = min(settled, most)
+            drift = self._run(model, cells[:settled])
+            self._settled = self._state
+            self._open, self._run_open = self._open - settled, 0
+            cells, most = cells[settled:], most - settled
+        cells = cells[self._run_open :][:most]
+        if len(cells):
+            drift = self._run(model, cells)
+            self._run_open += len(cells)
+        if drift is not None and self._run_open == self._open:
+            self.drift = drift
+
+    def _run(self, model: DriftModel, temperature_c: FloatArray) -> Drift:
+        """Move the state on through cells, shape (N, J), N > 0; give the drift of the last one."""
+        assert self._state is not None  # noqa: S101 -- for mypy
+        if len(temperature_c) == 1:
+            self._state, drift = drift_model.step(model, self._state, temperature_c[0])
+            return drift
+        self._state, last = drift_model.run(model, self._state, temperature_c, last_only=True)
+        return Drift(last.zero[0], last.sensitivity[0])
 
     def use(self, model: DriftModel | None) -> None:
         """Follow another model, whose state is made from the history; None follows no more."""
@@ -149,25 +244,44 @@ class DriftTracker:
             counted = self.grid.rejected, self.grid.restarts
             self.grid = ThermalGrid(model.period_ns, self._thermometers, self._patience_s)
             self.grid.rejected, self.grid.restarts = counted
-            self.history = History(model.period_ns, self._history_s)
-        self.model, self._state, self._starting, self._awaited = model, None, None, None
+            self._forget()
+        self.model, self._state, self._awaited = model, None, None
+        self._longest = sys.maxsize if model is None else longest_gap_cells(model)
+        self.history.most = self._most_cells()
         self.origin = 'no model is live' if model is None else _NOT_YET
         self.forgot = False
         self.drift = no_drift()
-        if model is not None and self.history.cells:
-            self._start(model, list(self.history.cells))
-            self.origin = (
-                f'the drift was found from {len(self.history.cells)} thermal cells before'
-            )
+        self._soak()
+        if model is not None and len(self.history):
+            begin, _ = starts(self.history.measured, self._longest)[-1]
+            self._open = self._since_soaked = len(self.history) - begin
+            self.origin = f'the drift was found from {self._open} thermal cells before'
+            self._follow(self._open)
 
-    def memory(self, compensation: drift_model.Drift) -> ThermalMemory | None:
+    def memory(self, compensation: Drift) -> ThermalMemory | None:
         """Tell, once there is a state, what a restarted stream needs to go on and subtract."""
         if self._awaited is not None:
             return self._awaited[0]
         if self._state is None or self.temperature_c is None:
             return None
-        known = self.end_ns, self.grid.period_ns, self.temperature_c, self._state
-        return ThermalMemory(*known, compensation, self.history.means())
+        # Cells at the end in which nothing was heard are a gap to the stream that goes on.
+        unheard, period_ns = min(self._silent), self.grid.period_ns
+        cells = self.history.temperature_c[-self._since_soaked :]
+        cells = cells[: max(len(cells) - unheard, 0)]
+        end = len(cells) - max(self._open - unheard, 0)
+        open_cells = None
+        if end < len(cells):
+            open_cells = OpenCells(
+                self._settled is None,
+                tuple(silent - unheard for silent in self._silent),
+                blocks_of(cells[end:], -(-(len(cells) - end) // _MOST_OPEN_BLOCKS)),
+            )
+        history = blocks_of(cells[:end], max(round(SPAN_S * NANOSECONDS / period_ns), 1))
+        filters = self._state if self._settled is None else self._settled
+        stamps = self.end_ns - unheard * period_ns, period_ns
+        return ThermalMemory(
+            *stamps, self.temperature_c, filters, compensation, history, open_cells
+        )
 
     def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
         """Go on from what another stream left, as if its last temperature had been held."""
@@ -178,12 +292,21 @@ class DriftTracker:
             return
         self._awaited = memory, at_least_s
         self.timestamp_filter.expect(memory.end_ns)
-        # A model that is swapped in before the first temperature starts from these, too.
-        for temperature_c, count in memory.history:
-            self.history.add(temperature_c, count)
+        later = memory.open_cells or OpenCells(False, self._silent, ())
+        for temperature_c, count in (*memory.history, *later.blocks):
+            self.history.add(temperature_c, (True,) * self._thermometers, count)
+        self._open = sum(count for _, count in later.blocks)
+        self._settled = None if later.from_rest else memory.filters
+        self._silent, self._since_soaked = later.silent, len(self.history)
+        self._next = memory.end_ns // memory.period_ns
+        self.grid.go_on(self._next, memory.temperature_c.tolist(), later.silent)
         self.temperature_c, self.end_ns = memory.temperature_c, memory.end_ns
-        self._state, self.drift, self._starting = memory.filters, memory.compensation, None
+        self._state = memory.filters
+        self._follow(self._open)
+        self.drift = memory.compensation
         cells = round(at_least_s * NANOSECONDS / memory.period_ns)
         if cells > 0:
-            self._run(self.model, memory.filters, np.tile(memory.temperature_c, (cells, 1)))
+            held = np.tile(memory.temperature_c, (cells, 1))
+            ended = drift_model.run(self.model, self._state, held, last_only=True)[1]
+            self.drift = Drift(ended.zero[0], ended.sensitivity[0])
         self.origin = 'the drift saved before the restart is held until a temperature comes'

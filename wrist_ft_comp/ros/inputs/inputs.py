@@ -11,7 +11,6 @@ from sensor_msgs.msg import Temperature
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.cdr import locate, TEMPERATURE_DOUBLES, WRENCH, WRENCH_DOUBLES
 from wrist_ft_comp.model.signals import is_plausible
-from wrist_ft_comp.model.stream_grid import CompletedCells
 from wrist_ft_comp.model.temperature_source import TemperatureSource
 from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.gravity.part import Gravity
@@ -25,6 +24,7 @@ from wrist_ft_comp.ros.live_model import LiveModel
 from wrist_ft_comp.ros.node_log import Status
 from wrist_ft_comp.ros.state_keeper import StateKeeper
 from wrist_ft_comp.stream.compensator import Compensator, Wrench
+from wrist_ft_comp.stream.stream_grid import CompletedCells
 
 #: The newest raw wrench: stamp, ns, six numbers, N and N m, and the message's bytes.
 Newest = tuple[int, Sequence[float], bytes]

@@ -7,10 +7,10 @@ from typing import Any, Protocol
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.model.signals import SensorNames
-from wrist_ft_comp.model.stream_grid import CompletedCells
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
 from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.stream_grid import CompletedCells
 
 #: Ends every sentence of a disk that refuses.
 REMEDY = 'Make room or choose another data_directory'

@@ -10,7 +10,8 @@ import pytest
 
 from wrist_ft_comp.model.batch_grid import grid_samples
 from wrist_ft_comp.model.signals import Samples, temperature_channel
-from wrist_ft_comp.model.stream_grid import ThermalGrid
+from wrist_ft_comp.stream.drift_tracker import DriftTracker
+from wrist_ft_comp.stream.stream_grid import ThermalGrid
 
 SECOND = 1_000_000_000
 FOREVER_S = 1e6
@@ -54,8 +55,8 @@ def streams(draw):
 @given(drawn=streams())
 def test_the_stream_gives_what_the_batch_gives(drawn):
     thermometers, stream = drawn
-    grid = ThermalGrid(SECOND, thermometers, FOREVER_S)
-    completed = feed(grid, stream)
+    tracker = DriftTracker(thermometers, SECOND, FOREVER_S, 1000.0)
+    grid, completed = tracker.grid, feed(tracker, stream)
     usable = [
         [s for s in stream if s[0] == j and math.isfinite(s[2]) and s[2] != 1e6]
         for j in range(thermometers)
@@ -79,11 +80,15 @@ def test_the_stream_gives_what_the_batch_gives(drawn):
     if ready <= 0:
         assert not completed
         return
-    temperature_c, measured = dense(completed)
+    held_c, measured = dense(completed)
     assert completed[0].first_cell == batch.first_cell
-    assert len(temperature_c) == ready
-    np.testing.assert_allclose(temperature_c, batch.temperature_c[:ready], atol=1e-10)
+    assert len(held_c) == ready
     np.testing.assert_array_equal(measured, batch.measured[:ready])
+    np.testing.assert_allclose(held_c[measured], batch.temperature_c[:ready][measured], atol=1e-10)
+    # On a line as far as its end has come.
+    ended = ready - max(completed[-1].silent)
+    bridged_c = tracker.history.temperature_c[: max(ended, 0)]
+    np.testing.assert_allclose(bridged_c, batch.temperature_c[: len(bridged_c)], atol=1e-10)
 
 
 @settings(deadline=None, max_examples=200, derandomize=True)

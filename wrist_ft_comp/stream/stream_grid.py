@@ -1,11 +1,13 @@
 """
 The thermal grid as a stream: samples of several thermometers in, completed cells out.
 
-It gives the temperatures that GridBuilder gives for the same samples. A cell is complete when
-every thermometer has delivered a later one, or when the others are ahead of a silent one by more
-than the patience. Time comes in with the samples.
+It gives the temperatures that GridBuilder gives for the same samples, but holds the last one in
+cells where a thermometer is not heard. A cell is complete when every thermometer has delivered a
+later one, or when the others are ahead of a silent one by more than the patience. Time comes in
+with the samples.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
@@ -23,8 +25,13 @@ class CompletedCells:
     count: int
     #: Mean or held temperatures, °C, shape (J,).
     temperature_c: FloatArray
-    #: Which thermometers had a sample of their own.
-    measured: tuple[bool, ...]
+    #: For how many cells, counted from the last one, each thermometer had no sample of its own.
+    silent: tuple[int, ...]
+
+    @property
+    def measured(self) -> tuple[bool, ...]:
+        """Which thermometers had a sample of their own."""
+        return tuple(cells == 0 for cells in self.silent)
 
 
 class ThermalGrid:
@@ -37,6 +44,8 @@ class ThermalGrid:
         self._thermometers = thermometers
         self._patience = max(1, math.ceil(patience_s * 1e9 / period_ns))
         self._held: list[float] = [math.nan] * thermometers
+        #: The cells that the held values were measured in.
+        self._held_from = [0] * thermometers
         self._begin()
 
     def _begin(self) -> None:
@@ -50,6 +59,14 @@ class ThermalGrid:
         #: Sums and counts by cell.
         self._open: dict[int, tuple[list[float], list[int]]] = {}
 
+    def go_on(self, cell: int, held_c: Sequence[float], silent: Sequence[int]) -> None:
+        """Go on at a cell, with J held temperatures, °C, that many cells after they were taken."""
+        self._begin()
+        self._next, self._held = cell, list(held_c)
+        self._held_from = [cell - 1 - cells for cells in silent]
+        self._latest = [cell - 1] * self._thermometers
+        self._last_stamp_ns = [cell * self.period_ns - 1] * self._thermometers
+
     def add(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[CompletedCells]:
         """Take a sample of a thermometer, from 0; give the cells that it completed."""
         if not math.isfinite(temperature_c):
@@ -62,7 +79,10 @@ class ThermalGrid:
                 self.rejected += 1
                 return []
             self.restarts += 1
-            self._begin()
+            if self._next is None:
+                self._begin()
+            else:
+                self.go_on(cell, self._held, self._silent(self._next))
         self._last_stamp_ns[thermometer] = stamp_ns
         if self._next is not None and cell < self._next:
             self.rejected += 1
@@ -98,9 +118,8 @@ class ThermalGrid:
         for cell in sorted(cell for cell in self._open if cell < end):
             if cell > self._next:
                 done.append(self._emit(cell))
-            sums, counts = self._open.pop(cell)
-            self._hold(sums, counts)
-            done.append(self._emit(cell + 1, tuple(count > 0 for count in counts)))
+            self._hold(cell)
+            done.append(self._emit(cell + 1))
         if end > self._next:
             done.append(self._emit(end))
         return done
@@ -109,22 +128,24 @@ class ThermalGrid:
         """Keep only the values of cells that will not be emitted."""
         self._forgotten = end if self._forgotten is None else max(end, self._forgotten)
         for cell in sorted(cell for cell in self._open if cell < self._forgotten):
-            self._hold(*self._open.pop(cell))
+            self._hold(cell)
 
-    def _hold(self, sums: list[float], counts: list[int]) -> None:
-        """Make a cell's means the held values."""
+    def _hold(self, cell: int) -> None:
+        """Make the means of an open cell the held values."""
+        sums, counts = self._open.pop(cell)
         for j, count in enumerate(counts):
             if count:
-                self._held[j] = sums[j] / count
+                self._held[j], self._held_from[j] = sums[j] / count, cell
 
-    def _emit(self, end: int, measured: tuple[bool, ...] | None = None) -> CompletedCells:
+    def _silent(self, end: int) -> tuple[int, ...]:
+        """Count the cells before an end since each held value was measured."""
+        return tuple(end - 1 - cell for cell in self._held_from)
+
+    def _emit(self, end: int) -> CompletedCells:
         """Emit the cells up to end with the values that are held now."""
         assert self._next is not None  # noqa: S101 -- set before anything is emitted
         cells = CompletedCells(
-            self._next,
-            end - self._next,
-            np.array(self._held),
-            measured or (False,) * self._thermometers,
+            self._next, end - self._next, np.array(self._held), self._silent(end)
         )
         self._next = end
         return cells

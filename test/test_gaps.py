@@ -1,0 +1,202 @@
+"""One rule for every gap: who lived through it, who was restarted and who reads the file agree."""
+
+import csv
+from itertools import pairwise
+
+from hypothesis import assume, given, HealthCheck, Phase, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from wrist_ft_comp.calibration.result import AxisFit, Calibration
+from wrist_ft_comp.cli.main import main
+from wrist_ft_comp.files.model_file import load_model, save_model
+from wrist_ft_comp.files.state_file import load_state, save_state, SavedState
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+
+SECOND = 1_000_000_000
+START = 1_700_000_000
+Z = 2
+#: The output follows the model at once, so that it can be compared.
+FOLLOWS = StreamSettings(temperature_timeout_s=10.0, max_drift_n=1e6, max_drift_rate_n_s=1e6)
+
+
+@pytest.fixture(scope='module')
+def write_model(make_model, tmp_path_factory):
+    """Write a model of two thermometers, force z, with a time constant, s."""
+
+    def write(time_constant_s):
+        model = make_model({'force_z': (2.0, 0.0, time_constant_s)}, thermometers=2)
+        fits = {'force_z': AxisFit(model.axes['force_z'], 'by hand', (), 1.0, 0.1, (1.0,))}
+        path = tmp_path_factory.mktemp('gaps') / 'model.yaml'
+        ranges = np.tile((-50.0, 150.0), (2, 1))
+        save_model(path, Calibration(model, fits, ranges, 3600.0, ()), {})
+        return path
+
+    return write
+
+
+@pytest.fixture(scope='module')
+def hasty(write_model):
+    """The least memory there is: a minute."""
+    return write_model(15.0)
+
+
+@st.composite
+def days(draw):
+    """Thermometers heard by cell, one sample in each: a list of (cell, temperatures or None)."""
+    cell, rows, rng = 0, [], np.random.default_rng(draw(st.integers(0, 99)))
+    stretch = st.tuples(
+        st.sampled_from(['both', 'both', 'first', 'second', 'slow', 'jump']), st.integers(2, 100)
+    )
+    for kind, cells in [
+        ('both', 3),
+        *draw(st.lists(stretch, min_size=1, max_size=7)),
+        ('both', 6),
+    ]:
+        # Two that follow each other tell that time did leap.
+        if kind == 'jump':
+            cell += draw(st.sampled_from([3, 20, 59, 60, 61, 200, 5000]))
+            continue
+        for k in range(cells):
+            heard = [kind != 'second', kind != 'first']
+            if kind == 'slow' and k % 7:
+                heard = [False, not k % 3]
+            celsius = rng.uniform(15.0, 45.0, 2).tolist()
+            rows.append((cell, [c if h else None for c, h in zip(celsius, heard, strict=True)]))
+            cell += 1
+    return rows
+
+
+class Life:
+    """A stream that is fed and may be killed; the drift of the cells that are settled."""
+
+    def __init__(self, model, folder):
+        self.model, self.folder = model, folder
+        self.compensator = Compensator(2, FOLLOWS, model)
+        self.drift = {}
+        self.seen = []
+
+    def feed(self, rows):
+        for cell, celsius in rows:
+            for thermometer, value in enumerate(celsius):
+                if value is not None:
+                    stamp = (START + cell) * SECOND + SECOND // 2
+                    self.compensator.add_temperature(thermometer, stamp, value)
+            self.seen.append((cell, celsius))
+            memory, tracker = self.compensator.memory(), self.compensator.tracker
+            if memory and memory.open_cells is None and memory.end_ns == tracker.end_ns:
+                last = tracker.end_ns // SECOND - START - 1
+                self.drift[last] = self.compensator.compensation.zero[Z]
+
+    def restart(self):
+        """Go on from the file of the state; what was in no completed cell is lost."""
+        memory = self.compensator.memory()
+        if memory is None:
+            return
+        path = self.folder / 'state.json'
+        save_state(path, SavedState(0, None, np.zeros(6), memory))
+        self.compensator = Compensator(2, FOLLOWS, self.model)
+        self.compensator.resume(load_state(path).thermal, 0.0)
+        self.seen = [row for row in self.seen if (START + row[0]) * SECOND < memory.end_ns]
+
+
+def compensated(model_path, rows, folder):
+    """Let the command read a file with these temperatures; the drift of force z by cell."""
+    # The drift of a cell is reached at the end of the next one.
+    wrenches = {cell + 2: None for cell, _ in rows}
+    lines = [(cell + 0.5, '', *celsius) for cell, celsius in rows]
+    lines += [(cell, '0.0', '', '') for cell in wrenches]
+    path, out = folder / 'day.csv', folder / 'out.csv'
+    out.unlink(missing_ok=True)
+    with path.open('w', newline='') as file:
+        writer = csv.writer(file)
+        writer.writerow(['stamp_s', 'force_z', 'temperature_c', 'temperature_2_c'])
+        writer.writerows((START + second, *rest) for second, *rest in sorted(lines))
+    assert main(['compensate', str(model_path), str(path), '-o', str(out)]) == 0
+    with out.open(newline='') as file:
+        written = [row for row in csv.DictReader(file) if row['force_z']]
+    return {round(float(row['stamp_s'])) - START - 2: -float(row['force_z']) for row in written}
+
+
+@settings(
+    deadline=None,
+    max_examples=25,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+    phases=[Phase.generate],  # to make an example smaller takes minutes
+)
+@given(rows=days(), kills=st.lists(st.integers(3, 400), max_size=3))
+def test_living_restarted_and_file_give_the_same_drift(hasty, tmp_path, rows, kills):
+    """Wherever both thermometers measured: within a gap a file alone knows the end of the line."""
+    model = load_model(hasty).model
+    killed, lived = (Life(model, tmp_path) for _ in range(2))
+    kills = sorted(each for each in kills if each < len(rows) - 5)
+    for begin, end in pairwise([0, *kills, len(rows)]):
+        killed.feed(rows[begin:end])
+        if end in kills:
+            killed.restart()
+    lived.feed(killed.seen)
+    tracker = lived.compensator.tracker
+    # A lone sample behind a leap is not believed, live; a file cannot know.
+    assume(not tracker.grid.rejected and not tracker.timestamp_filter.strays)
+    read = compensated(hasty, killed.seen, tmp_path)
+    last = rows[-1][0] - 1
+    assert last in lived.drift
+    assert last in killed.drift
+    for cell in lived.drift:
+        assert read[cell] == pytest.approx(lived.drift[cell], abs=1e-9)
+    for cell in lived.drift.keys() & killed.drift.keys():
+        assert killed.drift[cell] == pytest.approx(lived.drift[cell], abs=1e-9)
+
+
+@pytest.mark.parametrize('hours', [0.45, 1, 8])
+def test_a_night_of_silence_leaves_nothing_of_the_evening(write_model, tmp_path, hours):
+    """Soaked at 40 °C, then silent while it cools to 22 °C: on a line, or soaked there."""
+    path, silent = write_model(600.0), round(hours * 3600)
+    evening = [(cell, [40.0, 40.0]) for cell in range(100)]
+    morning = [(100 + silent + cell, [22.0, 22.0]) for cell in range(700)]
+    lived, killed = (Life(load_model(path).model, tmp_path) for _ in range(2))
+    killed.feed(evening)
+    killed.restart()
+    killed.feed(morning)
+    lived.feed(killed.seen)
+    read = compensated(path, killed.seen, tmp_path)
+    pole, heat = np.exp(-1 / 600), 20.0
+    line = np.linspace(40.0, 22.0, silent + 3)[1:] if hours < 0.5 else np.full(10**5, 22.0)
+    for celsius in line:
+        heat = pole * heat + (1 - pole) * (celsius - 20.0)
+    for drift in (lived.drift, killed.drift, read):
+        assert drift[100 + silent] == pytest.approx(2.0 * heat, abs=1e-9)
+        assert drift[700 + silent] == pytest.approx(read[700 + silent], abs=1e-9)
+
+
+@pytest.mark.parametrize('adopted', ['before', 'after'])
+def test_a_model_adopted_in_the_morning_knows_of_the_night(write_model, tmp_path, adopted):
+    """The history that it starts from holds no evening that was held over the night."""
+    one, other = (load_model(write_model(tau)).model for tau in (900.0, 600.0))
+    lived = Life(one, tmp_path)
+    lived.feed([(cell, [40.0, 40.0]) for cell in range(100)])
+    if adopted == 'before':
+        lived.compensator.go_live(other)
+    lived.feed([(20_000 + cell, [22.0, 22.0]) for cell in range(20)])
+    if adopted == 'after':
+        lived.compensator.go_live(other)
+    assert lived.compensator.compensation.zero[Z] == pytest.approx(4.0, abs=1e-9)
+
+
+@pytest.mark.parametrize('back', [30, 100, 10_000])
+def test_a_clock_that_is_set_back_is_lived_through_as_it_is_restarted_over(hasty, tmp_path, back):
+    """A file cannot hold it: stamps that do not increase are dropped."""
+    killed, lived = (Life(load_model(hasty).model, tmp_path) for _ in range(2))
+    evening = [(20_000 + cell, [20.0 + cell / 10, 30.0]) for cell in range(100)]
+    morning = [(20_100 - back + cell, [35.0, 31.0]) for cell in range(30)]
+    for life in (killed, lived):
+        life.feed(evening)
+    killed.restart()
+    for life in (killed, lived):
+        life.drift.clear()
+        life.feed(morning)
+    assert killed.drift == pytest.approx(lived.drift, abs=1e-9)
+    assert len(lived.drift) > 20
+    assert lived.compensator.tracker.forgot == (back > 60)
