@@ -13,6 +13,7 @@ from wrist_ft_comp.calibration.payload.cells import cut
 from wrist_ft_comp.calibration.payload.separation import separate, separate_again
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.model.offline import simulate_drift
 
 PLS = IdentificationSettings(method='pls')
 AT_WORK = CalibrationSettings('payload', identification=PLS)
@@ -35,13 +36,13 @@ def learnt(days):
     return calibrate(days, AT_WORK)
 
 
-def test_medians_leave_out_what_is_not_usable():
+def testmedians_leave_out_what_is_not_usable():
     rng = np.random.default_rng(0)
     wrench = rng.standard_normal((9, 14, 6))
     for unknown, block in enumerate(wrench[1:], start=1):
         block[rng.permutation(14)[:unknown]] = np.nan
     wrench[0] = np.nan
-    medians = states._medians(wrench)
+    medians = states.medians(wrench)
     np.testing.assert_array_equal(medians[1:], np.nanmedian(wrench[1:], axis=1))
     assert not medians[0].any()
 
@@ -170,7 +171,8 @@ class TestDrift:
         pressed = (cells >= 700) & (cells < 850)
         force = np.array([10, 10, 10, 1, 1, 1]) * pressed[:, None]
         model = calibrate(plain, AT_WORK).model
-        again = separate_again(separate([replace(day, wrench=day.wrench + force)]), model)
+        rough = separate([replace(day, wrench=day.wrench + force)])
+        again = separate_again(rough, [simulate_drift(model, day).zero])
         assert again.steps == [[]]
         assert not np.isfinite(again.drift[0].wrench[pressed]).any()
         assert np.isfinite(again.drift[0].wrench[~pressed]).mean() > 0.6

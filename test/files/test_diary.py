@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.calibration.learning.entry import DayEntry, Decision, Diary, NONE
-from wrist_ft_comp.files.days.diary import days, diary_path, load_diary, prune, save_diary
+from wrist_ft_comp.files.days.day_files import days
+from wrist_ft_comp.files.days.diary import diary_path, load_diary, prune, save_diary
 
 DAY = DayEntry(
-    name='day_20260101T060000Z.csv',
+    name='day_00001.csv',
     first_ns=1_767_247_200_000_000_000,
     hours=2.5,
     temperature_c=((20.0, 31.5), (18.0, 25.0)),
@@ -26,7 +27,9 @@ DAY = DayEntry(
 
 
 def test_a_diary_comes_back_as_it_was_written(tmp_path):
-    diary = Diary((DAY, DayEntry('day_2.csv')), (Decision(DAY.name, 'Learnt.'),), 'It was hit.')
+    diary = Diary(
+        (DAY, DayEntry('day_00002.csv')), (Decision(DAY.name, 'Learnt.'),), 'It was hit.'
+    )
     save_diary(tmp_path, diary)
     again = load_diary(tmp_path)
     assert repr(again.days[0]) == repr(replace(DAY, left=dict(DAY.left)))
@@ -45,19 +48,19 @@ def test_a_broken_diary_is_begun_anew(tmp_path, content):
 
 
 def test_a_year_is_small_and_three_are_the_most(tmp_path):
-    many = [replace(DAY, name=f'day_{n}') for n in range(1200)]
+    many = [replace(DAY, name=f'day_{n:05d}.csv') for n in range(1, 1201)]
     save_diary(tmp_path, Diary(tuple(many)))
     again = load_diary(tmp_path)
-    assert [again.days[0].name, again.days[-1].name] == ['day_200', 'day_1199']
+    assert [again.days[0].name, again.days[-1].name] == ['day_00201.csv', 'day_01200.csv']
     assert diary_path(tmp_path).stat().st_size < 5e6
 
 
-def test_days_are_listed_oldest_first(tmp_path):
+def test_days_are_listed_oldest_first_and_a_person_s_day_1_is_none(tmp_path):
     assert days(tmp_path) == []
     (tmp_path / 'days').mkdir()
-    for name in ('day_20260102T000000Z.csv', 'day_20251231T000000Z.csv', 'diary.json'):
+    for name in ('day_00010.csv', 'day_00009.csv', 'day_1.csv', 'day_00011.csv~', 'diary.json'):
         (tmp_path / 'days' / name).touch()
-    assert [each.name[4:12] for each in days(tmp_path)] == ['20251231', '20260102']
+    assert [each.name for each in days(tmp_path)] == ['day_00009.csv', 'day_00010.csv']
 
 
 def recorded(folder, sizes):
@@ -69,22 +72,27 @@ def recorded(folder, sizes):
 
 
 def test_no_more_days_are_kept_than_are_asked_for_and_the_newest_always(tmp_path):
-    diary = recorded(tmp_path, {f'day_{n}.csv': 10 for n in range(6)})
+    diary = recorded(tmp_path, {f'day_0000{n}.csv': 10 for n in range(1, 7)})
     unique = replace(diary.days[0], known=frozenset({(99, 0)}))
     diary = replace(diary, days=(unique, *diary.days[1:]))
-    assert prune(tmp_path, diary, 3, 500.0) == ['day_0.csv', 'day_4.csv', 'day_5.csv']
-    assert [path.name for path in days(tmp_path)] == ['day_0.csv', 'day_4.csv', 'day_5.csv']
-    assert prune(tmp_path, diary, 1, 500.0) == ['day_5.csv']
+    assert prune(tmp_path, diary, 3, 500.0) == ['day_00001.csv', 'day_00005.csv', 'day_00006.csv']
+    assert [path.name for path in days(tmp_path)] == [
+        'day_00001.csv',
+        'day_00005.csv',
+        'day_00006.csv',
+    ]
+    assert prune(tmp_path, diary, 1, 500.0) == ['day_00006.csv']
 
 
 def test_bytes_are_bounded_with_room_for_another_day(tmp_path):
-    diary = recorded(tmp_path, {f'day_{n}.csv': 1_000_000 for n in range(6)})
+    diary = recorded(tmp_path, {f'day_0000{n}.csv': 1_000_000 for n in range(1, 7)})
     assert len(prune(tmp_path, diary, 30, 16.1)) == 6
     assert len(prune(tmp_path, diary, 30, 13.5)) == 3
-    assert prune(tmp_path, diary, 30, 1.0) == ['day_5.csv']
+    assert prune(tmp_path, diary, 30, 11.5) == ['day_00006.csv']
+    assert prune(tmp_path, diary, 30, 10.5) == [], 'a day larger than its room stops nothing'
 
 
 def test_a_recording_that_nobody_judged_stays(tmp_path):
-    diary = recorded(tmp_path, {'day_1.csv': 10, 'day_2.csv': 10})
+    diary = recorded(tmp_path, {'day_00001.csv': 10, 'day_00002.csv': 10})
     assert prune(tmp_path, replace(diary, days=diary.days[:1]), 1, 500.0) == [
-        'day_1.csv', 'day_2.csv']  # fmt: skip
+        'day_00001.csv', 'day_00002.csv']  # fmt: skip

@@ -9,14 +9,14 @@ import textwrap
 import numpy as np
 
 from wrist_ft_comp.calibration.chamber import ChamberFigures, FIGURE_TITLES
-from wrist_ft_comp.calibration.learning.entry import Diary
+from wrist_ft_comp.calibration.learning.entry import Diary, forces_left
 from wrist_ft_comp.files.days.memory import Memory
 from wrist_ft_comp.files.payload_file import payload_figures
 from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.model.payload.weight import Payload
 from wrist_ft_comp.model.ranges import rounded
 from wrist_ft_comp.model.signals import Recording
-from wrist_ft_comp.report.days import date_of, forces_left, known_temperatures
+from wrist_ft_comp.report.days import date_of, known_temperatures
 from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
 
 #: Columns of a terminal that nobody has made wider.
@@ -64,7 +64,7 @@ def days_text(directory: Path, diary: Diary, memory: Memory) -> str:
         for j, each in enumerate(known_temperatures(diary), start=1)
     )
     lines = [
-        *(f'{each.name}: {each.incident or each.verdict or "nothing new"}' for each in days),
+        *(f'{each.name}: {each.incident or each.verdict}' for each in days),
         *(f'after {each.day}: {each.sentence}' for each in diary.decisions[-5:]),
         f'last change: {memory.change or "none yet"}',
         f'known temperatures: {"; ".join(known) or "none yet"}',

@@ -24,6 +24,8 @@ _SUFFIX = '.wrist_ft_comp.tmp'
 _ABANDONED_S = 60.0
 #: Longest sentence that is quoted from the schema's checker.
 _QUOTED = 200
+#: Levels of brackets that no file of ours has.
+_DEEPEST = 30
 #: In so much of a file it says what it is, bytes.
 _BEGINNING = 4096
 #: Endings of names that promise a content; a new file of another content gets none of them.
@@ -99,9 +101,32 @@ def tuples(value: Any) -> Any:
     return tuple(tuples(each) for each in value) if isinstance(value, list) else value
 
 
-def _refuse_constant(name: str) -> None:
+def parse_json(text: str | bytes) -> Any:
+    """Read JSON that is no deeper and has no longer integers than files have; else ValueError."""
+    try:
+        value = json.loads(text, parse_constant=_refuse, parse_int=_integer)
+    except RecursionError as error:
+        raise ValueError('it is nested too deep') from error
+    depth, level = 0, [value]
+    while level := [item for item in level if isinstance(item, (dict, list))]:
+        depth += 1
+        if depth > _DEEPEST:
+            raise ValueError('it is nested too deep')
+        level = [v for item in level for v in (item.values() if isinstance(item, dict) else item)]
+    return value
+
+
+def _refuse(name: str) -> None:
     """Refuse NaN and infinities, which Python's JSON would take."""
     raise ValueError(f'{name} stands in it')
+
+
+def _integer(digits: str) -> int:
+    """Read an integer that fits 64 bits."""
+    value = int(digits)
+    if abs(value) >= 1 << 63:
+        raise ValueError(f'an integer of {len(digits)} digits stands in it')
+    return value
 
 
 def beginning(path: Path) -> str:
@@ -234,8 +259,8 @@ class Kind(Output):
         if not path.exists():
             return None
         try:
-            document: Document = json.loads(self.read(path), parse_constant=_refuse_constant)
-        except (ValueError, RecursionError) as error:
+            document: Document = parse_json(self.read(path))
+        except ValueError as error:
             raise self.error(
                 f'{path} is not a {self.name}: expected JSON, but {error}.'
             ) from error

@@ -12,8 +12,6 @@ from wrist_ft_comp.model.signals import Topics
 
 #: Argument of the program: end when standard input is closed.
 UNTIL_CLOSED = '--until-closed'
-#: Part of what a learning job says that has to be asked again later.
-ANOTHER_LEARNS = 'another sensor is learning'
 
 
 @dataclass(frozen=True)

@@ -7,23 +7,28 @@ Where a node keeps what it made: models, own recordings, and which model is acti
                                      which model the operator gave at the last start
     <directory>/state.json           thermal state and tare, for a restart (state_file.py)
     <directory>/days/, learning.json  of a node that learns by itself (days/)
+    <directory>/lock                 held by the node that keeps its files here
 """
 
 from contextlib import suppress
 from datetime import datetime, timezone
+import fcntl
 import json
 import os
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
+from weakref import finalize
 
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.files.documents import Output, remove_leftovers
+from wrist_ft_comp.files.documents import Output, parse_json, remove_leftovers
 
 #: How many steps back ``previous`` can go.
 MAX_HISTORY = 20
 #: How many of the node's own recordings a calibration uses.
 MAX_RECORDINGS = 10
+#: Most bytes that are quoted of who holds the folder.
+_HOLDER = 200
 #: A list of MAX_HISTORY paths is shorter.
 _MAX_LIST_CHARACTERS = 200_000
 _LIST = Output(
@@ -38,6 +43,7 @@ class ModelStore:
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
+        self._lock: finalize[..., ModelStore] | None = None
 
     def new_model_path(self) -> Path:
         """Name a new model file after the present time (UTC)."""
@@ -93,11 +99,13 @@ class ModelStore:
         """Read the list; a bare one was written before there was a ``given``."""
         path = self.directory / 'active.json'
         try:
+            if path.exists() and not path.is_file():
+                raise ValueError('it is no regular file')  # a pipe would never be read
             with path.open(encoding='utf-8') as file:
-                content = json.loads(file.read(_MAX_LIST_CHARACTERS))
+                content = parse_json(file.read(_MAX_LIST_CHARACTERS))
         except FileNotFoundError:
             return {'history': [], 'given': ''}
-        except (OSError, ValueError, RecursionError) as error:
+        except (OSError, ValueError) as error:
             raise ModelFileError(
                 f'{path} cannot be read ({error}). Remove it and set model_file.'
             ) from error
@@ -135,9 +143,34 @@ class ModelStore:
             )
 
     def sweep(self) -> int:
-        """Remove what killed processes left half-written; says how many files."""
+        """Take the folder, and remove what killed processes left half-written: how many files."""
+        if self._lock is None:
+            self._take()
         folders = (self.directory, self.directory / 'models', self.directory / 'days')
         return sum(remove_leftovers(folder) for folder in folders)
+
+    def release(self) -> None:
+        """Leave the folder to others."""
+        if self._lock is not None:
+            self._lock()
+
+    def _take(self) -> None:
+        """Keep other nodes out until the release or the end of the process, or SettingsError."""
+        # A disk that cannot be written or locked is no hindrance; check_writable speaks of it.
+        with suppress(OSError):
+            self.directory.mkdir(parents=True, exist_ok=True)
+            lock = os.open(self.directory / 'lock', os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o644)
+            self._lock = finalize(self, os.close, lock)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                holder = os.read(lock, _HOLDER).decode(errors='replace').strip()
+                raise SettingsError(
+                    f'{self.directory} is in use by another node ({holder}). Give this one a '
+                    'data_directory of its own, or end the other one.'
+                ) from error
+            os.truncate(lock, 0)
+            os.write(lock, f'process {os.getpid()} on {os.uname().nodename}\n'.encode())
 
     def _written(self, path: Path) -> str:
         """Spell a path so that the folder can be moved."""

@@ -164,7 +164,8 @@ class GridBuilder:
             missing = temperature_channel(next(j for j in range(101) if j not in numbers))
             raise RecordingError(
                 f'{self._name} holds no usable {missing}. Expected a sample in at least one '
-                'thermal cell; record the temperature beside the wrench.'
+                'thermal cell; record the temperature beside the wrench. A node keeps none before '
+                'all of its thermometers have reported.'
             )
         return len(numbers)
 

@@ -1,21 +1,10 @@
-"""What a diary says of its days: the drift of each, what models left of it, what was seen."""
+"""What a diary says of its days: when they were, and which temperatures they saw."""
 
 from collections.abc import Iterable
 from datetime import datetime, timezone
 
-import numpy as np
-
-from wrist_ft_comp.calibration.learning.entry import CHALLENGER, DayEntry, Diary, NONE
-from wrist_ft_comp.model.signals import FloatArray, NANOSECONDS
-
-
-def forces_left(entry: DayEntry) -> FloatArray:
-    """Give RMS of a force, N, without a model, with the live one and the challenger; or NaN."""
-    found = []
-    for model in (NONE, entry.live, CHALLENGER):
-        known = [value for value in entry.left.get(model, ())[:3] if not np.isnan(value)]
-        found.append(np.sqrt(np.mean(np.square(known))) if known else np.nan)
-    return np.array(found)
+from wrist_ft_comp.calibration.learning.entry import DayEntry, Diary
+from wrist_ft_comp.model.signals import NANOSECONDS
 
 
 def date_of(entry: DayEntry) -> str:

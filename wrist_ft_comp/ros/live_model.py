@@ -67,6 +67,11 @@ class LiveModel(Part):
             self._swap(self.stored.model)
             self._announce(self.stored)
 
+    def end(self) -> bool:
+        """Leave the folder to other nodes."""
+        self._store.release()
+        return False
+
     def statuses(self) -> Iterator[Status]:
         """Tell which model is live."""
         stored, saved = self.stored, self._writer

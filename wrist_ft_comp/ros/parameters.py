@@ -125,6 +125,8 @@ def converted(row: Parameter, value: Any) -> Value:
 
 def _converted_scalar(row: Parameter, value: Any) -> Any:
     """Convert and check a scalar, or one element of an array."""
+    if type(value) is bool and 'off' in row.choices:  # YAML reads off and on as truth values
+        value = 'on' if value else 'off'
     if row.element_type is float and type(value) is int:
         value = float(value)
     fits = type(value) is row.element_type

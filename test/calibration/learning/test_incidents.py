@@ -53,6 +53,7 @@ def test_a_weight_that_is_lost_on_two_days_is_another_gain(looked, before):
 def test_a_thermometer_that_says_nothing_is_silent(looked, before):
     day = looked(9, stopped=True)
     recording = replace(day.recording, measured=np.array([True, False]) & day.recording.measured)
+    recording.measured[0] = True
     assert 'was silent' in incident(replace(day, recording=recording), describe(day), before)[1]
 
 

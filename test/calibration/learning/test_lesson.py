@@ -1,4 +1,5 @@
 from dataclasses import replace
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
@@ -56,7 +57,7 @@ def test_a_challenger_wins_where_there_is_no_model(look):
     assert lesson.days == (NAMES[1], NAMES[2], NAMES[3])
     assert lesson.better.settings.reference == 'payload'
     assert [round(each.mass_kg, 1) for each in lesson.better.payloads.payloads.values()] == [1.5]
-    assert 'was better' in lesson.entry.verdict
+    assert 'It is better' in lesson.entry.verdict
 
 
 def test_a_challenger_wins_over_a_bad_champion_and_loses_to_a_good_one(look, good, bad):
@@ -75,8 +76,8 @@ def test_days_that_a_person_decided_after_are_no_evidence(look, bad):
         take(NAMES[3], look, past(look, champion, 1, 2), champion, NAMES, since, QUICK)
         for since in ('', NAMES[2])
     ]
-    assert 'on 3 days' in verdicts[0].entry.verdict
-    assert 'on 1 day ' in verdicts[1].entry.verdict
+    assert 'On 3 days' in verdicts[0].entry.verdict
+    assert 'On 1 day ' in verdicts[1].entry.verdict
 
 
 def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look, looked):
@@ -93,7 +94,7 @@ def test_kept_days_that_were_not_learnt_from_are_judged_on(look, monkeypatch, ke
     monkeypatch.setattr(lessons, 'MOST_DAYS', 2)
     before, there = past(look, Champion(), 1, 2, 3, 4), [NAMES[n] for n in (*kept, 5)]
     entry = take(NAMES[5], look, before, Champion(), there, settings=QUICK).entry
-    assert f'on {judged} days that neither was learnt from' in entry.verdict
+    assert f'On {judged} days that neither was learnt from' in entry.verdict
 
 
 def test_a_day_that_cannot_be_read_is_named(look):
@@ -169,7 +170,7 @@ def test_challenges_become_rarer_as_the_diary_grows():
     diary, challenged = [], []
     for number in range(120):
         diary.append(replace(entries(1)[0], name=f'day_{number:05d}.csv'))
-        if reason(diary, 'a'):
+        if reason(diary, 'a')[0]:
             diary[-1] = replace(diary[-1], challenged=True)
             challenged.append(number + 1)
     assert challenged == [2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 84, 104]
@@ -178,13 +179,42 @@ def test_challenges_become_rarer_as_the_diary_grows():
 def test_a_bad_day_and_other_temperatures_are_reasons_but_never_beyond_the_time_there_is():
     diary = entries(12)
     diary[10] = replace(diary[10], challenged=True)
-    assert reason(diary, 'a') == ''
+    assert not reason(diary, 'a')[0]
     worse = replace(diary[11], left={NONE: (1.0,) * 6, 'a': (0.9,) * 6})
     warm = replace(diary[11], known=frozenset({(7, 7)}))
     end = replace(diary[0], name=NAMES[12])
-    assert 'badly' in reason([*diary[:11], worse, end], 'a')
-    assert 'other temperatures' in reason([*diary[:11], warm, end], 'a')
-    assert reason([*diary[:11], replace(warm, seconds=2e3), end], 'a') == ''
+    assert 'badly' in reason([*diary[:11], worse, end], 'a')[1]
+    assert 'other temperatures' in reason([*diary[:11], warm, end], 'a')[1]
+    spent = replace(diary[10], seconds=2e3)
+    assert reason([*diary[:10], spent, warm, end], 'a') == (False, ANY)
+
+
+def test_why_nothing_is_tried_is_said_in_three_ways_and_a_slow_computer_learns():
+    slow = entries(20, seconds=100.0)
+    assert reason(slow, '') == (True, 'no model is live')
+    tried = [*slow[:-1], replace(slow[-1], challenged=True, seconds=1500.0)]
+    whys = [
+        reason(each, 'a')
+        for each in (slow[:1], tried, [*entries(19), replace(tried[-1], seconds=1)])
+    ]
+    assert not any(due for due, _ in whys)
+    for (_, why), said in zip(
+        whys, ('Another good day', '25 minutes', '0 of 7 more good days'), strict=True
+    ):
+        assert said in why
+
+
+def test_figures_of_a_sentence_agree():
+    live = np.full((8, 6), 0.3)
+    better, days, ratio, highest, worse = judge(live, live / 4)
+    assert (better, days, worse) == (True, 8, pytest.approx(-0.225))
+    assert ratio < highest < 0.5
+    by_chance = judge(live[:1], 0.8 * live[:1]).words('the live model')
+    assert by_chance.startswith('On 1 day that neither was learnt from, it leaves 0.81 times')
+    assert '0.90 is asked for' in by_chance
+    challenger = live / 4
+    challenger[3] = 0.8
+    assert 'on one day more by 50%' in judge(live, challenger).words('no model')
 
 
 def test_days_that_know_what_no_other_does_are_kept():

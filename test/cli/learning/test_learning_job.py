@@ -1,3 +1,4 @@
+from dataclasses import replace
 import fcntl
 import json
 import os
@@ -10,10 +11,12 @@ import time
 import numpy as np
 import pytest
 
+from wrist_ft_comp.calibration.learning.entry import DayEntry, Diary
 from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.cli.calibration_job import _answer
-from wrist_ft_comp.files.days.diary import alone, days, diary_path, load_diary
-from wrist_ft_comp.files.job_request import ANOTHER_LEARNS, CalibrationJob, encode_job, Learning
+from wrist_ft_comp.files.days.day_files import days, LARGEST_BYTES
+from wrist_ft_comp.files.days.diary import alone, diary_path, load_diary, save_diary
+from wrist_ft_comp.files.job_request import CalibrationJob, encode_job, Learning
 from wrist_ft_comp.files.model_file import load_model
 
 QUICK = CalibrationSettings('payload', identification=IdentificationSettings('pls', degree=1))
@@ -30,17 +33,21 @@ def own_lock(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
 
 
-def write_day(directory, number):
-    """Write a day at work: a kilogram that turns, and drift with temperature."""
+def write_day(directory, number, cells=CELLS, pressed_s=0):
+    """Write a day at work: a kilogram that turns, drift with temperature, and perhaps presses."""
     rng = np.random.default_rng(number)
-    warm = 20 + rng.uniform(0, 4) + 10 * (1 - np.exp(-np.arange(CELLS) / rng.uniform(60, 200)))
-    pose = np.repeat(rng.normal(size=(CELLS // 3, 3)), 3, axis=0)
+    warm = 20 + rng.uniform(0, 4) + 10 * (1 - np.exp(-np.arange(cells) / rng.uniform(60, 200)))
+    pose = np.repeat(rng.normal(size=(cells // 3, 3)), 3, axis=0)
     force = 9.807 * pose / np.linalg.norm(pose, axis=1, keepdims=True)
     raw = np.concatenate((-force, np.cross((0.0, 0.0, 0.1), -force)), axis=1)
     raw += np.array([1, -1, 0.5, 0.05, 0.03, -0.02]) * (0.4 * warm[:, None] + rng.normal(size=6))
     raw += rng.normal(0, 0.01, raw.shape) * np.array([1, 1, 1, 0.05, 0.05, 0.05])
-    stamps = 86_400.0 * number + PERIOD_S * (np.arange(CELLS) + 0.5)
-    rows = np.column_stack((stamps, raw, warm + rng.normal(0, 0.01, CELLS), force))
+    seconds = PERIOD_S * (np.arange(cells) + 0.5)
+    pushed = np.round(30 * rng.normal(size=6), 1) * [1, 1, 1, 0.1, 0.1, 0.1]
+    raw += np.outer((seconds + 750) % 1500 < pressed_s, pushed)
+    rows = np.column_stack(
+        (86_400.0 * number + seconds, raw, warm + rng.normal(0, 0.01, cells), force)
+    )
     path = directory / 'days' / f'day_{number:05d}.csv'
     path.parent.mkdir(exist_ok=True)
     lines = [','.join(COLUMNS), *(','.join(f'{each:.9g}' for each in row) for row in rows)]
@@ -76,7 +83,7 @@ def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
     assert (first['success'], first['learnt'], first['paused']) == (True, False, '')
     assert first['incident'] == ''
     assert (second['success'], second['learnt'], second['paused']) == (True, True, '')
-    assert 'was better' in second['message']
+    assert 'It is better' in second['message']
     stored = load_model(second['path'])
     assert stored.sha256 == second['sha256']
     provenance = stored.document['provenance']
@@ -100,7 +107,7 @@ def test_a_lost_diary_and_a_live_model_are_no_hurdle(sensor, answers):
     assert {each.live for each in diary.days} == {live}
     assert all(np.isfinite(each.left[live]).all() for each in diary.days)
     assert diary.decisions[0].day == 'day_00001.csv'
-    assert 'The live model left 0.0' in again['message']
+    assert 'the live model left 0.0' in again['message']
 
 
 def test_what_cannot_be_is_said_and_nothing_is_changed(sensor, answers, tmp_path):
@@ -114,8 +121,93 @@ def test_what_cannot_be_is_said_and_nothing_is_changed(sensor, answers, tmp_path
     with alone() as mine:
         assert mine
         busy = _answer(job_of(sensor, 3))
-        assert (busy['success'], ANOTHER_LEARNS in busy['message']) == (False, True)
+        assert (busy['success'], busy['later']) == (False, True)
     assert diary_path(sensor).read_bytes() == before
+
+
+@pytest.fixture
+def own_days(tmp_path):
+    """A folder with two days of its own."""
+    for number in (1, 2):
+        write_day(tmp_path, number)
+    return tmp_path
+
+
+def test_foreign_things_among_days_cost_a_sentence_each(own_days):
+    folder = own_days / 'days'
+    write_day(own_days, 1).rename(folder / 'day_1.csv')
+    write_day(own_days, 1)
+    (folder / 'day_00003.csv').symlink_to('nowhere')
+    (folder / 'day_00004.csv').symlink_to('/dev/zero')
+    (folder / 'day_00005.csv').mkdir()
+    with (folder / 'day_00006.csv').open('wb') as file:
+        file.truncate(50 * LARGEST_BYTES)
+    write_day(own_days, 7)
+    job = job_of(own_days, 9, keep_days=2)
+    assert [each.name[:9] for each in job.recordings] == [f'day_0000{n}' for n in range(1, 8)]
+    answer = _answer(job)
+    assert (answer['success'], answer['learnt']) == (True, True), answer['message']
+    entries = load_diary(own_days).days
+    assert [each.kind for each in entries] == ['', '', *4 * ['unreadable'], '']
+    assert all('Move it away' in each.incident for each in entries[2:6])
+    assert 'Old days stay' in answer['incident'], 'a folder is not removed'
+    assert (folder / 'day_1.csv').exists()
+
+
+def test_a_better_model_outlives_broken_payloads_and_the_diary_is_kept(own_days):
+    (own_days / 'models').mkdir()
+    (own_days / 'models/payloads.json').write_text('{')
+    answer = _answer(job_of(own_days, 2))
+    assert (answer['success'], answer['learnt']) == (True, True)
+    assert 'payloads.json' in answer['incident']
+    assert load_model(answer['path']).sha256 == answer['sha256']
+    assert len(load_diary(own_days).days) == 2
+
+
+def test_what_the_system_refuses_is_an_answer(own_days, monkeypatch):
+    (own_days / 'days/diary.json').mkdir()
+    kept = _answer(job_of(own_days, 2))
+    assert (kept['success'], kept['learnt']) == (True, True)
+    assert 'diary.json' in kept['incident']
+    monkeypatch.setattr(tempfile, 'tempdir', str(own_days / 'nowhere'))
+    lost = _answer(job_of(own_days, 2))
+    assert (lost['success'], lost['later'], 'nowhere' in lost['message']) == (False, False, True)
+
+
+def test_a_slow_computer_gets_its_first_model(own_days):
+    job = job_of(own_days, 2)
+    assert _answer(job_of(own_days, 1))['success']
+    diary = load_diary(own_days)
+    slow = replace(diary, days=(replace(diary.days[0], seconds=1800.0),))
+    save_diary(own_days, slow)
+    assert _answer(job)['learnt']
+
+
+def test_a_thermometer_without_readings_was_silent(own_days):
+    path = own_days / 'days/day_00002.csv'
+    head, *rows = path.read_text().splitlines()
+    cut = [','.join((*row.split(',')[:7], '', *row.split(',')[8:])) for row in rows[60:]]
+    path.write_text('\n'.join([head, *rows[:60], *cut]) + '\n')
+    assert 'Thermometer 1 was silent' in _answer(job_of(own_days, 2))['incident']
+
+
+def test_presses_of_minutes_are_no_drift(tmp_path):
+    drifts = []
+    for pressed_s in (0, 40, 120, 280):
+        write_day(tmp_path, 1, 2700, pressed_s)
+        diary_path(tmp_path).unlink(missing_ok=True)
+        assert _answer(job_of(tmp_path, 1))['incident'] == ''
+        drifts.append(load_diary(tmp_path).days[0].left['none'])
+    np.testing.assert_allclose(drifts[1:], [drifts[0]] * 3, rtol=0.1)
+
+
+def test_a_diary_that_breaks_python_s_own_limits_is_begun_anew(own_days):
+    save_diary(own_days, Diary((DayEntry('day_00001.csv', hours=12345.0),)))
+    sound = diary_path(own_days).read_text()
+    for hours in ('[' * 986 + ']' * 986, '9' * 400):
+        diary_path(own_days).write_text(sound.replace('12345.0', hours))
+        assert load_diary(own_days).days == ()
+        assert _answer(job_of(own_days, 1))['success']
 
 
 def test_the_lock_goes_with_its_process(tmp_path):

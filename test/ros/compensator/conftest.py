@@ -6,6 +6,7 @@ import itertools
 import queue
 import threading
 from typing import Any
+from weakref import WeakValueDictionary
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
@@ -47,6 +48,10 @@ def stamp_ns(message):
     return message.header.stamp.sec * SECOND + message.header.stamp.nanosec
 
 
+#: The newest node of a data_directory.
+_NEWEST: WeakValueDictionary[Any, CompensatorNode] = WeakValueDictionary()
+
+
 class Rig:
     """A compensator in a namespace of its own, whose callbacks are called as an executor would."""
 
@@ -68,7 +73,10 @@ class Rig:
 
     def _connect(self, options):
         """Make the node, and catch what it sends."""
+        if self.directory in _NEWEST:  # that one counts as killed
+            _NEWEST[self.directory].store.release()
         self.node = self.bench.make(CompensatorNode, namespace=self.namespace, **options)
+        _NEWEST[self.directory] = self.node
         self._statuses: list[Any] = []
         self.node._output.publish = self.outputs.put
         self.node._diagnostics.publish = lambda array: self._statuses.extend(array.status)

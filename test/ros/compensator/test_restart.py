@@ -174,4 +174,4 @@ def test_without_temperature_or_tare_nothing_is_written(rig, bench, tmp_path):
         node.ask_output(number, LOAD)
     assert node.diagnosis('output')
     bench.close()
-    assert not (tmp_path / 'data').exists()
+    assert [each.name for each in (tmp_path / 'data').iterdir()] == ['lock']

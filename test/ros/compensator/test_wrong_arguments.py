@@ -124,4 +124,11 @@ def test_a_folder_that_takes_nothing_is_told_at_start(rig):
 def test_no_word_of_a_folder_that_takes_something(rig):
     node = rig()
     assert 'written' not in node.diagnosis('model').message
-    assert not node.directory.exists()
+    assert [each.name for each in node.directory.iterdir()] == ['lock']
+
+
+def test_off_is_a_word_although_yaml_reads_a_truth_value(ros_context, tmp_path):
+    (node,) = start(ros_context, tmp_path, '-p', 'learning:=off')
+    assert node.get_parameter('learning').value == 'off'
+    node.destroy_node()
+    assert 'one of off, propose, auto' in refusal(ros_context, tmp_path, '-p', 'learning:=on')

@@ -13,6 +13,7 @@ but for those before the newest six where the champion leaves twice as much on t
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,8 +30,11 @@ MOST_DAYS = 12
 _GROWN, _AT_LATEST = 1 / 3, 20
 #: … or when the champion left so many times what it usually leaves, and at least this share.
 _BADLY, _MUCH = 2.0, 0.1
-#: Processor time that learning may take in the last days, s: less than a minute a day.
-_SPENT_S, _SPENT_DAYS = 1400.0, 30
+#: Processor time, s, that days with a challenger may take together …
+_SPENT_S = 1400.0
+#: … among the last days. A day that is only judged takes what its cells take on this computer, and
+#: counts for nothing here: on a slow one there would never be a model.
+_SPENT_DAYS = 30
 #: Usual spread of a day's logarithm, what it counts for, days, and standard errors of a proof.
 _SPREAD, _COUNTS, _SURE = 0.5, 2.0, 2.0
 #: So many of the newest days are judged by themselves, too; where the champion leaves twice as
@@ -41,6 +45,7 @@ _NEWEST, _CHANGED = 6, 0.7
 _MARGIN, _WORSE = 0.1, 0.15
 #: Drift that is left below this share is no difference.
 _FLOOR = 0.01
+ANOTHER_DAY = 'Another good day is needed to learn from.'
 
 
 def good_days(entries: Sequence[DayEntry]) -> list[DayEntry]:
@@ -50,17 +55,21 @@ def good_days(entries: Sequence[DayEntry]) -> list[DayEntry]:
     return [each for each in good if len(each.temperature_c) == len(good[-1].temperature_c)]
 
 
-def reason(entries: Sequence[DayEntry], champion: str) -> str:
-    """Say why the newest day is one to learn a challenger; empty when there is no reason."""
+def reason(entries: Sequence[DayEntry], champion: str) -> tuple[bool, str]:
+    """Tell whether a challenger is learnt on the newest day, and why, or why not."""
     good = [each for each in entries if each.kind in LEARNT_FROM]
-    if len(good) < 2 or sum(each.seconds for each in entries[-_SPENT_DAYS:]) > _SPENT_S:
-        return ''
+    spent_s = sum(each.seconds for each in entries[-_SPENT_DAYS:] if each.challenged)
+    if len(good) < 2 or spent_s > _SPENT_S:
+        return False, ANOTHER_DAY if len(good) < 2 else (
+            f'No new model was tried: in the last {_SPENT_DAYS} days that took '
+            f'{spent_s / 60:.0f} minutes of processor time, and {_SPENT_S / 60:.0f} are allowed.'
+        )
     last = max((n for n, each in enumerate(good) if each.challenged), default=0)
-    grown = len(good) - 1 - last
+    grown, awaited = len(good) - 1 - last, min(_AT_LATEST, _GROWN * (last + 1))
     if not champion:
-        return 'no model is live'
-    if grown >= min(_AT_LATEST, _GROWN * (last + 1)):
-        return f'{grown} more good days'
+        return True, 'no model is live'
+    if grown >= awaited:
+        return True, f'{grown} more good {"day" if grown == 1 else "days"}'
     older = good[: last + 1]
     known: frozenset[Cell] = frozenset().union(*(each.known for each in older))
     lefts = [float(np.nanmean(share(each, champion))) for each in good if champion in each.left]
@@ -68,10 +77,13 @@ def reason(entries: Sequence[DayEntry], champion: str) -> str:
     # The newest one is not learnt from, so that a day like it has to be there.
     for each in good[last + 1 : -1]:
         if len(each.known - known) > len(each.known) / 4:
-            return f'{each.name} knew other temperatures'
+            return True, f'{each.name} knew other temperatures'
         if champion in each.left and np.nanmean(share(each, champion)) > badly:
-            return f'the live model did badly on {each.name}'
-    return ''
+            return True, f'the live model did badly on {each.name}'
+    return False, (
+        f'No new model was tried: {grown} of {np.ceil(awaited):.0f} more good days have come, and '
+        'no day with other temperatures or a bad result of the live model.'
+    )
 
 
 def worthiest(days: Sequence[DayEntry], most: int) -> list[DayEntry]:
@@ -118,23 +130,47 @@ def evidence(
     return theirs * usual, ours * usual
 
 
-def judge(champion: FloatArray, challenger: FloatArray) -> tuple[bool, str]:
-    """Tell whether a challenger is better, and how sure, by what is left of days (n, 6)."""
+class Judgement(NamedTuple):
+    """Whether a challenger is better than the champion, and by which figures."""
+
+    better: bool
+    #: Days that it was judged on.
+    days: int
+    #: What the challenger leaves by what the champion leaves: the geometric mean, and the most
+    #: that it may be but for chance (two standard errors).
+    ratio: float
+    highest_ratio: float
+    #: By how much more it leaves on its worst day, as a share of a usual day's drift.
+    worse: float
+
+    def words(self, champion: str) -> str:
+        """Say what came out beside a champion of that name, and which figure decided."""
+        days = f'{self.days} {"day" if self.days == 1 else "days"}'
+        said = (
+            f'On {days} that neither was learnt from, it leaves {self.ratio:.2f} times as much as '
+            f'{champion}, with 95 % certainty at most {self.highest_ratio:.2f} times'
+        )
+        if self.better:
+            return f'{said}. It is better.'
+        if self.worse < _WORSE:
+            return f'{said}, and {np.exp(-_MARGIN):.2f} is asked for. It is not used.'
+        return (
+            f'{said}, but on one day more by {self.worse:.0%} of a usual drift, and '
+            f'{_WORSE:.0%} are allowed. It is not used.'
+        )
+
+
+def judge(champion: FloatArray, challenger: FloatArray) -> Judgement:
+    """Judge a challenger by what both leave of days, (n, 6), newest first, in usual drifts."""
     logs = np.nanmean(np.log((challenger + _FLOOR) / (champion + _FLOOR)), axis=1)
     # Rooms and robots change: where that shows on the newest days, older ones do not matter, nor
     # is a day an objection that was before.
-    newest, more = _at_most(logs[:_NEWEST]), np.nanmean(challenger - champion, axis=1)
-    proof = min(_at_most(logs), newest)
-    worse = more[: _NEWEST if newest < -_CHANGED else len(more)].max()
-    before, after = (
-        float(np.exp(np.nanmean(np.log(each + _FLOOR)))) for each in (champion, challenger)
-    )
-    return bool(proof < -_MARGIN and worse < _WORSE), (
-        f'{after:.2f} of the drift, the live model {before:.2f}, on {len(logs)} '
-        f'{"day" if len(logs) == 1 else "days"} that neither was learnt from; with what chance '
-        f'may do, it leaves up to {np.exp(proof):.2f} times as much, and at worst {worse:+.2f} of '
-        'the drift on a day'
-    )
+    newest, more = logs[:_NEWEST], np.nanmean(challenger - champion, axis=1)
+    deciding = min(logs, newest, key=_at_most)
+    proof, changed = _at_most(deciding), _at_most(newest) < -_CHANGED
+    worse = float(more[: _NEWEST if changed else len(more)].max())
+    ratios = float(np.exp(deciding.mean())), float(np.exp(proof))
+    return Judgement(proof < -_MARGIN and worse < _WORSE, len(deciding), *ratios, worse)
 
 
 def _at_most(logs: FloatArray) -> float:

@@ -8,7 +8,13 @@ from wrist_ft_comp.calibration.cross_validation import bin_means
 from wrist_ft_comp.calibration.learning.entry import Cell, DayEntry, NONE
 from wrist_ft_comp.calibration.payload.at_work import payloads_of
 from wrist_ft_comp.calibration.payload.gains import contrast, COUNTS, unexplained_contrast
-from wrist_ft_comp.calibration.payload.separation import separate, Separation, Step
+from wrist_ft_comp.calibration.payload.separation import (
+    separate,
+    separate_again,
+    Separation,
+    Step,
+)
+from wrist_ft_comp.calibration.payload.slow_drift import slow_drift, SLOW_S
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.identification.bins import tare
 from wrist_ft_comp.model.drift_model import Drift, no_drift
@@ -47,7 +53,11 @@ def look_at(recording: Recording) -> Day:
             f'{recording.name} holds no specific force, which learning from days needs. Set '
             'gravity.source, so that it is recorded.'
         )
-    return tell(separate([recording]))
+    found = separate([recording])
+    if recording.duration_s > SLOW_S:  # presses of more than a minute looked like drift
+        drift = slow_drift(recording, found.drift[0], found.fit.noise)
+        found = separate_again(found, [drift])
+    return tell(found)
 
 
 def tell(separation: Separation) -> Day:

@@ -4,6 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
+
+from wrist_ft_comp.model.signals import FloatArray
+
 #: Coarse temperatures: of the first thermometer, and what the others differ from it by.
 Cell = tuple[int, ...]
 #: Under this name stands the drift that is left without any model, and under the other what a
@@ -46,6 +50,15 @@ class DayEntry:
     payloads: tuple[tuple[float, ...], ...] = ()
     rotation: tuple[float, ...] = ()
     noise: tuple[float, ...] = ()
+
+
+def forces_left(entry: DayEntry) -> FloatArray:
+    """Give RMS of a force, N, without a model, with the live one and the challenger; or NaN."""
+    found = []
+    for model in (NONE, entry.live, CHALLENGER):
+        forces = [value for value in entry.left.get(model, ())[:3] if not np.isnan(value)]
+        found.append(np.sqrt(np.mean(np.square(forces))) if forces else np.nan)
+    return np.array(found)
 
 
 class Decision(NamedTuple):

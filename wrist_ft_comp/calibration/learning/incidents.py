@@ -93,7 +93,8 @@ def _stopped(day: Day, entry: DayEntry, like: Sequence[DayEntry]) -> Incident | 
         limit_s = min(usual_s, half_s) if others.size else half_s
         moved = not others.size or np.ptp(others, axis=0).max() > _MOVED_K
         if moved and entry.still_s[j] > max(_STOPPED_S, limit_s):
-            how = 'stood still' if recording.measured[run, j].any() else 'was silent'
+            # The last reading before a silence is in the run, too.
+            how = 'stood still' if recording.measured[run, j].mean() > 0.5 else 'was silent'
             at_c, hours = recording.temperature_c[run, j][0], entry.still_s[j] / 3600
             return THERMOMETER, (
                 f'Thermometer {j + 1} {how} at {at_c:.1f} °C for {hours:.1f} h from '

@@ -8,6 +8,7 @@ import numpy as np
 
 from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.calibration.learning.challenge import (
+    ANOTHER_DAY,
     evidence,
     good_days,
     judge,
@@ -15,8 +16,8 @@ from wrist_ft_comp.calibration.learning.challenge import (
     reason,
     worthiest,
 )
-from wrist_ft_comp.calibration.learning.day import Day, describe, left, share
-from wrist_ft_comp.calibration.learning.entry import CHALLENGER, DayEntry, NONE
+from wrist_ft_comp.calibration.learning.day import Day, describe, left
+from wrist_ft_comp.calibration.learning.entry import CHALLENGER, DayEntry, forces_left, NONE
 from wrist_ft_comp.calibration.learning.incidents import incident, LEARNT_FROM, pause, UNREADABLE
 from wrist_ft_comp.calibration.result import Calibration
 from wrist_ft_comp.calibration.settings import CalibrationSettings
@@ -82,19 +83,13 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
     Days up to ``since`` are no evidence for a change any more; they may still be learnt from.
     """
     entry = describe_day(name, look, before, champion)
-    said = ''
-    if champion.key in entry.left:
-        rest = np.nanmean(share(entry, champion.key))
-        said = f'The live model left {rest:.2f} of the drift. '
-    entries = [*before, entry]
+    said, entries = drift_words(entry), [*before, entry]
     if pause(entries, since) or entry.kind not in LEARNT_FROM:
         return Lesson(replace(entry, verdict=f'{said}Nothing is learnt from it.'))
-    why, good = reason(entries, champion.key), good_days(entries)[:-1]
+    (due, why), good = reason(entries, champion.key), good_days(entries)[:-1]
     learnt = worthiest([each for each in good if each.name in there], MOST_DAYS)
-    if not learnt:
-        return Lesson(replace(entry, verdict=f'{said}Another good day is needed to learn from.'))
-    if not why:
-        return Lesson(replace(entry, verdict=f'{said}No reason to learn anew.'))
+    if not due or not learnt:
+        return Lesson(replace(entry, verdict=f'{said}{ANOTHER_DAY if due else why}'))
     settings = replace(settings or CalibrationSettings(), reference='recorded')
     asked = {each.name: each for each in good if each.name > max(since, champion.newest)}
     entry, better = replace(entry, challenged=True), None
@@ -106,16 +101,27 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
         unseen = [asked[each] for each in there if each in asked and each not in days]
         readable = _readable(look, unseen)
         direct = [entry, *(_judged(each, challenger, look) for each in readable)]
-        wins, what = judge(*evidence(direct, asked, challenger, days, champion.key or NONE))
-        if wins:
+        judgement = judge(*evidence(direct, asked, challenger, days, champion.key or NONE))
+        if judgement.better:
             learnt = worthiest([*learnt, entry], MOST_DAYS)
             better = calibrate([look(each.name).drift for each in learnt], settings)
             settings = replace(settings, reference='payload')
             better = replace(better, payloads=look(name).payloads, settings=settings)
     except WristFtCompError as error:
-        return Lesson(replace(entry, verdict=f'{said}No challenger was learnt: {error}'))
-    verdict = f'{said}A challenger ({why}) was {"" if wins else "not surely "}better: {what}.'
+        return Lesson(replace(entry, verdict=f'{said}No new model could be learnt: {error}'))
+    verdict = (
+        f'{said}A new model ({why}) would have left {forces_left(entry)[2]:.2g} N. '
+        f'{judgement.words("the live model" if champion.key else "no model")}'
+    )
     return Lesson(replace(entry, verdict=verdict), better, tuple(each.name for each in learnt))
+
+
+def drift_words(entry: DayEntry) -> str:
+    """Say how far a force drifted on a day, and what the live model left; empty if unknown."""
+    drift, live, _ = forces_left(entry)
+    left = f'left {live:.2g} N' if np.isfinite(live) else 'cannot be judged on this day'
+    words = f'the live model {left}' if entry.live else 'no model was live'
+    return f'A force drifted by {drift:.2g} N (RMS); {words}. ' if np.isfinite(drift) else ''
 
 
 def _readable(look: Look, days: Sequence[DayEntry]) -> Iterator[DayEntry]:

@@ -8,6 +8,7 @@ import numpy as np
 from wrist_ft_comp.calibration.payload.doubts import doubts
 from wrist_ft_comp.calibration.payload.separation import separate, separate_again, Separation
 from wrist_ft_comp.model.drift_model import DriftModel
+from wrist_ft_comp.model.offline import simulate_drift
 from wrist_ft_comp.model.payload.learnt import LearntPayloads
 from wrist_ft_comp.model.payload.rigid_body import RigidBodies
 from wrist_ft_comp.model.signals import Recording
@@ -41,12 +42,16 @@ def learn_at_work(
     if not moved:
         return AtWork([_constant(each) for each in recordings], None, None, tuple(warnings))
     before = first[0].separation if first else None
-    separation = separate_again(before, first[1]) if first and before else separate(moved)
+    if first and before:
+        drift = [simulate_drift(first[1], recording).zero for recording in moved]
+        separation = separate_again(before, drift)
+    else:
+        separation = separate(moved)
     bodies = separation.bodies()
     said, told = doubts(separation, bodies)
-    drift = iter(separation.drift)
+    told_apart = iter(separation.drift)
     return AtWork(
-        [_constant(r) if r.specific_force is None else next(drift) for r in recordings],
+        [_constant(r) if r.specific_force is None else next(told_apart) for r in recordings],
         separation,
         payloads_of(separation, bodies) if bodies and told else None,
         (*warnings, *said),

@@ -12,8 +12,11 @@ from wrist_ft_comp.model.payload.directions import turning_speed
 from wrist_ft_comp.model.payload.rigid_body import blocks
 from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, IntArray, Recording
 
-#: Length of a block, s, and fewest cells of one.
-BLOCK_S, _FEWEST = 300.0, 30
+#: Length of a block, s, in which a parabola follows the drift; and where the drift is about known:
+#: a parabola of 300 s follows a press of two minutes, too.
+BLOCK_S, LONG_BLOCK_S = 300.0, 900.0
+#: Fewest cells of a block.
+_FEWEST = 30
 #: Where a smaller share of the cells is usable, a contact looks like the level.
 _SPARSE = 0.2
 #: Cells that turn faster are left out, rad/s: ω×(ω×c) of the payload is not seen.
@@ -74,9 +77,10 @@ def cut(
     recordings: Sequence[Recording],
     forces: Sequence[FloatArray],
     ends: Sequence[Sequence[int]] | None = None,
+    block_s: float = BLOCK_S,
 ) -> Cells:
     """Cut recordings into blocks, each ending at given cells, with forces set right, (N, 3)."""
-    length = max(_FEWEST, round(BLOCK_S / recordings[0].period_s))
+    length = max(_FEWEST, round(block_s / recordings[0].period_s))
     pieces = [
         np.diff([0, *sorted(cells), len(recording)]).tolist()
         for recording, cells in zip(recordings, ends or [()] * len(recordings), strict=True)

@@ -7,8 +7,9 @@ From recordings at work to ones that drift can be learnt from: weight apart, con
 4. What is left are readings that are NaN where a contact, a fast turn or a change of state was,
    and the weight as their reference, for gain drift.
 
-With a drift model that was learnt from it, 2 to 4 are done again with the drift taken off: then
-neither sudden heat looks like a step, nor a long press like drift.
+2 to 4 are done again with the drift taken off, once it is about known, by its slowness or by a
+model that was learnt from it: then neither sudden heat looks like a step, nor a long press like
+drift.
 """
 
 from collections.abc import Sequence
@@ -17,7 +18,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrist_ft_comp.calibration.payload.accelerometer import Accelerometer, set_right
-from wrist_ft_comp.calibration.payload.cells import axes_of, Cells, cut, with_wrench
+from wrist_ft_comp.calibration.payload.cells import (
+    axes_of,
+    BLOCK_S,
+    Cells,
+    cut,
+    LONG_BLOCK_S,
+    with_wrench,
+)
 from wrist_ft_comp.calibration.payload.gains import bodies_of, COUNTS, Fit
 from wrist_ft_comp.calibration.payload.states import find_states, fit_again, follow_closely
 from wrist_ft_comp.calibration.payload.steps import (
@@ -29,8 +37,6 @@ from wrist_ft_comp.calibration.payload.steps import (
     suspect_steps,
 )
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.model.drift_model import DriftModel
-from wrist_ft_comp.model.offline import simulate_drift
 from wrist_ft_comp.model.payload.rigid_body import RigidBodies
 from wrist_ft_comp.model.signals import AXES, BoolArray, FloatArray, IntArray, Recording
 
@@ -106,9 +112,9 @@ def _check_rows(recording: Recording, force: FloatArray) -> None:
         )
 
 
-def separate_again(found: Separation, model: DriftModel) -> Separation:
-    """Separate anew beside a drift model: sudden heat is no step then, nor a long press drift."""
-    drift = [simulate_drift(model, recording).zero for recording in found.recordings]
+def separate_again(found: Separation, drift: Sequence[FloatArray]) -> Separation:
+    """Separate anew beside what the drift is about, N and N m, (N, 6) by recording."""
+    # Then sudden heat is no step, nor a long press drift.
     return _separated(found.recordings, found.accelerometer, found.cells, found.fit, drift)
 
 
@@ -121,6 +127,7 @@ def _separated(
 ) -> Separation:
     """Find steps, states and weights by turns, with the drift that is known, (N, 6), taken off."""
     forces, axes = accelerometer.forces, axes_of(recordings)
+    block_s = BLOCK_S if known is None else LONG_BLOCK_S
     off = [0.0 if known is None else known[n][:, axes] for n in range(len(recordings))]
     stepless = [
         with_wrench(each, each.wrench[:, axes] - drift, axes)
@@ -128,7 +135,7 @@ def _separated(
     ]
     steps: list[list[Step]] = [[] for _ in recordings]
     if known is not None:
-        cells, fit = _again(cells, fit, cut(stepless, forces))
+        cells, fit = _again(cells, fit, cut(stepless, forces, None, block_s))
     while True:
         close = follow_closely(cells, fit) if known is None else fit
         states, counts = cells.join(close.states), cells.join(close.weights > COUNTS)
@@ -149,7 +156,7 @@ def _separated(
             break
         # How far a step goes is not known well before contacts are told apart: a block ends there.
         ends = [[step.cell for step in each] for each in steps]
-        cells, fit = _again(cells, fit, cut(stepless, forces, ends))
+        cells, fit = _again(cells, fit, cut(stepless, forces, ends, block_s))
     drift = []
     for n, recording in enumerate(stepless):
         weight = _held((forces[n] @ fit.gains), states[n])

@@ -135,12 +135,12 @@ def _windows(cells: Cells, fit: Fit, width: float) -> Iterator[FloatArray]:
     for rest in rests:
         known = np.where(cells.usable[..., None], rest, np.nan)
         for window in np.array_split(known, _WINDOWS, axis=1):
-            level = _medians(window)[:, None]
+            level = medians(window)[:, None]
             states, weights = _turn(rests, cells.usable, level, 4 * width)
             yield leveled(held(rests, states), weights, cells.powers)
 
 
-def _medians(values: FloatArray) -> FloatArray:
+def medians(values: FloatArray) -> FloatArray:
     """Median over the cells (n, B, A) that are no NaN, 0 where all are: nanmedian, but quick."""
     count = np.isfinite(values[..., 0]).sum(axis=1)
     block, values = np.arange(len(values)), np.sort(values, axis=1)

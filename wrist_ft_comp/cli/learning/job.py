@@ -1,7 +1,7 @@
 """The learning job: judge the newest day, learn from all, tidy up; what calibration_job starts."""
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -12,12 +12,13 @@ from wrist_ft_comp.calibration.learning.challenge import MOST_DAYS
 from wrist_ft_comp.calibration.learning.day import Day, look_at
 from wrist_ft_comp.calibration.learning.entry import Decision, Diary
 from wrist_ft_comp.calibration.learning.incidents import pause
-from wrist_ft_comp.calibration.learning.lesson import Champion, describe_day, take
+from wrist_ft_comp.calibration.learning.lesson import Champion, describe_day, drift_words, take
 from wrist_ft_comp.calibration.result import Calibration
 from wrist_ft_comp.cli.paths import REPORT
-from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.errors import RecordingError, WristFtCompError
+from wrist_ft_comp.files.days.day_files import day_number, LARGEST_BYTES, size_of
 from wrist_ft_comp.files.days.diary import alone, load_diary, prune, save_diary
-from wrist_ft_comp.files.job_request import ANOTHER_LEARNS, CalibrationJob, Learning
+from wrist_ft_comp.files.job_request import CalibrationJob, Learning
 from wrist_ft_comp.files.model_file import load_model, save_model
 from wrist_ft_comp.files.payload_file import add_payloads, PAYLOADS
 from wrist_ft_comp.files.recordings import hash_recording, read_recording
@@ -32,16 +33,17 @@ Answer = dict[str, Any]
 
 def answer_learning(job: CalibrationJob, learning: Learning) -> Answer:
     """Run a learning job and put its outcome into plain values."""
-    nothing: Answer = {'success': False, 'learnt': False, 'paused': ''}
+    nothing: Answer = {'success': False, 'learnt': False, 'paused': '', 'later': False}
     if not job.recordings:
         return {**nothing, 'message': 'No day has ended yet; there is nothing to learn from.'}
-    with alone() as mine:
-        if not mine:
-            return {**nothing, 'message': f'Nothing was learnt now: {ANOTHER_LEARNS}.'}
-        try:
+    try:
+        with alone() as mine:
+            if not mine:
+                busy = 'Another sensor of this computer is learning; this one waits for it.'
+                return {**nothing, 'later': True, 'message': busy}
             return _learn(job, learning)
-        except WristFtCompError as error:
-            return {**nothing, 'message': str(error)}
+    except (WristFtCompError, OSError) as error:
+        return {**nothing, 'message': str(error)}
 
 
 def _learn(job: CalibrationJob, learning: Learning) -> Answer:
@@ -53,13 +55,19 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
     @lru_cache(maxsize=MOST_DAYS + 1)
     def look(name: str) -> Day:
         """Read and separate a day."""
+        if not size_of(paths[name]):
+            raise RecordingError(
+                f'{paths[name]} is no file that a node wrote: empty, a dead link, or larger than '
+                f'{LARGEST_BYTES / 1e6:.0f} MB. Move it away.'
+            )
         return look_at(read_recording(paths[name], period_s=job.period_s, topics=job.topics))
 
     entries = [entry for entry in diary.days if entry.name != newest]
     for name in sorted(set(paths) - {entry.name for entry in entries} - {newest}):
         began, before = time.process_time(), [each for each in entries if each.name < name]
         entry = describe_day(name, look, before, champion)
-        entries.append(replace(entry, seconds=time.process_time() - began))
+        verdict = f'{drift_words(entry)}It was judged late, so that no new model was tried.'
+        entries.append(replace(entry, verdict=verdict, seconds=time.process_time() - began))
         entries.sort(key=lambda each: each.name)
     began = time.process_time()
     lesson = take(newest, look, entries, champion, list(paths), learning.since, job.settings)
@@ -68,17 +76,33 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
     decisions = dict.fromkeys(diary.decisions)
     if learning.since:
         decisions[Decision(learning.since, 'After this day a person decided.')] = None
-    answer: Answer = {}
-    if lesson.better:
-        answer = _save(job, lesson.better, {name: paths[name] for name in lesson.days}, look)
-        decisions[Decision(newest, f'{job.output.name} was learnt. {entry.verdict}')] = None
     paused = pause(entries, learning.since)
+    answer: Answer = {'success': True, 'learnt': False, 'paused': paused}
+    # What cannot be kept is said; the rest is done all the same.
+    troubles, better = [entry.incident], lesson.better
+    with _noted(troubles, 'The payloads of the better model are lost'):
+        better = better and keep_payloads(job, better)
+    with _noted(troubles, 'A better model is lost'):
+        if better:
+            days = {name: paths[name] for name in lesson.days}
+            answer |= {**_save(job, better, days, look), 'learnt': True}
+            decisions[Decision(newest, f'{job.output.name} was learnt. {entry.verdict}')] = None
     diary = Diary(tuple(entries), tuple(decisions), paused)
-    save_diary(directory, diary)
-    prune(directory, diary, learning.keep_days, learning.max_mb)
-    found = {'success': True, 'learnt': bool(lesson.better), 'paused': paused}
-    message = f'{entry.incident} {entry.verdict}'.strip()
-    return {**found, 'message': message, 'incident': entry.incident, **answer}
+    with _noted(troubles, 'The diary is lost'):
+        save_diary(directory, diary)
+    with _noted(troubles, 'Old days stay'):
+        prune(directory, diary, learning.keep_days, learning.max_mb)
+    trouble = ' '.join(filter(None, troubles))
+    return {**answer, 'message': f'{trouble} {entry.verdict}'.strip(), 'incident': trouble}
+
+
+@contextmanager
+def _noted(troubles: list[str], what: str) -> Iterator[None]:
+    """Add what goes wrong to a list of sentences."""
+    try:
+        yield
+    except (WristFtCompError, OSError) as error:
+        troubles.append(f'{what}: {error}')
 
 
 def _champion(path: Path | None) -> Champion:
@@ -86,8 +110,10 @@ def _champion(path: Path | None) -> Champion:
     if path is None:
         return Champion()
     stored = load_model(path)
-    names = [Path(source).name for source, _ in model_sources(stored)]
-    newest = max((name for name in names if name.startswith('day_')), default='')
+    sources = [Path(source) for source, _ in model_sources(stored)]
+    # A person's own recordings may have names like those of days.
+    names = [each.name for each in sources if each.parent.name == 'days']
+    newest = max(filter(day_number, names), default='')
     return Champion(stored.sha256[:_DIGITS], stored.model, newest)
 
 

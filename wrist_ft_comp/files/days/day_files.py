@@ -16,9 +16,12 @@ from wrist_ft_comp.model.signals import AXES, NANOSECONDS, REFERENCE_CHANNELS, S
 
 #: Length of a day, silence that ends one, and what is too short to be one, ns.
 DAY_NS, SILENCE_NS, SHORTEST_NS = 86_400 * NANOSECONDS, 7200 * NANOSECONDS, 600 * NANOSECONDS
-#: So many rows are written before the folder is measured again; they take less than the margin.
+#: Rows between two looks at how large day and folder are; they take less than the margin, bytes.
 _ROWS, _MARGIN = 600, 200_000
-#: A header and a row are shorter.
+#: Share of all days' room that a day may take, and no day takes more, bytes: 24 h of cells of
+#: 0.1 s and a dozen thermometers. A larger file in the folder is no day of a node.
+_SHARE, LARGEST_BYTES = 0.2, 200_000_000
+#: A header and a row are shorter, bytes.
 _PIECE = 8192
 
 
@@ -68,6 +71,25 @@ def span_of(path: Path) -> Span | None:
         return None
 
 
+def day_number(name: str) -> int:
+    """Read the number in the name of a day's file; 0 where a node gives no such name."""
+    found = re.fullmatch(r'day_(\d{5})\.csv', name)
+    return int(found[1]) if found else 0
+
+
+def days(directory: Path) -> list[Path]:
+    """List the days below a node's folder by their names, oldest first, readable or not."""
+    return sorted(p for p in (directory / 'days').glob('day_*.csv') if day_number(p.name))
+
+
+def size_of(path: Path) -> int:
+    """Measure a file in a node's folder, bytes; 0 where it is gone, or no node made it."""
+    with suppress(OSError):
+        size = path.stat().st_size if path.is_file() else 0
+        return size if size <= LARGEST_BYTES else 0
+    return 0
+
+
 class DayFiles:
     """What rows of the diary are written to; RecordingError when it can take no more."""
 
@@ -78,47 +100,48 @@ class DayFiles:
     def __init__(
         self, directory: Path, channels: Sequence[str], max_bytes: float, known: str = ''
     ) -> None:
-        self._folder = directory / 'days'
+        self._directory, self._folder = directory, directory / 'days'
         self._columns = [j for j, each in enumerate(channels) if each not in REFERENCE_CHANNELS]
         self._channels = [channels[j] for j in self._columns]
         self._wrench = [j for j, each in enumerate(channels) if each in AXES]
         self._max_bytes = max_bytes
         #: Tells what the sensor is called.
         self.sensor: Callable[[], SensorNames] = dict
-        days = self._all()
-        self._number = max(map(_number, [known, *(each.name for each in days)]))
+        names = [path.name for path in days(directory)]
+        self._number = max(map(day_number, [known, *names]))
         #: The day that goes on, if one does.
-        self.path = days[-1] if days and days[-1].name > known else None
+        newest = self._folder / (names or [''])[-1]
+        self.path = newest if names and newest.name > known and size_of(newest) else None
+        #: Whether the newest row found no room.
+        self.full = False
         self._writer: DayWriter | None = None
         self._first_ns = self._last_ns = self._rows = 0
 
-    def _all(self) -> list[Path]:
-        """List all days, oldest first."""
-        return sorted(each for each in self._folder.glob('day_*.csv') if _number(each.name))
-
     def ended(self) -> list[Path]:
         """List the days that have ended, oldest first."""
-        return [each for each in self._all() if each != self.path]
+        return [path for path in days(self._directory) if path != self.path]
 
     def used(self) -> int:
-        """Tell what is used of the disk, bytes; what just went is none."""
-        total = 0
-        for each in self._folder.glob('*'):
-            with suppress(OSError):
-                total += each.stat().st_size
-        return total
+        """Tell what is used of the disk, bytes."""
+        return sum(map(size_of, self._folder.glob('*')))
 
     def append(self, stamp_ns: int, values: Sequence[float]) -> None:
         """Write a row into the day it belongs to."""
-        if self._rows % _ROWS == 0 and self.used() > self._max_bytes - _MARGIN:
-            raise RecordingError(
-                f'{self._folder} holds as much as learning.max_mb allows '
-                f'({self._max_bytes / 1e6:.0f} MB).'
-            )
+        large = False
+        if self._rows % _ROWS == 0:
+            self.full = self.used() > self._max_bytes - _MARGIN
+            if self.full:
+                raise RecordingError(
+                    f'{self._folder} holds as much as learning.max_mb allows '
+                    f'({self._max_bytes / 1e6:.0f} MB).'
+                )
+            largest = min(_SHARE * self._max_bytes, LARGEST_BYTES) - _MARGIN
+            large = self.path is not None and size_of(self.path) > largest
         writer, since = self._writer or self._resumed(), stamp_ns - self._last_ns
         if writer and since <= 0 and all(isnan(values[j]) for j in self._wrench):
             return  # only temperatures, which come late after a silence
-        if not writer or not 0 < since <= SILENCE_NS or stamp_ns - self._first_ns >= DAY_NS:
+        over = large or not 0 < since <= SILENCE_NS or stamp_ns - self._first_ns >= DAY_NS
+        if not writer or over:
             self.leave()
             writer = self._begin(stamp_ns)
         writer.append(stamp_ns, [values[j] for j in self._columns])
@@ -172,9 +195,3 @@ class DayFiles:
         writer, self._writer = self._writer, None
         if writer is not None:
             writer.close()
-
-
-def _number(name: str) -> int:
-    """Read the number of a day; 0 where there is none."""
-    found = re.fullmatch(r'day_(\d+)\.csv', name)
-    return int(found[1]) if found else 0

@@ -16,7 +16,8 @@ import numpy as np
 from wrist_ft_comp.calibration.learning.challenge import worthiest
 from wrist_ft_comp.calibration.learning.entry import DayEntry, Decision, Diary
 from wrist_ft_comp.errors import ModelFileError, RecordingError
-from wrist_ft_comp.files.documents import Document, Kind, plain, tuples
+from wrist_ft_comp.files.days.day_files import day_number, days, size_of
+from wrist_ft_comp.files.documents import Document, Kind, plain, tuples, writing
 
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=1, schema='diary.schema.json', keeps=True,
@@ -26,13 +27,8 @@ KIND = Kind(
     'data_directory; until then nothing is learnt.')  # fmt: skip
 #: Days and decisions that are remembered.
 _MOST_DAYS, _MOST_DECISIONS = 1000, 100
-#: A day's recording is smaller than this, MB.
-_LARGEST_MB = 10.0
-
-
-def days(directory: Path) -> list[Path]:
-    """List the recordings of days below a node's folder, oldest first."""
-    return sorted((directory / 'days').glob('day_*.csv'))
+#: Room for the diary itself, and for the rows between two looks at the folder, MB.
+_SPARE_MB = 10.0
 
 
 def diary_path(directory: Path) -> Path:
@@ -44,7 +40,9 @@ def load_diary(directory: Path) -> Diary:
     """Read a diary; an empty one where there is none that can be read."""
     with suppress(RecordingError, ModelFileError, OSError):
         if document := KIND.load_json(diary_path(directory)):
-            entries = tuple(_entry(values) for values in document['days'])
+            entries = tuple(
+                _entry(values) for values in document['days'] if day_number(values['name'])
+            )
             decisions = tuple(Decision(**each) for each in document['decisions'])
             return Diary(entries, decisions, document['paused'])
     return Diary()
@@ -61,16 +59,17 @@ def save_diary(directory: Path, diary: Diary) -> None:
 
 
 def prune(directory: Path, diary: Diary, keep_days: int, max_mb: float) -> list[str]:
-    """Remove recordings until both bounds hold and another day has room; names what is left."""
+    """Remove recordings until both bounds hold; names what is left. RecordingError if it can't."""
     there = {path.name: path for path in days(directory)}
     kept = [entry for entry in diary.days if entry.name in there]
-    room = 1e6 * (max_mb - _LARGEST_MB)
-    while len(kept) > 1 and (
-        len(kept) > keep_days or sum(there[each.name].stat().st_size for each in kept) > room
+    room = 1e6 * (max_mb - _SPARE_MB)
+    while kept and (
+        len(kept) > keep_days or sum(size_of(there[each.name]) for each in kept) > room
     ):
-        before, kept = kept, worthiest(kept, len(kept) - 1)
-        (gone,) = {each.name for each in before} - {each.name for each in kept}
-        there.pop(gone).unlink(missing_ok=True)
+        before, kept = kept, worthiest(kept, len(kept) - 1) if len(kept) > 1 else []
+        (name,) = {each.name for each in before} - {each.name for each in kept}
+        with writing(there[name]):
+            there.pop(name).unlink(missing_ok=True)
     return list(there)
 
 

@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from wrist_ft_comp.errors import StateFileError
+from wrist_ft_comp.files.days.day_files import day_number
 from wrist_ft_comp.files.documents import Kind
 
 KIND = Kind(
@@ -34,6 +35,8 @@ class Memory:
     offered: str = ''
     sha256: str = ''
     why: str = ''
+    #: Whether it goes live by itself; a kill may come before it does.
+    automatic: bool = False
 
 
 def memory_path(directory: Path) -> Path:
@@ -46,7 +49,10 @@ def load_memory(directory: Path) -> Memory | None:
     document = KIND.load_json(memory_path(directory))
     if document is None:
         return None
-    return Memory(**{key: document[key] for key in document if key not in {'format', 'version'}})
+    values = {key: document[key] for key in document if key not in {'format', 'version'}}
+    # The name of a stray file, such as day_1.csv, would be newer than every day to come.
+    stray = [key for key in ('judged', 'since') if not day_number(values.get(key, ''))]
+    return Memory(**{**values, **dict.fromkeys(stray, '')})
 
 
 def save_memory(directory: Path, memory: Memory) -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from wrist_ft_comp.calibration.learning.entry import DayEntry, Diary
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files.days.day_files import span_of
-from wrist_ft_comp.files.days.diary import days, load_diary
+from wrist_ft_comp.files.days.day_files import days, size_of, span_of
+from wrist_ft_comp.files.days.diary import load_diary
 from wrist_ft_comp.model.signals import NANOSECONDS
 
 #: What is nowhere but in a node's folder.
@@ -41,8 +41,8 @@ def _unjudged(path: Path) -> DayEntry:
     """Say when a day was, by its file."""
     span = None
     with suppress(OSError):
-        span = span_of(path)
+        span = span_of(path) if size_of(path) else None
     if span is None:
-        return DayEntry(path.name, verdict='its file holds no row')
+        return DayEntry(path.name, verdict='it is no file with rows of a day')
     hours = (span.last_ns - span.first_ns) / NANOSECONDS / 3600
     return DayEntry(path.name, span.first_ns, hours, verdict='not judged yet')

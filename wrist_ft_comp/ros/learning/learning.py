@@ -1,6 +1,6 @@
 """Learning from days: when a job runs, and what becomes of the better model that it found."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -12,8 +12,8 @@ from std_srvs.srv import Trigger
 from wrist_ft_comp.errors import SettingsError, StateFileError, WristFtCompError
 from wrist_ft_comp.files.days.day_files import DayFiles
 from wrist_ft_comp.files.days.memory import load_memory, Memory, save_memory
-from wrist_ft_comp.files.job_request import ANOTHER_LEARNS
 from wrist_ft_comp.files.model_file import restore_model
+from wrist_ft_comp.model.drift_model import StoredModel
 from wrist_ft_comp.ros.hub import Part, Service
 from wrist_ft_comp.ros.learning.diary import DiaryKeeper
 from wrist_ft_comp.ros.live_model import LiveModel
@@ -23,7 +23,7 @@ from wrist_ft_comp.ros.services.calibrate import CalibrateService, CalibrationPr
 #: How often to look for a day to judge, and how long to wait where a job cannot run, s.
 _LOOK_S, _WAIT_S = 1.0, 60.0
 #: What a memory holds when nothing is offered.
-_NONE = {'offered': '', 'sha256': '', 'why': ''}
+_NONE = {'offered': '', 'sha256': '', 'why': '', 'automatic': False}
 
 
 def why_not(chosen: Mapping[str, Any]) -> str:
@@ -53,18 +53,19 @@ class Learner(Part):
         self.mode: str = chosen['learning']
         #: Why learning is off, and why what was decided can't be remembered; or nothing.
         self.why_not, self.problem = why_not(chosen), ''
+        self._max_bytes = 1e6 * chosen['learning.max_mb']
         #: Why a day that has ended is not judged yet.
         self.waiting = ''
         self.memory = Memory()
         self.diary: DiaryKeeper | None = None
         self._live, self._calibration, self._jobs, self._log = live, calibration, jobs, log
         self._directory = jobs.store.directory
-        self._max_bytes = 1e6 * chosen['learning.max_mb']
         self._process: CalibrationProcess | None = None
         #: Up to which day, and since when.
         self._judging, self._begun, self._begun_with_model = '', 0.0, False
-        #: When to look for a day to judge.
-        self._wait_until = 0.0
+        #: When to look for a day to judge, and the newest day when old ones were in the way.
+        self._wait_until, self._crowded = 0.0, ''
+        self._parameters_due = 0.0
 
     title = 'learning'
 
@@ -77,23 +78,36 @@ class Learner(Part):
         if self._begun_with_model:
             return
         self._begun_with_model = True
-        if self.why_not:
-            if self.mode != 'off':
-                self._log.warning(self.why_not)
-            return
-        broken = ''
+        if not self.why_not:
+            self._begin()
+        elif self.mode != 'off':
+            self._log.warning(self.why_not)
+
+    def _begin(self) -> None:
+        """Go on with memory and diary, where the parameters allow it."""
+        broken, memory = '', None
         try:
-            self.memory = load_memory(self._directory) or Memory(champion=self._live.sha256)
+            memory = load_memory(self._directory)
         except StateFileError as error:
             broken = f'learning began anew: {error}'
             self._log.warning(broken)
-        known = max(self.memory.judged, self.memory.since)
+        self.memory = memory or Memory(champion=self._live.sha256)
+        newest = max(self.memory.judged, self.memory.since)
         recorder = self._jobs.recorder
-        files = DayFiles(self._directory, recorder.channels, self._max_bytes, known)
+        files = DayFiles(self._directory, recorder.channels, self._max_bytes, newest)
         files.sensor = recorder.sensor
         self.diary = DiaryKeeper(recorder, files, self._log)
         if broken:
             self._decide(broken)
+
+    def _follow_parameters(self) -> None:
+        """Begin or rest when calibration.reference has changed."""
+        before, self.why_not = self.why_not, why_not(self._jobs.settings())
+        if before and not self.why_not:
+            self._begin()
+        elif self.why_not and not before:
+            self._log.warning(self.why_not)
+            self._rest()
 
     @property
     def running_s(self) -> float | None:
@@ -107,12 +121,14 @@ class Learner(Part):
 
     def poll(self) -> None:
         """Go on with whatever is due: the diary, a job, what came of it."""
+        if self.mode != 'off' and time.monotonic() >= self._parameters_due:
+            self._parameters_due = time.monotonic() + _LOOK_S
+            self._follow_parameters()
         if self.diary is None:
             return
-        if self._live.sha256 != self.memory.champion:
-            now, offered = self._live.stored, self._live.sha256 == self.memory.sha256
-            how = f'adopted: {self.memory.why}' if offered else 'made live by hand'
-            self._decide(f'{now.path.name if now else "no model"} was {how}')
+        self._notice()
+        if self.memory.automatic and self.mode == 'auto':  # a kill came before it was live
+            self._go_live(lambda: self._live.load(self.offered))
         self.diary.poll()
         if self._calibration.running_s is not None:
             self._end_job()  # a person's goes first; the day is judged afterwards
@@ -120,15 +136,33 @@ class Learner(Part):
             self._follow(self._process)
         elif time.monotonic() >= self._wait_until:
             self._wait_until = time.monotonic() + _LOOK_S
-            self._start(self.diary.files.ended())
+            files = self.diary.files
+            self._start(files.ended(), crowded=files.full)
 
-    def _start(self, days: list[Path]) -> None:
-        """Start a job where there is a day that none has judged."""
-        if not days or days[-1].name <= self.memory.judged:
+    def _notice(self) -> None:
+        """Note who changed the live model: a person, a job before a kill, or a broken file."""
+        live, memory = self._live, self.memory
+        if live.sha256 == memory.champion:
             return
+        if live.stored is None and live.problem:
+            self._remember(champion=None, change=_dated(f'no model is live: {live.problem}'))
+        elif live.sha256 != memory.sha256:
+            now = live.stored.path.name if live.stored else 'no model'
+            self._decide(f'{now} was made live by hand')
+        elif memory.automatic:
+            self._note_learnt()
+        else:
+            self._decide(f'{memory.offered} was adopted: {memory.why}')
+
+    def _start(self, days: list[Path], *, crowded: bool) -> None:
+        """Start a job where no job has judged the newest day, or once to make room."""
+        newest = days[-1].name if days else ''
+        if newest <= self.memory.judged and (not crowded or newest in {'', self._crowded}):
+            return
+        self._crowded = newest
         live = self._live.stored
         champion = None if live is None else live.path
-        self._judging, self._begun = days[-1].name, time.monotonic()
+        self._judging, self._begun = newest, time.monotonic()
         try:
             job = self._jobs.learning(days, champion, self.memory.since)
             self._process = CalibrationProcess(job)
@@ -148,35 +182,48 @@ class Learner(Part):
         if outcome is None:
             return
         self._process, message = None, outcome['message']
-        if not outcome['success'] and ANOTHER_LEARNS in message:
+        if outcome.get('later'):
             self._wait(message)
             return
         self.waiting = ''
-        self._remember(judged=self._judging, verdict=message)
+        judged = {'judged': self._judging, 'verdict': message}
         if not outcome['success']:
-            self._log.warning(f'{self._judging} taught nothing: {message}')
+            trouble = f'Nothing was learnt from {self._judging}: {message}'
+            self._remember(**judged, incident=trouble)
+            self._log.warning(trouble)
             return
+        self._remember(**judged, paused=outcome['paused'], incident=outcome['incident'])
         self._log.info(f'{self._judging}: {message}')
-        self._remember(paused=outcome['paused'], incident=outcome['incident'])
         if outcome['learnt']:
             self._take(Path(outcome['path']), outcome)
 
     def _take(self, path: Path, outcome: dict[str, Any]) -> None:
         """Make a better model live, or offer it."""
         sha256, why = outcome['sha256'], outcome['message']
-        # First of all, so that after a kill a model that is live is known to be this one.
-        self._remember(offered=path.name, sha256=sha256, why=why)
-        if self.mode == 'propose' or self.memory.paused:
+        automatic = self.mode == 'auto' and not self.memory.paused
+        # First of all, so that after a kill it is known what was to become of this model.
+        self._remember(offered=path.name, sha256=sha256, why=why, automatic=automatic)
+        if automatic:
+            self._go_live(lambda: restore_model(path, sha256, outcome['document']))
+        else:
             self._log.info(f'a better model, {path}, is offered: call ~/adopt to make it live')
-            return
+
+    def _go_live(self, restore: Callable[[], StoredModel]) -> None:
+        """Make a model live that was learnt; one that can't be is offered only."""
         try:
-            problem = self._live.take(restore_model(path, sha256, outcome['document']))
+            problem = self._live.take(restore())
         except WristFtCompError as error:
+            self._remember(automatic=False)
             self.problem = str(error)
             self._log.error(self.problem)
             return
-        self._remember(champion=sha256, change=_dated(f'{path.name} was learnt: {why}'), **_NONE)
+        self._note_learnt()
         self.problem = self.problem or problem
+
+    def _note_learnt(self) -> None:
+        """Remember that the model that was learnt is live, and that no person decided it."""
+        change = _dated(f'{self.memory.offered} was learnt: {self.memory.why}')
+        self._remember(champion=self._live.sha256, change=change, **_NONE)
 
     def _decide(self, what: str) -> None:
         """Note that a person decided: days so far are no evidence against that."""
@@ -267,11 +314,16 @@ class Learner(Part):
             }
         return numbers
 
-    def end(self) -> bool:
-        """End with the node; day and judgement go on when it starts again."""
+    def _rest(self) -> None:
+        """Leave the day where it is; it and its judgement go on at the next beginning."""
         self._end_job()
-        if self.diary is not None:
-            self.diary.end()
+        diary, self.diary = self.diary, None
+        if diary is not None:
+            diary.end()
+
+    def end(self) -> bool:
+        """End with the node."""
+        self._rest()
         return False
 
 

@@ -49,6 +49,7 @@ class CalibrationProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
+            bufsize=0,
             env={**os.environ, **ONE_THREAD},
             start_new_session=True,  # Ctrl-C in the terminal is the node's to handle
         )
@@ -58,11 +59,16 @@ class CalibrationProcess:
         entrance, *exits = self._pipes
         #: What came so far, per pipe.
         self._read: dict[int, list[bytes]] = {pipe.fileno(): [] for pipe in exits}
-        for pipe in self._read:
-            os.set_blocking(pipe, False)
-        with suppress(BrokenPipeError):  # a process that has died already says so in poll
-            entrance.write(encode_job(job).encode() + b'\n')
-            entrance.flush()
+        for pipe in self._pipes:
+            os.set_blocking(pipe.fileno(), False)
+        #: What the process has not taken of its job; a pipe holds 64 kB until it is read.
+        self._job = encode_job(job).encode() + b'\n'
+        self._tell(entrance)
+
+    def _tell(self, entrance: Any) -> None:
+        """Hand on as much of the job as the pipe takes."""
+        with suppress(BrokenPipeError):  # a process that has died says so in poll
+            self._job = self._job[entrance.write(self._job) or 0 :]
 
     @property
     def pid(self) -> int:
@@ -72,6 +78,8 @@ class CalibrationProcess:
     def poll(self) -> dict[str, Any] | None:
         """Give the outcome, as cli.calibration_job writes it; None while it runs."""
         ended = self._process.poll()
+        if self._job:
+            self._tell(self._pipes[0])
         for pipe, parts in self._read.items():
             with suppress(BlockingIOError):  # so that a full pipe never stops the process
                 while part := os.read(pipe, 1 << 16):
@@ -116,13 +124,13 @@ class JobMaker:
     """Makes jobs; ``topics`` takes the present parameters and tells topics by their full names."""
 
     store: ModelStore
-    _settings: Callable[[], dict[str, Any]]
+    settings: Callable[[], dict[str, Any]]
     _topics: Callable[[dict[str, Any]], Topics]
     recorder: Recorder
 
     def calibration(self) -> CalibrationJob:
         """Ask for what ``~/calibrate`` does."""
-        chosen = self._settings()
+        chosen = self.settings()
         named = tuple(self.store.locate(path) for path in chosen['calibration.recordings'])
         recordings = named or tuple(self.store.recordings())
         if not recordings:
@@ -134,14 +142,14 @@ class JobMaker:
 
     def learning(self, days: Sequence[Path], champion: Path | None, since: str) -> CalibrationJob:
         """Ask for what can be learnt from days."""
-        chosen = {**self._settings(), 'calibration.reference': 'payload'}
+        chosen = {**self.settings(), 'calibration.reference': 'payload'}
         kept_mb = 0.8 * chosen['learning.max_mb']  # leaves room for the day that goes on
         learning = Learning(champion, since, chosen['learning.keep_days'], kept_mb)
         return replace(self._make(tuple(days), chosen, skip_unusable=True), learning=learning)
 
     def identification(self, minute: Minute) -> CalibrationJob:
         """Ask for what ``~/identify_payload`` does."""
-        output, topics = self.store.directory / 'models' / PAYLOADS, self._topics(self._settings())
+        output, topics = self.store.directory / 'models' / PAYLOADS, self._topics(self.settings())
         return CalibrationJob((), output, topics=topics, minute=minute)
 
     def _make(

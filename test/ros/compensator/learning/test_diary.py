@@ -1,11 +1,17 @@
+import os
 import resource
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
+from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.files.days import day_files
 from wrist_ft_comp.files.days.day_files import DayFiles
+from wrist_ft_comp.files.model_store import ModelStore
 from wrist_ft_comp.files.recordings import read_recording
+from wrist_ft_comp.ros.compensator_node import CompensatorNode
 from wrist_ft_comp.stream.cell_averager import row_channels
 
 HOUR, DAY = 6, 144  # cells
@@ -141,3 +147,56 @@ def test_a_silent_thermometer_does_not_end_the_day(learner):
     recording = read_recording(node.days / 'day_00001.csv')
     assert np.isfinite(recording.wrench).all(axis=1).sum() > 1400
     assert recording.warnings == ()
+
+
+def test_a_day_ends_when_it_has_its_share_of_the_room(learner, tmp_path, monkeypatch):
+    monkeypatch.setattr(day_files, '_ROWS', 1)
+    days = tmp_path / 'data/days'
+    days.mkdir(parents=True)
+    node = learner(**{'learning.max_mb': 50.0})
+    node.hear(20)
+    with (days / 'day_00001.csv').open('ab') as file:
+        file.write(b'#' * 10_000_000)
+    node.hear(20)
+    node.judged()
+    assert node.files() == ['day_00001.csv', 'day_00002.csv']
+
+
+def test_days_from_before_a_smaller_bound_are_tidied_up(learner, tmp_path, monkeypatch):
+    monkeypatch.setattr(day_files, '_ROWS', 1)
+    node = learner()
+    node.a_day()
+    node.node.destroy_node()
+    with (tmp_path / 'data/days/day_00001.csv').open('ab') as file:
+        file.truncate(60_000_000)
+    node = learner(**{'learning.max_mb': 50.0})
+    node.hear(5)
+    node.judged(2)
+    assert node.node.learning.running_s is None, 'it is asked for once, not for ever'
+    node.wait(lambda: node.node.learning.diary.files.full, 'another look')
+    assert len(node.asked()) == 2
+
+
+def test_a_second_node_is_told_who_holds_the_folder(learner, tmp_path):
+    node = learner()
+    with pytest.raises(SettingsError, match=f'process {os.getpid()} on') as refused:
+        node.rig.bench.make(
+            CompensatorNode,
+            namespace='/other',
+            parameters={'data_directory': str(tmp_path / 'data')},
+        )
+    assert 'data_directory of its own' in str(refused.value)
+    node.node.destroy_node()
+    assert learner().days == node.days
+
+
+def test_a_killed_process_leaves_no_lock(tmp_path):
+    source = (
+        'import os, signal, sys; from pathlib import Path\n'
+        'from wrist_ft_comp.files.model_store import ModelStore\n'
+        'store = ModelStore(Path(sys.argv[1]))\n'
+        'store.sweep(); os.kill(os.getpid(), signal.SIGKILL)'
+    )
+    process = subprocess.run([sys.executable, '-c', source, str(tmp_path)], check=False)
+    assert process.returncode == -9
+    assert ModelStore(tmp_path).sweep() == 0

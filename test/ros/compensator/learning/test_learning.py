@@ -1,4 +1,5 @@
 import json
+import time
 
 import numpy as np
 import pytest
@@ -129,7 +130,7 @@ def test_a_calibration_goes_first(learner, models):
 
 def test_another_sensor_s_turn_is_waited_for(learner, monkeypatch):
     node = learner()
-    node.answer(success=False, message='another sensor is learning; ask again later')
+    node.answer(success=False, later=True, message='another sensor is learning')
     node.a_day()
     assert node.node.learning.memory.judged == ''
     node.rig.diagnosis('learning', 'another sensor is learning')
@@ -235,3 +236,77 @@ def test_of_models_that_were_only_offered_the_newest_is_kept(learner, models):
     assert kept == {'old.yaml', 'new.yaml', offered.name, offered.with_suffix('.html').name}
     assert node.rig.call('adopt').success
     assert offered.exists()
+
+
+def test_a_kill_between_offering_and_adopting_ends_in_the_adoption(learner, models, monkeypatch):
+    old, new = models
+    node = learner(model_file=str(old.path), learning='auto')
+    node.find(new)
+    monkeypatch.setattr(node.node.live, 'take', lambda _: pytest.fail('killed'))
+    with pytest.raises(pytest.fail.Exception):
+        node.a_day()
+    node = learner(model_file=str(old.path), learning='auto')
+    node.wait(lambda: node.node.live.sha256 == new.sha256, 'the adoption')
+    values = node.rig.diagnosis('learning', 'keeping a diary').values
+    assert 'was learnt: leaves half' in values['last_change']
+    assert node.node.learning.memory.since == '', 'nobody decided'
+
+
+def test_a_broken_list_of_models_is_no_decision(learner, models):
+    node = learner(model_file=str(models[0].path))
+    node.a_day()
+    node.node.destroy_node()
+    (node.rig.directory / 'active.json').write_text('[' * 986 + ']' * 986)
+    node = learner()
+    node.wait(lambda: node.node.learning.memory.champion is None, 'its notice')
+    assert 'active.json cannot be read' in node.node.learning.memory.change
+    assert node.node.learning.memory.since == ''
+
+
+def test_learning_follows_what_the_reference_is_set_to(learner):
+    node = learner()
+    node.hear(20)
+    assert node.rig.set('calibration.reference', 'unloaded').successful
+    assert node.rig.diagnosis('learning', 'they are unloaded and imu').level == WARN
+    assert 'they are unloaded' in node.rig.call('adopt').message
+    node.hear(5)
+    assert node.rig.set('calibration.reference', 'payload').successful
+    node.rig.diagnosis('learning', 'keeping a diary')
+    node.hear(20)
+    rows = (node.days / 'day_00001.csv').read_text().count('\n')
+    assert rows == 1 + 20 + 19, 'nothing was kept meanwhile'
+
+
+def test_what_stops_a_job_is_a_warning_and_the_next_day_is_judged(learner, models):
+    node = learner(model_file=str(models[0].path))
+    node.answer(success=False, message='old.yaml cannot be read')
+    node.a_day()
+    assert node.rig.diagnosis('learning', 'old.yaml cannot be read').level == WARN
+    node.answer(success=True, message='no better model')
+    node.a_day()
+    assert node.rig.diagnosis('learning', 'keeping a diary').level == OK
+
+
+def test_a_stray_name_in_the_memory_does_not_stop_learning(learner):
+    node = learner()
+    node.a_day()
+    node.node.destroy_node()
+    path = memory_path(node.rig.directory)
+    path.write_text(path.read_text().replace('day_00001.csv', 'day_1.csv'))
+    node = learner()
+    node.judged(2)
+    assert node.node.learning.memory.judged == 'day_00001.csv'
+
+
+def test_a_job_of_a_thousand_days_holds_up_nobody(learner, tmp_path):
+    days = tmp_path / 'data/days'
+    days.mkdir(parents=True)
+    for number in range(1, 1001):
+        (days / f'day_{number:05d}.csv').write_text('stamp_s\n')
+    node = learner(data_directory=str(tmp_path / 'data'))
+    begun = time.monotonic()
+    node.node.learning.poll()
+    assert time.monotonic() - begun < 0.5, 'a process takes longer to begin to read'
+    assert node.node.learning._process._job, 'a pipe holds less'
+    node.judged(1)
+    assert len(node.asked()[0]['recordings']) == 999, 'the newest day goes on'
