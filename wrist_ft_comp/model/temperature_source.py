@@ -154,11 +154,11 @@ def parse_sources(
 
 
 def header_stamp_ns(message: Any) -> int | None:
-    """Read the stamp of a message's header, ns; None where there is none, or it was not filled."""
+    """Read the stamp of a message's header, ns, 0 if it was not filled; None without a header."""
     stamp = getattr(getattr(message, 'header', None), 'stamp', None)
     if stamp is None:
         return None
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec) or None
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
 def path_text(path: Path) -> str:

@@ -71,7 +71,7 @@ def opening(topic: str) -> Iterator[None]:
         reason = str(error).split(', at /')[0].split('\n')[0].rstrip(':')
         raise SettingsError(
             f'The topic {topic} cannot be used: {reason}. Check its name, its qos_overrides, and '
-            'that no other topic of this node, which is of another type, has the same name.'
+            'that nothing in this process uses it with another type.'
         ) from error
 
 

@@ -36,6 +36,14 @@ class Status:
     message: str
     #: Numbers behind it.
     values: dict[str, str] = field(default_factory=dict)
+    #: What the message is made of, where it is several doubts.
+    doubts: tuple[str, ...] = ()
+
+
+def doubtful(name: str, doubts: Iterable[str], well: str, values: dict[str, str]) -> Status:
+    """Make a status of all doubts, the worst first, or of what is said where there are none."""
+    found = tuple(doubts)
+    return Status(name, WARN if found else OK, '; '.join(found) or well, values, found)
 
 
 class NodeLog:
@@ -65,6 +73,8 @@ class NodeLog:
     def _tell_one(self, status: Status) -> None:
         """Log one status, if it is news."""
         told, line = self._told[status.name], f'{status.name}: {status.message}'
+        doubts = status.doubts or (status.message,)
+        news = [doubt for doubt in doubts if _NUMBERS.sub('#', doubt) not in told]
         if status.level == OK:
             self._well[status.name] += 1
             if told and self._well[status.name] >= _PEACE:
@@ -73,10 +83,10 @@ class NodeLog:
             return
         self._well[status.name] = 0
         starting = status.level == STALE and self._reports <= _PATIENCE
-        sentence = _NUMBERS.sub('#', line)
-        if starting or sentence in told:
+        if starting or not news:
             return
-        told.add(sentence)
+        told.update(_NUMBERS.sub('#', doubt) for doubt in news)
+        line = f'{status.name}: {"; ".join(news)}'
         # One call site each: rclpy insists that a call site keeps its severity.
         if status.level == ERROR:
             self.error(line)

@@ -1,7 +1,6 @@
 """Where down is, live: bytes of an IMU or of TF in, specific force out."""
 
-import sys
-from types import ModuleType
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -43,25 +42,23 @@ class Heard:
         self.on, self.told, self.frame = {}, [], frame
         chosen = {'gravity.source': source, 'gravity.frame': upper}
 
-        def subscribe(_, topic, callback, __):
-            self.on[topic] = callback
-
-        def keep(_, topic, __):
-            return self.on.setdefault(topic, Kept())
-
+        self.log = SimpleNamespace(info=lambda _: None)
         told = self.told
         self.source = GravitySource(
-            chosen, subscribe, keep, lambda: self.frame, lambda *values: told.append(values)
+            chosen, self, lambda: self.frame, lambda *values: told.append(values)
         )
+
+    def subscribe(self, _kind, topic, callback, _qos):
+        self.on[topic] = callback
+
+    def subscribe_unserved(self, _kind, topic, _qos):
+        return self.on.setdefault(topic, Kept())
 
 
 @pytest.fixture
 def with_tf2(monkeypatch):
     """Let the package tf2_msgs be there; bytes are bytes."""
-    package = ModuleType('tf2_msgs.msg')
-    package.TFMessage = object
-    monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
-    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', package)
+    monkeypatch.setattr('wrist_ft_comp.ros.gravity.source.load_type', lambda *_: object)
 
 
 @pytest.fixture

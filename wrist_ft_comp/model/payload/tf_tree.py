@@ -7,6 +7,7 @@ of a frame orientations are interpolated; nothing is known where these are too f
 ended. Quaternions are x, y, z, w as in messages.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,10 +20,13 @@ GAP_NS = NANOSECONDS // 2
 _KEPT_NS = 3 * NANOSECONDS
 #: A frame whose transforms are this far behind others' is waited for no longer.
 _PATIENCE_NS = 2 * NANOSECONDS
-#: So many different static transforms of one frame are kept.
+#: Different static transforms of one frame that are kept.
 _STATIC = 100
-#: The squared norm of a rotation is off from 1 by less.
-_NORM_ERROR = 0.1
+#: Frames that are remembered of what a node hears, and twice as many if they hang together with
+#: the two of interest. Robots have tens; a sender that makes up names for ever fills no memory.
+_MOST_FRAMES = 1000
+#: Names of frames in a sentence.
+_NAMED = 20
 
 #: Of transforms in order of time: stamps, ns, numbers of the parents, quaternions, shape (n, 4).
 _Columns = tuple[IntArray, IntArray, FloatArray]
@@ -30,7 +34,7 @@ _NONE: _Columns = np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 4))
 
 
 class Transforms(NamedTuple):
-    """Transforms of a frame in another: stamps, ns, shape (n,), and quaternions, shape (n, 4)."""
+    """Transforms of a frame in another: stamps, ns, shape (n,), and rotations, shape (n, 4)."""
 
     parent: str
     child: str
@@ -55,21 +59,30 @@ class _Link:
     def __init__(self, *, static: bool) -> None:
         self.static = static
         #: Of the newest transform.
-        self.newest_ns, self.parent = -_KEPT_NS, -1
-        self._columns, self._new = _NONE, list[_Columns]()
+        self.newest_ns, self.parent, self._newest = -_KEPT_NS, -1, np.zeros(4)
+        self._columns, self._new = _NONE, list[tuple[IntArray, int, FloatArray]]()
 
     def add(self, parent: int, stamps_ns: IntArray, quaternions: FloatArray) -> None:
         """Take transforms to a parent; a jump of the stamps back begins anew."""
         if not self.static and stamps_ns[-1] < self.newest_ns - _KEPT_NS:
             self._new, self._columns, self.newest_ns = [], _NONE, -_KEPT_NS
-        self._new.append((stamps_ns, np.full(len(stamps_ns), parent), quaternions))
+        if self.static and parent == self.parent and (quaternions == self._newest).all():
+            return  # sent again
+        self._new.append((stamps_ns, parent, quaternions))
         if stamps_ns.max() >= self.newest_ns:
-            self.newest_ns, self.parent = int(stamps_ns.max()), parent
+            newest = int(stamps_ns.argmax())
+            self.newest_ns, self.parent = int(stamps_ns[newest]), parent
+            self._newest = quaternions[newest]
 
     def _sorted(self) -> _Columns:
         """Sort in what came; of transforms with one stamp the newest counts."""
         if self._new:
-            every = [np.concatenate(each) for each in zip(self._columns, *self._new, strict=True)]
+            stamps_ns, parents, quaternions = zip(*self._new, strict=True)
+            new = np.repeat(parents, [len(each) for each in stamps_ns])
+            news = stamps_ns, (new,), quaternions
+            every = [
+                np.concatenate((old, *some)) for old, some in zip(self._columns, news, strict=True)
+            ]
             if (np.diff(every[0]) <= 0).any():
                 _, backwards = np.unique(every[0][::-1], return_index=True)
                 every = [each[::-1][backwards] for each in every]
@@ -109,6 +122,8 @@ class GravityByTf:
         self.upper, self.lower = upper, lower
         self._numbers: dict[str, int] = {}
         self._links: dict[int, _Link] = {}
+        #: Frames of which no transform was needed.
+        self._others: set[str] = set()
         #: Time and rotation that were told last.
         self._last: tuple[IntArray, FloatArray] = np.empty(0, np.int64), np.empty((0, 3, 3))
 
@@ -118,14 +133,50 @@ class GravityByTf:
 
     def add(self, transforms: Transforms, *, static: bool) -> None:
         """Take transforms of a frame; where some of it moved, static ones do not count."""
+        if not len(transforms.stamps_ns):
+            return
         child, parent = self._number(transforms.child), self._number(transforms.parent)
-        known = np.abs((transforms.quaternions**2).sum(axis=1) - 1) < _NORM_ERROR
         link = self._links.get(child)
-        if not known.any() or (link is not None and static and not link.static):
+        if link is not None and static and not link.static:
             return
         if link is None or link.static != static:
             link = self._links[child] = _Link(static=static)
-        link.add(parent, transforms.stamps_ns[known], transforms.quaternions[known])
+        link.add(parent, transforms.stamps_ns, transforms.quaternions)
+
+    def needed(self, frames: Sequence[tuple[str, str]], *, static: bool) -> list[int]:
+        """
+        Choose the transforms of a message that may link the two frames, so that work is bounded.
+
+        Parameters
+        ----------
+        frames : sequence of (str, str)
+            Parent and child of every transform, without leading slashes.
+        static : bool
+            Whether they are sent once: those are kept though they may be needed only later.
+
+        Returns
+        -------
+        list of int
+            Places in ``frames``.
+
+        """
+        ways = {*self._way(self.lower), *self._way(self.upper)}
+        names, parents = list(self._numbers), {child: parent for parent, child in frames}
+        linking = {names[number] for number in ways}
+        for frame in tuple(linking):
+            above = parents.get(frame)
+            while above is not None and above not in linking:
+                linking.add(above)
+                above = parents.get(above)
+        if len(self._others) < _MOST_FRAMES:
+            self._others.update(parents)
+        room = len(names) < _MOST_FRAMES, len(names) < 2 * _MOST_FRAMES
+        return [
+            place
+            for place, (parent, child) in enumerate(frames)
+            if (static or child in linking)
+            and (room[child in linking] or {parent, child} <= self._numbers.keys())
+        ]
 
     def forget(self) -> None:
         """Drop what is too old, so that memory is bounded."""
@@ -195,12 +246,14 @@ class GravityByTf:
         """Say that nothing came of it, and which frames there are."""
         names = list(self._numbers)
         ends = {end for child, link in self._links.items() for end in (child, link.parent)}
-        there = sorted(names[end] for end in ends)
+        there = sorted(self._others | {names[end] for end in ends})
         upper, lower = self.upper.strip('/'), self.lower.strip('/')
         what = 'no chain of transforms, without a loop or a gap of half a second, links them'
         if absent := [name for name in (upper, lower) if name not in there]:
             what = f'{" and ".join(absent)} {"are" if len(absent) > 1 else "is"} missing'
+        listed = ', '.join(there[:_NAMED]) or 'none'
+        more = f' and {len(there) - _NAMED} more' if len(there) > _NAMED else ''
         return (
             f'TF does not say how {lower} is turned against {upper}: {what}. The frames there '
-            f'are: {", ".join(there) or "none"}.'
+            f'are: {listed}{more}.'
         )

@@ -25,10 +25,8 @@ class Gravity(Part):
         ) -> None:
             hub.tell('on_force', stamp_ns or hub.now_ns(), force, speed)
 
-        self.source = GravitySource(
-            self._chosen, partial(hub.subscribe_for, self), hub.subscribe_unserved,
-            hub.hardware_id, on_force,
-        )  # fmt: skip
+        guard = partial(hub.guarded, self)
+        self.source = GravitySource(self._chosen, hub, hub.hardware_id, on_force, guard)
 
     def poll(self) -> None:
         """Take what an IMU has sent."""
@@ -42,6 +40,10 @@ class Gravity(Part):
     def mount(self) -> ForceFrame | None:
         """Tell how TF turns specific force into the wrench's frame; None where it does not."""
         return None if self.source is None else self.source.mount()
+
+    def doubt(self) -> str:
+        """Say what is wrong with what specific force comes from; or nothing."""
+        return '' if self.source is None else self.source.doubt()
 
     def problem(self) -> str:
         """Say why TF tells nothing; empty where it tells something, or is not asked."""

@@ -1,7 +1,6 @@
 """Specific force, live: of an IMU, or by TF."""
 
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 import math
 from typing import Any
@@ -10,63 +9,75 @@ import numpy as np
 from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.files.bags.tf_messages import decode_transforms
-from wrist_ft_comp.files.cdr import ACCELERATION, IMU_DOUBLES, locate, ROTATION, TF
+from wrist_ft_comp.files.bags.tf_messages import Layouts
+from wrist_ft_comp.files.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
 from wrist_ft_comp.model.payload.tf_tree import GravityByTf
 from wrist_ft_comp.model.payload.weight import ForceFrame, FrameIds
 from wrist_ft_comp.ros import messages
-from wrist_ft_comp.ros.inputs.raw_node import waiting
-from wrist_ft_comp.ros.inputs.topic_types import load_type
+from wrist_ft_comp.ros.inputs.raw_node import RawNode, waiting
+from wrist_ft_comp.ros.inputs.topic_types import load_type, wrong_type
 
 #: TF comes in pieces of several publishers; it is looked at no more often than this, ns, and what
 #: is too old is dropped once in so many pieces.
 _STEP_NS, _TIDY = 10_000_000, 100
 
-#: Takes type, topic, callback for serialized messages, and quality of service.
-Subscribe = Callable[[Any, str, Callable[[bytes], None], Any], Any]
 #: Takes a stamp, ns, 0 without one, specific force, m/s², and speed of rotation, rad/s, if known.
 OnForce = Callable[[int, tuple[float, float, float], float | None], None]
 
 
 class GravitySource:
-    """Hears what the parameters ``gravity.…`` say, and gives each specific force to a callback."""
+    """
+    Hears what the parameters ``gravity.…`` say, and gives each specific force to a callback.
 
-    # As field_inputs, it polls what ``subscribe_unserved`` keeps: an IMU may send at a kilohertz.
-    # The frame, of which ``frame`` tells the name, is that of the wrench; '' before it is known.
-    # SettingsError when TF is asked for and cannot be had.
+    As field_inputs, it polls what ``subscribe_unserved`` keeps: an IMU may send at a kilohertz.
+    ``frame`` tells the name of the wrench's frame; '' before it is known.
+
+    Raises
+    ------
+    SettingsError
+        When TF is asked for and cannot be had.
+
+    """
 
     def __init__(
         self,
         chosen: dict[str, Any],
-        subscribe: Subscribe,
-        subscribe_unserved: Callable[[Any, str, Any], Any],
+        node: RawNode,
         frame: Callable[[], str],
         on_force: OnForce,
+        guard: Callable[[Callable[..., Any]], Callable[..., Any]] = lambda callback: callback,
     ) -> None:
         #: Messages that could not be read, or held no numbers.
         self.unreadable = 0
-        self._frame, self._on_force = frame, on_force
+        self._node, self._frame, self._on_force, self._guard = node, frame, on_force, guard
         self._told_ns: int | None = None
-        self._pieces = 0
+        self._pieces = self._unreadable_before = 0
         self._by_tf = chosen['gravity.source'] == 'tf'
         #: Of an IMU: how its frame, that of the newest message, is turned in the wrench's.
         self._tree = GravityByTf(chosen['gravity.frame'], frame())
         self._imu: Any = None
         self._newest = b''
-        static = partial(self._on_tf, static=True)
         if chosen['gravity.source'] == 'imu':
-            self._imu = subscribe_unserved(Imu, 'imu', messages.FAST_SENSOR)
-            with suppress(SettingsError):  # no TF here; a payload that was learnt knows
-                subscribe(load_type('/tf_static', TF), '/tf_static', static, messages.LATCHED)
+            self._imu = node.subscribe_unserved(Imu, 'imu', messages.FAST_SENSOR)
+            try:
+                self._subscribe('/tf_static')
+            except SettingsError as error:  # a payload that was learnt knows
+                node.log.info(f'TF is not asked how the IMU is mounted: {error}')
         elif self._by_tf:
             if not chosen['gravity.frame']:
                 raise SettingsError(
                     'gravity.source is tf, and gravity.frame is empty; expected the frame whose z '
                     'is up. Set it at start-up with -p gravity.frame:=base_link or the like.'
                 )
-            kind = load_type('/tf', TF)
-            subscribe(kind, '/tf', partial(self._on_tf, static=False), messages.FAST_SENSOR)
-            subscribe(kind, '/tf_static', static, messages.LATCHED)
+            for topic in ('/tf', '/tf_static'):
+                self._subscribe(topic)
+
+    def _subscribe(self, topic: str) -> None:
+        """Hear transforms."""
+        static = topic == '/tf_static'
+        take = self._guard(partial(self._on_tf, Layouts(), static=static))
+        qos = messages.LATCHED if static else messages.FAST_SENSOR
+        self._node.subscribe(load_type(topic, TF), topic, take, qos)
 
     def poll(self) -> None:
         """Take what an IMU has sent."""
@@ -106,19 +117,26 @@ class GravitySource:
         else:
             self.unreadable += 1
 
-    def _on_tf(self, data: bytes, *, static: bool) -> None:
+    def _on_tf(self, layouts: Layouts, data: bytes, *, static: bool) -> None:
         """Take one tf2_msgs/TFMessage; tells specific force of where all transforms are there."""
+        if self._by_tf:
+            self._tree.lower = self._frame()
         try:
-            for transforms in decode_transforms([data]):
-                self._tree.add(transforms, static=static)
+            layout = layouts.find(data)
         except RecordingError:
             self.unreadable += 1
-        if not self._by_tf:
             return
+        needed = self._tree.needed(layout.frames, static=static)
+        for transforms in layout.decode([data], needed):
+            self._tree.add(transforms, static=static)
         self._pieces += 1
         if self._pieces % _TIDY == 0:
             self._tree.forget()
-        self._tree.lower = self._frame()
+        if self._by_tf and needed:
+            self._tell()
+
+    def _tell(self) -> None:
+        """Tell specific force of where all transforms are there, if that is news."""
         at_ns = self._tree.settled_ns()
         told_ns = self._told_ns
         # Stamps that ran back are a simulation begun anew.
@@ -129,6 +147,20 @@ class GravitySource:
         if math.isfinite(force[0, 0]):
             x, y, z = force[0].tolist()
             self._on_force(at_ns, (x, y, z), float(speed[0]) if math.isfinite(speed[0]) else None)
+
+    def doubt(self) -> str:
+        """Say what is wrong with what is sent, since the last time; empty when nothing is."""
+        unreadable, self._unreadable_before = self._unreadable_before, self.unreadable
+        if self._imu is not None:
+            topic = self._imu.topic_name
+            if other := wrong_type(self._node, topic, IMU):
+                return other
+            if (publishers := self._node.count_publishers(topic)) > 1:
+                return f'{topic} has {publishers} publishers; their readings are mixed'
+        if self.unreadable == unreadable:
+            return ''
+        what = 'transforms' if self._by_tf else 'messages of the IMU or transforms'
+        return f'{self.unreadable} {what} could not be read, or hold no numbers'
 
     def problem(self) -> str:
         """Say why TF tells nothing; empty where it tells something, or is not asked."""

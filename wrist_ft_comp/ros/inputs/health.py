@@ -40,8 +40,8 @@ class InputHealth:
         self.last_temperature_s: list[float | None] = [None] * thermometers
         #: Thermometer and value, °C, of the newest unusable reading.
         self.last_unusable: tuple[int, float] | None = None
-        #: Whether the newest reading of each thermometer had no stamp.
-        self.unstamped = [False] * thermometers
+        #: Whether the newest reading of a thermometer had a stamp; None where its type has none.
+        self.stamped: list[bool | None] = [True] * thermometers
         self.frame = ''
         #: How often the frame changed, and from what to what the last time.
         self.frame_changes = 0
@@ -58,6 +58,12 @@ class InputHealth:
             return 0.0
         return abs(self._wrench_stamp_ns - self._temperature_stamp_ns) / NANOSECONDS
 
+    @property
+    def clock_stands(self) -> bool:
+        """Whether what comes without a stamp gets the time 0: simulated, and nobody tells it."""
+        wrench = self._looked_at and not self._wrench_stamp_ns
+        return bool(wrench or (self.counts.temperatures and not self._temperature_stamp_ns))
+
     def look(
         self, now_s: float, stamp_ns: int, raw: Sequence[float], frame: str, *, stamped: bool
     ) -> None:
@@ -73,13 +79,13 @@ class InputHealth:
         self.frame = frame
 
     def take_temperature(
-        self, now_s: float, thermometer: int, stamp_ns: int, *, stamped: bool
+        self, now_s: float, thermometer: int, stamp_ns: int, *, stamped: bool | None
     ) -> None:
         """Note a usable temperature."""
         self.counts.temperatures += 1
         self._temperature_stamp_ns = stamp_ns
         self.last_temperature_s[thermometer] = now_s
-        self.unstamped[thermometer] = not stamped
+        self.stamped[thermometer] = stamped
 
     def drop_temperature(self, thermometer: int, temperature_c: float) -> None:
         """Note a temperature that no sensor reads."""

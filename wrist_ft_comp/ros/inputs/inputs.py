@@ -3,23 +3,19 @@
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import partial
 import time
-
-from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.files.cdr import locate, TEMPERATURE_DOUBLES, WRENCH, WRENCH_DOUBLES
 from wrist_ft_comp.model.signals import is_plausible
 from wrist_ft_comp.model.temperature_source import TemperatureSource
-from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.gravity.part import Gravity
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.inputs.field_inputs import FieldInputs
 from wrist_ft_comp.ros.inputs.health import InputHealth
 from wrist_ft_comp.ros.inputs.snapshot import Snapshot
 from wrist_ft_comp.ros.inputs.status import judge_temperatures, judge_wrenches
-from wrist_ft_comp.ros.inputs.topic_types import no_temperature, wrong_type
+from wrist_ft_comp.ros.inputs.topic_types import wrong_type
 from wrist_ft_comp.ros.live_model import LiveModel
 from wrist_ft_comp.ros.node_log import Status
 from wrist_ft_comp.ros.state_keeper import StateKeeper
@@ -51,12 +47,9 @@ class Inputs(Part):
         self._hub = hub
         self._reported = time.monotonic(), copy(self.health.counts)
         self._wrench_topic = hub.resolve_topic_name('wrench_raw')
-        for j, source in enumerate(self._sources):
-            if not source.path:
-                callback = partial(self.on_temperature, j)
-                hub.subscribe_for(self, Temperature, source.topic, callback, messages.SLOW_SENSOR)
         named = zip(self.topics, self._sources, strict=True)
-        self.fields = FieldInputs(hub, named, self._take)
+        heard = hub.guarded(self, self.on_temperature)
+        self.fields = FieldInputs(hub, named, self._take, heard)
 
     def on_temperature(self, thermometer: int, data: bytes) -> None:
         """Take one sensor_msgs/Temperature."""
@@ -67,8 +60,8 @@ class Inputs(Part):
             return
         self._take(thermometer, stamp_ns, temperature_c)
 
-    def _take(self, thermometer: int, stamp_ns: int, temperature_c: float) -> None:
-        """Give one temperature, °C, to the thermal grid; a stamp, ns, of 0 is none."""
+    def _take(self, thermometer: int, stamp_ns: int | None, temperature_c: float) -> None:
+        """Give one temperature, °C, to the thermal grid; stamps, ns, are as in field_inputs."""
         if not is_plausible(temperature_c):
             self.health.drop_temperature(thermometer, temperature_c)
             return
@@ -77,7 +70,8 @@ class Inputs(Part):
         self._hub.do(self._gravity, self._gravity.poll)
         wrench: Wrench | None = newest and newest[:2]
         cells = self._compensator.add_temperature(thermometer, at_ns, temperature_c, wrench)
-        self.health.take_temperature(time.monotonic(), thermometer, at_ns, stamped=bool(stamp_ns))
+        stamped = None if stamp_ns is None else stamp_ns != 0
+        self.health.take_temperature(time.monotonic(), thermometer, at_ns, stamped=stamped)
         if cells:
             self._hub.tell('on_cells', cells, at_ns)
 
@@ -121,16 +115,8 @@ class Inputs(Part):
             before=before, elapsed_s=now_s - reported_s,
             wrench_topic=wrench,
             sources=tuple(self._sources),
-            unreadable=self.fields.unreadable, thermometer_problems=self._problems(),
+            unreadable=self.fields.unreadable, thermometer_problems=self.fields.problems(),
             wrench_publishers=hub.count_publishers(wrench),
             wrench_problem='' if self._newest() else wrong_type(hub, wrench, WRENCH),
             temperature_publishers=tuple(map(hub.count_publishers, self.topics)),
         )  # fmt: skip
-
-    def _problems(self) -> dict[int, str]:
-        """Tell, by thermometer, why no temperatures can be had of what it is on."""
-        found = self.fields.problems()
-        for j, (topic, source) in enumerate(zip(self.topics, self._sources, strict=True)):
-            if not source.path and self.health.last_temperature_s[j] is None:
-                found[j] = no_temperature(self._hub, topic)
-        return {j: problem for j, problem in found.items() if problem}

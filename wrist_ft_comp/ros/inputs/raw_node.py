@@ -74,9 +74,10 @@ class RawNode(Node):
         def tell(event: Any) -> None:
             policy = str(qos_policy_name_from_kind(event.last_policy_kind)).lower()
             self.incompatible[topic] = policy
+            name = f'qos_overrides.{self.resolve_topic_name(topic)}.{ours}.{policy}'
+            own = f'Set {name} of this node, or' if self.has_parameter(name) else 'Set'
             self.log.error(
-                f'{said.format(topic, policy)}. Set qos_overrides.…/{topic}.{ours}.{policy} of '
-                'this node, or the quality of service of the other side.'
+                f'{said.format(topic, policy)}. {own} the quality of service of the other side.'
             )
 
         return {

@@ -7,7 +7,7 @@ import numpy as np
 from wrist_ft_comp.model.signals import PLAUSIBLE_C
 from wrist_ft_comp.model.temperature_source import other_unit, unit_remedy
 from wrist_ft_comp.ros.inputs.snapshot import Snapshot
-from wrist_ft_comp.ros.node_log import OK, STALE, Status, WARN
+from wrist_ft_comp.ros.node_log import doubtful, STALE, Status, WARN
 
 #: Stamps of wrenches and temperatures that differ by more come from different clocks.
 _SAME_CLOCK_S = 3600.0
@@ -34,8 +34,7 @@ def judge_wrenches(now: Snapshot) -> Status:
         return Status('input', WARN, f'{which} unusable and dropped; check the driver', numbers)
     if not rate_hz:
         return Status('input', STALE, _wrench_silence(now), numbers)
-    doubt, well = next(_suspicions(now), ''), f'{rate_hz:.0f} wrenches per second'
-    return Status('input', WARN if doubt else OK, doubt or well, numbers)
+    return doubtful('input', _suspicions(now), f'{rate_hz:.0f} wrenches per second', numbers)
 
 
 def _wrench_silence(now: Snapshot) -> str:
@@ -59,8 +58,6 @@ def _suspicions(now: Snapshot) -> Iterator[str]:
         yield 'the reading has not changed by a bit for seconds; is the sensor frozen?'
     if sensor.saturated:
         yield f'{", ".join(sensor.saturated)} stays at its extreme; is the sensor saturated?'
-    if sensor.unstamped:
-        yield 'wrenches come without stamps; the time of their arrival is taken'
     if sensor.stamps_stand_still:
         yield 'stamps stand still; the correction is that of one moment'
     if 'frame' in recent:
@@ -70,6 +67,15 @@ def _suspicions(now: Snapshot) -> Iterator[str]:
         yield 'stamps ran back; was a clock set, or a simulation begun anew?'
     if 'leapt' in recent:
         yield 'stamps leapt ahead; was a clock set?'
+    if sensor.unstamped:
+        yield f'wrenches come without stamps; {_arrival(now)}'
+
+
+def _arrival(now: Snapshot) -> str:
+    """Say which time counts where there is no stamp."""
+    if now.health.clock_stands:
+        return 'the time of arrival is 0: use_sim_time is set, and nothing comes on /clock'
+    return 'the time of arrival is taken'
 
 
 def judge_temperatures(now: Snapshot) -> Status:
@@ -87,12 +93,13 @@ def judge_temperatures(now: Snapshot) -> Status:
     }
     for j, last_s in enumerate(health.last_temperature_s, start=1):
         numbers[f'thermometer_{j}_age_s'] = now.age(last_s)
+        if health.stamped[j - 1] is None:
+            numbers[f'thermometer_{j}_time'] = 'of arrival: its messages have no header'
     if tracker.temperature_c is not None:
         for j, value in enumerate(tracker.temperature_c, start=1):
             numbers[f'thermometer_{j}_c'] = f'{value:.2f}'
-    trouble = next(_thermometer_troubles(now), '')
-    level, well = WARN if trouble else OK, 'all thermometers report'
-    return Status('temperature', level, trouble or well, numbers)
+    troubles = _thermometer_troubles(now)
+    return doubtful('temperature', troubles, 'all thermometers report', numbers)
 
 
 def _thermometer_troubles(now: Snapshot) -> Iterator[str]:
@@ -107,34 +114,30 @@ def _thermometer_troubles(now: Snapshot) -> Iterator[str]:
             'meanwhile'
         )
     yield from _silence(now)
-    shared = [
-        f'thermometer {j} has {publishers} publishers; their readings are mixed'
-        for j, publishers in enumerate(now.temperature_publishers, start=1)
-        if publishers > 1
-    ]
-    if shared:
-        yield '; '.join(shared)
+    if 0 < now.grown('rejected') >= now.grown('temperatures') / 2:
+        clock = f': {_arrival(now)}' if health.clock_stands else ''
+        yield f'temperatures are dropped, because their stamps do not increase{clock}'
     if health.stamps_apart_s > _SAME_CLOCK_S:
         yield (
             f'stamps of wrench and temperature are {health.stamps_apart_s:.0f} s apart; both '
             'drivers must use one clock'
         )
-    if 0 < now.grown('rejected') >= now.grown('temperatures') / 2:
-        yield 'temperatures are dropped: their stamps do not increase'
-    if any(health.unstamped):
-        them = _numbers(j for j, without in enumerate(health.unstamped) if without)
-        yield f'thermometer {them} does not stamp its readings; the time of arrival is taken'
-    if 'temperature leapt' in recent:
-        yield 'stamps of temperatures leapt; was a clock set, or a simulation begun anew?'
-    if 'stray temperature' in recent:
-        yield 'a temperature was dropped, because its stamp was far from those around it'
     yield from _outside(now)
+    for j, publishers in enumerate(now.temperature_publishers, start=1):
+        if publishers > 1:
+            yield f'thermometer {j} has {publishers} publishers; their readings are mixed'
     if 'jump' in recent:
         worst = int(np.argmax(health.thermometers.jumps))
         yield (
             f'thermometer {worst + 1} jumped by {health.thermometers.last_jump_k[worst]:.1f} K, '
             'faster than metal can; is it loose? The correction follows at max_drift_rate'
         )
+    if 'temperature leapt' in recent:
+        yield 'stamps of temperatures leapt; was a clock set, or a simulation begun anew?'
+    if 'stray temperature' in recent:
+        yield 'a temperature was dropped, because its stamp was far from those around it'
+    if unstamped := [j for j, stamped in enumerate(health.stamped) if stamped is False]:
+        yield f'thermometer {_numbers(unstamped)} does not stamp its readings; {_arrival(now)}'
 
 
 def _numbers(thermometers: Iterable[int]) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from wrist_ft_comp.model.payload.weight import ForceFrame
 from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray, GRAVITY, NANOSECONDS
 from wrist_ft_comp.ros.hub import Part
-from wrist_ft_comp.ros.node_log import OK, Status, WARN
+from wrist_ft_comp.ros.node_log import doubtful, Status
 from wrist_ft_comp.ros.payload.external_wrench import changed_frames, ExternalWrench, MANUAL
 from wrist_ft_comp.ros.payload.identify import IdentifyService
 from wrist_ft_comp.stream.compensator import Compensator
@@ -65,8 +65,7 @@ class PayloadReport(Part):
         }
         for axis, value in zip(AXES, self._compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
-        trouble = external.waiting or next(self._troubles(age_s, heard, missed), '')
-        yield Status(self.title, WARN if trouble else OK, trouble or self._well(), numbers)
+        yield doubtful(self.title, self._troubles(age_s, heard, missed), self._well(), numbers)
 
     def _well(self) -> str:
         """Say what is done where nothing is wrong."""
@@ -80,6 +79,7 @@ class PayloadReport(Part):
 
     def _troubles(self, age_s: float | None, heard: float, missed: float) -> Iterator[str]:
         """Say what is wrong with specific force that somebody wants, the worst first."""
+        yield from filter(None, (self._external.waiting, self._external.gravity.doubt()))
         newest, rests = self._external.forces.newest, 'wrench_external rests'
         if not self._external.wanted:
             return
