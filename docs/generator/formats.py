@@ -34,8 +34,8 @@ too. `kind` is %s, `interrupted` or `operating_system`; later versions may have 
 
 What is written replaces its predecessor only: a model replaces a model; a report or a picture, one
 that this package made; each is known by its content. An empty file may be replaced, too. All else
-stays, and so do the files that the command reads, by whatever spelling or link. An option that does
-nothing for what was given is a warning on standard error.
+stays, and so do the files that the command reads, by whatever spelling or link. An option that
+does nothing for what was given is a warning on standard error.
 """
 CHAMBER = """
 A chamber table of static tests is a CSV file with one row per load step: `load_<unit>` and one
