@@ -121,8 +121,9 @@ def test_a_refusal_leaves_the_model_as_it_was(run, make, model, tmp_path):
 
 def test_a_report_that_cannot_be_written_stops_before_the_fit(run, drift_csv, tmp_path):
     model = tmp_path / 'm.yaml'
-    outcome = run('calibrate', drift_csv, '-o', model, '--report', tmp_path / 'no' / 'r.html')
-    assert str(tmp_path / 'no') in outcome.sentence
+    (tmp_path / 'file').touch()
+    outcome = run('calibrate', drift_csv, '-o', model, '--report', tmp_path / 'file' / 'r.html')
+    assert f'{tmp_path / "file"} is no folder' in outcome.sentence
     assert not model.exists()
 
 
