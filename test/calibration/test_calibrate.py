@@ -170,7 +170,7 @@ def test_a_silent_thermometer_is_named_beside_what_was_dropped_while_reading(goo
     measured = good[1].measured.copy()
     measured[silent] = False
     second = replace(good[1], measured=measured, warnings=('3 samples were dropped.',))
-    sentence = 'Thermometer 1 of run1.csv is silent for 610 s; its last value was held.'
+    sentence = 'Thermometer 1 of run1.csv is silent for 610 s; a straight line was drawn over it.'
     expected = ('3 samples were dropped.', *[sentence] * named)
     assert calibrate([good[0], second], STATIC).warnings == expected
 

@@ -42,8 +42,9 @@ def test_units_of_the_output_change_no_figure():
 
 def test_readings_stand_at_the_end_of_their_plateau():
     temperature, force, reference = ideal().samples()
-    assert temperature.stamps_ns.tolist() == [30 * 10**9 * k for k in range(180)]
-    assert temperature.values[:, 0].tolist() == [0.0] * 60 + [20.0] * 60 + [50.0] * 60
+    ends = [30 * 10**9 * k - before for k in range(180) for before in (1, 0)]
+    assert temperature.stamps_ns.tolist() == ends[1:]
+    assert temperature.values[:, 0].tolist() == [0.0] * 120 + [20.0] * 120 + [50.0] * 119
     first = [1680, 1710, 1740, 1770]
     expected = [(1800 * p + t) * 10**9 for p in range(3) for t in first]
     assert force.stamps_ns.tolist() == reference.stamps_ns.tolist() == expected

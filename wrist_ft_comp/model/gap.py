@@ -88,18 +88,18 @@ def starts(measured: BoolArray, longest: int) -> list[tuple[int, int]]:
 
     """
     heard: BoolArray = np.logical_or.reduce(measured, axis=1)
-    soaked = [0, *_ends_of_gaps(heard, longest)]
-    counts_from = {cell: cell for cell in soaked}
-    for j in range(measured.shape[1]):
-        for cell in _ends_of_gaps(measured[:, j], longest):
-            counts_from[cell] = max(cell - longest, *(each for each in soaked if each <= cell))
-    return [(first, cell) for cell, first in sorted(counts_from.items())]
+    soaked = np.unique(np.append(0, _ends_of_gaps(heard, longest)))
+    ends = [_ends_of_gaps(measured[:, j], longest) for j in range(measured.shape[1])]
+    cells = np.unique(np.concatenate((soaked, *ends)))
+    last_soaked = soaked[np.searchsorted(soaked, cells, side='right') - 1]
+    first = np.maximum(cells - longest, last_soaked)
+    return list(zip(first.tolist(), cells.tolist(), strict=True))
 
 
-def _ends_of_gaps(measured: BoolArray, longest: int) -> list[int]:
+def _ends_of_gaps(measured: BoolArray, longest: int) -> IntArray:
     """List the measured cells, of N, that follow a gap of more cells than the longest."""
     at = np.concatenate(([-1], np.flatnonzero(measured)))
-    return [int(cell) for cell in at[1:][np.diff(at) > longest + 1]]
+    return np.asarray(at[1:][np.diff(at) > longest + 1])
 
 
 def simulate(model: DriftModel, temperature_c: FloatArray, measured: BoolArray) -> Drift:

@@ -17,9 +17,14 @@ from wrist_ft_comp.stream.warm_restart import blocks_of, OpenCells, ThermalMemor
 SPAN_S = 60.0
 #: Open cells are saved one by one up to this many, which takes some ten kilobytes; of more, means.
 _MOST_OPEN_BLOCKS = 600
-#: The model runs through at most this many cells per temperature, which takes some milliseconds;
-#: after an outage of hours it needs several temperatures to catch up.
+#: The model runs through at most this many cells per temperature, so that no temperature holds the
+#: stream up for long; after an outage of six hours it has caught up with the 12th.
 _CELLS_AT_ONCE = 1800
+
+
+#: A gap longer than the model remembers is told from this on, s: one that remembers a minute may
+#: have a thermometer that is read every five.
+_NEWS_S = 600.0
 
 
 class History:
@@ -174,15 +179,14 @@ class DriftTracker:
             self._soak()
         elif problem:  # what came before is of another time
             self._forget()
-        if self.model is None or not (problem or memory):
+        if self.model is None or (0 <= gap * period_s < _NEWS_S and not memory):
             return
-        self.forgot = bool(problem)
-        self.origin = (
-            f'the drift goes on from the thermal state saved {gap * period_s:.0f} s before'
-        )
         if problem:
             start = 'the drift starts at the steady state of the present temperatures'
-            self.origin = f'{problem}; so {start}'
+            self.origin, self.forgot = f'{problem}; so {start}', True
+        elif memory:
+            before_s = gap * period_s
+            self.origin = f'the drift goes on from the thermal state saved {before_s:.0f} s before'
 
     def _append(self, cells: CompletedCells) -> None:
         """Add cells to the history; a thermometer that was heard ends its silence."""
@@ -295,7 +299,7 @@ class DriftTracker:
         later = memory.open_cells or OpenCells(False, self._silent, ())
         for temperature_c, count in (*memory.history, *later.blocks):
             self.history.add(temperature_c, (True,) * self._thermometers, count)
-        self._open = sum(count for _, count in later.blocks)
+        self._open = min(sum(count for _, count in later.blocks), len(self.history))
         self._settled = None if later.from_rest else memory.filters
         self._silent, self._since_soaked = later.silent, len(self.history)
         self._next = memory.end_ns // memory.period_ns

@@ -117,10 +117,13 @@ def known_cells(recording: Recording) -> frozenset[Cell]:
 
 
 def longest_stills(recording: Recording) -> list[BoolArray]:
-    """Mark the longest time in which each thermometer kept one value, (N,)."""
+    """Mark the longest time in which each thermometer kept one value, or was silent, (N,)."""
     marks = []
-    for values in recording.temperature_c.T:
-        runs = np.cumsum(np.diff(values, prepend=values[0]) != 0)
+    for values, measured in zip(recording.temperature_c.T, recording.measured.T, strict=True):
+        changed = np.zeros(len(values), dtype=bool)
+        at = np.flatnonzero(measured)
+        changed[at[1:]] = np.diff(values[at]) != 0
+        runs = np.cumsum(changed)
         marks.append(runs == np.bincount(runs).argmax())
     return marks
 
