@@ -81,15 +81,20 @@ def test_payloads_are_kept_only_with_their_model_and_a_model_goes_without_them(
     days, run, done, tmp_path, monkeypatch
 ):
     argv = 'calibrate', days[0], '--reference', 'payload', '--method', 'pls', '-o'
-    kept = tmp_path / 'payloads.json'
-    with monkeypatch.context() as patch:
-        full = ModelFileError('The disk is full.')
-        patch.setattr(calibration_job, 'save_model', lambda *_: (_ for _ in ()).throw(full))
-        assert run(*argv, tmp_path / 'lost.yaml').sentence
+    kept, save = tmp_path / 'payloads.json', calibration_job.save_model
+
+    def fail(*_):
+        raise ModelFileError('The disk is full.')
+
+    def save_and_break(*what):
+        kept.write_text('{')
+        return save(*what)
+
+    monkeypatch.setattr(calibration_job, 'save_model', fail)
+    assert run(*argv, tmp_path / 'lost.yaml').sentence
     assert not kept.exists()
-    kept.write_text('{')
-    text = done(*argv, tmp_path / 'cell.yaml')
-    assert 'its payloads are not: ' in text
+    monkeypatch.setattr(calibration_job, 'save_model', save_and_break)
+    assert 'its payloads are not: ' in done(*argv, tmp_path / 'cell.yaml')
     assert (tmp_path / 'cell.yaml').exists()
 
 

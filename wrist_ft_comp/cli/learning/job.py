@@ -140,7 +140,8 @@ def keep_payloads(job: CalibrationJob, found: Calibration) -> Calibration:
         return found
     # A file with columns does not say what told specific force; only TF's needs no frame.
     source = job.topics.force_source or ('' if learnt.frame.does_nothing else 'imu')
-    frame = learnt.frame.learnt_by(source, job.topics)
+    wrench_frame = next(iter(found.sensor.get('frame_id', ())), job.topics.wrench_frame)
+    frame = learnt.frame.learnt_by(source, replace(job.topics, wrench_frame=wrench_frame))
     payloads, path = learnt.payloads.values(), job.output.with_name(PAYLOADS)
     try:
         names = add_payloads(path, job.output.stem, payloads, frame)
