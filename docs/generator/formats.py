@@ -85,7 +85,8 @@ def csv_columns() -> str:
             f'{thermometers} …',
             '°C',
             (
-                'thermometers, the one inside the sensor first; `temperature_k`, `temperature_2_f` '
+                'thermometers, the one inside the sensor first; `temperature_k`, '
+                '`temperature_2_f` '
                 '… are in K or °F'
             ),
         ],

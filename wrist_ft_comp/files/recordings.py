@@ -66,10 +66,10 @@ def kind_of(path: Path) -> str:
         raise RecordingError(
             f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file.'
         )
-    if not path.is_dir() and not path.is_file():
+    if path.is_char_device() or path.is_block_device():
         raise RecordingError(
-            f'{path} is neither a file nor a folder; a recording is read twice. Write what it '
-            'gives into a file first.'
+            f'{path} is a device, which may never end; expected a file or a folder. Write what '
+            'it gives into a file first.'
         )
     if path.is_dir() or path.suffix in SUFFIXES:
         return BAG
