@@ -197,10 +197,13 @@ class GridBuilder:
         bridged = np.empty_like(temperature_c)
         for j, channel in enumerate(channels):
             cells = np.concatenate(self._cells[channel])
+            # One cell of what lies before the first: it may be years away, by a broken stamp.
             begin = int(cells[cells <= first].max())
-            means = self._dense(channel, begin, first + len(bridged) - 1)
-            at = np.flatnonzero(np.isfinite(means))
-            bridged[:, j] = straight_lines(begin + at, means[at], first, len(bridged))
+            means = np.append(self._dense(channel, begin, begin), temperature_c[:, j])
+            at = np.append(begin, first + np.arange(len(bridged)))
+            there = np.isfinite(means)
+            there[1] &= begin < first
+            bridged[:, j] = straight_lines(at[there], means[there], first, len(bridged))
         return bridged
 
 
