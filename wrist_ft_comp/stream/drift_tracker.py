@@ -18,8 +18,8 @@ SPAN_S = 60.0
 #: Open cells are saved one by one up to this many, which takes some ten kilobytes; of more, means.
 _MOST_OPEN_BLOCKS = 600
 #: The model runs through at most this many cells per temperature, so that no temperature holds the
-#: stream up for long; after an outage of six hours it has caught up with the 36th.
-_CELLS_AT_ONCE = 600
+#: stream up for long; after an outage of six hours it has caught up with the 12th.
+_CELLS_AT_ONCE = 1800
 
 
 #: A gap longer than the model remembers is told from this on, s: one that remembers a minute may
