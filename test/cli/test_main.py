@@ -85,7 +85,7 @@ def test_a_mistyped_axis_is_a_warning(done, make, tmp_path):
     columns['torqe_x'] = columns.pop('torque_x')
     path = make.csv(tmp_path / 'run.csv', columns)
     out = done('calibrate', path, '-o', tmp_path / 'm.yaml', '--method', 'pls')
-    assert 'The column torqe_x of run.csv is not used; if it is torque_x, rename it.' in out
+    assert 'not understood and not used: torqe_x. Is torqe_x meant to be torque_x' in out
 
 
 def test_a_long_sentence_is_one_line(run, monkeypatch, drift_csv):
@@ -135,7 +135,7 @@ def test_closed_standard_streams_are_no_error(drift_csv, tmp_path):
     'case',
     [
         (['show', '/nowhere', '--json'], 1, 'recording'),
-        (['evaluate', '/nowhere.yaml', '/nowhere', '--json'], 1, 'model_file'),
+        (['evaluate', '/nowhere.yaml', '/nowhere', '--json'], 1, 'recording'),
         (['show', '{csv}', '--picture', 'p.png', '--js'], 1, 'settings'),
         (['evaluate', '{model}', '{csv}', '--report', '/dev/null', '--json'], 1, 'output'),
         (['calibrate', '{csv}', '-o', 'm', '--min-t', '99', '--json'], 1, 'calibration_refused'),

@@ -271,7 +271,7 @@ def test_a_thermometer_without_stamps_can_be_read_as_a_field(run, messages, tmp_
     wrench = '/wrench_raw', messages.wrench_type, T0, messages.wrench(T0, range(6))
     bag = messages.write(tmp_path / 'bag', [heat, wrench])
     said = run('calibrate', bag, '-o', tmp_path / 'm.yaml').sentence
-    assert 'name /temperature:temperature' in said
+    assert 'name it /temperature:temperature' in said
     words = '-o', tmp_path / 'm.yaml', '--temperature-topic', '/temperature:temperature'
     assert 'spans 0.0 K' in run('calibrate', bag, *words).sentence
 

@@ -379,7 +379,7 @@ def test_a_target_that_is_a_folder_is_refused(calibration, tmp_path):
     with pytest.raises(ModelFileError, match='it is a folder'):
         save_model(tmp_path, calibration, {})
     (tmp_path / 'file').write_text('', encoding='utf-8')
-    with pytest.raises(ModelFileError, match=r'cannot be made: .*file is no folder'):
+    with pytest.raises(ModelFileError, match=r'file is no folder'):
         save_model(tmp_path / 'file' / 'model.yaml', calibration, {})
 
 

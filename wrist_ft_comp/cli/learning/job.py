@@ -80,12 +80,10 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
     answer: Answer = {'success': True, 'learnt': False, 'paused': paused}
     # What cannot be kept is said; the rest is done all the same.
     troubles, better = [entry.incident], lesson.better
-    with _noted(troubles, 'The payloads of the better model are lost'):
-        better = better and keep_payloads(job, better)
     with _noted(troubles, 'A better model is lost'):
         if better:
             days = {name: paths[name] for name in lesson.days}
-            answer |= {**_save(job, better, days, look), 'learnt': True}
+            answer |= {**_save(job, better, days, look, troubles), 'learnt': True}
             decisions[Decision(newest, f'{job.output.name} was learnt. {entry.verdict}')] = None
     diary = Diary(tuple(entries), tuple(decisions), paused)
     with _noted(troubles, 'The diary is lost'):
@@ -118,12 +116,18 @@ def _champion(path: Path | None) -> Champion:
 
 
 def _save(
-    job: CalibrationJob, better: Calibration, days: dict[str, Path], look: Callable[[str], Day]
+    job: CalibrationJob,
+    better: Calibration,
+    days: dict[str, Path],
+    look: Callable[[str], Day],
+    troubles: list[str],
 ) -> Answer:
-    """Save a better model and its report; it is not given up because its report failed."""
+    """Save a better model, its payloads and its report; the model outlives trouble with them."""
     sources = [{'path': str(path), 'sha256': hash_recording(path)} for path in days.values()]
     stored = save_model(job.output, better, {'recordings': sources})
-    better = keep_payloads(job, better)
+    kept = keep_payloads(job, better)
+    troubles += kept.warnings[len(better.warnings) :]
+    better = kept
     answer = {'path': str(stored.path), 'sha256': stored.sha256, 'document': stored.document}
     if job.report is not None:
         with suppress(WristFtCompError):
