@@ -134,7 +134,7 @@ class Targets:
                 ('/temperature', 'sensor_msgs/msg/Temperature', 2),
             ):
                 connection = writer.add_connection(topic, kind, typestore=store)
-                for second in range(30):
+                for second in range(1, 31):
                     values = sensor.raw() if doubles == len(AXES) else (20.0 + second / 10, 0.0)
                     writer.write(connection, second * 10**9, message(second * 10**9, values))
         return next(p for p in path.iterdir() if p.suffix in {'.mcap', '.db3'}).read_bytes()

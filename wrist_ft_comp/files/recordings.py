@@ -130,7 +130,6 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
         if kind == BAG:
             bag = stack.enter_context(open_bag(path))
             blocks, warnings = read_bag(bag, topics, progress), bag.warnings
-            sensor = sensor_of(bag, topics)
             sources = parse_sources(topics.temperatures)
         elif kind == CSV:
             text = CsvRecording(path)
@@ -148,6 +147,8 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
             max_bad_share=max_bad_share,
             temperatures=sources,
         )
+        if kind == BAG:
+            sensor = sensor_of(bag, topics)
     if problem := order_problem({'temperature_topics': topics.temperatures}, sensor):
         raise RecordingError(f'{path.name} has its thermometers in another order: {problem}')
     unit = OUTPUT_UNIT if kind == TABLE else ''

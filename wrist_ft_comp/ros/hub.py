@@ -118,8 +118,12 @@ class Hub(RawNode):
             verb: [part for part in parts if getattr(type(part), verb) is not getattr(Part, verb)]
             for verb in _VERBS
         }
-        for part in parts:
-            self.call(part, part.start, self)
+        try:
+            for part in parts:
+                self.call(part, part.start, self)
+        except WristFtCompError:
+            self._end_parts()  # what was begun, such as a locked folder, is not left behind
+            raise
         self.running = True
         for part in self._hearing['on_model']:
             self.call(part, part.on_model)
@@ -249,6 +253,10 @@ class Hub(RawNode):
 
     def destroy_node(self) -> None:
         """End what runs beside the node; who waits for an answer is told."""
-        if any([self.do(part, part.end) for part in self.parts]):  # noqa: C419 -- all of them
+        if self._end_parts():
             time.sleep(FAREWELL_S)
         super().destroy_node()
+
+    def _end_parts(self) -> bool:
+        """End all parts; tell whether somebody was answered just now."""
+        return any([self.do(part, part.end) for part in self.parts])  # noqa: C419 -- all of them

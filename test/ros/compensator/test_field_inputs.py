@@ -1,8 +1,12 @@
 """Temperatures that are fields of other messages, over DDS."""
 
 from contextlib import ExitStack
+from importlib import import_module
 import itertools
+from pathlib import Path
+import shutil
 import sys
+from types import SimpleNamespace
 
 from geometry_msgs.msg import Wrench, WrenchStamped
 import pytest
@@ -119,8 +123,11 @@ def test_the_unit_that_is_named_is_converted(wired, unit, sent, celsius):
     assert held_c(node) == [pytest.approx(celsius, abs=1e-4)]
 
 
-def test_without_a_header_the_time_of_arrival_counts(wired):
-    node = wired(topics=['heat:data[1]', 'heat:data[0]:K'])
+def test_without_a_header_the_time_of_arrival_counts_and_hides_no_doubt(wired, make_model):
+    model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)}, thermometers=2, range_c=(15, 65))
+    node = wired(
+        topics=['heat:data[1]', 'heat:data[0]:K'], parameters={'model_file': str(model.path)}
+    )
     heat = publisher(node, Float64MultiArray, 'heat')
     before = node.node.get_clock().now().nanoseconds
     message = Float64MultiArray(data=[300.15, 22.0])
@@ -129,8 +136,13 @@ def test_without_a_header_the_time_of_arrival_counts(wired):
     assert held_c(node) == pytest.approx([22.0, 27.0])
     assert before < node.node.compensator.tracker.end_ns
     assert node.node.compensator.tracker.grid.rejected == 0
-    said = node.diagnosis('temperature', 'does not stamp').message
-    assert said.startswith('thermometer 1, 2 does not stamp its readings; the time of arrival')
+    status = node.diagnosis('temperature', 'all thermometers report')
+    assert status.values['thermometer_2_time'].startswith('of arrival')
+    message.data[1] = 95.0
+    while held_c(node)[0] < 90.0:
+        send(node, heat, message)
+    said = node.diagnosis('temperature', 'outside the calibrated range').message
+    assert '; thermometer 1 jumped by' in said, 'the worst first, and all of them'
 
 
 def test_thermometers_in_one_message_share_a_subscription(wired):
@@ -221,7 +233,7 @@ def test_a_type_that_is_not_installed_is_told(wired, monkeypatch):
     topic = node.topic('image')
     assert said.startswith(
         f'thermometer 1: {topic} carries stereo_msgs/DisparityImage, but the Python package '
-        'stereo_msgs with this type is not installed or not sourced here ('
+        'stereo_msgs with this type is not installed here, or not sourced, or '
     )
     assert 'apt install ros-$ROS_DISTRO-stereo-msgs' in said
     assert flows(node)
@@ -229,8 +241,56 @@ def test_a_type_that_is_not_installed_is_told(wired, monkeypatch):
     node.wait_until(lambda: stereo.get_subscription_count() > 0, 'the subscription')
 
 
-def test_a_publisher_may_come_late_die_and_come_back_as_another_type(wired, driver):
-    node = wired(topics=['state:temperature'], parameters={'temperature_timeout': 0.1})
+@pytest.fixture
+def unloadable(tmp_path, monkeypatch):
+    """Let the Python of stereo_msgs be there without its libraries; gives the class of a message."""
+    source = Path(sys.modules['stereo_msgs'].__file__).parent
+    shutil.copytree(source, tmp_path / 'stereo_msgs', ignore=shutil.ignore_patterns('*.so'))
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in [name for name in sys.modules if name.split('.')[0] == 'stereo_msgs']:
+        monkeypatch.delitem(sys.modules, name)
+    return import_module('stereo_msgs.msg').DisparityImage
+
+
+@pytest.mark.usefixtures('unloadable')
+def test_a_package_whose_library_cannot_be_loaded_is_told(rig, driver):
+    node = rig(topics=['image:image.height'])
+    driver().helper.create_publisher(DisparityImage, node.topic('image'), 10)
+    said = node.diagnosis('temperature', 'stereo_msgs').message
+    assert 'its libraries cannot be loaded (Could not import' in said
+
+
+def test_tf_whose_library_cannot_be_loaded_is_refused_and_not_needed_with_an_imu(
+    rig, unloadable, monkeypatch
+):
+    package = SimpleNamespace(TFMessage=unloadable)
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', package)
+    by_tf = {'gravity.source': 'tf', 'gravity.frame': 'base'}
+    with pytest.raises(SettingsError, match='/tf carries tf2_msgs/TFMessage, but .*libraries'):
+        rig(parameters=by_tf)
+    node = rig(parameters={'gravity.source': 'imu'})
+    assert node.node.gravity.stopped == ''
+
+
+def test_a_wrong_entry_of_one_sensor_leaves_the_right_one_of_another(
+    rig, wired, driver, tmp_path
+):
+    """In one process DDS knows a topic by one type."""
+    wrong = rig(topics=['/heat'])
+    right = wired(topics=['/heat:temperature'], directory=tmp_path / 'right')
+    heat = driver().helper.create_publisher(BatteryState, '/heat', BEST_EFFORT)
+    wrong.diagnosis('temperature', 'not sensor_msgs/Temperature')
+    send(right, heat, *(battery(second, 22.0) for second in range(3)))
+    assert held_c(right) == [22.0]
+
+
+@pytest.mark.parametrize('executor', ['default', 'events'])
+def test_a_publisher_may_come_late_die_and_come_back_as_another_type(wired, driver, executor):
+    node = wired(
+        topics=['state:temperature'],
+        parameters={'temperature_timeout': 0.1},
+        executor=executor,
+    )
     late = f'{node.topic("state")} has no publisher yet, so what it carries is not known'
     assert late in node.diagnosis('temperature', 'no publisher').message
     topic = node.topic('state')

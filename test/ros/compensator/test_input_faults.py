@@ -143,7 +143,7 @@ class TestWrench:
     @pytest.mark.parametrize(
         ('stamps', 'words'),
         [
-            ([0] * 40, 'wrenches come without stamps; the time of their arrival is taken'),
+            ([0] * 40, 'wrenches come without stamps; the time of arrival is taken'),
             ([START + 20 * SECOND] * 40, 'stamps stand still'),
             (range(START + 60 * SECOND, START + 20 * SECOND, -SECOND), 'stamps ran back'),
             (
@@ -261,7 +261,7 @@ class TestTemperature:
         node = warm()
         node.diagnosis('temperature')
         node.warm(START, 44.0)
-        told(node, 'temperature', 'temperatures are dropped: their stamps do not increase')
+        told(node, 'temperature', 'temperatures are dropped, because their stamps do not increase')
         unharmed(node)
 
     def test_without_stamps_is_taken_at_the_node_s_time(self, wired, warm, told):

@@ -14,6 +14,7 @@ from rclpy.serialization import deserialize_message
 from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.cli.main import main
+from wrist_ft_comp.files.bags.tf_messages import Layouts
 from wrist_ft_comp.model.payload.weight import Payload
 from wrist_ft_comp.model.signals import AXES, FORCE_CHANNELS, GRAVITY
 
@@ -136,10 +137,11 @@ def test_what_tf_taught_is_taken_off_by_tf(learn, rig, messages, felt, monkeypat
     assert entry['source'] == 'tf'
     chosen = {'gravity.source': 'tf', 'gravity.frame': 'base', 'payload.active': name}
     node = rig(parameters={**chosen, 'model_file': str(model)})
+    layouts = Layouts()
 
     def say(stamp, pose, _):
         moved = messages.transforms(stamp, [('base', 'tool0', pose.as_quat())])
-        node.node.gravity.source._on_tf(moved, static=False)
+        node.node.gravity.source._on_tf(layouts, moved, static=False)
 
     node.put(START, [0.0] * 6)
     node.take()

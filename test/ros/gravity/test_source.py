@@ -1,5 +1,6 @@
 """Where down is, live: bytes of an IMU or of TF in, specific force out."""
 
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -62,6 +63,12 @@ def with_tf2(monkeypatch):
 
 
 @pytest.fixture
+def without_tf2(monkeypatch):
+    """Let the package tf2_msgs be missing, as it is where there are only wheels."""
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
+
+
+@pytest.fixture
 def moving(messages):
     """Send the transform of an arm that turns about x by 1 rad/s to a source."""
 
@@ -96,6 +103,7 @@ def test_tf_tells_how_an_imu_is_mounted_once_both_frames_are_known(messages):
     assert Heard('tf').source.mount().rotation.tolist() == np.eye(3).tolist()
 
 
+@pytest.mark.usefixtures('without_tf2')
 def test_an_imu_is_told_as_it_comes_and_what_is_none_is_counted(messages):
     heard = Heard('imu')
     assert list(heard.on) == ['imu']
@@ -168,6 +176,30 @@ def test_what_is_no_transform_is_counted(messages):
     assert heard.told == []
 
 
+@pytest.mark.usefixtures('with_tf2')
+def test_frames_of_made_up_names_and_transforms_sent_again_fill_no_memory(messages, moving):
+    heard = Heard()
+    for k in range(3000):
+        heard.on['/tf'](messages.transforms(START, [('world', f'object_{k}', NO_TURN)]))
+        heard.on['/tf_static'](messages.transforms(START, [(f'map_{k}', f'mark_{k}', NO_TURN)]))
+        heard.on['/tf_static'](messages.transforms(START + k, [TO_TOOL]))
+    tree = heard.source._tree
+    assert len(tree._numbers) <= 1001
+    assert sum(len(link._new) + len(link._columns[0]) for link in tree._links.values()) <= 1001
+    assert heard.source.problem().count(', ') < 30
+    moving(heard, 0)
+    np.testing.assert_allclose(heard.told[0][1], true_force(0), atol=1e-9)
+
+
+@pytest.mark.usefixtures('with_tf2')
+def test_what_is_no_rotation_is_left_out(messages):
+    heard = Heard()
+    heard.on['/tf'](messages.transforms(START, [('world', 'tool', [0.0] * 4)]))
+    assert heard.told == []
+    assert heard.source.unreadable == 0
+
+
+@pytest.mark.usefixtures('without_tf2')
 def test_without_tf2_msgs_or_a_frame_tf_is_refused():
     with pytest.raises(SettingsError, match='package tf2_msgs with this type is not installed'):
         Heard()

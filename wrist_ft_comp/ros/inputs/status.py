@@ -146,23 +146,24 @@ def _numbers(thermometers: Iterable[int]) -> str:
 
 
 def _silence(now: Snapshot) -> Iterator[str]:
-    """Say which thermometers can't be read or are silent."""
-    for j, problem in sorted(now.thermometer_problems.items()):
-        yield f'thermometer {j + 1}: {problem}; drift {_fate(now)}'
-    limit_s, last_s = now.stream.settings.temperature_timeout_s, now.health.last_temperature_s
-    never = [j for j, at_s in enumerate(last_s) if at_s is None]
-    if never:
-        fate = _fate(now)
-        policies = [now.incompatible.get(now.sources[j].topic, '') for j in never]
-        if any(policies):
+    """Say which thermometers can't be read or are silent, and of each why, if that is known."""
+    limit_s, fate = now.stream.settings.temperature_timeout_s, _fate(now)
+    never, silent = [], []
+    for j, at_s in enumerate(now.health.last_temperature_s):
+        policy = now.incompatible.get(now.sources[j].topic, '')
+        if problem := now.thermometer_problems.get(j, ''):
+            yield f'thermometer {j + 1}: {problem}; drift {fate}'
+        elif at_s is None and policy:
             yield (
-                f'thermometer {_numbers(never)} is not heard: a publisher offers less '
-                f'{max(policies)} than is asked for; drift {fate}'
+                f'thermometer {j + 1} is not heard: a publisher offers less {policy} than is '
+                f'asked for; drift {fate}'
             )
+        elif at_s is None:
+            never.append(j)
+        elif now.now_s - at_s > limit_s:
+            silent.append(j)
+    if never:
         yield f'thermometer {_numbers(never)} has not reported; drift {fate}'
-    silent = [
-        j for j, at_s in enumerate(last_s) if at_s is not None and now.now_s - at_s > limit_s
-    ]
     if silent:
         yield f'thermometer {_numbers(silent)} silent for more than {limit_s:g} s; drift is held'
 
