@@ -196,7 +196,7 @@ def bench(ros_context):
 
 @pytest.fixture
 def message_packages(ros_domain, monkeypatch):  # noqa: ARG001
-    """Make tf2_msgs and driver_msgs importable; gives the folder of them and of the older driver's."""
+    """Make tf2_msgs and driver_msgs importable; gives their folder."""
     folder = ROOT / 'build/messages'
     python = f'lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages'
     if not (folder / 'today' / python).is_dir():

@@ -20,6 +20,8 @@ _MOST_OPEN_BLOCKS = 600
 #: The model runs through at most this many cells per temperature, so that no temperature holds the
 #: stream up for long; after an outage of six hours it has caught up with the 12th.
 _CELLS_AT_ONCE = 1800
+#: Up to this many cells are faster one by one: beginning a run costs as much as so many steps.
+_STEPS = 6
 
 
 #: A gap longer than the model remembers is told from this on, s: one that remembers a minute may
@@ -236,11 +238,12 @@ class DriftTracker:
     def _run(self, model: DriftModel, temperature_c: FloatArray) -> Drift:
         """Move the state on through cells, shape (N, J), N > 0; give the drift of the last one."""
         assert self._state is not None  # noqa: S101 -- for mypy
-        if len(temperature_c) == 1:
-            self._state, drift = drift_model.step(model, self._state, temperature_c[0])
-            return drift
-        self._state, last = drift_model.run(model, self._state, temperature_c, last_only=True)
-        return Drift(last.zero[0], last.sensitivity[0])
+        if len(temperature_c) > _STEPS:
+            self._state, last = drift_model.run(model, self._state, temperature_c, last_only=True)
+            return Drift(last.zero[0], last.sensitivity[0])
+        for cell_c in temperature_c:
+            self._state, drift = drift_model.step(model, self._state, cell_c)
+        return drift
 
     def use(self, model: DriftModel | None) -> None:
         """Follow another model, whose state is made from the history; None follows no more."""

@@ -243,7 +243,7 @@ def test_a_type_that_is_not_installed_is_told(wired, monkeypatch):
 
 @pytest.fixture
 def unloadable(tmp_path, monkeypatch):
-    """Let the Python of stereo_msgs be there without its libraries; gives the class of a message."""
+    """Let stereo_msgs be there without its libraries; gives the class of a message."""
     source = Path(sys.modules['stereo_msgs'].__file__).parent
     shutil.copytree(source, tmp_path / 'stereo_msgs', ignore=shutil.ignore_patterns('*.so'))
     monkeypatch.syspath_prepend(tmp_path)
@@ -266,15 +266,13 @@ def test_tf_whose_library_cannot_be_loaded_is_refused_and_not_needed_with_an_imu
     package = SimpleNamespace(TFMessage=unloadable)
     monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', package)
     by_tf = {'gravity.source': 'tf', 'gravity.frame': 'base'}
-    with pytest.raises(SettingsError, match='/tf carries tf2_msgs/TFMessage, but .*libraries'):
+    with pytest.raises(SettingsError, match=r'tf2_msgs/TFMessage, but .*libraries'):
         rig(parameters=by_tf)
     node = rig(parameters={'gravity.source': 'imu'})
     assert node.node.gravity.stopped == ''
 
 
-def test_a_wrong_entry_of_one_sensor_leaves_the_right_one_of_another(
-    rig, wired, driver, tmp_path
-):
+def test_a_wrong_entry_of_one_sensor_leaves_the_right_one_of_another(rig, wired, driver, tmp_path):
     """In one process DDS knows a topic by one type."""
     wrong = rig(topics=['/heat'])
     right = wired(topics=['/heat:temperature'], directory=tmp_path / 'right')
