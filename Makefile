@@ -37,7 +37,7 @@ build/.noble: setup.py requirements/lock.txt requirements/noble.txt requirements
 
 # A workspace's build of this package, and what it installs.
 colcon: build/.colcon
-	PATH="$(CURDIR)/build/colcon/bin:$$PATH" $(BIN)/python -m pytest test/ros/test_colcon.py
+	PATH="$(CURDIR)/build/colcon/bin:$$PATH" $(BIN)/python -m pytest test/node/test_colcon.py
 
 # Do the tests of model and stream notice small changes? Takes a quarter of an hour.
 mutants: build/.mutants

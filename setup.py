@@ -15,7 +15,7 @@ setup(
     packages=find_packages(include=[package_name, f'{package_name}.*']),
     package_data={
         package_name: ['py.typed'],
-        f'{package_name}.files': ['*.schema.json'],
+        f'{package_name}.stored': ['*.schema.json'],
         f'{package_name}.report': ['templates/*'],
     },
     data_files=[
@@ -73,8 +73,8 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'compensator = wrist_ft_comp.ros.executables:compensator',
-            'simulated_sensor = wrist_ft_comp.ros.executables:simulated_sensor',
+            'compensator = wrist_ft_comp.node.executables:compensator',
+            'simulated_sensor = wrist_ft_comp.node.executables:simulated_sensor',
             'wrist_ft_comp = wrist_ft_comp.cli.entry:main',
         ],
     },

@@ -15,13 +15,13 @@ import numpy as np
 from peers import Method, PEERS, Predictor, tare_only
 from scenarios import drift, LEARNT_H, LOAD_CELL, load_cell, SCENARIOS, Z
 
-from wrist_ft_comp.calibration.calibrate import calibrate
-from wrist_ft_comp.calibration.result import Calibration
-from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.model.drift_model import DriftModel
-from wrist_ft_comp.model.offline import simulate_drift
-from wrist_ft_comp.model.signals import FloatArray, Recording
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.result import Calibration
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.signals import FloatArray, Recording
+from wrist_ft_comp.stream.offline import simulate_drift
 
 
 def calibrated(method: str, recordings: Sequence[Recording]) -> Calibration | None:

@@ -49,11 +49,11 @@ from world_peers import block_means, BLOCK_S, root_mean_square, tared
 from world_tables import intervals, STATISTICS
 from worlds import DEVELOPMENT_SEED, report_seed
 
-from wrist_ft_comp.calibration.calibrate import calibrate
-from wrist_ft_comp.calibration.result import Calibration
-from wrist_ft_comp.calibration.settings import CalibrationSettings
-from wrist_ft_comp.model.offline import simulate_drift
-from wrist_ft_comp.model.signals import FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.result import Calibration
+from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.signals import FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.stream.offline import simulate_drift
 
 MEDIAN = STATISTICS['median']
 #: Targets: of the median, of the empty flange's; of masses; of centres, m; and of coverage.

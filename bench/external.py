@@ -29,12 +29,14 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 import numpy as np
 from worlds import DEVELOPMENT_SEED, report_seed
 
-from wrist_ft_comp.calibration.calibrate import calibrate
-from wrist_ft_comp.calibration.payload.minute import identify
-from wrist_ft_comp.calibration.settings import CalibrationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
-from wrist_ft_comp.model.signals import AXES, FloatArray, GRAVITY, NANOSECONDS, Recording
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.payload.live_weight import LivePayload
+from wrist_ft_comp.payload.minute import identify
+from wrist_ft_comp.payload.motion import CELL_S, DURATION_S, MotionCollector
+from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.signals import AXES, FloatArray, GRAVITY, NANOSECONDS, Recording
 from wrist_ft_comp.simulation.ft_sensor import (
     build_sensor,
     digitised_temperatures,
@@ -55,8 +57,6 @@ from wrist_ft_comp.simulation.work import (
     WorkSettings,
 )
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.payload import LivePayload
-from wrist_ft_comp.stream.payload_motion import CELL_S, DURATION_S, MotionCollector
 
 RATE, SECONDS, TARE_S = 20, 9000, 60
 DUTIES = (((0, 600, 4200, 6000), (0.0, 0.9, 0.0, 0.5)), ((0, 900, 5000), (0.0, 0.7, 0.2)))

@@ -116,7 +116,7 @@ def measure(sensor: Sensor, words: list[str], path: Path) -> dict[str, float]:
 
 def compensator(data: Path, *model: str) -> list[str]:
     """Command of a compensator, as setup.py installs it, with a new folder of its own."""
-    start = 'from wrist_ft_comp.ros.executables import compensator; compensator()'
+    start = 'from wrist_ft_comp.node.executables import compensator; compensator()'
     return ['-c', start, '--ros-args', '-p', f'data_directory:={data}', *model]
 
 

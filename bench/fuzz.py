@@ -28,21 +28,21 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from stand import make_model, message, Sensor, write_warm_up
 
-from wrist_ft_comp.calibration.learning.entry import DayEntry, Diary
 from wrist_ft_comp.cli.tables import days_text
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.files.cdr import locate, WRENCH_DOUBLES
-from wrist_ft_comp.files.days.day_files import DayFiles
-from wrist_ft_comp.files.days.diary import diary_path, load_diary, save_diary
-from wrist_ft_comp.files.days.memory import load_memory, Memory, save_memory
-from wrist_ft_comp.files.days.survey import survey
-from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.files.model_store import ModelStore
-from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.files.state_file import load_state, save_state, SavedState
-from wrist_ft_comp.model.signals import AXES
+from wrist_ft_comp.learning.day_files import DayFiles
+from wrist_ft_comp.learning.diary import diary_path, load_diary, save_diary
+from wrist_ft_comp.learning.entry import DayEntry, Diary
+from wrist_ft_comp.learning.memory import load_memory, Memory, save_memory
+from wrist_ft_comp.learning.survey import survey
+from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.signals import AXES
+from wrist_ft_comp.stored.model_file import load_model
+from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.warm_restart import belongs_to
+from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: A reader that takes longer hangs, s.
 MAX_S = 5.0

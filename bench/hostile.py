@@ -165,7 +165,7 @@ class HostileRobot(RuleBasedStateMachine):
         from rclpy.logging import set_logger_level
         from rclpy.parameter import Parameter
 
-        from wrist_ft_comp.ros.compensator_node import CompensatorNode
+        from wrist_ft_comp.node.compensator import CompensatorNode
 
         given = {
             'data_directory': str(self.data), 'model_file': 'models/m.yaml',
@@ -444,7 +444,7 @@ class HostileRobot(RuleBasedStateMachine):
 
     def _end(self, *, die: bool) -> None:
         """End the node, or drop it as a kill does."""
-        from wrist_ft_comp.ros.inputs.raw_node import RawNode
+        from wrist_ft_comp.ros.raw_node import RawNode
 
         node, self.node = self.node, None
         if node is None:

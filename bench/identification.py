@@ -16,9 +16,9 @@ os.environ.update(ONE_THREAD)  # as the command and the node's calibration do, b
 import numpy as np
 from scenarios import read_sensor
 
-from wrist_ft_comp.calibration.calibrate import calibrate
-from wrist_ft_comp.calibration.settings import CalibrationSettings
-from wrist_ft_comp.model.signals import FloatArray, NANOSECONDS, Recording, Reference
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.signals import FloatArray, NANOSECONDS, Recording, Reference
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation import run as simulated_run
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings

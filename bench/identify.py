@@ -13,10 +13,11 @@ import time
 
 import numpy as np
 
-from wrist_ft_comp.calibration.payload.minute import identify
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.model.payload.weight import Payload
-from wrist_ft_comp.model.signals import FloatArray, GRAVITY, NANOSECONDS
+from wrist_ft_comp.payload.minute import identify
+from wrist_ft_comp.payload.motion import CELL_S, DURATION_S, MotionCollector
+from wrist_ft_comp.payload.weight import Payload
+from wrist_ft_comp.signals import FloatArray, GRAVITY, NANOSECONDS
 from wrist_ft_comp.simulation.work import (
     draw_accelerometer,
     draw_work,
@@ -24,7 +25,6 @@ from wrist_ft_comp.simulation.work import (
     read_imu,
     WorkSettings,
 )
-from wrist_ft_comp.stream.payload_motion import CELL_S, DURATION_S, MotionCollector
 
 RATE_HZ = 100
 NOISE = np.repeat([0.1, 0.005], 3)

@@ -25,9 +25,9 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 from worlds import DEVELOPMENT_SEED, report_seed
 from years_drawn import Year
 
-from wrist_ft_comp.calibration.learning.day import describe, look_at
-from wrist_ft_comp.calibration.learning.entry import DayEntry
-from wrist_ft_comp.calibration.learning.incidents import incident
+from wrist_ft_comp.learning.day import describe, look_at
+from wrist_ft_comp.learning.entry import DayEntry
+from wrist_ft_comp.learning.incidents import incident
 
 #: Days before that are looked at, and days within which something has to be named.
 BEFORE, WITHIN = 2, 2

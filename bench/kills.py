@@ -22,10 +22,10 @@ import numpy as np
 from stand import COLD_C, message, own_domain, Sensor, Stand, write_warm_up
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.files.model_store import ModelStore
-from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.files.state_file import load_state
+from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.stored.model_file import load_model
+from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.state_file import load_state
 
 #: Longest life of a node after its start, s; starting takes about a second of it.
 LONGEST_LIFE_S = 4.0

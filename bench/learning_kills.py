@@ -24,13 +24,13 @@ import numpy as np
 from stand import GAINS, message, NOISE, own_domain, Stand
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.files.days.day_files import DayFiles
-from wrist_ft_comp.files.days.diary import diary_path, KIND
-from wrist_ft_comp.files.days.memory import load_memory
-from wrist_ft_comp.files.model_store import ModelStore
-from wrist_ft_comp.files.payload_file import load_payloads
-from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.model.signals import AXES, GRAVITY, NANOSECONDS
+from wrist_ft_comp.learning.day_files import DayFiles
+from wrist_ft_comp.learning.diary import diary_path, KIND
+from wrist_ft_comp.learning.memory import load_memory
+from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.signals import AXES, GRAVITY, NANOSECONDS
+from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.payload_file import load_payloads
 from wrist_ft_comp.stream.cell_averager import row_channels
 
 #: Lengths of a thermal cell, of a day and of a pose, s, and number of the days that are found.

@@ -20,8 +20,8 @@ from rclpy.parameter import Parameter
 from stream_roles import wrench_bytes
 from warm_up import make_model
 
-from wrist_ft_comp.model.signals import NANOSECONDS
-from wrist_ft_comp.ros.compensator_node import CompensatorNode
+from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.signals import NANOSECONDS
 
 TEMPERATURE_HZ = 10
 START_S = 1_723_248_197

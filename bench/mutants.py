@@ -1,7 +1,7 @@
 """
-Do the tests bite: mutants of ``model`` and ``stream`` against their rooms' own tests.
+Do the tests bite: mutants of five folders against their own tests.
 
-``python bench/mutants.py [--count N]`` draws from the mutants that mutmut makes of both rooms,
+``python bench/mutants.py [--count N]`` draws from the mutants that mutmut makes of them,
 the same ones as long as their functions do not change, and runs the tests of their room on each.
 Survivors that change nothing are listed in ``mutants_equivalent.yaml`` with the reason; an entry
 that is no survivor is an error. It fails below 90 % killed, or with more than 5 % listed.
@@ -21,7 +21,7 @@ import yaml
 
 from wrist_ft_comp import ONE_THREAD
 
-ROOMS = ('model', 'stream')
+ROOMS = ('drift', 'stream', 'payload', 'learning', 'stored')
 SEED = 11
 LEAST_KILLED, MOST_LISTED = 0.9, 0.05
 TREES = Path('build/mutated')

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from stand import make_model, own_domain, Sensor, write_warm_up
 
-from wrist_ft_comp.files.model_file import load_model, restore_model
-from wrist_ft_comp.files.state_file import save_state, SavedState
+from wrist_ft_comp.stored.model_file import load_model, restore_model
+from wrist_ft_comp.stored.state_file import save_state, SavedState
 
 #: Wrenches per second that the last column is for.
 RATE_HZ = 8000
@@ -39,7 +39,7 @@ def measure(folder: Path) -> dict[str, tuple[float, float]]:
     from rclpy.context import Context  # noqa: PLC0415 -- after the environment is set
     from rclpy.parameter import Parameter  # noqa: PLC0415
 
-    from wrist_ft_comp.ros.compensator_node import CompensatorNode  # noqa: PLC0415
+    from wrist_ft_comp.node.compensator import CompensatorNode  # noqa: PLC0415
 
     model_path = make_model(write_warm_up(folder / 'warm_up.csv'), folder / 'models/m.yaml')
     context: Any = Context()

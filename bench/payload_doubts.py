@@ -23,9 +23,9 @@ import numpy as np
 from working_days import weight_of, WorkDay, Working, working
 from worlds import DEVELOPMENT_SEED
 
-from wrist_ft_comp.calibration.calibrate import calibrate
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.model.signals import FloatArray
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.signals import FloatArray
 
 
 def spoiled(world: Working, other: Working) -> dict[str, list[WorkDay]]:

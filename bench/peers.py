@@ -9,8 +9,8 @@ from scenarios import drift, part
 from sklearn.cross_decomposition import PLSRegression
 from sklearn.linear_model import Ridge
 
-from wrist_ft_comp.model.arx import free_run, relaxation
-from wrist_ft_comp.model.signals import FloatArray, Recording
+from wrist_ft_comp.drift.arx import free_run, relaxation
+from wrist_ft_comp.signals import FloatArray, Recording
 
 #: Predicts the drift that loads w meet: zero drift plus sensitivity drift times w, shape (N,).
 Predictor = Callable[[Recording], FloatArray]

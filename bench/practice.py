@@ -16,13 +16,13 @@ from peers import polynomial
 from scenarios import read_sensor, recording, wrist, Z
 from scipy.signal import butter, lfilter
 
-from wrist_ft_comp.calibration.calibrate import calibrate
-from wrist_ft_comp.calibration.settings import CalibrationSettings
-from wrist_ft_comp.model.offline import simulate_drift
-from wrist_ft_comp.model.signals import FloatArray, Recording
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.signals import FloatArray, Recording
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation import run as simulated_run
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
+from wrist_ft_comp.stream.offline import simulate_drift
 
 CONTACT_N = 20.0
 DURATION_S = 9000

@@ -18,7 +18,7 @@ import time
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
-from wrist_ft_comp.files.recordings import read_recording
+from wrist_ft_comp.recordings.recordings import read_recording
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 WRENCH, TEMPERATURE = 'geometry_msgs/msg/WrenchStamped', 'sensor_msgs/msg/Temperature'

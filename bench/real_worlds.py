@@ -14,20 +14,20 @@ from numpy.typing import NDArray
 from scenarios import LOAD_CELL, load_cell
 from worlds_drawn import World
 
-from wrist_ft_comp.calibration.calibrate import calibrate
-from wrist_ft_comp.calibration.chamber import (
+from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.recordings.chamber import (
     chamber_figures,
     ChamberFigures,
     compensate_table,
     leave_one_temperature_out,
     table_recording,
 )
-from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.files.chamber_table import read_chamber_table
-from wrist_ft_comp.model.batch_grid import grid_samples
-from wrist_ft_comp.model.drift_model import DriftModel
-from wrist_ft_comp.model.signals import AXES, Recording, Samples
+from wrist_ft_comp.recordings.chamber_table import read_chamber_table
+from wrist_ft_comp.signals import AXES, Recording, Samples
+from wrist_ft_comp.stream.batch_grid import grid_samples
 
 IMU = LOAD_CELL.parents[1] / 'imu_chamber' / 'imu_chamber.csv'
 TABLES = Path(__file__).parents[1] / 'data' / 'keller_pa10'

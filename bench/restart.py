@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from stand import make_model, message, NODE, own_domain, Sensor, Stand, write_warm_up
 
-from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.signals import NANOSECONDS
+from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SPEED = 50.0

@@ -28,8 +28,8 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from warm_up import make_model
 
-from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.model.signals import AXES, NANOSECONDS
+from wrist_ft_comp.signals import AXES, NANOSECONDS
+from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from wrist_ft_comp.model.arx import free_run, relaxation
-from wrist_ft_comp.model.batch_grid import grid_samples
-from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS, Recording, Samples
+from wrist_ft_comp.drift.arx import free_run, relaxation
+from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS, Recording, Samples
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation import run as simulated_run
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
+from wrist_ft_comp.stream.batch_grid import grid_samples
 
 Z = AXES.index('force_z')
 #: From a seed to recordings to learn from, one to be judged on, and the drift behind its noise.

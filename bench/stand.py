@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from wrist_ft_comp.cli.calibration_job import run_job
-from wrist_ft_comp.files.job_request import CalibrationJob
-from wrist_ft_comp.model.signals import AXES, NANOSECONDS
+from wrist_ft_comp.jobs.calibration import run_job
+from wrist_ft_comp.jobs.request import CalibrationJob
+from wrist_ft_comp.signals import AXES, NANOSECONDS
 
 NODE = 'stand'
 #: Lag of the sensor, s, and its drift, N/K and N m/K.
@@ -139,7 +139,7 @@ class Stand:
         with self.log.open('ab') as log:
             self.process = subprocess.Popen(
                 [
-                    *(sys.executable, '-m', 'wrist_ft_comp.ros.compensator_node', '--ros-args'),
+                    *(sys.executable, '-m', 'wrist_ft_comp.node.compensator', '--ros-args'),
                     *('-r', f'__node:={NODE}', *arguments),
                 ],
                 stderr=log,

@@ -35,12 +35,12 @@ from stream_roles import STATE_ENTRY, wrench_bytes
 from stream_table import draw, print_header, print_row, Run, summary
 from warm_up import make_model, write_warm_up
 
-from wrist_ft_comp.files.cdr import locate, WRENCH_DOUBLES
-from wrist_ft_comp.files.days.memory import load_memory
-from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.files.payload_file import add_payloads, PAYLOADS
-from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.learning.memory import load_memory
+from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.stored.model_file import load_model
+from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0, 8000.0)
 RELAYS = ('typed', 'bytes')
@@ -95,7 +95,7 @@ def compensator(folder: Path, namespace: str, *parameters: str) -> list[str]:
     """Words that start the compensator with the model."""
     settings = [f'model_file:={folder / "model.yaml"}', f'data_directory:={folder / namespace}']
     words = [word for each in (*settings, *parameters) for word in ('-p', each)]
-    module = 'wrist_ft_comp.ros.compensator_node'
+    module = 'wrist_ft_comp.node.compensator'
     return ['-m', module, '--ros-args', '-r', f'__ns:=/{namespace}', *words]
 
 

@@ -25,9 +25,9 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu, JointState, Temperature
 from std_srvs.srv import Trigger
 
-from wrist_ft_comp.model.signals import NANOSECONDS
 from wrist_ft_comp.ros import messages as qos
 from wrist_ft_comp.ros.running import make_executor
+from wrist_ft_comp.signals import NANOSECONDS
 
 TEMPERATURE_HZ = 10
 _FRAME = b'wrist_ft\0'

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from thermal_networks import between, draw_day, draw_others, draw_sources, network
 from worlds_drawn import draw_gauges, draw_thermometers, FACTORY_C, Gauges, LOADS, read, shift_of
 
-from wrist_ft_comp.model.signals import AXES, FloatArray, IntArray
+from wrist_ft_comp.signals import AXES, FloatArray, IntArray
 
 GRAVITY, RATE = 9.807, 10
 DAYS, SECONDS = 4, 9000

@@ -10,11 +10,11 @@ from baseline import baseline, ROOT
 import numpy as np
 from worlds_drawn import World
 
-from wrist_ft_comp.calibration.calibrate import calibrate
-from wrist_ft_comp.calibration.settings import CalibrationSettings
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.model.offline import simulate_drift
-from wrist_ft_comp.model.signals import AXES, FloatArray
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.signals import AXES, FloatArray
+from wrist_ft_comp.stream.offline import simulate_drift
 
 #: 0.1.0 answers the same question the same way for ever, so its answers are kept here.
 ANSWERS = ROOT / 'build' / 'worlds'

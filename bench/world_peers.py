@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 from sklearn.cross_decomposition import PLSRegression
 
-from wrist_ft_comp.model.signals import FloatArray, IntArray, Recording
+from wrist_ft_comp.signals import FloatArray, IntArray, Recording
 
 BLOCK_S, TARE_S = 10.0, 60.0
 BANKS_S = ((0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), (0.0, 20.0, 60.0), (0.0, 100.0, 600.0))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wrist_ft_comp.model.signals import FloatArray
+from wrist_ft_comp.signals import FloatArray
 
 #: Statistics over axes, NaN left out.
 STATISTICS: dict[str, Callable[[FloatArray], float]] = {

@@ -28,7 +28,7 @@ from world_peers import block_means, day_of, Peer, PEERS, root_mean_square, tare
 from world_tables import draw, pooled, print_family, Result
 from worlds_drawn import FAMILIES, family, World
 
-from wrist_ft_comp.model.signals import FloatArray
+from wrist_ft_comp.signals import FloatArray
 
 __all__ = ['FAMILIES', 'World', 'family']
 

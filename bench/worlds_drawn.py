@@ -23,7 +23,7 @@ from thermal_networks import (
     rod,
 )
 
-from wrist_ft_comp.model.signals import (
+from wrist_ft_comp.signals import (
     AXES,
     FloatArray,
     IntArray,

@@ -44,15 +44,15 @@ from world_peers import block_means, root_mean_square, tared
 from worlds import DEVELOPMENT_SEED, report_seed
 from years_drawn import CELL_S, day_name, Events, Year, YearDay
 
-from wrist_ft_comp.calibration.calibrate import calibrate
-from wrist_ft_comp.calibration.learning.challenge import worthiest
-from wrist_ft_comp.calibration.learning.day import Day, look_at
-from wrist_ft_comp.calibration.learning.entry import DayEntry
-from wrist_ft_comp.calibration.learning.lesson import Champion, take
+from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.model.drift_model import DriftModel
-from wrist_ft_comp.model.offline import simulate_drift
-from wrist_ft_comp.model.signals import FloatArray, Recording
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.learning.challenge import worthiest
+from wrist_ft_comp.learning.day import Day, look_at
+from wrist_ft_comp.learning.entry import DayEntry
+from wrist_ft_comp.learning.lesson import Champion, take
+from wrist_ft_comp.signals import FloatArray, Recording
+from wrist_ft_comp.stream.offline import simulate_drift
 
 NEVER, ONCE, SEASONS, LEARNING, BEFORE = range(5)
 TITLES = ('never', 'once by hand', 'every season by hand', 'learning', 'the model before')

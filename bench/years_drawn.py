@@ -24,7 +24,7 @@ from working_days import (
 )
 from worlds_drawn import draw_gauges, draw_thermometers, read, UNITS
 
-from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS, Recording
 
 #: Seconds of a thermal cell.
 CELL_S = 2

@@ -12,20 +12,20 @@ import struct
 import numpy as np
 import pytest
 
-from wrist_ft_comp.identification.axis_data import assign_folds, build_axis_data
-from wrist_ft_comp.model.arx import Arx
-from wrist_ft_comp.model.arx_pls import ArxPls
-from wrist_ft_comp.model.axis_model import AxisModel
-from wrist_ft_comp.model.drift_model import DriftModel
-from wrist_ft_comp.model.features import Features
-from wrist_ft_comp.model.signals import AXES, Recording
+from wrist_ft_comp.drift.arx import Arx
+from wrist_ft_comp.drift.arx_pls import ArxPls
+from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.fit.axis_data import assign_folds, build_axis_data
+from wrist_ft_comp.signals import AXES, Recording
 
-collect_ignore = [] if find_spec('rclpy') else ['ros']
+collect_ignore = [] if find_spec('rclpy') else ['node']
 
 
 def pytest_report_header():
     """Say so where the nodes' tests cannot run."""
-    return 'test/ros is left out: it needs ROS 2 (rclpy)' if collect_ignore else ''
+    return 'test/node is left out: it needs ROS 2 (rclpy)' if collect_ignore else ''
 
 
 def pytest_collection_finish():

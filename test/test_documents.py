@@ -10,7 +10,7 @@ import shlex
 import pytest
 import yaml
 
-from wrist_ft_comp.model.temperature_source import parse_source
+from wrist_ft_comp.wire.temperature_source import parse_source
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ('.', 'docs', 'data/keller_pa10', '.github/ISSUE_TEMPLATE')

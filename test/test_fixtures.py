@@ -17,15 +17,15 @@ import pytest
 import yaml
 
 from wrist_ft_comp.cli.main import main
+from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.signals import AXES, Topics
 
 # All that these tests know of the package; what moves is renamed here and in the four helpers.
-from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.files.model_store import ModelStore
-from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.files.state_file import load_state
-from wrist_ft_comp.model.offline import simulate_drift
-from wrist_ft_comp.model.signals import AXES, Topics
+from wrist_ft_comp.stored.model_file import load_model
+from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.state_file import load_state
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.stream.offline import simulate_drift
 
 HERE = Path(__file__).parent / 'fixtures' / 'v0_1_0'
 MODELS = sorted([*HERE.glob('models/*.yaml'), *HERE.glob('store/models/*.yaml')])

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.result import AxisFit, Calibration
 from wrist_ft_comp.cli.main import main
-from wrist_ft_comp.files.model_file import load_model, save_model
-from wrist_ft_comp.files.state_file import load_state, save_state, SavedState
+from wrist_ft_comp.fit.result import AxisFit, Calibration
+from wrist_ft_comp.stored.model_file import load_model, save_model
+from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SECOND = 1_000_000_000

@@ -17,7 +17,7 @@ import pytest
 
 import wrist_ft_comp
 from wrist_ft_comp import Calibration, Compensator, Recording, TareCollector
-from wrist_ft_comp.model.drift_model import Drift
+from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.report.evaluation import AxisEvaluation
 
 #: What others' programs are written against: a change of these breaks them.

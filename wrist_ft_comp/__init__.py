@@ -3,32 +3,24 @@ Temperature-drift compensation for a robot's wrist force/torque sensor.
 
 ``__all__`` is for others' programs (docs/python.md); each name is loaded when it is asked for.
 
-The rooms, and what each looks into besides ``errors``; no arrow points back:
-
-- ``model``: what a recording is and what runs on it. Nothing.
-- ``stream``: one sensor, live. ``model``.
-- ``identification``: one model to given data. ``model``.
-- ``calibration``: from recordings to a judged model. The three above.
-- ``report``: what a person reads. ``model``, ``calibration``.
-- ``files``: the only modules that open files. ``model``, ``stream``, ``calibration``.
-- ``simulation``: the simulated sensor. ``model``.
-- ``ros``: the only modules that import rclpy. All but ``cli``.
-- ``cli``: the only prints. All; it may start what ``ros`` offers.
+docs/architecture.md says what the folders are and where is what. The order in which they may look
+into each other: ``drift``, ``wire``, ``stream``, ``payload``, ``fit``, ``stored``, ``recordings``,
+``learning``, ``report``, ``jobs``, ``ros``, ``simulation``, ``node``, ``cli``.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from wrist_ft_comp.calibration.calibrate import calibrate, summarise
-    from wrist_ft_comp.calibration.result import Calibration
-    from wrist_ft_comp.calibration.settings import CalibrationSettings
     from wrist_ft_comp.errors import WristFtCompError
-    from wrist_ft_comp.files.model_file import load_model, save_model
-    from wrist_ft_comp.files.recordings import read_recording
-    from wrist_ft_comp.model.columns import compensate, recording_from_columns
-    from wrist_ft_comp.model.signals import Recording, Topics
+    from wrist_ft_comp.fit.calibrate import calibrate, summarise
+    from wrist_ft_comp.fit.result import Calibration
+    from wrist_ft_comp.fit.settings import CalibrationSettings
+    from wrist_ft_comp.recordings.columns import compensate, recording_from_columns
+    from wrist_ft_comp.recordings.recordings import read_recording
     from wrist_ft_comp.report.evaluation import evaluate
+    from wrist_ft_comp.signals import Recording, Topics
+    from wrist_ft_comp.stored.model_file import load_model, save_model
     from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
     from wrist_ft_comp.stream.tare import TareCollector
 
@@ -40,14 +32,14 @@ ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1', 'OMP_NUM_THRE
 
 #: Where the names live that are for others: as above, where type checkers read it.
 _HOMES = {
-    'calibrate': 'calibration.calibrate', 'summarise': 'calibration.calibrate',
-    'Calibration': 'calibration.result', 'CalibrationSettings': 'calibration.settings',
-    'compensate': 'model.columns', 'recording_from_columns': 'model.columns',
+    'calibrate': 'fit.calibrate', 'summarise': 'fit.calibrate',
+    'Calibration': 'fit.result', 'CalibrationSettings': 'fit.settings',
+    'compensate': 'recordings.columns', 'recording_from_columns': 'recordings.columns',
     'Compensator': 'stream.compensator', 'StreamSettings': 'stream.compensator',
     'evaluate': 'report.evaluation', 'TareCollector': 'stream.tare',
-    'load_model': 'files.model_file', 'save_model': 'files.model_file',
-    'read_recording': 'files.recordings', 'WristFtCompError': 'errors',
-    'Recording': 'model.signals', 'Topics': 'model.signals',
+    'load_model': 'stored.model_file', 'save_model': 'stored.model_file',
+    'read_recording': 'recordings.recordings', 'WristFtCompError': 'errors',
+    'Recording': 'signals', 'Topics': 'signals',
 }  # fmt: skip
 __all__ = [
     'Calibration', 'CalibrationSettings', 'Compensator', 'Recording', 'StreamSettings',

@@ -11,8 +11,8 @@ from markdown import table
 import wrist_ft_comp
 from wrist_ft_comp.cli.main import build_parser
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.model.columns import STAMPS
-from wrist_ft_comp.model.signals import (
+from wrist_ft_comp.recordings.columns import STAMPS
+from wrist_ft_comp.signals import (
     AXES,
     FORCE_CHANNELS,
     REFERENCE_CHANNELS,
@@ -20,7 +20,7 @@ from wrist_ft_comp.model.signals import (
     temperature_channel,
 )
 
-SCHEMA = Path(wrist_ft_comp.__file__).parent / 'files/model.schema.json'
+SCHEMA = Path(wrist_ft_comp.__file__).parent / 'stored/model.schema.json'
 FORMATS = """\
 ## Recordings
 

@@ -19,10 +19,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool
 
-from wrist_ft_comp.ros.compensator_node import CompensatorNode
+from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.node.simulated_sensor import PARAMETERS as SIMULATED
+from wrist_ft_comp.node.simulated_sensor import SimulatedSensor
 from wrist_ft_comp.ros.parameters import descriptor, Parameter, PARAMETERS
-from wrist_ft_comp.ros.simulated_sensor_node import PARAMETERS as SIMULATED
-from wrist_ft_comp.ros.simulated_sensor_node import SimulatedSensor
 
 TIMEOUT_S = 20.0
 #: Every node has these; rclpy's own documentation describes them. With an IMU the last is heard

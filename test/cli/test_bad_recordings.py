@@ -16,11 +16,11 @@ import sys
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.calibrate import calibrate
-from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
-from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.model.columns import recording_from_columns
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.recordings.columns import recording_from_columns
+from wrist_ft_comp.recordings.recordings import read_recording
 
 ROWS = 600
 EPOCH_S = 1_723_248_197.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from wrist_ft_comp.calibration.settings import METHODS
+from wrist_ft_comp.fit.settings import METHODS
 
 
 def test_learns_gain_drift_where_the_reference_was_recorded(done, make, tmp_path):

@@ -9,10 +9,11 @@ import sys
 
 import pytest
 
-from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.cli.calibration_job import run_job
+from wrist_ft_comp.drift.arx import Orders
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
-from wrist_ft_comp.files.job_request import (
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.jobs.calibration import run_job
+from wrist_ft_comp.jobs.request import (
     CalibrationJob,
     decode_job,
     encode_job,
@@ -20,10 +21,9 @@ from wrist_ft_comp.files.job_request import (
     Minute,
     UNTIL_CLOSED,
 )
-from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.files.recordings import hash_recording
-from wrist_ft_comp.model.arx import Orders
-from wrist_ft_comp.model.signals import Topics
+from wrist_ft_comp.recordings.recordings import hash_recording
+from wrist_ft_comp.signals import Topics
+from wrist_ft_comp.stored.model_file import load_model
 
 OTHER = CalibrationJob(
     recordings=(Path('/a/b.csv'), Path('ü \udcff"c.csv')),
@@ -146,7 +146,7 @@ def test_the_hash_of_a_bag_is_that_of_its_storage_in_order(tmp_path):
 
 def start(*more):
     """Start the process that runs a job."""
-    command = [sys.executable, '-m', 'wrist_ft_comp.cli.calibration_job', *more]
+    command = [sys.executable, '-m', 'wrist_ft_comp.jobs.calibration', *more]
     pipe = subprocess.PIPE
     return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
 

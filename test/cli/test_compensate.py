@@ -4,10 +4,10 @@ import json
 import numpy as np
 import pytest
 
-from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.files.recordings import read_recording
-from wrist_ft_comp.model.offline import correct_many, initial_tare, track_drift
-from wrist_ft_comp.model.signals import AXES
+from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.signals import AXES
+from wrist_ft_comp.stored.model_file import load_model
+from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 
 
 def table(path):

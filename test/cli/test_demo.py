@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.cli import demo
-from wrist_ft_comp.cli.demos import result
-from wrist_ft_comp.cli.demos.plan import Plan
+from wrist_ft_comp.cli import demo_result as result
+from wrist_ft_comp.cli.demo_plan import Plan
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files.demo_log import DemoLog
+from wrist_ft_comp.stored.demo_log import DemoLog
 
 SECOND = 10**9
 
@@ -113,20 +113,20 @@ FAIL = 'raise SystemExit(7)'
 @pytest.mark.parametrize(
     ('scripts', 'expected', 'count'),
     [
-        ({'compensator_node': WAIT, 'demo_client': FAIL}, 'without a result', 2),
-        ({'compensator_node': FAIL, 'demo_client': WAIT}, 'compensator of the demonstration', 2),
+        ({'compensator': WAIT, 'demo_client': FAIL}, 'without a result', 2),
+        ({'compensator': FAIL, 'demo_client': WAIT}, 'compensator of the demonstration', 2),
         (
-            {'compensator_node': WAIT, 'simulated_sensor_node': FAIL,
+            {'compensator': WAIT, 'simulated_sensor': FAIL,
              'demo_client': TELL.format({'event': 'recording'})},
             'simulated sensor of the demonstration ended early, with exit code 7', 3,
         ),
         (
-            {'compensator_node': WAIT,
+            {'compensator': WAIT,
              'demo_client': TELL.format({'event': 'failed', 'text': 'It was refused.'})},
             'failed: It was refused.', 2,
         ),
         (
-            {'compensator_node': WAIT, 'demo_client': 'print("no JSON"); print(3); print("{}")'},
+            {'compensator': WAIT, 'demo_client': 'print("no JSON"); print(3); print("{}")'},
             'without a result', 2,
         ),
     ],
@@ -150,7 +150,7 @@ text = f'force_z: 9 -> 1 N\\nsaved as {folder}/m.yaml\\nreport: {folder}/m.html'
 print(json.dumps({'event': 'message', 'text': text}), flush=True)
 print(json.dumps({'event': 'message', 'text': f'recording into {folder}/r.csv'}), flush=True)
 """
-    children(compensator_node=WAIT, demo_client=answer)
+    children(compensator=WAIT, demo_client=answer)
     outcome = run('demo', '--output', tmp_path)
     assert 'without a result' in outcome.err
     assert outcome.out == 'force_z: 9 -> 1 N\n'
@@ -212,7 +212,7 @@ def test_the_programs_that_are_started_exist(at_work, tmp_path):
     plan = Plan(1, 450.0, at_work)
     commands = [plan.compensator(tmp_path), plan.operator(tmp_path / 'log.npz'), plan.sensor()]
     for module, *arguments in commands:
-        assert (Path(demo.__file__).parents[1] / f'ros/{module}.py').exists()
+        assert (Path(demo.__file__).parents[1] / f'node/{module}.py').exists()
         assert all(isinstance(word, str) for word in arguments)
     words = [word for command in commands for word in command]
     assert any('payload' in word for word in words) is at_work

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from wrist_ft_comp.model import gap
+from wrist_ft_comp.stream import gap
 
 
 def arx_by_hand(arx, t):

@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from wrist_ft_comp.cli import demo
-from wrist_ft_comp.files.days.day_files import DayFiles
+from wrist_ft_comp.learning.day_files import DayFiles
 
 PNG = b'\x89PNG\r\n\x1a\n' + b'\0\0\0\rIHDR' + bytes(40)
 

@@ -2,7 +2,7 @@ import pytest
 
 from wrist_ft_comp.cli import paths
 from wrist_ft_comp.errors import ModelFileError, RecordingError
-from wrist_ft_comp.files.model_file import KIND
+from wrist_ft_comp.stored.model_file import KIND
 
 TABLE = 'step,load_kpa,output_at_20_c\n0,0,1\n'
 

@@ -8,11 +8,11 @@ import json
 import numpy as np
 import pytest
 
-from wrist_ft_comp.cli import calibration_job
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.errors import ModelFileError
-from wrist_ft_comp.files.payload_file import load_payloads
-from wrist_ft_comp.model.signals import AXES, FORCE_CHANNELS
+from wrist_ft_comp.jobs import calibration as calibration_job
+from wrist_ft_comp.signals import AXES, FORCE_CHANNELS
+from wrist_ft_comp.stored.payload_file import load_payloads
 
 
 @pytest.fixture(scope='module')

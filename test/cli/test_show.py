@@ -4,8 +4,8 @@ import re
 import numpy as np
 import yaml
 
-from wrist_ft_comp.files.payload_file import add_payloads, PAYLOADS
-from wrist_ft_comp.model.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 
 
 def test_a_model_says_what_it_is_and_what_it_is_for(done, model):

@@ -5,10 +5,10 @@ from math import nan
 
 import pytest
 
-from wrist_ft_comp.calibration.learning.entry import DayEntry, Decision, Diary
-from wrist_ft_comp.files.days.day_files import DayFiles
-from wrist_ft_comp.files.days.diary import diary_path, save_diary
-from wrist_ft_comp.files.days.memory import Memory, save_memory
+from wrist_ft_comp.learning.day_files import DayFiles
+from wrist_ft_comp.learning.diary import diary_path, save_diary
+from wrist_ft_comp.learning.entry import DayEntry, Decision, Diary
+from wrist_ft_comp.learning.memory import Memory, save_memory
 
 DAY = 86_400 * 10**9
 START = 1_770_000_000 * 10**9

@@ -7,16 +7,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.calibrate import calibrate
-from wrist_ft_comp.calibration.chamber import chamber_figures, table_recording
-from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.files.chamber_table import read_chamber_table
-from wrist_ft_comp.files.model_file import save_model
-from wrist_ft_comp.model.signals import Recording
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.recordings.chamber import chamber_figures, table_recording
+from wrist_ft_comp.recordings.chamber_table import read_chamber_table
 from wrist_ft_comp.report.evaluation import tared_errors
 from wrist_ft_comp.report.of_calibration import calibration_view
 from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
 from wrist_ft_comp.report.page import page
+from wrist_ft_comp.signals import Recording
+from wrist_ft_comp.stored.model_file import save_model
 
 #: Markup in it, and longer than a line of a telephone.
 NAME = '<b>a_name_without_any_space_' + 'x' * 60 + '.csv & "quotes"'

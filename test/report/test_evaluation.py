@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.model.offline import initial_tare
-from wrist_ft_comp.model.signals import AXES
 from wrist_ft_comp.report.evaluation import (
     AxisEvaluation,
     judge_errors,
     tared_errors,
     TaredErrors,
 )
+from wrist_ft_comp.signals import AXES
+from wrist_ft_comp.stream.offline import initial_tare
 
 X, Z, TORQUE_Z = (AXES.index(axis) for axis in ('force_x', 'force_z', 'torque_z'))
 CELLS = 60

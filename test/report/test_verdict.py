@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.calibration.result import FoldErrors, HARMFUL_RATIO
+from wrist_ft_comp.fit.result import FoldErrors, HARMFUL_RATIO
 from wrist_ft_comp.report.verdict import (
     Evidence,
     GOOD_REMAINDER,

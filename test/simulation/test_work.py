@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.model.signals import GRAVITY
+from wrist_ft_comp.signals import GRAVITY
 from wrist_ft_comp.simulation.work import (
     Accelerometer,
     draw_work,

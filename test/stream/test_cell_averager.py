@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from wrist_ft_comp.model.batch_grid import grid_samples
-from wrist_ft_comp.model.signals import AXES, REFERENCE_CHANNELS, Samples
+from wrist_ft_comp.signals import AXES, REFERENCE_CHANNELS, Samples
+from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
 from wrist_ft_comp.stream.stream_grid import CompletedCells, ThermalGrid
 

@@ -6,12 +6,11 @@ import pickle
 import numpy as np
 import pytest
 
+from wrist_ft_comp.drift import drift_model
+from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.model import drift_model
-from wrist_ft_comp.model.batch_grid import grid_samples
-from wrist_ft_comp.model.drift_model import Drift
-from wrist_ft_comp.model.offline import correct_many, simulate_drift, track_drift
-from wrist_ft_comp.model.signals import AXES, Samples
+from wrist_ft_comp.signals import AXES, Samples
+from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.limits import (
@@ -20,6 +19,7 @@ from wrist_ft_comp.stream.limits import (
     MAX_SENSITIVITY,
     MAX_SENSITIVITY_RATE,
 )
+from wrist_ft_comp.stream.offline import correct_many, simulate_drift, track_drift
 
 SECOND = 1_000_000_000
 LOAD = np.array([50.0, -20.0, 100.0, 3.0, -1.0, 2.0])

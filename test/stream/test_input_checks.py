@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from wrist_ft_comp.model.signals import is_plausible
-from wrist_ft_comp.model.temperature_source import other_unit
+from wrist_ft_comp.signals import is_plausible
 from wrist_ft_comp.stream.input_checks import LOOKS, SensorWatch, ThermometerWatch
 from wrist_ft_comp.stream.stream_grid import CompletedCells
+from wrist_ft_comp.wire.temperature_source import other_unit
 
 SECOND = 1_000_000_000
 RAW = [1.0, 2.0, 3.0, 0.1, 0.2, 0.0]

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from wrist_ft_comp.model.batch_grid import grid_samples
-from wrist_ft_comp.model.signals import Samples, temperature_channel
+from wrist_ft_comp.signals import Samples, temperature_channel
+from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.stream_grid import ThermalGrid
 

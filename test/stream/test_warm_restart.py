@@ -8,15 +8,15 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from wrist_ft_comp.model import drift_model
-from wrist_ft_comp.model.gap import (
+from wrist_ft_comp.drift import drift_model
+from wrist_ft_comp.signals import AXES as AXES_ORDER
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.stream.gap import (
     LEAST_GAP_S,
     longest_gap_s,
     MOST_GAP_S,
     slowest_time_constant_s,
 )
-from wrist_ft_comp.model.signals import AXES as AXES_ORDER
-from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.warm_restart import belongs_to
 
 SECOND = 1_000_000_000

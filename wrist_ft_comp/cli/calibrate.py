@@ -4,26 +4,27 @@ import argparse
 from pathlib import Path
 from typing import get_args
 
-from wrist_ft_comp.calibration.calibrate import summarise
-from wrist_ft_comp.calibration.settings import CalibrationSettings, IdentificationSettings, METHODS
 from wrist_ft_comp.cli import options, paths
-from wrist_ft_comp.cli.calibration_job import (
+from wrist_ft_comp.cli.tables import chamber_table_text, payloads_json, verdict_text
+from wrist_ft_comp.drift.features import FeatureKind
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.fit.calibrate import summarise
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
+from wrist_ft_comp.jobs.calibration import (
     ChamberColumns,
     JobOutcome,
     judge_chamber_tables,
     run_job,
     view_job,
 )
-from wrist_ft_comp.cli.tables import chamber_table_text, payloads_json, verdict_text
-from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.files.chamber_table import is_chamber_table
-from wrist_ft_comp.files.job_request import CalibrationJob
-from wrist_ft_comp.files.model_file import KIND as MODEL
-from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
-from wrist_ft_comp.model.features import FeatureKind
-from wrist_ft_comp.model.ranges import PERIODS_S
+from wrist_ft_comp.jobs.request import CalibrationJob
+from wrist_ft_comp.ranges import PERIODS_S
+from wrist_ft_comp.recordings.chamber_table import is_chamber_table
+from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.verdict import Verdict
+from wrist_ft_comp.stored.model_file import KIND as MODEL
+from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
 HELP = 'learn the drift from recordings'
 DESCRIPTION = """\
@@ -104,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
         for name, columns in tables.items():
             print(f'\n{name}\n{chamber_table_text(columns)}')
     if job.report:
-        paths.REPORT.write(job.report, page(view))
+        REPORT.write(job.report, page(view))
         if not arguments.json:
             print(f'report: {job.report}')
     if arguments.json:
@@ -120,7 +121,7 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
         load_payloads(others[-1])
     MODEL.check_target(arguments.output, others)
     if arguments.report:
-        paths.REPORT.check_target(arguments.report, [arguments.output, *others])
+        REPORT.check_target(arguments.report, [arguments.output, *others])
 
 
 def _job(arguments: argparse.Namespace) -> CalibrationJob:

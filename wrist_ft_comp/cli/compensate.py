@@ -5,23 +5,23 @@ from contextlib import ExitStack
 import gc
 from pathlib import Path
 
-from wrist_ft_comp.calibration.chamber import table_tare
-from wrist_ft_comp.calibration.payload.at_work import learn_at_work
-from wrist_ft_comp.calibration.payload.external import external_correction
 from wrist_ft_comp.cli import options, paths
 from wrist_ft_comp.cli.tables import print_warnings, range_warnings
+from wrist_ft_comp.drift.drift_model import check_sensor, DriftModel, StoredModel
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
-from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.files.recordings import (
+from wrist_ft_comp.payload.at_work import learn_at_work
+from wrist_ft_comp.payload.external import external_correction
+from wrist_ft_comp.recordings.chamber import table_tare
+from wrist_ft_comp.recordings.chamber_table import is_chamber_table, read_chamber_table
+from wrist_ft_comp.recordings.recordings import (
     check_copy,
     EXTERNAL_TOPIC,
     read_recording,
     rewrite_recording,
 )
-from wrist_ft_comp.model.drift_model import check_sensor, DriftModel, StoredModel
-from wrist_ft_comp.model.offline import correct_many, initial_tare, track_drift
-from wrist_ft_comp.model.signals import AXES, Correction, FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.signals import AXES, Correction, FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.stored.model_file import load_model
+from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 
 #: Specific force is taken off on cells of this length, s, or longer ones of a long recording.
 _FINE_S, _MOST_CELLS = 0.02, 2_000_000

@@ -15,12 +15,13 @@ from typing import Any, NoReturn, TextIO
 
 from tqdm import tqdm
 
-from wrist_ft_comp.cli import options, paths
-from wrist_ft_comp.cli.demos.plan import Plan
-from wrist_ft_comp.cli.demos.result import draw, judge
+from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli.demo_plan import Plan
+from wrist_ft_comp.cli.demo_result import draw, judge
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.files.demo_log import load_demo_log
-from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
+from wrist_ft_comp.report.outputs import PICTURE
+from wrist_ft_comp.stored.demo_log import load_demo_log
+from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
 _END_TIMEOUT_S = 10.0
 _LOOK_AFTER_S = 0.5
@@ -96,7 +97,7 @@ def _environment() -> dict[str, str]:
 @contextmanager
 def _process(module: str, *arguments: str, stdout: int | None = None) -> Iterator[_Process]:
     """Run one of the package's programs; end it by its own id."""
-    command = [sys.executable, '-m', f'wrist_ft_comp.ros.{module}', *arguments]
+    command = [sys.executable, '-m', f'wrist_ft_comp.node.{module}', *arguments]
     # Without a buffer, in which lines would wait unseen by select.
     with subprocess.Popen(  # noqa: S603 -- our own modules, no shell
         command, env=_environment(), stdout=stdout, bufsize=0
@@ -153,7 +154,7 @@ def run(arguments: argparse.Namespace) -> int:
             'installation, or install the package with its extra "ros".'
         )
     picture = arguments.output / 'demo.png'
-    paths.PICTURE.check_target(picture)
+    PICTURE.check_target(picture)
     with tempfile.TemporaryDirectory(prefix='wrist_ft_comp_demo_') as folder:
         log_file = Path(folder, 'log.npz')
         messages = sys.stderr if arguments.json else sys.stdout
@@ -163,7 +164,7 @@ def run(arguments: argparse.Namespace) -> int:
         learnt = load_payloads(Path(folder, 'data', 'models', PAYLOADS))
     masses_kg = {name: payload.mass_kg for name, (payload, _) in learnt.items()}
     outcome = judge(log, masses_kg if plan.at_work else None)
-    paths.PICTURE.write(picture, draw(log, external=plan.at_work))
+    PICTURE.write(picture, draw(log, external=plan.at_work))
     if arguments.json:
         options.print_json({**outcome.as_json(), 'picture': picture})
     else:

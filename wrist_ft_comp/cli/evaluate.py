@@ -5,21 +5,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from wrist_ft_comp.calibration.chamber import chamber_figures, compensate_table
-from wrist_ft_comp.calibration.payload.at_work import learn_at_work
 from wrist_ft_comp.cli import options, paths, tables
-from wrist_ft_comp.files.chamber_table import is_chamber_table, read_chamber_table
-from wrist_ft_comp.files.model_file import load_model
-from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
-from wrist_ft_comp.files.recordings import hash_recording, read_recording
-from wrist_ft_comp.model.drift_model import check_sensor, StoredModel
-from wrist_ft_comp.model.payload.learnt import LearntPayloads, same_payload
-from wrist_ft_comp.model.ranges import rounded
-from wrist_ft_comp.model.signals import NANOSECONDS, Progress, Reference
+from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
+from wrist_ft_comp.payload.at_work import learn_at_work
+from wrist_ft_comp.payload.learnt import LearntPayloads, same_payload
+from wrist_ft_comp.ranges import rounded
+from wrist_ft_comp.recordings.chamber import chamber_figures, compensate_table
+from wrist_ft_comp.recordings.chamber_table import is_chamber_table, read_chamber_table
+from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors
 from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
+from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.view import model_sources
+from wrist_ft_comp.signals import NANOSECONDS, part_of, Progress, Reference
+from wrist_ft_comp.stored.model_file import load_model
+from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
 HELP = 'judge a model on recordings'
 DESCRIPTION = 'Compare raw and compensated wrenches with the reference, both tared first.'
@@ -49,13 +50,13 @@ def run(arguments: argparse.Namespace) -> int:
     paths.check_model(arguments.model)
     paths.check_recordings(arguments.recordings)
     if arguments.report:
-        paths.REPORT.check_target(arguments.report, [arguments.model, *arguments.recordings])
+        REPORT.check_target(arguments.report, [arguments.model, *arguments.recordings])
     options.warn_of_idle(arguments, arguments.recordings)
     stored = load_model(arguments.model)
     count = len(arguments.recordings)
     with options.progress_bar('evaluating') as progress:
         judged = [
-            _judge(arguments, stored, path, options.part_of(progress, number, count))
+            _judge(arguments, stored, path, part_of(progress, number, count))
             for number, path in enumerate(arguments.recordings)
         ]
     pooled = judge_errors([each.errors for each in judged])
@@ -69,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
                 print(f'\n{path}\n{tables.chamber_table_text(each.figures)}')
     tables.print_warnings(view.warnings)
     if arguments.report:
-        paths.REPORT.write(arguments.report, page(view))
+        REPORT.write(arguments.report, page(view))
         if not arguments.json:
             print(f'report: {arguments.report}')
     if arguments.json:

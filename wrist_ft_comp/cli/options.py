@@ -15,11 +15,11 @@ from typing import Any, get_args, NoReturn, TypeVar
 from tqdm import tqdm
 
 from wrist_ft_comp.errors import UsageError
-from wrist_ft_comp.files.documents import plain
-from wrist_ft_comp.files.recordings import BAG, kind_of, TABLE
-from wrist_ft_comp.model.ranges import range_words
-from wrist_ft_comp.model.signals import Progress, Reference, Topics
-from wrist_ft_comp.model.temperature_source import parse_sources
+from wrist_ft_comp.ranges import range_words
+from wrist_ft_comp.recordings.recordings import BAG, kind_of, TABLE
+from wrist_ft_comp.signals import Progress, Reference, Topics
+from wrist_ft_comp.stored.documents import plain
+from wrist_ft_comp.wire.temperature_source import parse_sources
 
 #: Options that only bags have a use for.
 _OF_BAGS = (
@@ -202,8 +202,3 @@ def progress_bar(what: str) -> Iterator[Progress]:
             bar.update(max(share - bar.n, 0.0))
 
         yield report
-
-
-def part_of(report: Progress, number: int, count: int) -> Progress:
-    """Make of the progress of one of so many parts the progress of the whole."""
-    return lambda done: report((number + done) / count)

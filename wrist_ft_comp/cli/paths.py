@@ -4,14 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from wrist_ft_comp.errors import ModelFileError, RecordingError
-from wrist_ft_comp.files.bags.bag import SUFFIXES
-from wrist_ft_comp.files.chamber_table import is_chamber_table
-from wrist_ft_comp.files.documents import Output
-from wrist_ft_comp.files.model_file import is_model
-from wrist_ft_comp.report import GENERATOR, PAINTER
-
-REPORT = Output(name='report', says=f'content="{GENERATOR}"', endings='.html .htm')
-PICTURE = Output(name='picture', says=f'Software\0{PAINTER}', endings='.png')
+from wrist_ft_comp.recordings.bag import SUFFIXES
+from wrist_ft_comp.recordings.chamber_table import is_chamber_table
+from wrist_ft_comp.stored.model_file import is_model
 
 
 def _is_recording(path: Path) -> bool:

@@ -9,26 +9,27 @@ import shlex
 
 import numpy as np
 
-from wrist_ft_comp.cli import options, paths
+from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.tables import days_text, payloads_json, table_text
+from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError
-from wrist_ft_comp.files.bags.survey import Candidate, RAW_WRENCH, TEMPERATURE
-from wrist_ft_comp.files.days.memory import load_memory, Memory
-from wrist_ft_comp.files.days.survey import node_folders, survey
-from wrist_ft_comp.files.model_file import is_model, load_model
-from wrist_ft_comp.files.payload_file import load_payloads, PAYLOADS
-from wrist_ft_comp.files.recordings import (
+from wrist_ft_comp.learning.memory import load_memory, Memory
+from wrist_ft_comp.learning.survey import node_folders, survey
+from wrist_ft_comp.payload.directions import ForceSummary
+from wrist_ft_comp.payload.learnt import payload_line
+from wrist_ft_comp.ranges import rounded
+from wrist_ft_comp.recordings.bag_survey import Candidate, RAW_WRENCH, TEMPERATURE
+from wrist_ft_comp.recordings.recordings import (
     describe_recording,
     read_recording,
     RecordingSummary,
     REFERENCE,
 )
-from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.payload.directions import ForceSummary
-from wrist_ft_comp.model.payload.learnt import payload_line
-from wrist_ft_comp.model.ranges import rounded
-from wrist_ft_comp.model.signals import NANOSECONDS, Progress, SENSOR_FACTS, Topics
+from wrist_ft_comp.report.outputs import PICTURE, REPORT
 from wrist_ft_comp.report.view import drifts_removed, model_sources
+from wrist_ft_comp.signals import NANOSECONDS, part_of, Progress, SENSOR_FACTS, Topics
+from wrist_ft_comp.stored.model_file import is_model, load_model
+from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
 #: What a model is for, to whoever finds one.
 _PURPOSE = (
@@ -71,8 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
             'data_directory.'
         )
     if arguments.picture:
-        paths.PICTURE.check_target(arguments.picture)
-    if paths.REPORT.is_own(path):
+        PICTURE.check_target(arguments.picture)
+    if REPORT.is_own(path):
         document = {'name': path.name, 'kind': 'report'}
         text = f'{path}: a report of wrist_ft_comp; open it in a browser'
     elif folders := node_folders(path):
@@ -89,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         recordings = [path]
         with options.progress_bar('reading') as progress:
-            topics, half = options.topics_from(arguments), options.part_of
+            topics, half = options.topics_from(arguments), part_of
             summary = describe_recording(path, topics, half(progress, 0, 2))
             refusal = _refusal(summary, path, half(progress, 1, 2))
         document, text = _as_json(summary, path, refusal), _text(summary, path, refusal)
@@ -120,7 +121,7 @@ def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, obje
     if picture:
         from wrist_ft_comp.report.days_picture import days_png  # noqa: PLC0415 -- matplotlib
 
-        paths.PICTURE.write(picture, days_png(survey(folders[0])))
+        PICTURE.write(picture, days_png(survey(folders[0])))
     return document, '\n\n'.join(texts)
 
 

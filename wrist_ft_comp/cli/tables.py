@@ -8,16 +8,16 @@ import textwrap
 
 import numpy as np
 
-from wrist_ft_comp.calibration.chamber import ChamberFigures, FIGURE_TITLES
-from wrist_ft_comp.calibration.learning.entry import Diary, forces_left
-from wrist_ft_comp.files.days.memory import Memory
-from wrist_ft_comp.files.payload_file import payload_figures
-from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.payload.weight import Payload
-from wrist_ft_comp.model.ranges import rounded
-from wrist_ft_comp.model.signals import Recording
+from wrist_ft_comp.drift.drift_model import StoredModel
+from wrist_ft_comp.learning.entry import Diary, forces_left
+from wrist_ft_comp.learning.memory import Memory
+from wrist_ft_comp.payload.weight import Payload
+from wrist_ft_comp.ranges import rounded
+from wrist_ft_comp.recordings.chamber import ChamberFigures, FIGURE_TITLES
 from wrist_ft_comp.report.days import date_of, known_temperatures
 from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
+from wrist_ft_comp.signals import Recording
+from wrist_ft_comp.stored.payload_file import payload_figures
 
 #: Columns of a terminal that nobody has made wider.
 WIDTH = 80

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from wrist_ft_comp.model.signals import AXES, Reference
 from wrist_ft_comp.report.coverage import Coverage, unseen_temperatures
 from wrist_ft_comp.report.verdict import Level
+from wrist_ft_comp.signals import AXES, Reference
 
 #: A recording should last this many times the slowest time constant, and at least so long, s.
 _TIME_CONSTANTS = 4.0

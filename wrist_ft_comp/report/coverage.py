@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.calibration.cross_validation import bin_means
-from wrist_ft_comp.model.signals import AXES, FloatArray, IntArray, Recording, stretches
+from wrist_ft_comp.fit.cross_validation import bin_means
+from wrist_ft_comp.signals import AXES, FloatArray, IntArray, Recording, stretches
 
 #: What a robot's wrist may meet: from a hall on a cold morning to hours of hard work, °C.
 WORKING_RANGE_C = (15.0, 50.0)

@@ -3,8 +3,8 @@
 from collections.abc import Iterable
 from datetime import datetime, timezone
 
-from wrist_ft_comp.calibration.learning.entry import DayEntry, Diary
-from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.learning.entry import DayEntry, Diary
+from wrist_ft_comp.signals import NANOSECONDS
 
 
 def date_of(entry: DayEntry) -> str:

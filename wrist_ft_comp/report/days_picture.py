@@ -3,7 +3,7 @@
 from matplotlib.figure import Figure
 import numpy as np
 
-from wrist_ft_comp.calibration.learning.entry import Diary, forces_left
+from wrist_ft_comp.learning.entry import Diary, forces_left
 from wrist_ft_comp.report.days import date_of
 from wrist_ft_comp.report.pictures import COMPENSATED_COLOUR, png_bytes, RAW_COLOUR
 

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.calibration.payload.at_work import learn_at_work
+from wrist_ft_comp.drift.drift_model import correct, DriftModel, no_drift
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.model.drift_model import correct, DriftModel, no_drift
-from wrist_ft_comp.model.offline import simulate_drift, tare_at_start
-from wrist_ft_comp.model.signals import AXES, FloatArray, Recording, Reference, require_recordings
+from wrist_ft_comp.payload.at_work import learn_at_work
+from wrist_ft_comp.signals import AXES, FloatArray, Recording, Reference, require_recordings
+from wrist_ft_comp.stream.offline import simulate_drift, tare_at_start
 
 
 class TaredErrors(NamedTuple):

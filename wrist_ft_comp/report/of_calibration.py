@@ -4,11 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from wrist_ft_comp.calibration.chamber import ChamberFigures
-from wrist_ft_comp.calibration.payload.gains import COUNTS
-from wrist_ft_comp.calibration.result import AxisFit, Calibration, HeldOut, rms_by_fold
-from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.signals import IntArray, noise_level, Recording, Reference
+from wrist_ft_comp.drift.drift_model import StoredModel
+from wrist_ft_comp.fit.result import AxisFit, Calibration, HeldOut, rms_by_fold
+from wrist_ft_comp.payload.gains import COUNTS
+from wrist_ft_comp.recordings.chamber import ChamberFigures
 from wrist_ft_comp.report.advice import what_to_record_next
 from wrist_ft_comp.report.coverage import cover
 from wrist_ft_comp.report.evaluation import AxisEvaluation
@@ -20,6 +19,7 @@ from wrist_ft_comp.report.view import (
     ReportView,
     WorkView,
 )
+from wrist_ft_comp.signals import IntArray, noise_level, Recording, Reference
 
 #: A recording is hard when the others leave this many times as much of it as usual.
 _HARD = 1.5

@@ -5,16 +5,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wrist_ft_comp.calibration.chamber import ChamberFigures
-from wrist_ft_comp.calibration.result import FoldErrors
+from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.signals import AXES, noise_level, Recording, Reference
+from wrist_ft_comp.fit.result import FoldErrors
+from wrist_ft_comp.recordings.chamber import ChamberFigures
 from wrist_ft_comp.report.advice import what_was_not_learnt
 from wrist_ft_comp.report.coverage import cover
 from wrist_ft_comp.report.evaluation import judge_errors, TaredErrors
 from wrist_ft_comp.report.verdict import Evidence
 from wrist_ft_comp.report.view import axis_view, ErrorSeries, one_after_the_other, ReportView
+from wrist_ft_comp.signals import AXES, noise_level, Recording, Reference
 
 
 @dataclass(frozen=True, eq=False)

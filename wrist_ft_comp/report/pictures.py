@@ -18,10 +18,10 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 import numpy as np
 
-from wrist_ft_comp.model.signals import FloatArray, IntArray
 from wrist_ft_comp.report import PAINTER
 from wrist_ft_comp.report.coverage import Coverage, WORKING_RANGE_C
 from wrist_ft_comp.report.view import ErrorSeries, WorkView
+from wrist_ft_comp.signals import FloatArray, IntArray
 
 # Placeholders for the page's colours; the style sheet defines what they stand for.
 _INK, _GRID, _WITHOUT, _WITH = '#0a0b01', '#0a0b02', '#0a0b03', '#0a0b04'

@@ -18,8 +18,8 @@ from typing import Literal
 
 import numpy as np
 
-from wrist_ft_comp.calibration.result import FoldErrors, HARMFUL_RATIO, SURE_SHARE
-from wrist_ft_comp.model.ranges import rounded
+from wrist_ft_comp.fit.result import FoldErrors, HARMFUL_RATIO, SURE_SHARE
+from wrist_ft_comp.ranges import rounded
 
 Level = Literal['good', 'weak', 'harmful', 'uncalibrated', 'unjudged']
 #: For people, the best first.

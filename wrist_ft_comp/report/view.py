@@ -6,14 +6,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from wrist_ft_comp.calibration.chamber import ChamberFigures
-from wrist_ft_comp.model.axis_model import AxisModel
-from wrist_ft_comp.model.drift_model import StoredModel
-from wrist_ft_comp.model.payload.learnt import LearntPayloads
-from wrist_ft_comp.model.signals import FloatArray, IntArray, NANOSECONDS, Recording
+from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.drift.drift_model import StoredModel
+from wrist_ft_comp.payload.learnt import LearntPayloads
+from wrist_ft_comp.recordings.chamber import ChamberFigures
 from wrist_ft_comp.report.coverage import Coverage
 from wrist_ft_comp.report.evaluation import AxisEvaluation
 from wrist_ft_comp.report.verdict import Evidence, judge, Verdict
+from wrist_ft_comp.signals import FloatArray, IntArray, NANOSECONDS, Recording
 
 #: What a body does later is hardly seen in a warm-up, s.
 _RESPONSE_S = 7200.0

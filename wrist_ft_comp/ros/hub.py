@@ -20,9 +20,9 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.ros.inputs.raw_node import RawNode
+from wrist_ft_comp.ros.deferred import DeferredService, Reply
 from wrist_ft_comp.ros.node_log import ERROR, Status
-from wrist_ft_comp.ros.services.deferred import DeferredService, Reply
+from wrist_ft_comp.ros.raw_node import RawNode
 
 HOUSEKEEPING_PERIOD_S = 0.1
 DIAGNOSTICS_PERIOD_S = 1.0

@@ -18,7 +18,7 @@ from rclpy.qos import (
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.model.signals import AXES, NANOSECONDS
+from wrist_ft_comp.signals import AXES, NANOSECONDS
 
 # A topic is given a copy of a profile: rclpy writes what parameters override into the one given.
 _profile: Any = QoSProfile  # its constructor carries no types

@@ -15,11 +15,11 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from wrist_ft_comp.calibration.settings import CalibrationSettings, METHODS
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.model.payload.weight import FARTHEST_M, MOST_KG
-from wrist_ft_comp.model.ranges import PERIODS_S, range_words
-from wrist_ft_comp.model.signals import Reference
+from wrist_ft_comp.fit.settings import CalibrationSettings, METHODS
+from wrist_ft_comp.payload.weight import FARTHEST_M, MOST_KG
+from wrist_ft_comp.ranges import PERIODS_S, range_words
+from wrist_ft_comp.signals import Reference
 from wrist_ft_comp.stream.compensator import StreamSettings
 
 Value: TypeAlias = bool | int | float | str | tuple[float, ...] | tuple[str, ...]

@@ -18,7 +18,6 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.task import Future
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
-from wrist_ft_comp.ros.arguments.usage import HELP, refuse_strays
 from wrist_ft_comp.ros.parameters import (
     declare,
     NODE_NAME,
@@ -26,6 +25,7 @@ from wrist_ft_comp.ros.parameters import (
     ros_parameter,
     values,
 )
+from wrist_ft_comp.ros.usage import HELP, refuse_strays
 
 NodesFactory = Callable[..., Sequence[Node]]
 SensorNode = TypeVar('SensorNode', bound=Any)

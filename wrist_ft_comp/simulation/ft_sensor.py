@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrist_ft_comp.model.signals import FloatArray
+from wrist_ft_comp.signals import FloatArray
 from wrist_ft_comp.simulation.heat_flow import (
     build_heat_flow,
     FtSensorSettings,

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.model.ranges import check_range
-from wrist_ft_comp.model.signals import AXES, FloatArray
+from wrist_ft_comp.ranges import check_range
+from wrist_ft_comp.signals import AXES, FloatArray
 from wrist_ft_comp.simulation.strain_gauges import per_axis
 
 #: Sines that make up the load of an axis.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrist_ft_comp.model.signals import FloatArray
+from wrist_ft_comp.signals import FloatArray
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings, interpolation
 
 #: Temperature at which the gauges' nominal values and the gain hold, °C.

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from wrist_ft_comp.model.payload.weight import Payload
-from wrist_ft_comp.model.ranges import check_range
-from wrist_ft_comp.model.signals import FloatArray, GRAVITY, IntArray
+from wrist_ft_comp.payload.weight import Payload
+from wrist_ft_comp.ranges import check_range
+from wrist_ft_comp.signals import FloatArray, GRAVITY, IntArray
 
 _LEGS = 200
 #: Legs in a row with a part in the gripper, and then without.

@@ -1,1 +1,1 @@
-"""One sensor, live, without a clock or file; read ``compensator``, then ``drift_tracker``."""
+"""One sensor, live or replayed; read ``compensator`` first, then ``drift_tracker`` and ``gap``."""

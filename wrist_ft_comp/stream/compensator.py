@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wrist_ft_comp.drift.drift_model import check_fits, Drift, DriftModel, no_drift
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.model.drift_model import check_fits, Drift, DriftModel, no_drift
-from wrist_ft_comp.model.ranges import check_range, PERIODS_S
-from wrist_ft_comp.model.signals import AXES, FloatArray, NANOSECONDS
+from wrist_ft_comp.ranges import check_range, PERIODS_S
+from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.limits import Limits
 from wrist_ft_comp.stream.stream_grid import CompletedCells

@@ -5,10 +5,10 @@ import sys
 
 import numpy as np
 
-from wrist_ft_comp.model import drift_model
-from wrist_ft_comp.model.drift_model import Drift, DriftModel, DriftState, no_drift
-from wrist_ft_comp.model.gap import doubt, longest_gap_cells, starts, straight_lines
-from wrist_ft_comp.model.signals import BoolArray, FloatArray, NANOSECONDS
+from wrist_ft_comp.drift import drift_model
+from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState, no_drift
+from wrist_ft_comp.signals import BoolArray, FloatArray, NANOSECONDS
+from wrist_ft_comp.stream.gap import doubt, longest_gap_cells, starts, straight_lines
 from wrist_ft_comp.stream.stream_grid import CompletedCells, ThermalGrid
 from wrist_ft_comp.stream.timestamp_filter import TimestampFilter
 from wrist_ft_comp.stream.warm_restart import blocks_of, OpenCells, ThermalMemory

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wrist_ft_comp.model.signals import AXES, FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.signals import AXES, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.stream_grid import CompletedCells
 
 #: Looks in a row with the same reading after which it counts as frozen.

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from wrist_ft_comp.model.drift_model import Drift
-from wrist_ft_comp.model.signals import AXES, FloatArray
+from wrist_ft_comp.drift.drift_model import Drift
+from wrist_ft_comp.signals import AXES, FloatArray
 
 #: Limits for torques are limits for forces times this lever arm, m.
 TORQUE_LEVER_M = 0.1

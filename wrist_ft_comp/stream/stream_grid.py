@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from wrist_ft_comp.model.signals import FloatArray
+from wrist_ft_comp.signals import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

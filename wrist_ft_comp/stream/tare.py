@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wrist_ft_comp.errors import TareRefusedError
-from wrist_ft_comp.model.signals import AXES, axis_unit, FloatArray, NANOSECONDS
+from wrist_ft_comp.signals import AXES, axis_unit, FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.limits import axis_limits
 
 #: The mean is compared over this many parts of the samples: noise averages out, motion does not.

@@ -7,7 +7,7 @@ silence, a clock that was set, a simulation that began anew), and they count. Wh
 before, what was kept back is dropped.
 """
 
-from wrist_ft_comp.model.signals import NANOSECONDS
+from wrist_ft_comp.signals import NANOSECONDS
 
 #: Thermometer, counted from 0, stamp, ns, and temperature, °C.
 Sample = tuple[int, int, float]

@@ -2,7 +2,7 @@
 Warm restarts: what a stream leaves behind, so that the next one goes on from it.
 
 Thermal memory is an hour long, a restart takes seconds. To the stream that goes on, the time
-between is a gap in the temperatures like any other (``model/gap.py``).
+between is a gap in the temperatures like any other (``stream/gap.py``).
 """
 
 from collections.abc import Sequence
@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.model import drift_model
-from wrist_ft_comp.model.drift_model import Drift, DriftModel, DriftState
-from wrist_ft_comp.model.signals import FloatArray
+from wrist_ft_comp.drift import drift_model
+from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState
+from wrist_ft_comp.signals import FloatArray
 
 #: Mean temperatures of consecutive cells, °C, shape (J,), and how many cells they are of.
 Block = tuple[FloatArray, int]

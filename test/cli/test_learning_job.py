@@ -1,0 +1,239 @@
+from dataclasses import replace
+import fcntl
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.jobs.calibration import _answer
+from wrist_ft_comp.jobs.request import CalibrationJob, encode_job, Learning
+from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
+from wrist_ft_comp.learning.diary import alone, diary_path, load_diary, save_diary
+from wrist_ft_comp.learning.entry import DayEntry, Diary
+from wrist_ft_comp.stored.model_file import load_model
+
+QUICK = CalibrationSettings('payload', identification=IdentificationSettings('pls', degree=1))
+CELLS, PERIOD_S = 300, 4.0
+COLUMNS = (
+    'stamp_s', 'force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z',
+    'temperature_c', 'linear_acceleration_x', 'linear_acceleration_y', 'linear_acceleration_z',
+)  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def own_lock(tmp_path, monkeypatch):
+    """No other test of this computer is in the way."""
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+
+
+def write_day(directory, number, cells=CELLS, pressed_s=0):
+    """Write a day at work: a kilogram that turns, drift with temperature, and perhaps presses."""
+    rng = np.random.default_rng(number)
+    warm = 20 + rng.uniform(0, 4) + 10 * (1 - np.exp(-np.arange(cells) / rng.uniform(60, 200)))
+    pose = np.repeat(rng.normal(size=(cells // 3, 3)), 3, axis=0)
+    force = 9.807 * pose / np.linalg.norm(pose, axis=1, keepdims=True)
+    raw = np.concatenate((-force, np.cross((0.0, 0.0, 0.1), -force)), axis=1)
+    raw += np.array([1, -1, 0.5, 0.05, 0.03, -0.02]) * (0.4 * warm[:, None] + rng.normal(size=6))
+    raw += rng.normal(0, 0.01, raw.shape) * np.array([1, 1, 1, 0.05, 0.05, 0.05])
+    seconds = PERIOD_S * (np.arange(cells) + 0.5)
+    pushed = np.round(30 * rng.normal(size=6), 1) * [1, 1, 1, 0.1, 0.1, 0.1]
+    raw += np.outer((seconds + 750) % 1500 < pressed_s, pushed)
+    rows = np.column_stack(
+        (86_400.0 * number + seconds, raw, warm + rng.normal(0, 0.01, cells), force)
+    )
+    path = directory / 'days' / f'day_{number:05d}.csv'
+    path.parent.mkdir(exist_ok=True)
+    lines = [','.join(COLUMNS), *(','.join(f'{each:.9g}' for each in row) for row in rows)]
+    path.write_text('\n'.join(lines) + '\n')
+    return path
+
+
+@pytest.fixture(scope='module')
+def sensor(tmp_path_factory):
+    """A sensor's folder with three days."""
+    directory = tmp_path_factory.mktemp('sensor')
+    for number in (1, 2, 3):
+        write_day(directory, number)
+    return directory
+
+
+def job_of(directory, count, champion=None, *, report=False, **more):
+    models = directory / 'models'
+    return CalibrationJob(
+        tuple(days(directory)[:count]), models / f'model_{count}.yaml', QUICK, PERIOD_S,
+        report=models / f'model_{count}.html' if report else None,
+        learning=Learning(champion, **more))  # fmt: skip
+
+
+@pytest.fixture(scope='module')
+def answers(sensor):
+    """What the first two days give."""
+    return [_answer(job_of(sensor, count, report=True)) for count in (1, 2)]
+
+
+def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
+    first, second = answers
+    assert (first['success'], first['learnt'], first['paused']) == (True, False, '')
+    assert first['incident'] == ''
+    assert (second['success'], second['learnt'], second['paused']) == (True, True, '')
+    assert 'It is better' in second['message']
+    stored = load_model(second['path'])
+    assert stored.sha256 == second['sha256']
+    provenance = stored.document['provenance']
+    sources = [Path(each['path']).name for each in provenance['recordings']]
+    assert sources == ['day_00001.csv', 'day_00002.csv']
+    assert provenance['settings']['reference'] == 'payload'
+    assert '<html' in stored.path.with_suffix('.html').read_text()
+    diary = load_diary(sensor)
+    assert [each.name for each in diary.days] == sources
+    assert stored.path.name in diary.decisions[0].sentence
+
+
+def test_a_lost_diary_and_a_live_model_are_no_hurdle(sensor, answers):
+    champion = Path(answers[1]['path'])
+    diary_path(sensor).write_text('{"format": ')
+    again = _answer(job_of(sensor, 3, champion, since='day_00001.csv'))
+    assert again['success']
+    diary = load_diary(sensor)
+    assert len(diary.days) == 3
+    live = load_model(champion).sha256[:12]
+    assert {each.live for each in diary.days} == {live}
+    assert all(np.isfinite(each.left[live]).all() for each in diary.days)
+    assert diary.decisions[0].day == 'day_00001.csv'
+    assert 'the live model left 0.0' in again['message']
+
+
+def test_what_cannot_be_is_said_and_nothing_is_changed(sensor, answers, tmp_path):
+    assert answers[0]['success']
+    before = diary_path(sensor).read_bytes()
+    broken = _answer(job_of(sensor, 3, tmp_path / 'gone.yaml'))
+    assert (broken['success'], broken['learnt']) == (False, False)
+    assert 'gone.yaml cannot be read' in broken['message']
+    none = _answer(CalibrationJob((), tmp_path, learning=Learning()))
+    assert 'No day has ended' in none['message']
+    with alone() as mine:
+        assert mine
+        busy = _answer(job_of(sensor, 3))
+        assert (busy['success'], busy['later']) == (False, True)
+    assert diary_path(sensor).read_bytes() == before
+
+
+@pytest.fixture
+def own_days(tmp_path):
+    """A folder with two days of its own."""
+    for number in (1, 2):
+        write_day(tmp_path, number)
+    return tmp_path
+
+
+def test_foreign_things_among_days_cost_a_sentence_each(own_days):
+    folder = own_days / 'days'
+    write_day(own_days, 1).rename(folder / 'day_1.csv')
+    write_day(own_days, 1)
+    (folder / 'day_00003.csv').symlink_to('nowhere')
+    (folder / 'day_00004.csv').symlink_to('/dev/zero')
+    (folder / 'day_00005.csv').mkdir()
+    with (folder / 'day_00006.csv').open('wb') as file:
+        file.truncate(50 * LARGEST_BYTES)
+    write_day(own_days, 7)
+    job = job_of(own_days, 9, keep_days=2)
+    assert [each.name[:9] for each in job.recordings] == [f'day_0000{n}' for n in range(1, 8)]
+    answer = _answer(job)
+    assert (answer['success'], answer['learnt']) == (True, True), answer['message']
+    entries = load_diary(own_days).days
+    assert [each.kind for each in entries] == ['', '', *4 * ['unreadable'], '']
+    assert all('Move it away' in each.incident for each in entries[2:6])
+    assert 'Old days stay' in answer['incident'], 'a folder is not removed'
+    assert (folder / 'day_1.csv').exists()
+
+
+def test_a_better_model_outlives_broken_payloads_and_the_diary_is_kept(own_days):
+    (own_days / 'models').mkdir()
+    (own_days / 'models/payloads.json').write_text('{')
+    answer = _answer(job_of(own_days, 2))
+    assert (answer['success'], answer['learnt']) == (True, True)
+    assert 'payloads.json' in answer['incident']
+    assert load_model(answer['path']).sha256 == answer['sha256']
+    assert len(load_diary(own_days).days) == 2
+
+
+def test_what_the_system_refuses_is_an_answer(own_days, monkeypatch):
+    (own_days / 'days/diary.json').mkdir()
+    kept = _answer(job_of(own_days, 2))
+    assert (kept['success'], kept['learnt']) == (True, True)
+    assert 'diary.json' in kept['incident']
+    monkeypatch.setattr(tempfile, 'tempdir', str(own_days / 'nowhere'))
+    lost = _answer(job_of(own_days, 2))
+    assert (lost['success'], lost['later'], 'nowhere' in lost['message']) == (False, False, True)
+
+
+def test_a_slow_computer_gets_its_first_model(own_days):
+    job = job_of(own_days, 2)
+    assert _answer(job_of(own_days, 1))['success']
+    diary = load_diary(own_days)
+    slow = replace(diary, days=(replace(diary.days[0], seconds=1800.0),))
+    save_diary(own_days, slow)
+    assert _answer(job)['learnt']
+
+
+def test_a_thermometer_without_readings_was_silent(own_days):
+    path = own_days / 'days/day_00002.csv'
+    head, *rows = path.read_text().splitlines()
+    cut = [','.join((*row.split(',')[:7], '', *row.split(',')[8:])) for row in rows[60:]]
+    path.write_text('\n'.join([head, *rows[:60], *cut]) + '\n')
+    assert 'Thermometer 1 was silent' in _answer(job_of(own_days, 2))['incident']
+
+
+def test_presses_of_minutes_are_no_drift(tmp_path):
+    drifts = []
+    for pressed_s in (0, 40, 120, 280):
+        write_day(tmp_path, 1, 2700, pressed_s)
+        diary_path(tmp_path).unlink(missing_ok=True)
+        assert _answer(job_of(tmp_path, 1))['incident'] == ''
+        drifts.append(load_diary(tmp_path).days[0].left['none'])
+    np.testing.assert_allclose(drifts[1:], [drifts[0]] * 3, rtol=0.1)
+
+
+def test_a_diary_that_breaks_python_s_own_limits_is_begun_anew(own_days):
+    save_diary(own_days, Diary((DayEntry('day_00001.csv', hours=12345.0),)))
+    sound = diary_path(own_days).read_text()
+    for hours in ('[' * 986 + ']' * 986, '9' * 400):
+        diary_path(own_days).write_text(sound.replace('12345.0', hours))
+        assert load_diary(own_days).days == ()
+        assert _answer(job_of(own_days, 1))['success']
+
+
+def test_the_lock_goes_with_its_process(tmp_path):
+    with alone() as mine:
+        assert mine
+        with (tmp_path / f'wrist_ft_comp_learning_{os.getuid()}.lock').open() as file, \
+                pytest.raises(BlockingIOError):  # fmt: skip
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    with alone() as again:
+        assert again
+
+
+def test_a_job_that_is_killed_leaves_files_that_load(sensor, answers, tmp_path):
+    assert answers[0]['success']
+    rng = np.random.default_rng(7)
+    for _ in range(2):
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'wrist_ft_comp.jobs.calibration'],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            env={**os.environ, 'TMPDIR': str(tmp_path)}, text=True)  # fmt: skip
+        process.stdin.write(encode_job(job_of(sensor, 3)))
+        process.stdin.close()
+        process.stdin = None
+        time.sleep(rng.uniform(0.2, 2.5))
+        process.kill()
+        process.communicate()
+        assert json.loads(diary_path(sensor).read_text())['version'] == 1
+        for path in sensor.glob('models/*.yaml'):
+            load_model(path)

@@ -1,0 +1,200 @@
+"""The drift of one axis: filters, then features, then dynamics, against the textbook loop."""
+
+from dataclasses import replace
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from wrist_ft_comp.drift.arx import Arx, free_run, relaxation, static_gain
+from wrist_ft_comp.drift.arx_pls import ArxPls
+from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.errors import ModelFileError
+
+#: Of static gain 1: two relaxations, and one that is of second order and late.
+FILTERS = (
+    relaxation(30.0, 10.0),
+    relaxation(400.0, 10.0),
+    Arx(np.array([-1.2, 0.5]), np.array([0.2, 0.1]), 2),
+)
+LATENTS = (static_gain(), relaxation(100.0, 10.0), Arx(np.array([-0.7]), np.array([0.5, 0.2]), 1))
+LOWER_C, UPPER_C = np.array([15.0, 18.0]), np.array([45.0, 38.0])
+
+
+@pytest.fixture(scope='module')
+def make_axis():
+    """Two thermometers, two powers of each filtered temperature, random gains."""
+
+    def make(
+        filters=FILTERS,
+        latents=LATENTS,
+        outputs=2,
+        degree=2,
+    ):
+        rng = np.random.default_rng([len(filters), len(latents), outputs, degree])
+        count = max(len(filters), 1)
+        features = Features(
+            'powers',
+            np.tile([30.0, 25.0], count),
+            np.tile(LOWER_C, count),
+            np.tile(UPPER_C, count),
+            degree=degree,
+        )
+        inputs = 2 * count * degree
+        dynamics = ArxPls(
+            input_mean=rng.standard_normal(inputs),
+            input_weight=rng.uniform(0.1, 1.0, inputs),
+            rotations=rng.standard_normal((inputs, len(latents))),
+            latents=latents,
+            output_loadings=rng.standard_normal((outputs, len(latents))),
+            output_weight=rng.uniform(0.5, 2.0, outputs),
+            output_mean=rng.standard_normal(outputs),
+        )
+        return AxisModel(features, dynamics, filters)
+
+    return make
+
+
+@pytest.fixture(scope='module')
+def temperature_c():
+    """Wandering, and at first and for some time outside what was calibrated, on both sides."""
+    steps = np.random.default_rng(0).standard_normal((120, 2))
+    track = 28 + np.cumsum(steps, axis=0)
+    track[0], track[30:35], track[80:85] = (500.0, -500.0), -60.0, 130.0
+    return track
+
+
+def textbook_run(axis, temperature_c):
+    """Clamp, filter, take powers, score, run the latents, load; one after the other."""
+    margin = 0.2 * (UPPER_C - LOWER_C)
+    held = np.minimum(np.maximum(temperature_c, LOWER_C - margin), UPPER_C + margin)
+    filtered = [
+        free_run(each, held[:, j]) for each in axis.filters or (static_gain(),) for j in (0, 1)
+    ]
+    reference = [30.0, 25.0] * max(len(axis.filters), 1)
+    x = np.stack(
+        [
+            (values - at) ** power
+            for power in range(1, axis.features.degree + 1)
+            for values, at in zip(filtered, reference, strict=True)
+        ],
+        axis=1,
+    )
+    dynamics = axis.dynamics
+    t = ((x - dynamics.input_mean) * dynamics.input_weight) @ dynamics.rotations
+    u = np.stack([free_run(h, t[:, r]) for r, h in enumerate(dynamics.latents)], axis=1)
+    return dynamics.output_mean + u @ dynamics.output_loadings.T / dynamics.output_weight
+
+
+every_form = pytest.mark.parametrize(
+    ('filters', 'latents'),
+    [
+        ((), LATENTS),
+        (FILTERS, (static_gain(),)),
+        (FILTERS[:1], (static_gain(), static_gain(0.3))),
+        ((static_gain(), FILTERS[1]), LATENTS),
+        (FILTERS, LATENTS),
+        ((), (static_gain(),)),
+    ],
+    ids=['paper', 'relaxations', 'one relaxation', 'static and relaxed', 'both', 'static'],
+)
+
+
+@every_form
+@pytest.mark.parametrize('outputs', [1, 2])
+def test_a_run_is_the_textbook_loop(
+    make_axis,
+    temperature_c,
+    filters,
+    latents,
+    outputs,
+):
+    axis = make_axis(filters, latents, outputs)
+    assert (axis.thermometers, axis.outputs) == (2, outputs)
+    _, track = axis.run(axis.start(temperature_c[0]), temperature_c)
+    expected = textbook_run(axis, temperature_c)
+    assert track.shape == (120, outputs)
+    np.testing.assert_allclose(track, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+
+
+@every_form
+@settings(deadline=None, max_examples=15, derandomize=True)
+@given(cuts=st.sets(st.integers(1, 119), max_size=4))
+def test_a_run_split_anywhere_is_the_fold_of_step(
+    make_axis,
+    temperature_c,
+    filters,
+    latents,
+    cuts,
+):
+    axis = make_axis(filters, latents)
+    state = first = axis.start(temperature_c[0])
+    rows = []
+    for row in temperature_c:
+        state, one = axis.step(state, row)
+        rows.append(one)
+    again, parts = first, []
+    for part in np.split(temperature_c, sorted(cuts)):
+        again, drift = axis.run(again, part)
+        parts.append(drift)
+    scale = np.abs(rows).max()
+    np.testing.assert_allclose(np.concatenate(parts), rows, rtol=1e-12, atol=1e-13 * scale)
+    np.testing.assert_allclose(again, state, rtol=1e-11, atol=1e-12 * scale)
+    end, last = axis.run(first, temperature_c, last_only=True)
+    assert last.shape == (1, 2)
+    np.testing.assert_allclose(last[0], rows[-1], rtol=1e-12, atol=1e-13 * scale)
+    np.testing.assert_allclose(end, state, rtol=1e-11, atol=1e-12 * scale)
+
+
+def test_its_poles_are_those_of_its_parts_and_its_range_that_of_the_thermometers(
+    make_axis,
+):
+    axis = make_axis()
+    expected = [pole for part in (*FILTERS, *LATENTS) for pole in part.poles]
+    np.testing.assert_allclose(np.sort_complex(axis.poles), np.sort_complex(expected))
+    seen = (axis.reference_c, axis.lower_c, axis.upper_c)
+    np.testing.assert_array_equal(seen, ([30.0, 25.0], LOWER_C, UPPER_C))
+
+
+class TestBeyondTheRange:
+    def test_it_is_counted_in_ranges_of_the_farthest_thermometer(self, make_axis):
+        span, beyond_range = UPPER_C - LOWER_C, make_axis().beyond_range
+        both = np.array([UPPER_C[0] + 0.2 * span[0], LOWER_C[1] - 0.5 * span[1]])
+        at = np.array([LOWER_C, UPPER_C, LOWER_C - [0.1 * span[0], 0.0], both, UPPER_C + 2 * span])
+        np.testing.assert_allclose(beyond_range(at), [0.0, 0.0, 0.1, 0.5, 2.0], atol=1e-12)
+        assert float(beyond_range(both)) == pytest.approx(0.5)
+
+    def test_a_thermometer_that_never_moved_counts_as_if_it_had_by_a_kelvin(self):
+        features = Features('powers', np.full(1, 20.0), np.full(1, 20.0), np.full(1, 20.0))
+        dynamics = ArxPls(
+            np.zeros(1), np.ones(1), np.ones((1, 1)), (static_gain(),),
+            np.ones((1, 1)), np.ones(1), np.zeros(1),
+        )  # fmt: skip
+        assert AxisModel(features, dynamics).beyond_range(np.array([25.0])) == 5.0
+
+
+def test_without_gain_drift_the_zero_drift_stays_as_it_was(make_axis):
+    axis = make_axis()
+    temperature_c = np.random.default_rng(0).uniform(15, 45, (50, 2))
+    _, drift = axis.without_gain_drift().run(axis.start(temperature_c[0]), temperature_c)
+    _, whole = axis.run(axis.start(temperature_c[0]), temperature_c)
+    np.testing.assert_allclose(drift, whole[:, :1], rtol=1e-12)
+
+
+class TestRefusals:
+    def test_filters_that_do_not_divide_the_filtered_temperatures(self, make_axis):
+        with pytest.raises(ModelFileError, match='4 filters cannot give 6 filtered temperatures'):
+            replace(make_axis(), filters=(*FILTERS, static_gain()))
+
+    def test_a_filter_whose_gain_is_not_one(self, make_axis):
+        wrong = (FILTERS[0], relaxation(400.0, 10.0, 1.001), FILTERS[2])
+        with pytest.raises(ModelFileError, match=r'^Filter 2 .* 1\.001; .* be temperatures\.$'):
+            replace(make_axis(), filters=wrong)
+
+    def test_a_filter_that_would_run_away(self, make_axis):
+        unstable = Arx(np.array([-1.01]), np.array([-0.01]))
+        assert unstable.gain == pytest.approx(1.0)
+        with pytest.raises(ModelFileError, match=r'pole of radius 1\.01'):
+            replace(make_axis(), filters=(*FILTERS[:2], unstable))

@@ -1,0 +1,150 @@
+"""What the outer model sees of the temperatures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.errors import SettingsError
+
+WIDE = (np.array([-100.0]), np.array([200.0]))
+
+
+def hats(*knots_c, lower=-100.0, upper=200.0):
+    ones = np.ones(len(knots_c))
+    return Features(
+        'hats', 20 * ones, lower * ones, upper * ones, knots_c=tuple(map(np.array, knots_c))
+    )
+
+
+def test_powers_are_ordered_by_power_then_thermometer():
+    features = Features('powers', np.array([20.0, 30.0]), np.zeros(2), np.full(2, 99.0), degree=3)
+    np.testing.assert_allclose(
+        features.expand(np.array([22.0, 33.0])), [2.0, 3.0, 4.0, 9.0, 8.0, 27.0]
+    )
+    assert features.thermometers == 2
+
+
+@pytest.mark.parametrize('shape', [(2,), (5, 2), (3, 4, 2)])
+def test_every_leading_shape_is_expanded_row_by_row(shape):
+    temperature = np.random.default_rng(0).uniform(-10, 60, shape)
+    powers = Features('powers', np.array([20.0, 30.0]), np.zeros(2), np.full(2, 50.0), degree=2)
+    for features in (powers, hats([0.0, 20.0, 50.0], [10.0, 40.0])):
+        whole = features.expand(temperature)
+        assert whole.shape[:-1] == shape[:-1]
+        for index in np.ndindex(shape[:-1]):
+            np.testing.assert_array_equal(whole[index], features.expand(temperature[index]))
+
+
+def test_hats_interpolate_coefficients_and_are_exact_at_the_knots():
+    knots = [-40.0, -15.0, 0.0, 20.0, 100.0]
+    features = hats(knots)
+    coefficients = np.array([3.0, -1.0, 4.0, 1.0, -5.0])
+    np.testing.assert_array_equal(features.expand(np.array(knots)[:, np.newaxis]), np.eye(5))
+    for temperature in np.linspace(-40, 100, 57):
+        right = next(i for i in range(1, 5) if temperature <= knots[i])
+        share = (temperature - knots[right - 1]) / (knots[right] - knots[right - 1])
+        expected = coefficients[right - 1] * (1 - share) + coefficients[right] * share
+        seen = features.expand(np.array([temperature])) @ coefficients
+        assert seen == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize('kind', ['powers', 'hats'])
+def test_a_fifth_of_the_calibrated_span_beyond_it_the_limit_holds(kind):
+    """10 to 40 °C were calibrated, so 6 K more are followed on each side."""
+    features = (
+        Features('powers', np.array([20.0]), np.array([10.0]), np.array([40.0]), degree=2)
+        if kind == 'powers'
+        else hats([0.0, 25.0, 60.0], lower=10.0, upper=40.0)
+    )
+    for outside, limit in ((-300.0, 4.0), (3.999, 4.0), (46.001, 46.0), (1e6, 46.0)):
+        np.testing.assert_allclose(
+            features.expand(np.array([outside])), features.expand(np.array([limit])), rtol=1e-12
+        )
+    for inside, edge in ((4.001, 4.0), (11.0, 10.0), (45.999, 46.0), (40.001, 40.0)):
+        assert (features.expand(np.array([inside])) != features.expand(np.array([edge]))).any()
+
+
+class TestTangents:
+    """10 to 40 °C were calibrated, T_ref is 20 °C: θ from -10 to 20 K, curved for 9.9 K more."""
+
+    FEATURES = Features(
+        'powers', np.array([20.0]), np.array([10.0]), np.array([40.0]), 4, beyond='tangents'
+    )
+
+    def powers(self, theta):
+        return self.FEATURES.expand(20.0 + np.reshape(theta, (-1, 1)))
+
+    def test_inside_they_are_powers(self):
+        theta = np.linspace(-10, 20, 61)
+        np.testing.assert_allclose(self.powers(theta), theta[:, np.newaxis] ** np.arange(1, 5))
+
+    @pytest.mark.parametrize(('edge', 'sign'), [(20.0, 1), (-10.0, -1)])
+    def test_outside_all_but_squares_go_on_straight(self, edge, sign):
+        """Squares stay curved for a third of the range; three ranges farther all is held."""
+        excess, power = sign * np.array([0.0, 3.0, 9.9, 12.0, 90.0, 150.0]), np.arange(1, 5)
+        outside = self.powers(edge + excess)
+        excess[-1] = excess[-2]
+        tangents = edge**power + excess[:, np.newaxis] * power * edge ** (power - 1)
+        np.testing.assert_allclose(outside[:, [0, 2, 3]], tangents[:, [0, 2, 3]])
+        curved = edge + sign * np.minimum(np.abs(excess), 9.9)
+        squares = curved**2 + 2 * curved * (edge + excess - curved)
+        np.testing.assert_allclose(outside[:, 1], squares)
+
+    @pytest.mark.parametrize('theta', [-19.9, -10.0, 20.0, 29.9])
+    def test_values_and_slopes_go_on_without_a_step(self, theta):
+        step = 1e-6
+        below, at, above = self.powers([theta - step, theta, theta + step])
+        np.testing.assert_allclose((above - at) / step, (at - below) / step, rtol=1e-5)
+
+
+def test_hats_stay_constant_beyond_their_last_knots():
+    features = hats([10.0, 25.0, 40.0], lower=10.0, upper=40.0)
+    for outside, knot in ((5.0, 0), (45.0, 2)):
+        np.testing.assert_array_equal(features.expand(np.array([outside])), np.eye(3)[knot])
+
+
+def test_every_thermometer_has_its_own_limits():
+    features = Features('powers', np.zeros(2), np.array([10.0, 0.0]), np.array([40.0, 5.0]))
+    np.testing.assert_allclose(features.clamp(np.array([99.0, -99.0])), [46.0, -1.0])
+    np.testing.assert_allclose(features.clamp(np.array([[-99.0, 99.0]])), [[4.0, 6.0]])
+
+
+def test_features_are_named_in_the_order_of_their_values():
+    """Each name says how its value follows from the temperatures."""
+    powers = Features('powers', np.zeros(2), np.full(2, -99.0), np.full(2, 99.0), degree=4)
+    values = dict(zip(powers.names, powers.expand(np.array([2.0, 3.0])), strict=True))
+    expected = {'θ1': 2, 'θ2': 3, 'θ1²': 4, 'θ2²': 9, 'θ1³': 8, 'θ2³': 27, 'θ1⁴': 16, 'θ2⁴': 81}
+    assert values == pytest.approx(expected)
+    assert Features('powers', np.zeros(1), *WIDE, degree=5).names[-1] == 'θ1^5'
+    knots = hats([-15.0, 22.5], [0.0, 10.0, 100 / 3])
+    assert knots.names == (
+        'T1 near -15 °C', 'T1 near 22.5 °C',
+        'T2 near 0 °C', 'T2 near 10 °C', 'T2 near 33.33 °C',
+    )  # fmt: skip
+    assert dict(zip(knots.names, knots.expand(np.array([22.5, 10.0])), strict=True)) == {
+        name: float(name in {'T1 near 22.5 °C', 'T2 near 10 °C'}) for name in knots.names
+    }
+
+
+@pytest.mark.parametrize('knots', [[], [20.0], [20.0, 20.0], [30.0, 20.0], [0.0, np.nan]])
+def test_knots_that_do_not_increase_are_refused(knots):
+    with pytest.raises(SettingsError, match=r'^Hat functions .* thermometer; got '):
+        hats(knots)
+    hats([20.0, 20.5])
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'kind': 'hats', 'knots_c': (np.arange(2.0),)}, r'each of 2 .*; got knots for 1\.$'),
+        ({'degree': 0}, r'^The degree of the features must be at least 1; got 0\.$'),
+        ({'lower_c': np.array([0.0, 300.0])}, '^The calibrated range must not be empty; got '),
+        ({'lower_c': np.array([np.nan, 0.0])}, '^The calibrated range must not be empty; got '),
+    ],
+)
+def test_what_makes_no_features_is_refused(change, sentence):
+    right = Features('powers', np.zeros(2), np.zeros(2), np.full(2, 200.0))
+    with pytest.raises(SettingsError, match=sentence):
+        replace(right, **change)

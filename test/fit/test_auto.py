@@ -1,0 +1,185 @@
+"""Method ``auto``: what it finds, what it leaves alone, and that it says what it does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.fit.auto import (
+    _candidate_errors,
+    _gate,
+    _if_worthwhile,
+    _model,
+    _weigh,
+    COMBINATION,
+    identify_together,
+)
+from wrist_ft_comp.fit.candidate_fits import Body
+from wrist_ft_comp.fit.gains import anchored, build_axis_model, by_relaxation
+from wrist_ft_comp.fit.pool import GRID_S
+from wrist_ft_comp.fit.result import rms_by_fold
+from wrist_ft_comp.fit.settings import IdentificationSettings
+
+CELLS = 300
+#: Cells of 10 s in the first minute, in which a held-out recording is tared.
+TARED = 6
+LINE = IdentificationSettings(degree=1)
+
+
+@pytest.fixture(scope='module')
+def pose(make_axis_data, warm_up, lagged):
+    """Pose an axis: drift in N/K behind a lag of 300 s, in recordings that all axes share."""
+
+    def make(gain, *, days=2, noise=0.01, load_n=0.0, seed=0):
+        rng = np.random.default_rng([seed, 3])
+        temperatures = [warm_up(CELLS, i) for i in range(days)]
+        loads = [load_n * rng.standard_normal(CELLS) for _ in temperatures]
+        raws = []
+        for i, (temperature_c, load) in enumerate(zip(temperatures, loads, strict=True)):
+            drift = gain * (lagged(temperature_c, 300.0) - 30)
+            raw = drift + (1.02 + 2e-3 * drift) * load + 50.0 * i
+            raws.append(raw + noise * rng.standard_normal(CELLS))
+        return make_axis_data(temperatures, raws, loads if load_n else None)
+
+    return make
+
+
+@pytest.fixture(scope='module')
+def body(pose):
+    """Two axes of one sensor, one of them loaded, and what is fitted without day 1."""
+    made = Body([pose(0.5, load_n=20.0), pose(-1.0, seed=1)], LINE)
+    return made, made.fit(1, {})[0]
+
+
+def run(model, temperature_c):
+    return model.run(model.start(temperature_c[0]), temperature_c)[1]
+
+
+class TestWhatIsFound:
+    def test_an_axis_that_never_changes_has_a_drift_of_0(self, pose):
+        still = pose(0.0, noise=0.0)
+        still = replace(still, residual=tuple(r + 0.1 for r in still.residual))  # no sum is exact
+        (single,) = identify_together([still], LINE)
+        assert (single.chosen, single.rms_before, single.rms_after) == ('none', 0.0, 0.0)
+
+    def test_a_single_lag_is_named_with_its_time_constant_and_error(self, pose):
+        (single,) = identify_together([pose(0.5, days=3)], IdentificationSettings())
+        (tau,), (error,) = single.time_constants_s, single.time_constant_errors_s
+        assert tau == pytest.approx(300.0, rel=0.05)
+        assert abs(tau - 300.0) < 3 * error < 30.0
+        assert single.chosen == COMBINATION
+        assert single.rms_after < 1.2 * 0.01
+        assert single.rms_before > 100 * single.rms_after
+        weights = {each.name: each.weight for each in single.candidates}
+        assert sum(weights.values()) == pytest.approx(1.0)
+        heaviest = max(weights, key=weights.get)
+        share = 100 * weights[heaviest] / (1 - weights['none'])
+        assert f'most weight have {heaviest} ({share:.0f} %)' in single.reason
+
+    def test_of_noise_next_to_nothing_is_learnt(self, pose):
+        """And mostly nothing: one day in many seems to be foretold by chance."""
+        fits = []
+        for seed, days in enumerate((1, 2, 1, 2)):
+            problem = pose(0.0, days=days, noise=1.0, seed=seed)
+            fits += identify_together([problem], IdentificationSettings())
+        none = [fit for fit in fits if fit.model is None]
+        assert len(none) >= 3
+        for fit in none:
+            assert (fit.chosen, fit.rms_after, fit.candidates[0].weight) == (
+                'none',
+                fit.rms_before,
+                1,
+            )
+            assert fit.reason.startswith('Nothing that was tried holds on held-out data')
+        assert all(0.95 < fit.rms_after / fit.rms_before <= 1 for fit in fits)
+
+    def test_axes_of_a_body_differ_in_load_drift_and_days(self, pose):
+        """One stands in no recording of day 2, and one does not drift at all."""
+        loaded, part = pose(0.5, load_n=20.0, days=3), pose(-1.0, days=3, seed=1)
+        part = replace(part, residual=(*part.residual[:2], np.full(CELLS, np.nan)))
+        axes = [loaded, part, pose(0.2, load_n=5.0, days=3, seed=2), pose(0.0, days=3, noise=1.0)]
+        *drifting, still = identify_together(axes, LINE)
+        assert [fit.model.outputs for fit in drifting] == [2, 1, 2]
+        assert [len(rms_by_fold(fit.held_out).after) for fit in drifting] == [3, 2, 3]
+        assert all(fit.rms_after < 0.02 * fit.rms_before for fit in drifting)
+        assert still.rms_after < 1.03 * still.rms_before
+        zero, sensitivity = run(drifting[0].model, loaded.temperature_c[0]).T
+        assert np.std(loaded.residual[0] - zero - sensitivity * loaded.load[0]) < 0.02
+
+
+class TestEvidence:
+    """What is said of held-out recordings is what a model that runs leaves of them."""
+
+    def test_forms_are_the_errors_of_models_that_run(self, body):
+        made, held_out = body
+        range_c = made.bins.temperature_c[0]
+        known = replace(made.features, lower_c=range_c.min(axis=0), upper_c=range_c.max(axis=0))
+        for n, axis in enumerate(made.axes):
+            data, shape = axis.data, (len(GRID_S), axis.moments.inputs)
+            errors = _candidate_errors(axis, n, dict.fromkeys(axis.forms, held_out)).tared[1]
+            left = []
+            for theta in held_out[n]:
+                gains = by_relaxation(theta[:-1], *shape, loaded=axis.binned.loaded)
+                model = build_axis_model(known, GRID_S, gains, made.inputs, data.period_s)
+                remainder = data.residual[1].copy()
+                if model is not None:
+                    model = anchored(model, [0.0, theta[-2]][: model.outputs])
+                    drift = run(model, data.temperature_c[1])
+                    load = 0.0 if data.load is None else data.load[1]
+                    remainder -= drift[:, 0] + drift[:, -1] * load
+                left.append(remainder - remainder[:TARED].mean())
+            left = np.array(left)
+            np.testing.assert_allclose(errors, left @ left.T / CELLS, rtol=1e-6, atol=1e-9)
+
+    def test_what_is_stated_is_what_the_average_leaves(self, pose):
+        for fit in identify_together([pose(0.5, days=3), pose(0.1, noise=0.3, days=3)], LINE):
+            before, after = rms_by_fold(fit.held_out)
+            assert fit.rms_after == pytest.approx(after.mean())
+            assert fit.rms_before == pytest.approx(before.mean())
+
+    def test_of_a_single_recording_more_is_stated_than_is_left_of_its_blocks(self, pose):
+        """A block moves less than the whole: what is left grows as a walk, with the root."""
+        problem = pose(0.5, days=1)
+        (fit,) = identify_together([problem], LINE)
+        before, after = rms_by_fold(fit.held_out)
+        values = problem.residual[0]
+        whole = np.sqrt(np.mean((values - values[:TARED].mean()) ** 2))
+        assert fit.rms_before == pytest.approx(before.mean())
+        assert len(after) == 5
+        assert fit.rms_after == pytest.approx(after.mean() * np.sqrt(whole / before.mean()))
+        assert whole > before.mean()
+
+
+def test_what_is_saved_gives_the_gains_times_the_columns(body):
+    """And no drift at rest at T_ref but the gain error."""
+    made, gains = body
+    reference_c = made.features.reference_c
+    for n, axis in enumerate(made.axes):
+        theta = gains[n][7]
+        model = _model(made, axis, theta)
+        half = made.inputs[0].shape[1]
+        for temperature_c, x in zip(axis.data.temperature_c, made.inputs, strict=True):
+            drift = run(model, temperature_c)
+            np.testing.assert_allclose(drift[:, 0], x @ theta[:half], atol=1e-9)
+            if axis.binned.loaded:
+                expected = x @ theta[half : 2 * half] + theta[-2]
+                np.testing.assert_allclose(drift[:, 1], expected, atol=1e-11)
+        at_rest = run(model, reference_c[np.newaxis])[0]
+        np.testing.assert_allclose(at_rest, [0.0, theta[-2]][: model.outputs], atol=1e-12)
+        assert model.features.beyond == 'tangents'
+
+
+class TestGate:
+    def test_it_is_half_open_where_nothing_is_gained(self):
+        np.testing.assert_allclose(_gate(np.array([0.0, -1.0, 1.0])), [0.5, 1.0, 0.0], atol=1e-6)
+
+    @pytest.mark.parametrize(('left', 'used'), [(1.0, 0.25), (1.3, 0.0), (0.8, 0.95), (0.1, 1.0)])
+    def test_what_leaves_less_is_used_more(self, left, used):
+        (weights,) = _weigh([np.broadcast_to([[1.0, left], [left, left**2]], (3, 2, 2))], days=3)
+        np.testing.assert_allclose(weights, [1 - used, used], atol=0.01)
+
+    @pytest.mark.parametrize(('left', 'runs'), [(1.1, False), (0.99, False), (0.97, True)])
+    def test_what_hardly_gains_is_not_run(self, left, runs):
+        forms = np.broadcast_to([[1.0, left], [left, left**2]], (3, 2, 2))
+        weights = _if_worthwhile(np.array([0.0, 1.0]), forms)
+        np.testing.assert_array_equal(weights, [1 - runs, runs])

@@ -1,0 +1,195 @@
+"""Calibration as a whole: what it refuses, what it warns of, what it hands back."""
+
+from copy import deepcopy
+from dataclasses import replace
+import re
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import CalibrationRefusedError, SettingsError
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.data_checks import MIN_SAMPLES
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+
+STATIC = CalibrationSettings(identification=IdentificationSettings(method='pls'))
+CELLS = 240
+
+
+@pytest.fixture(scope='module')
+def good(make_recording, warm_up):
+    """Two runs of two axes: force x drifts, torque z does not."""
+    runs = []
+    for i in range(2):
+        rng = np.random.default_rng(i)
+        temperature_c = warm_up(CELLS, i)
+        drifting = 0.5 * temperature_c + 0.05 * rng.standard_normal(CELLS)
+        axes = {'force_x': drifting, 'torque_z': 0.01 * rng.standard_normal(CELLS)}
+        runs.append(make_recording(temperature_c, axes, name=f'run{i}.csv'))
+    return runs
+
+
+def with_raw(recording, raw):
+    wrench = recording.wrench.copy()
+    wrench[:, 0] = raw
+    return replace(recording, wrench=wrench)
+
+
+class TestResult:
+    def test_it_holds_the_model_and_its_evidence(self, good):
+        shares, before = [], deepcopy(good)
+        calibration = calibrate(good, CalibrationSettings(), shares.append)
+        assert shares == [0.5, 1.0]
+        for run, old in zip(good, before, strict=True):
+            np.testing.assert_array_equal(run.temperature_c, old.temperature_c)
+            np.testing.assert_array_equal(run.wrench, old.wrench)
+        assert set(calibration.fits) == {'force_x', 'torque_z'}
+        assert set(calibration.model.axes) == {'force_x'}
+        assert calibration.fits['torque_z'].model is None
+        assert calibration.fits['torque_z'].chosen == 'none'
+        assert calibration.model.period_ns == good[0].period_ns
+        assert calibration.model.thermometers == 1
+        assert calibration.duration_s == 2 * CELLS * 10.0
+        everything = np.concatenate([run.temperature_c for run in good])
+        np.testing.assert_array_equal(
+            calibration.temperature_range_c, [[everything.min(), everything.max()]]
+        )
+        fit = calibration.fits['force_x']
+        assert fit.rms_after < 0.1 * fit.rms_before
+        tared = [run.wrench[:, 0] - run.wrench[:6, 0].mean() for run in good]
+        expected = np.mean([np.sqrt(np.mean(values**2)) for values in tared])
+        assert fit.rms_before == pytest.approx(expected, rel=1e-6)
+        assert calibration.model.start_s == 10.0
+
+    def test_an_axis_is_called_by_its_own_name_whatever_is_beside_it(self, good):
+        both = calibrate(good, STATIC).fits['force_x'].rms_after
+        alone = []
+        for run in good:
+            wrench = np.full_like(run.wrench, np.nan)
+            wrench[:, 4] = run.wrench[:, 0]
+            alone.append(replace(run, wrench=wrench))
+        fits = calibrate(alone, STATIC).fits
+        assert set(fits) == {'torque_y'}
+        assert fits['torque_y'].rms_after == pytest.approx(both, rel=1e-12)
+
+    def test_offsets_and_signs_of_recordings_do_not_matter(self, good):
+        expected = calibrate(good, STATIC).fits['force_x'].rms_after
+        moved = [with_raw(run, 1e3 * i - run.wrench[:, 0]) for i, run in enumerate(good)]
+        assert calibrate(moved, STATIC).fits['force_x'].rms_after == pytest.approx(expected)
+
+
+def test_nothing_to_learn_from_is_refused(good):
+    with pytest.raises(CalibrationRefusedError, match='at least one recording; got none'):
+        calibrate([], STATIC)
+    empty = [replace(run, wrench=np.full_like(run.wrench, np.nan)) for run in good]
+    with pytest.raises(CalibrationRefusedError, match='holds no wrench'):
+        calibrate(empty, STATIC)
+
+
+def test_too_small_a_temperature_span_is_refused(good):
+    calm = [replace(run, temperature_c=25 + 0.05 * (run.temperature_c - 30)) for run in good]
+    span = np.ptp(np.concatenate([run.temperature_c for run in calm]))
+    sentence = rf'run0.csv, run1.csv spans {span:.1f} K; at least 3.0 K are needed. Record'
+    with pytest.raises(CalibrationRefusedError, match=sentence):
+        calibrate(calm, STATIC)
+    calibrate(calm, replace(STATIC, min_temperature_span_k=0.5))
+
+
+def test_too_few_samples_are_refused_and_an_axis_without_any_is_not_there(good):
+    runs = deepcopy(good)
+    assert 'torque_x' not in calibrate(runs, STATIC).fits
+    runs[0].wrench[: MIN_SAMPLES // 2, 3] = 0.1
+    runs[1].wrench[: MIN_SAMPLES // 2 - 1, 3] = 0.1
+    sentence = f'torque_x has {MIN_SAMPLES - 1} thermal cells .* at least {MIN_SAMPLES} in 2 bl'
+    with pytest.raises(CalibrationRefusedError, match=sentence):
+        calibrate(runs, STATIC)
+
+
+def test_a_missing_reference_is_refused(good):
+    sentence = r'run0.csv holds no reference wrench, but .* recorded'
+    with pytest.raises(CalibrationRefusedError, match=sentence):
+        calibrate(good, replace(STATIC, reference='recorded'))
+
+
+@pytest.mark.parametrize('reference', ['unloaded', 'constant'])
+@pytest.mark.parametrize('noise', [0.0, 0.05])
+def test_a_load_that_varies_although_it_was_declared_not_to_is_refused(good, reference, noise):
+    raw = 0.5 * good[1].temperature_c[:, 0]
+    raw += noise * np.random.default_rng(0).standard_normal(CELLS)
+    raw[100:140] += 20.0
+    sentence = rf'force_x of run1.csv jumps by [12]\d.* N after 1\d\d0 s, .* {reference}'
+    with pytest.raises(CalibrationRefusedError, match=sentence):
+        calibrate([good[0], with_raw(good[1], raw)], replace(STATIC, reference=reference))
+
+
+def test_a_payload_that_was_hung_on_a_still_axis_is_refused(good):
+    raw = np.where(np.arange(CELLS) < 100, 0.0, 10.0)
+    with pytest.raises(CalibrationRefusedError, match='jumps by 10 N after 1000 s'):
+        calibrate([good[0], with_raw(good[1], raw)], STATIC)
+
+
+@pytest.mark.parametrize('resolution', [0.1, 1.0])
+def test_a_coarse_resolution_is_no_load(good, resolution):
+    runs = [with_raw(run, resolution * np.round(run.wrench[:, 0] / resolution)) for run in good]
+    fit = calibrate(runs, STATIC).fits['force_x']
+    assert fit.rms_after < fit.rms_before
+
+
+def test_rounding_on_a_still_axis_is_no_load(good):
+    still = 0.1 + 1e-17 * np.arange(CELLS) + np.spacing(0.1) * (np.arange(CELLS) % 40 == 7)
+    calibrate([with_raw(run, still) for run in good], STATIC)
+
+
+def test_recordings_that_are_not_alike_are_refused(good):
+    first, second = good
+    doubled = {name: np.tile(getattr(second, name), 2) for name in ('temperature_c', 'measured')}
+    for change, sentence in (
+        (doubled, 'run0.csv has 1 thermometers and run1.csv has 2; they must be the same'),
+        ({'period_ns': 2 * 10**10}, 'run0.csv is on thermal cells of 10.0 s and run1.csv on 20.0'),
+        ({'unit': 'digits'}, 'run0.csv and run1.csv are in different units; they must be the'),
+    ):
+        with pytest.raises(CalibrationRefusedError, match=sentence):
+            calibrate([first, replace(second, **change)], STATIC)
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'reference': 'none'}, "Unknown reference 'none'; .* unloaded, constant"),
+        *(({'min_temperature_span_k': k}, 'at least 0 K; got') for k in (-0.1, np.nan, np.inf)),
+        ({'max_gap_s': -0.1}, 'max_gap_s must be a number of at least 0; got'),
+    ],
+)
+def test_settings_outside_their_range_are_refused(change, sentence):
+    with pytest.raises(SettingsError, match=sentence):
+        CalibrationSettings(**change)
+
+
+@pytest.mark.parametrize(('silent', 'named'), [(slice(50, 111), True), (slice(51, 111), False)])
+def test_a_silent_thermometer_is_named_beside_what_was_dropped_while_reading(good, silent, named):
+    measured = good[1].measured.copy()
+    measured[silent] = False
+    second = replace(good[1], measured=measured, warnings=('3 samples were dropped.',))
+    sentence = 'Thermometer 1 of run1.csv is silent for 610 s; a straight line was drawn over it.'
+    expected = ('3 samples were dropped.', *[sentence] * named)
+    assert calibrate([good[0], second], STATIC).warnings == expected
+
+
+def test_a_time_constant_that_the_recordings_hardly_show_is_named_or_refused(good, lagged):
+    settings = CalibrationSettings(identification=IdentificationSettings(method='arx_pls_oe'))
+
+    def learn(tau):
+        runs = [with_raw(run, 2 * lagged(run.temperature_c[:, 0], tau)) for run in good]
+        for run in runs:
+            run.wrench[:, 5] = np.nan
+        return calibrate(runs, settings)
+
+    (warning,) = learn(1500).warnings
+    assert re.search(
+        r'The slowest time constant, 15\d\d s of force_x, is more than half of the longest '
+        r'recording \(2400 s\); record at least 1.7 h',
+        warning,
+    )
+    refusal = r'force_x drifts too slowly .* at least 2400 s, .* Record at least 1.3 h'
+    with pytest.raises(CalibrationRefusedError, match=refusal):
+        learn(1e5)

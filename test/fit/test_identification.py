@@ -1,0 +1,229 @@
+"""The competition: known truths are found, noise is left alone, every method runs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.drift import drift_model
+from wrist_ft_comp.drift.arx import Orders
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.cross_validation import time_constant_grid
+from wrist_ft_comp.fit.feature_banks import build_features
+from wrist_ft_comp.fit.settings import (
+    CalibrationSettings,
+    IdentificationSettings,
+    METHODS,
+)
+from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
+from wrist_ft_comp.signals import AXES
+
+Z = AXES.index('force_z')
+CELLS = 480
+
+
+def evaluate(calibration, recording, reference='unloaded'):
+    return judge_errors([tared_errors(calibration.model, recording, reference)])['force_z']
+
+
+def settings(method, reference='unloaded', **more):
+    return CalibrationSettings(reference, identification=IdentificationSettings(method, **more))
+
+
+@pytest.fixture(scope='module')
+def simulate(make_recording, warm_up, lagged):
+    """
+    Record a sensor with known gains at known time constants; o in N/K, s in 1/K.
+
+    A share below 1 keeps a recording within the temperatures of the others.
+    """
+
+    def make(seed, zero, sensitivity=None, *, thermometers=1, share=1.0, **more):
+        rng = np.random.default_rng([seed, 7])
+        noise, gain_error = more.get('noise', 0.0), more.get('gain_error', 0.0)
+        both = [20 + share * (warm_up(CELLS, seed + 1000 * j) - 20) for j in range(thermometers)]
+        theta = both[0] - 30
+        o = sum(gain * lagged(theta, tau) for tau, gain in zero.items())
+        load = 40 * rng.standard_normal(CELLS)
+        s = gain_error + sum(g * lagged(theta, tau) for tau, g in (sensitivity or {}).items())
+        raw = (1 + s) * load + o + 10.0 * seed + noise * rng.standard_normal(CELLS)
+        if sensitivity is None:
+            raw -= load
+        reference = {} if sensitivity is None else {'force_z': load}
+        return make_recording(np.stack(both, axis=1), {'force_z': raw}, reference)
+
+    return make
+
+
+def drift_of(calibration, recording):
+    """Zero and sensitivity drift of force z over a recording."""
+    temperature_c = recording.temperature_c
+    first = drift_model.start(calibration.model, temperature_c[0])
+    _, drift = drift_model.run(calibration.model, first, temperature_c)
+    return drift.zero[:, Z], drift.sensitivity[:, Z]
+
+
+def centred(values):
+    return values - values.mean()
+
+
+class TestKnownTruth:
+    @pytest.mark.parametrize(
+        ('method', 'truth'),
+        [('arx_pls_oe', {300.0: 0.5}), ('auto', {200.0: 0.6, 1500.0: -0.4})],
+        ids=str,
+    )
+    def test_lags_are_found_in_a_record_that_was_not_seen(self, simulate, lagged, method, truth):
+        calibration = calibrate([simulate(i, truth) for i in range(3)], settings(method))
+        fit = calibration.fits['force_z']
+        new = simulate(9, truth, share=0.8)
+        theta = new.temperature_c[:, 0] - 30
+        expected = centred(sum(gain * lagged(theta, tau) for tau, gain in truth.items()))
+        zero, sensitivity = drift_of(calibration, new)
+        error = centred(zero) - expected
+        assert np.sqrt(np.mean(error**2)) < 0.01 * np.sqrt(np.mean(expected**2))
+        assert not sensitivity.any()
+        assert fit.rms_after < 0.05 * fit.rms_before
+        if len(truth) == 1 and method == 'arx_pls_oe':
+            assert min(abs(tau / 300 - 1) for tau in fit.time_constants_s) < 1e-2
+        assert any('zero drift only' in note for note in fit.notes)
+
+    @pytest.mark.parametrize('gain_error', [0.0, 0.15])
+    def test_sensitivity_drift_is_found_beside_zero_drift(self, simulate, lagged, gain_error):
+        zero, sensitivity = {600.0: 0.5}, {600.0: 1e-3}
+        recordings = [simulate(i, zero, sensitivity, gain_error=gain_error) for i in range(3)]
+        calibration = calibrate(recordings, settings('arx_pls_oe', 'recorded'))
+        new = simulate(9, zero, sensitivity, gain_error=gain_error, share=0.8)
+        theta = lagged(new.temperature_c[:, 0] - 30, 600.0)
+        fitted_zero, fitted_sensitivity = drift_of(calibration, new)
+        np.testing.assert_allclose(centred(fitted_zero), centred(0.5 * theta), atol=0.02)
+        np.testing.assert_allclose(fitted_sensitivity, gain_error + 1e-3 * theta, atol=2e-4)
+        nearest = min(abs(tau / 600 - 1) for tau in calibration.fits['force_z'].time_constants_s)
+        assert nearest < 1e-2
+
+    def test_the_second_thermometer_is_used_when_the_first_does_not_see_the_heat(
+        self, make_recording, warm_up, lagged
+    ):
+        def record(seed, thermometers, share=1.0):
+            both = np.stack([warm_up(CELLS, seed), warm_up(CELLS, seed + 100)], axis=1)
+            both = 20 + share * (both - 20)
+            mixed = 0.5 * lagged(both[:, 0], 400.0) + 0.3 * lagged(both[:, 1], 400.0)
+            noise = 0.02 * np.random.default_rng(seed).standard_normal(CELLS)
+            return make_recording(both[:, :thermometers], {'force_z': mixed + noise})
+
+        def judged(thermometers):
+            runs = [record(i, thermometers) for i in range(3)]
+            return evaluate(calibrate(runs, settings('auto')), record(9, thermometers, 0.8))
+
+        one, two = judged(1), judged(2)
+        assert two.rms_after < 0.03 * two.rms_before
+        assert two.rms_after < 0.2 * one.rms_after
+
+
+@pytest.mark.parametrize('method', METHODS)
+class TestEveryMethod:
+    @pytest.mark.parametrize(
+        ('thermometers', 'features', 'loaded'),
+        [(1, 'powers', False), (2, 'powers', True), (2, 'hats', False), (1, 'hats', True)],
+    )
+    def test_it_runs_and_helps(self, simulate, method, thermometers, features, loaded):
+        def record(seed, share=1.0):
+            sensitivity = {200.0: 1e-3} if loaded else None
+            drift = {200.0: 0.5}, sensitivity
+            return simulate(seed, *drift, noise=0.1, thermometers=thermometers, share=share)
+
+        chosen = settings(method, 'recorded' if loaded else 'unloaded', features=features)
+        calibration = calibrate([record(i) for i in range(3)], chosen)
+        fit = calibration.fits['force_z']
+        assert fit.model.features.kind == features
+        assert fit.model.outputs == 1 + loaded
+        assert fit.candidates[0].name == 'none'
+        names = [candidate.name for candidate in fit.candidates]
+        assert fit.chosen in (names if method != 'auto' or features == 'hats' else ['combination'])
+        assert fit.rms_after < fit.rms_before
+        assert list(fit.time_constants_s) == sorted(fit.time_constants_s)
+        judged = evaluate(calibration, record(9, 0.8), chosen.reference)
+        dynamic = method in ('filtered_pls', 'arx_pls_oe', 'auto')
+        assert judged.rms_after < (0.35 if dynamic else 0.9) * judged.rms_before
+
+    def test_a_constant_axis_gets_no_drift(self, simulate, method):
+        runs = [simulate(i, {}) for i in range(2)]
+        zero, _ = drift_of(calibrate(runs, settings(method)), runs[0])
+        np.testing.assert_allclose(zero, 0, atol=1e-9)
+
+    def test_loads_that_differ_only_between_recordings_give_no_wild_gain(
+        self, make_recording, warm_up, method
+    ):
+        """The gain error at T_ref cannot be told from the unknown constants then."""
+        runs = []
+        for i, payload in enumerate((0.0, 50.1, 20.3)):
+            temperature_c = warm_up(CELLS, i)
+            theta = temperature_c - 30
+            raw = (1 + 1e-3 * theta) * payload + 0.5 * theta
+            raw += 0.01 * np.random.default_rng(i).standard_normal(CELLS)
+            runs.append(make_recording(temperature_c, {'force_z': raw}, {'force_z': payload}))
+        _, sensitivity = drift_of(calibrate(runs, settings(method, 'recorded')), runs[0])
+        assert np.abs(sensitivity).max() < 0.1
+
+    def test_a_shifted_scale_gives_the_same_drift(self, simulate, method):
+        runs = [simulate(i, {300.0: 0.5}, noise=0.05) for i in range(3)]
+        shifted = [replace(run, temperature_c=run.temperature_c - 50.0) for run in runs]
+        (expected, _), (zero, _) = (
+            drift_of(calibrate(each, settings(method)), each[0]) for each in (runs, shifted)
+        )
+        np.testing.assert_allclose(zero, expected, atol=1e-3 * np.ptp(expected))
+
+
+class TestFeaturesAndGrid:
+    def test_the_features_span_what_was_recorded(self, warm_up):
+        temperatures = [warm_up(100, i)[:, np.newaxis] for i in range(2)]
+        features = build_features(temperatures, IdentificationSettings(degree=3))
+        everything = np.concatenate(temperatures)
+        assert features.degree == 3
+        assert features.lower_c == everything.min(axis=0)
+        assert features.upper_c == everything.max(axis=0)
+        np.testing.assert_allclose(features.reference_c, everything.mean(axis=0))
+
+    def test_hats_stand_on_the_plateaus_or_where_they_were_put(self):
+        plateaus = np.repeat([20.0, -15.0, 50.0], 40)[:, np.newaxis]
+        hats = IdentificationSettings(features='hats')
+        put = replace(hats, hat_temperatures_c=(0.0, 10.0))
+        slope = np.linspace(0, 50, 500)[:, np.newaxis]
+        for temperature_c, asked, knots in (
+            (plateaus, hats, [-15.0, 20.0, 50.0]),
+            (plateaus, put, [0.0, 10.0]),
+            (slope, hats, np.linspace(0, 50, 6)),
+        ):
+            np.testing.assert_allclose(build_features([temperature_c], asked).knots_c[0], knots)
+
+    def test_time_constants_to_try_begin_static_and_end_with_the_recording(self, make_axis_data):
+        lengths = [np.zeros(CELLS), np.zeros(200)]
+        grid = time_constant_grid(make_axis_data(lengths, lengths))
+        assert grid[0] == 0
+        assert (np.diff(grid) > 0).all()
+        assert grid[-1] <= CELLS * 10.0 / 2 * (1 + 1e-9)
+        ratios = grid[2:] / grid[1:-1]
+        np.testing.assert_allclose(ratios, ratios[0])
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'method': 'magic'}, "Unknown method 'magic'; expected one of pcr"),
+        ({'features': 'hat'}, "Unknown features 'hat'"),
+        *(({'degree': n}, f'between 1 and 4; got {n}') for n in (0, 5, 2.5, np.nan)),
+        *(({'latents': n}, f'At least 1 latent is needed; got {n}') for n in (0, np.nan, np.inf)),
+        ({'hat_temperatures_c': (20.0,)}, r'at least 2 temperatures that ascend; got \[20.0\]'),
+        *(({'hat_temperatures_c': (20.0, t)}, 'that ascend; got') for t in (10.0, np.nan, np.inf)),
+    ],
+)
+def test_settings_outside_their_range_are_refused(change, sentence):
+    with pytest.raises(SettingsError, match=sentence):
+        IdentificationSettings(**change)
+
+
+@pytest.mark.parametrize('taus', [(np.nan,), (30.0, np.inf)])
+def test_time_constants_that_are_no_numbers_are_refused(taus):
+    with pytest.raises(SettingsError, match='time_constants_s'):
+        Orders(time_constants_s=taus)

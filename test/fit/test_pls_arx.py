@@ -1,0 +1,178 @@
+"""The two-step methods, on data whose truth they can hold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.drift.arx import Orders
+from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.fit.pls_arx import identify, OBSERVATION_WINDOW_S, observe_drift
+
+TWO = Features('powers', np.array([30.0, 25.0]), np.zeros(2), np.full(2, 99.0), degree=2)
+ONE = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0))
+LAG = Orders(latents=1, outputs=1, inputs=1, first_lag=0)
+CELLS = 400
+LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
+
+
+@pytest.fixture(scope='module')
+def temperatures(warm_up):
+    return [np.stack([warm_up(CELLS, i), warm_up(CELLS, 50 + i)], axis=1) for i in range(3)]
+
+
+@pytest.fixture(scope='module')
+def pose(make_axis_data):
+    """Build a problem from drifts; every recording gets an offset of its own."""
+
+    def make(temperatures, drifts, loads=None):
+        raws = [drift + 100.0 * i for i, drift in enumerate(drifts)]
+        return make_axis_data(temperatures, raws, loads)
+
+    return make
+
+
+def free_run(model, features, temperature_c):
+    x = features.expand(temperature_c)
+    return model.run(model.start(x[0]), x)[1]
+
+
+def assert_drifts(model, features, temperatures, drifts, atol):
+    """Compare zero drift, up to a constant, in every recording."""
+    for temperature_c, drift in zip(temperatures, drifts, strict=True):
+        zero = free_run(model, features, temperature_c)[:, 0]
+        np.testing.assert_allclose(zero - zero.mean(), drift - drift.mean(), atol=atol)
+
+
+@pytest.mark.parametrize('method', ['pcr', 'pls'])
+def test_a_static_truth_is_found_exactly(pose, temperatures, method):
+    gains = np.array([0.5, -0.3, 0.01, 0.02])
+    drifts = [TWO.expand(t) @ gains for t in temperatures]
+    model, notes = identify(method, pose(temperatures, drifts), TWO, Orders(latents=4))
+    assert notes == ()
+    assert_drifts(model, TWO, temperatures, drifts, 1e-8)
+
+
+def test_filters_before_pls_find_a_truth_within_their_bank(pose, temperatures, lagged):
+    one = [t[:, :1] for t in temperatures]
+    drifts = [0.5 * lagged(t[:, 0], 300.0) - 0.2 * lagged(t[:, 0], 1000.0) for t in one]
+    orders = Orders(latents=3, time_constants_s=(0.0, 300.0, 1000.0))
+    model, _ = identify('filtered_pls', pose(one, drifts), ONE, orders)
+    assert_drifts(model, ONE, one, drifts, 1e-7)
+
+
+def test_the_papers_method_finds_a_noise_free_lag_exactly(pose, temperatures, lagged):
+    one = [t[:, :1] for t in temperatures]
+    drifts = [0.5 * lagged(t[:, 0], 300.0) for t in one]
+    problem = pose(one, drifts)
+    for i in (0, 2):
+        problem.residual[i][50:53] = np.nan  # a gap
+    model, notes = identify('arx_pls', problem, ONE, LAG)
+    assert notes == ()
+    np.testing.assert_allclose(model.latents[0].poles, [np.exp(-10.0 / 300.0)], rtol=1e-8)
+    assert_drifts(model, ONE, one, drifts, 1e-7)
+
+
+def test_a_pole_that_had_to_be_moved_is_noted(pose, temperatures):
+    one = [t[:, :1] for t in temperatures[:1]]
+    growing = np.zeros(CELLS)
+    for k in range(1, CELLS):
+        growing[k] = 1.01 * growing[k - 1] + 0.01 * (one[0][k, 0] - 20)
+    model, notes = identify('arx_pls', pose(one, [growing]), ONE, LAG)
+    assert abs(model.latents[0].poles[0]) < 1
+    assert notes == ('latent 1: a pole of radius 1.010000 was moved inside the unit circle',)
+    assert np.isfinite(free_run(model, ONE, one[0])).all()
+
+
+@pytest.mark.parametrize('method', ['pcr', 'pls', 'filtered_pls', 'arx_pls'])
+@pytest.mark.parametrize('loaded', [False, True])
+def test_units_change_nothing(pose, temperatures, lagged, method, loaded):
+    """In mN instead of N the zero drift is a thousandfold and the sensitivity drift the same."""
+    rng = np.random.default_rng(0)
+    loads = [30 * rng.standard_normal(CELLS) for _ in temperatures]
+    drifts = [
+        0.5 * lagged(t[:, 0], 300.0)
+        + (1 + 1e-3 * t[:, 1]) * load * loaded
+        + 0.01 * rng.standard_normal(CELLS)
+        for t, load in zip(temperatures, loads, strict=True)
+    ]
+    runs = []
+    for unit in (1.0, 1000.0):
+        problem = pose(
+            temperatures,
+            [unit * drift for drift in drifts],
+            [unit * load for load in loads] if loaded else None,
+        )
+        assert (problem.load is not None) == loaded
+        model, _ = identify(method, problem, TWO, Orders(latents=3))
+        runs.append(free_run(model, TWO, temperatures[0]))
+    newton, millinewton = runs
+    assert newton.shape == (CELLS, 1 + loaded)
+    assert np.ptp(newton[:, 0]) > 1
+    millinewton[:, 0] /= 1000
+    np.testing.assert_allclose(millinewton, newton, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize('method', ['pcr', 'pls', 'filtered_pls', 'arx_pls'])
+class TestDegenerateData:
+    def test_a_constant_thermometer_does_not_matter(self, pose, temperatures, lagged, method):
+        one = [t[:, :1] for t in temperatures]
+        both = [np.column_stack((t, np.full(CELLS, 25.0))) for t in one]
+        drifts = [0.5 * lagged(t[:, 0], 300.0) for t in one]
+        alone, _ = identify(method, pose(one, drifts), ONE, LAG)
+        beside, _ = identify(method, pose(both, drifts), replace(TWO, degree=1), LAG)
+        np.testing.assert_allclose(
+            free_run(beside, replace(TWO, degree=1), both[0]),
+            free_run(alone, ONE, one[0]),
+            atol=1e-6,
+        )
+
+    @pytest.mark.parametrize('value', [3.0, np.nan])
+    def test_no_drift_or_nothing_observed_gets_no_model(self, pose, temperatures, method, value):
+        nothing = [np.full(CELLS, value) for _ in temperatures]
+        assert identify(method, pose(temperatures, nothing), TWO, Orders())[0] is None
+
+
+class TestObservedDrift:
+    @pytest.fixture
+    def observe(self, make_axis_data):
+        """Observe the drift of a raw wrench beside a load, over a rise from 20 to 40 °C."""
+
+        def make(raw, load=None):
+            loads = None if load is None else [load]
+            folds = [np.zeros(CELLS, dtype=np.int64)]
+            rise_c = np.linspace(20, 40, CELLS)
+            return observe_drift(make_axis_data([rise_c], [raw], loads, folds=folds))[0]
+
+        return make
+
+    def test_without_load_it_is_the_residual(self, observe):
+        np.testing.assert_array_equal(observe(LOAD), LOAD[:, np.newaxis])
+
+    def test_windows_do_not_cross_gaps(self, observe):
+        """Drift jumps in the gap, which lies inside what would be one window."""
+        cells = round(OBSERVATION_WINDOW_S / 10.0)
+        before, after = slice(0, cells // 2), slice(cells // 2 + 10, None)
+        sensitivity, zero, gap = np.full(CELLS, 0.02), np.full(CELLS, 3.0), np.zeros(CELLS)
+        sensitivity[after], zero[after] = -0.03, -5.0
+        gap[before.stop : after.start] = np.nan
+        observed = observe((1 + sensitivity) * LOAD + zero + gap, LOAD)
+        seen = np.isfinite(observed).all(axis=1)
+        assert (~seen).sum() <= 10 + 10  # the gap, and at most a last window of few cells
+        np.testing.assert_allclose(observed[seen, 0], zero[seen], atol=1e-9)
+        np.testing.assert_allclose(observed[seen, 1], sensitivity[seen], atol=1e-12)
+        assert {0.02, -0.03} == set(np.round(observed[seen, 1], 9))
+
+    def test_slow_drift_is_followed(self, observe):
+        theta = np.linspace(-10, 10, CELLS)
+        error = observe((1 + 1e-3 * theta) * LOAD + 0.2 * theta, LOAD)
+        error -= np.stack((0.2 * theta, 1e-3 * theta), axis=1)
+        # A window spans 1.5 K: its slope is at most that far behind, plus what 0.2 N/K leaks.
+        assert np.nanmax(np.abs(error[:, 1])) < 0.2 * 1.5 / 30 / 2
+        assert np.sqrt(np.nanmean(error[:, 0] ** 2)) < 0.2
+
+    def test_windows_without_load_are_not_observed(self, observe):
+        quiet = LOAD.copy()
+        quiet[120:180] = 5.0
+        observed = observe(1.1 * quiet, quiet)
+        np.testing.assert_array_equal(np.isnan(observed[:, 1]), (quiet != LOAD))

@@ -1,0 +1,125 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.learning.day import describe
+from wrist_ft_comp.learning.entry import DayEntry
+from wrist_ft_comp.learning.incidents import incident, pause
+
+
+@pytest.fixture
+def before(looked):
+    """Three ordinary days."""
+    return [describe(looked(number)) for number in (1, 2, 3)]
+
+
+def test_ordinary_days_are_no_incidents(looked, before):
+    for number, past in enumerate(before, 1):
+        assert incident(looked(number), past, before[: number - 1]) == ('', '')
+
+
+@pytest.mark.parametrize(
+    ('what', 'kind', 'said'),
+    [
+        ({'jump': 5.0}, 'zero', 'The zero jumped at 00:11 UTC by 5, -5, 3, '),
+        ({'gain': 1.2}, 'gain', 'weigh 1.20 times'),
+        ({'noise': 0.2}, 'noise', 'times that of the days before'),
+        ({'turned_deg': 20.0}, 'mounting', 'turned by 20°'),
+        ({'mass_kg': 2.5, 'center_m': (0.02, 0.0, 0.2)}, 'tool', '2.50 kg, on the day before 1.5'),
+        ({'stopped': True}, 'thermometer', 'Thermometer 2 stood still at 19.8 °C for 0.3 h'),
+    ],
+)  # fmt: skip
+def test_what_happened_is_named_with_its_size(looked, before, what, kind, said):
+    day = looked(9, **what)
+    found, sentence = incident(day, describe(day), before)
+    assert found == kind
+    assert said in sentence
+
+
+def test_a_day_in_contact_is_named(looked, before):
+    for day in (replace(looked(3), contact=0.7), replace(looked(3), unexplained=0.2)):
+        assert incident(day, before[-1], before[:-1])[0] == 'contacts'
+
+
+def test_a_weight_that_is_lost_on_two_days_is_another_gain(looked, before):
+    day = replace(looked(3), payloads=None, doubt='It is crooked.')
+    lost = replace(before[-1], payloads=())
+    assert incident(day, lost, before) == ('', '')
+    kind, sentence = incident(day, lost, [*before, lost])
+    assert (kind, 'It is crooked.' in sentence) == ('gain', True)
+
+
+def test_a_thermometer_that_says_nothing_is_silent(looked, before):
+    day = looked(9, stopped=True)
+    recording = replace(day.recording, measured=np.array([True, False]) & day.recording.measured)
+    recording.measured[0] = True
+    assert 'was silent' in incident(replace(day, recording=recording), describe(day), before)[1]
+
+
+def test_a_tare_of_the_driver_is_no_incident(looked, before):
+    day = looked(9, jump=5.0)
+    (step,) = day.steps
+    raw = day.recording.wrench - day.recording.wrench[step.cell - 3 : step.cell].mean(axis=0)
+    zeroed = replace(day.recording, wrench=raw - step.jump)
+    assert incident(replace(day, recording=zeroed), describe(day), before) == ('', '')
+
+
+def test_a_tare_that_a_press_hides_is_no_incident(looked, before):
+    day = looked(9, jump=5.0)
+    (step,) = day.steps
+    wrench = day.recording.wrench.copy()
+    wrench[step.cell - 30] = -0.9 * step.jump
+    hidden = replace(day, recording=replace(day.recording, wrench=wrench))
+    assert incident(hidden, describe(day), before) == ('', '')
+
+
+def test_a_jump_that_matters_on_one_axis_is_told(looked, before):
+    day = looked(9, jump=5.0)
+    entry = describe(day)
+    drift = np.array(entry.left['none']) * [1, 100, 100, 100, 100, 100]
+    assert incident(day, replace(entry, left={'none': tuple(drift)}), before)[0] == 'zero'
+    assert incident(day, replace(entry, left={'none': tuple(100 * drift)}), before) == ('', '')
+
+
+def test_a_press_that_lasts_is_no_incident(looked, before):
+    day = looked(9, jump=5.0)
+    (step,) = day.steps
+    pressed = day.drift.wrench.copy()
+    pressed[step.cell : step.cell + 60] = np.nan
+    day = replace(day, drift=replace(day.drift, wrench=pressed))
+    assert incident(day, describe(day), before) == ('', '')
+
+
+def test_a_step_that_cells_near_it_go_beyond_is_no_incident(looked, before):
+    day = looked(9, jump=5.0)
+    (step,) = day.steps
+    wrench = day.recording.wrench.copy()
+    wrench[step.cell + 20 :] += 2 * step.jump
+    day = replace(day, recording=replace(day.recording, wrench=wrench))
+    assert incident(day, describe(day), before) == ('', '')
+
+
+def test_the_next_day_with_another_tool_is_ordinary(looked, before):
+    tool = {'mass_kg': 2.5, 'center_m': (0.02, 0.0, 0.2)}
+    changed = replace(describe(looked(9, **tool)), kind='tool', incident='Another tool.')
+    day = looked(10, **tool)
+    assert incident(day, describe(day), [*before, changed]) == ('', '')
+
+
+def days(*kinds):
+    return [DayEntry(f'day_{n}', kind=kind, incident=kind) for n, kind in enumerate(kinds)]
+
+
+@pytest.mark.parametrize('kind', ['zero', 'gain', 'noise', 'mounting'])
+def test_learning_stops_until_three_days_agree(kind):
+    assert f'day_1: {kind}' in pause(days('', kind), '')
+    assert '(2 so far)' in pause(days('', kind, '', 'tool'), '')
+    assert pause(days('', kind, '', kind, '', ''), '')
+    assert pause(days('', kind, '', 'thermometer', '', 'tool'), '') == ''
+
+
+def test_a_person_ends_a_pause():
+    assert pause(days('', 'zero', ''), 'day_0')
+    assert pause(days('', 'zero', ''), 'day_1') == ''
+    assert pause(days('tool', 'contacts', 'thermometer', 'unreadable'), '') == ''

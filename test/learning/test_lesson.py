@@ -1,0 +1,262 @@
+from dataclasses import replace
+from unittest.mock import ANY
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.learning import challenge
+from wrist_ft_comp.learning import lesson as lessons
+from wrist_ft_comp.learning.challenge import judge, reason, worthiest
+from wrist_ft_comp.learning.day import describe, left, share
+from wrist_ft_comp.learning.entry import DayEntry, NONE
+from wrist_ft_comp.learning.lesson import Champion, describe_day, take
+from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
+from wrist_ft_comp.stream.offline import simulate_drift
+
+QUICK = CalibrationSettings(identification=IdentificationSettings('pls', degree=1))
+NAMES = [f'day_{number:05d}.csv' for number in range(20)]
+
+
+@pytest.fixture
+def look(looked):
+    """Ordinary days by their names."""
+    return lambda name: looked(int(name[4:9]))
+
+
+@pytest.fixture(scope='module')
+def good(looked):
+    """A model of two days."""
+    return calibrate([looked(n).drift for n in (1, 2)], replace(QUICK, reference='recorded')).model
+
+
+@pytest.fixture
+def bad(good):
+    """One that takes drift off twice."""
+    axes = {
+        name: replace(
+            axis, dynamics=replace(axis.dynamics, output_weight=axis.dynamics.output_weight / 2)
+        )
+        for name, axis in good.axes.items()
+    }
+    return replace(good, axes=axes)
+
+
+def past(look, champion, *numbers):
+    entries = []
+    for number in numbers:
+        entries.append(describe_day(NAMES[number], look, entries, champion))
+    return entries
+
+
+def test_a_challenger_wins_where_there_is_no_model(look):
+    lesson = take(NAMES[3], look, past(look, Champion(), 1, 2), Champion(), NAMES, settings=QUICK)
+    assert lesson.better is not None
+    assert lesson.days == (NAMES[1], NAMES[2], NAMES[3])
+    assert lesson.better.settings.reference == 'payload'
+    assert [round(each.mass_kg, 1) for each in lesson.better.payloads.payloads.values()] == [1.5]
+    assert 'It is better' in lesson.entry.verdict
+
+
+def test_a_challenger_wins_over_a_bad_champion_and_loses_to_a_good_one(look, good, bad):
+    verdicts = []
+    for model in (bad, good):
+        champion = Champion('a' * 12, model)
+        lesson = take(NAMES[3], look, past(look, champion, 1, 2), champion, NAMES, settings=QUICK)
+        assert lesson.entry.challenged
+        verdicts.append(lesson.better is not None)
+    assert verdicts == [True, False]
+
+
+def test_days_that_a_person_decided_after_are_no_evidence(look, bad):
+    champion = Champion('a' * 12, bad)
+    verdicts = [
+        take(NAMES[3], look, past(look, champion, 1, 2), champion, NAMES, since, QUICK)
+        for since in ('', NAMES[2])
+    ]
+    assert 'On 3 days' in verdicts[0].entry.verdict
+    assert 'On 1 day ' in verdicts[1].entry.verdict
+
+
+def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look, looked):
+    before = past(look, Champion(), 1, 2)
+    hit = take(NAMES[9], lambda _: looked(9, jump=5.0), before, Champion(), NAMES)
+    assert (hit.better, hit.entry.kind) == (None, 'zero')
+    after = take(NAMES[10], look, [*before, hit.entry], Champion(), NAMES)
+    assert (after.better, after.entry.kind) == (None, '')
+    assert 'Nothing is learnt' in after.entry.verdict
+
+
+@pytest.mark.parametrize(('kept', 'judged'), [((1, 2, 3, 4), 5), ((1, 3, 4), 4), ((3, 4), 3)])
+def test_kept_days_that_were_not_learnt_from_are_judged_on(look, monkeypatch, kept, judged):
+    monkeypatch.setattr(lessons, 'MOST_DAYS', 2)
+    before, there = past(look, Champion(), 1, 2, 3, 4), [NAMES[n] for n in (*kept, 5)]
+    entry = take(NAMES[5], look, before, Champion(), there, settings=QUICK).entry
+    assert f'On {judged} days that neither was learnt from' in entry.verdict
+
+
+def test_a_day_that_cannot_be_read_is_named(look):
+    def broken(name):
+        raise RecordingError(f'{name} is empty.')
+
+    lesson = take(NAMES[3], broken, past(look, Champion(), 1, 2), Champion(), NAMES)
+    assert lesson.entry.kind == 'unreadable'
+    assert 'day_00003.csv is empty.' in lesson.entry.incident
+
+
+def test_what_is_left_is_what_evaluate_says(looked, good):
+    day = looked(3)
+    figures = judge_errors([tared_errors(good, day.recording, 'payload')])
+    before = np.array([each.rms_before for each in figures.values()])
+    after = np.array([each.rms_after for each in figures.values()])
+    # Cells there, means of ten seconds here: less noise.
+    np.testing.assert_allclose(describe(day).left[NONE], before, rtol=0.02)
+    assert (np.array(left(simulate_drift(good, day.drift), day)) <= after).all()
+
+
+def wins(logs):
+    shares = np.exp(np.array(logs, dtype=float))[:, None] * np.ones(6)
+    return judge(0.3 * np.ones_like(shares), 0.3 * shares)[0]
+
+
+def test_what_shows_on_the_newest_days_only_counts_and_on_the_oldest_not():
+    live, challenger = np.full((30, 6), 0.4), np.full((30, 6), 0.4)
+    challenger[:6] = 0.1
+    assert judge(live, challenger)[0]
+    assert not judge(live, challenger[::-1])[0]
+
+
+@pytest.mark.parametrize(('lately', 'won'), [(2.0, True), (0.2, False)])
+def test_old_days_are_no_objection_where_the_live_model_fails_now(lately, won):
+    live, challenger = np.full((30, 6), 0.1), np.full((30, 6), 0.4)
+    live[:6], challenger[:6] = lately, 0.1
+    assert judge(live, challenger)[0] == won
+
+
+def test_the_newer_half_is_always_learnt_from():
+    common = [DayEntry(f'day_{n}', known=frozenset({(0, 0)})) for n in range(6)]
+    rare = [DayEntry(f'day_{n}', known=frozenset({(n, n)})) for n in range(-6, 0)]
+    assert [each.name for each in worthiest([*rare, *common], 4)][2:] == ['day_4', 'day_5']
+
+
+def test_chance_proves_nothing():
+    by_chance = sum(
+        wins(np.random.default_rng(seed).normal(0, 0.4, days))
+        for seed in range(200)
+        for days in (1, 3, 10)
+    )
+    assert by_chance <= 12, 'two in a hundred of what is no better'
+    assert wins([-0.4] * 10)
+    assert wins([-1.3])
+    assert not wins([-0.8])
+    assert not wins([-0.6] * 10 + [1.2]), 'one day is much worse'
+
+
+def test_a_live_model_for_other_thermometers_is_said(look, good):
+    other = Champion('a' * 12, replace(good, period_ns=1))
+    lesson = take(NAMES[3], look, past(look, other, 1, 2), other, NAMES, settings=QUICK)
+    assert (lesson.better, lesson.entry.kind) == (None, '')
+    assert 'for other thermometers' in lesson.entry.verdict
+
+
+def entries(count, **more):
+    return [DayEntry(name, known=frozenset({(1, 1)}), left={NONE: (1.0,) * 6, 'a': (0.1,) * 6},
+                     **more) for name in NAMES[:count]]  # fmt: skip
+
+
+def test_challenges_become_rarer_as_the_diary_grows():
+    diary, challenged = [], []
+    for number in range(120):
+        diary.append(replace(entries(1)[0], name=f'day_{number:05d}.csv'))
+        if reason(diary, 'a')[0]:
+            diary[-1] = replace(diary[-1], challenged=True)
+            challenged.append(number + 1)
+    assert challenged == [2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 84, 104]
+
+
+def test_a_bad_day_and_other_temperatures_are_reasons_but_never_beyond_the_time_there_is():
+    diary = entries(12)
+    diary[10] = replace(diary[10], challenged=True)
+    assert not reason(diary, 'a')[0]
+    worse = replace(diary[11], left={NONE: (1.0,) * 6, 'a': (0.9,) * 6})
+    warm = replace(diary[11], known=frozenset({(7, 7)}))
+    end = replace(diary[0], name=NAMES[12])
+    assert 'badly' in reason([*diary[:11], worse, end], 'a')[1]
+    assert 'other temperatures' in reason([*diary[:11], warm, end], 'a')[1]
+    spent = replace(diary[10], seconds=2e3)
+    assert reason([*diary[:10], spent, warm, end], 'a') == (False, ANY)
+
+
+def test_why_nothing_is_tried_is_said_in_three_ways_and_a_slow_computer_learns():
+    slow = entries(20, seconds=100.0)
+    assert reason(slow, '') == (True, 'no model is live')
+    tried = [*slow[:-1], replace(slow[-1], challenged=True, seconds=1500.0)]
+    whys = [
+        reason(each, 'a')
+        for each in (slow[:1], tried, [*entries(19), replace(tried[-1], seconds=1)])
+    ]
+    assert not any(due for due, _ in whys)
+    for (_, why), said in zip(
+        whys, ('Another good day', '25 minutes', '0 of 7 more good days'), strict=True
+    ):
+        assert said in why
+
+
+def test_figures_of_a_sentence_agree():
+    live = np.full((8, 6), 0.3)
+    better, days, ratio, highest, worse = judge(live, live / 4)
+    assert (better, days, worse) == (True, 8, pytest.approx(-0.225))
+    assert ratio < highest < 0.5
+    by_chance = judge(live[:1], 0.8 * live[:1]).words('the live model')
+    assert by_chance.startswith('On 1 day that neither was learnt from, it leaves 0.81 times')
+    assert '0.90 is asked for' in by_chance
+    challenger = live / 4
+    challenger[3] = 0.8
+    assert 'on one day more by 50%' in judge(live, challenger).words('no model')
+
+
+def test_days_that_know_what_no_other_does_are_kept():
+    diary = entries(6)
+    diary[1] = replace(diary[1], known=frozenset({(9, 0)}))
+    diary[4] = replace(diary[4], kind='contacts', known=frozenset({(5, 5)}))
+    assert [each.name for each in worthiest(diary, 3)] == [NAMES[1], NAMES[3], NAMES[5]]
+    assert [each.name for each in worthiest(diary, 2)] == [NAMES[1], NAMES[5]]
+
+
+def test_what_a_model_left_of_no_drift_is_no_number():
+    assert np.isnan(share(DayEntry('day'), 'a')).all()
+    assert challenge.MOST_DAYS < 30
+
+
+def test_days_that_cannot_be_read_any_more_are_left_out(look):
+    def damaged(name):
+        if name in NAMES[1:3]:
+            raise RecordingError(f'{name} is damaged.')
+        return look(name)
+
+    before = past(look, Champion(), 1, 2, 3, 4)
+    lesson = take(NAMES[5], damaged, before, Champion(), NAMES, settings=QUICK)
+    assert lesson.days == tuple(NAMES[3:6])
+
+
+def test_days_with_other_thermometers_are_of_another_sensor(look):
+    def one(recording):
+        seen_c, measured = recording.temperature_c[:, :1], recording.measured[:, :1]
+        return replace(recording, temperature_c=seen_c, measured=measured)
+
+    def fewer(day):
+        return replace(day, recording=one(day.recording), drift=one(day.drift))
+
+    def look_then(name):
+        return fewer(look(name)) if name in NAMES[:3] else look(name)
+
+    before = past(look_then, Champion(), 1, 2, 3, 4)
+    first, later = (
+        take(NAMES[n], look_then, before[: n - 1], Champion(), NAMES, settings=QUICK)
+        for n in (3, 5)
+    )
+    assert 'Another good day is needed' in first.entry.verdict
+    assert later.days == tuple(NAMES[3:6])
+    assert [each.name for each in worthiest(before, 2)] == NAMES[3:5]

@@ -1,0 +1,166 @@
+import os
+import signal
+import sys
+
+import numpy as np
+import pytest
+
+START = 1_700_000_000_000_000_000
+#: A fit that takes no time.
+QUICK = {'thermal_period': 10.0, 'calibration.method': 'pls'}
+LOAD = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
+
+
+def begin(node):
+    """Call calibrate; return where the answer comes, and the process."""
+    answers = node.ask('calibrate')
+    control = node.node.calibration
+    node.wait_until(lambda: control.running_s is not None, 'the calibration')
+    return answers, control._running[0].gi_yieldfrom.gi_frame.f_locals['process']
+
+
+def goes_on(node):
+    """Tell whether the stream goes on; each wrench is answered."""
+    stamps = START + np.arange(50)
+    return (node.stream(stamps, [LOAD] * 50) == LOAD).all()
+
+
+def python(source):
+    return sys.executable, '-c', source
+
+
+@pytest.fixture
+def ready(rig, make_robot):
+    """Make a node that has a recording to calibrate from."""
+
+    def make(cells=300, **parameters):
+        node = rig(parameters={**QUICK, **parameters})
+        make_robot().write(node.directory / 'recordings/run.csv', cells)
+        return node
+
+    return make
+
+
+def check_refused(node, answer, *words):
+    assert not answer.success
+    assert all(word in answer.message for word in words), answer.message
+    status = node.diagnosis('calibration', lambda each: each.level != b'\0')
+    assert status.values['last'] == answer.message
+    assert goes_on(node)
+
+
+def test_without_a_recording_it_says_what_to_do(rig):
+    node = rig()
+    folder = node.directory / 'recordings'
+    check_refused(
+        node,
+        node.call('calibrate'),
+        f'There is no recording in {folder}. Record a warm-up with ~/record',
+    )
+
+
+def test_too_small_a_span_leaves_the_live_model(rig, make_robot, make_model):
+    live = make_model('live.yaml', {'torque_z': (0.0, 0.0, 0.0)}, period_s=10.0)
+    node = rig(parameters={'model_file': str(live.path), **QUICK})
+    robot = make_robot()
+    robot.temperature_c = 20.0 + 0.1 * (robot.temperature_c - 20.0)
+    robot.write(node.directory / 'recordings/calm.csv')
+    answer = node.call('calibrate')
+    check_refused(node, answer, 'spans 1.', 'at least 3.0 K are needed', 'Record a warm-up')
+    assert node.node.live.stored.sha256 == live.sha256
+    assert [path.name for path in (node.directory / 'models').iterdir()] == ['live.yaml']
+    assert node.set('calibration.min_temperature_span', 1).successful
+    assert node.call('calibrate').success
+
+
+def test_a_corrupt_recording_is_named(rig):
+    node = rig()
+    path = node.directory / 'recordings/bad.csv'
+    path.parent.mkdir(parents=True)
+    path.write_bytes(b'stamp_ns,force_z,temperature_c\n1,2,3\n2,hello,3\n3,1,1\n')
+    check_refused(node, node.call('calibrate'), 'bad.csv', 'hello')
+
+
+def test_a_corrupt_recording_beside_a_good_one_is_a_warning(ready, make_robot):
+    node = ready()
+    make_robot(2).write(node.directory / 'recordings/two.csv')
+    (node.directory / 'recordings/bad.csv').write_text('nothing of the kind')
+    answer = node.call('calibrate')
+    assert answer.success, answer.message
+    assert '\nwarning: bad.csv was left out: ' in answer.message
+    assert '\nwarning: two.csv was left out: two.csv has 2 thermometers' in answer.message
+
+
+def test_a_reference_that_was_not_recorded_is_asked_for(ready):
+    node = ready(**{'calibration.reference': 'recorded'})
+    check_refused(node, node.call('calibrate'), 'holds no reference wrench', 'wrench_reference')
+
+
+def test_a_second_call_is_refused_while_one_runs(ready, gate):
+    node = ready()
+    answers, _ = begin(node)
+    second = node.call('calibrate')
+    assert not second.success
+    assert 'A calibration has been running for ' in second.message
+    assert 'wait for its answer, then call again' in second.message
+    assert node.diagnosis('calibration').message.startswith('running for ')
+    assert goes_on(node)
+    assert answers.empty()
+    gate.open()
+    node.wait_until(lambda: not answers.empty(), 'the answer')
+    assert answers.get().success
+
+
+def test_a_killed_process_is_a_sentence_and_the_next_one_works(ready, gate):
+    node = ready()
+    answers, process = begin(node)
+    os.kill(process.pid, signal.SIGKILL)
+    node.wait_until(lambda: not answers.empty(), 'the answer')
+    check_refused(
+        node,
+        answers.get(),
+        'The calibration process was ended by signal 9 and gave no result',
+        'The running model stays; call again.',
+    )
+    gate.open()
+    assert node.call('calibrate').success
+
+
+@pytest.mark.parametrize(
+    ('command', 'words'),
+    [
+        (python('raise ValueError("a fault")'), 'code 1 and gave no result (ValueError: a fault)'),
+        (python('pass'), 'with code 0 and gave no result (it said nothing)'),
+        (python('import sys; sys.stdin.close(); sys.exit(3)'), 'with code 3'),
+        (python('import sys; sys.stderr.write("x" * 10**6); print("half {")'), 'with code 0'),
+        (('/nowhere/python',), 'cannot be started: [Errno 2] No such file'),
+    ],
+)
+def test_a_process_without_a_result_is_a_sentence(ready, monkeypatch, command, words):
+    node = ready()
+    monkeypatch.setattr('wrist_ft_comp.node.calibrate.COMMAND', command)
+    check_refused(node, node.call('calibrate'), words, 'call again')
+
+
+def test_who_waits_is_told_of_the_end_and_no_process_stays(ready, gate):
+    node = ready()
+    answers, process = begin(node)
+    node.node.calibration.end()
+    answer = answers.get(timeout=20.0)
+    assert not answer.success
+    assert answer.message == 'The node is shutting down; the model is unchanged.'
+    with pytest.raises(ProcessLookupError):
+        os.kill(process.pid, 0)
+    assert gate.command
+
+
+def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready):
+    node = ready()
+    (node.directory / 'active.json').mkdir()
+    answer = node.call('calibrate')
+    assert answer.success
+    assert '\nwarning: ' in answer.message
+    assert 'active.json cannot be written' in answer.message
+    assert 'until the node ends' in answer.message
+    assert node.node.live.stored is not None
+    assert 'active.json' in node.diagnosis('model', lambda each: each.level == b'\1').message

@@ -1,0 +1,391 @@
+"""A compensator under test, what talks to it, and models with a known drift."""
+
+from contextlib import suppress
+from functools import partial
+import itertools
+import queue
+import threading
+from typing import Any
+from weakref import WeakValueDictionary
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import Temperature
+from std_srvs.srv import SetBool, Trigger
+
+from wrist_ft_comp.fit.result import AxisFit, Calibration
+from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros.node_log import Status
+from wrist_ft_comp.stored.model_file import save_model
+
+TIMEOUT_S = 60.0
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+#: So few messages are under way at once that best effort loses none.
+WINDOW = 40
+#: Shorter than the node's own, for the tests' sake.
+DIAGNOSTICS_PERIOD_S, TARE_GRACE_S = 0.05, 0.2
+#: Between two looks at what a test waits for, s.
+PAUSE_S = 0.002
+_NUMBERS = itertools.count()
+
+
+def six(message):
+    """Six numbers of a message, N and N m."""
+    force, torque = message.wrench.force, message.wrench.torque
+    return (force.x, force.y, force.z, torque.x, torque.y, torque.z)
+
+
+def stamp_ns(message):
+    """Header stamp, ns."""
+    return message.header.stamp.sec * SECOND + message.header.stamp.nanosec
+
+
+#: The newest node of a data_directory.
+_NEWEST: WeakValueDictionary[Any, CompensatorNode] = WeakValueDictionary()
+
+
+class Rig:
+    """A compensator in a namespace of its own, whose callbacks are called as an executor would."""
+
+    def __init__(self, bench, namespace, directory, **options):
+        self.bench = bench
+        self.namespace = namespace
+        self.directory = directory
+        self.thermometers = options.pop('thermometers', 1)
+        more = (f'temperature_{j}' for j in range(2, self.thermometers + 1))
+        self.topics = options.pop('topics', ['temperature', *more])
+        options['parameters'] = {
+            'data_directory': str(directory),
+            'temperature_topics': self.topics,
+            **options.pop('parameters', {}),
+        }
+        #: What was published on ``wrench``, as bytes or messages, and nobody took yet.
+        self.outputs: queue.Queue[Any] = queue.Queue()
+        self._connect(options)
+
+    def _connect(self, options):
+        """Make the node, and catch what it sends."""
+        if self.directory in _NEWEST:  # that one counts as killed
+            _NEWEST[self.directory].store.release()
+        self.node = self.bench.make(CompensatorNode, namespace=self.namespace, **options)
+        _NEWEST[self.directory] = self.node
+        self._statuses: list[Any] = []
+        self.node._output.publish = self.outputs.put
+        self.node._diagnostics.publish = lambda array: self._statuses.extend(array.status)
+        for service in self.node._offered:
+            service._send = lambda response, answers: answers.put(response)
+
+    def topic(self, name):
+        """Topic of the node, by its relative name."""
+        return f'{self.namespace}/{name}'
+
+    def send_reference(self, stamp, values):
+        """Send one reference wrench."""
+        self.node.recording.on_reference(serialize_message(wrench_message(stamp, 'world', values)))
+
+    def put(self, stamp, values, frame='tool0'):
+        """Send one raw wrench."""
+        self.put_bytes(serialize_message(wrench_message(stamp, frame, values)))
+
+    def put_bytes(self, data):
+        """Send bytes where a raw wrench belongs."""
+        self.node._on_wrench(data)
+
+    def put_temperature(self, stamp, *values):
+        """Send one reading per value."""
+        for j, value in enumerate(values):
+            message = Temperature(temperature=float(value))
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, SECOND)
+            self.put_temperature_bytes(j, serialize_message(message))
+
+    def put_temperature_bytes(self, thermometer, data):
+        """Send bytes where a temperature belongs."""
+        self.node.inputs.on_temperature(thermometer, data)
+
+    def warm(self, stamp, *values):
+        """Send one reading per thermometer, and wait until the node has them."""
+        counts = self.node.health.counts
+        goal = counts.temperatures + counts.bad_temperatures + len(values)
+        self.put_temperature(stamp, *values)
+        self.wait_until(
+            lambda: counts.temperatures + counts.bad_temperatures >= goal, 'the temperatures'
+        )
+
+    def warm_up(self, celsius, seconds=3, first=0):
+        """Send a temperature every second, of every thermometer."""
+        for second in range(first, first + seconds):
+            self.warm(START + second * SECOND, *[celsius] * self.thermometers)
+
+    def take(self, count=1):
+        """Take outputs in their order."""
+        taken = [self.outputs.get(timeout=TIMEOUT_S) for _ in range(count)]
+        return [
+            deserialize_message(each, WrenchStamped) if isinstance(each, bytes) else each
+            for each in taken
+        ]
+
+    def ask_output(self, stamp, values):
+        """Send one raw wrench; return what it is corrected to."""
+        self.put(stamp, values)
+        (message,) = self.take()
+        assert stamp_ns(message) == stamp
+        return six(message)
+
+    def stream(self, stamps, wrenches):
+        """Send raw wrenches; return what they are corrected to, shape (n, 6)."""
+        corrected = []
+        for first in range(0, len(stamps), WINDOW):
+            part = stamps[first : first + WINDOW]
+            for stamp, values in zip(part, wrenches[first : first + WINDOW], strict=True):
+                self.put(int(stamp), values)
+            messages = self.take(len(part))
+            assert [stamp_ns(each) for each in messages] == [int(stamp) for stamp in part]
+            corrected += [six(each) for each in messages]
+        return np.array(corrected)
+
+    def ask(self, service, data=None):
+        """Call a service of the node; its answer comes in the queue."""
+        answers: queue.Queue[Any] = queue.Queue()
+        name = f'{self.namespace}/wrist_ft_comp/{service}'
+        (served,) = (each for each in self.node.services if each.service_name == name)
+        kind, request = _request(data)
+        response = served.callback(request, kind.Response())
+        deferred = {id(getattr(each, 'service', None)): each for each in self.node._offered}
+        if id(served) in deferred:
+            deferred[id(served)]._on_header(response, answers)
+        else:
+            answers.put(response)
+        return answers
+
+    def call(self, service, data=None):
+        """Call a service of the node and return its answer."""
+        answers = self.ask(service, data)
+        self.wait_until(lambda: not answers.empty(), f'the answer of {service}')
+        return answers.get()
+
+    def set(self, name, value):
+        """Set a parameter; return the verdict."""
+        return self.node.set_parameters([Parameter(name, value=value)])[0]
+
+    def wait_until(self, condition, what):
+        """Wait, while the node looks after itself."""
+        pause = threading.Event()
+        for _ in range(int(TIMEOUT_S / PAUSE_S)):
+            if condition():
+                return
+            self.node._keep_house()
+            pause.wait(PAUSE_S)
+        pytest.fail(f'waited {TIMEOUT_S} s for {what}')
+
+    def diagnosis(self, name, wanted=''):
+        """Return the next status of a name that says some words, or is as wanted."""
+        full = f'{self.namespace.lstrip("/")}/wrist_ft_comp: {name}'
+        statuses: list[Status] = []
+
+        def told():
+            statuses.extend(
+                Status(each.name, each.level, each.message, {v.key: v.value for v in each.values})
+                for each in self._report()
+                if each.name == full
+            )
+            if not statuses or callable(wanted):
+                return bool(statuses) and wanted(statuses[-1])
+            return wanted in statuses[-1].message
+
+        self.wait_until(told, f'{full} to be as wanted')
+        return statuses[-1]
+
+    def _report(self):
+        """Give the statuses of now."""
+        self._statuses.clear()
+        self.node._keep_house()
+        self.node._diagnose()
+        return self._statuses
+
+
+class WiredRig(Rig):
+    """A compensator in a thread of its own, and everything around it, over DDS."""
+
+    def _connect(self, options):
+        """Start the node, unless there is one, and what talks to it."""
+        bench, namespace = self.bench, self.namespace
+        self.node = options.pop('node', None) or bench.start(
+            CompensatorNode, namespace=namespace, **options
+        )
+        self.outputs = bench.listen(WrenchStamped, self.topic('wrench'), QoSProfile(depth=5000))
+        bench.wait_until(lambda: self.node._output.get_subscription_count() > 0, 'a listener')
+        self._arrays = bench.listen(DiagnosticArray, '/diagnostics')
+        self._raw = bench.publisher(WrenchStamped, self.topic('wrench_raw'))
+        self._temperatures = [
+            bench.publisher(Temperature, self.topic(t)) for t in self.topics if ':' not in t
+        ]
+        self._clients: dict[str, Any] = {}
+
+    def reference(self):
+        """Give what publishes reference wrenches; only while a recording runs."""
+        publisher = self.bench.publisher(WrenchStamped, self.topic('wrench_reference'))
+        return lambda stamp, values: publisher.publish(
+            serialize_message(wrench_message(stamp, 'world', values))
+        )
+
+    def put_bytes(self, data):
+        """Publish bytes where a raw wrench belongs."""
+        self._raw.publish(data)
+
+    def put_temperature_bytes(self, thermometer, data):
+        """Publish bytes where a temperature belongs."""
+        self._temperatures[thermometer].publish(data)
+
+    def ask(self, service, data=None):
+        """Call a service of the node; its answer comes in the queue."""
+        kind, request = _request(data)
+        if service not in self._clients:
+            name = f'{self.namespace}/wrist_ft_comp/{service}'
+            self._clients[service] = self.bench.helper.create_client(kind, name)
+        client = self._clients[service]
+        assert client.wait_for_service(timeout_sec=TIMEOUT_S), f'{service} is not offered'
+        answers: queue.Queue[Any] = queue.Queue()
+        client.call_async(request).add_done_callback(lambda done: answers.put(done.result()))
+        return answers
+
+    def set(self, name, value):
+        """Set a parameter over the graph; return the verdict."""
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]
+        )
+        service = f'{self.namespace}/wrist_ft_comp/set_parameters'
+        return self.bench.call(SetParameters, service, request).results[0]
+
+    def wait_until(self, condition, what):
+        """Wait for what the node does by itself."""
+        self.bench.wait_until(condition, what)
+
+    def _report(self):
+        """Wait for the next statuses."""
+        return list(self._arrays.get(timeout=TIMEOUT_S).status)
+
+
+class Peer:
+    """Talks to a process's node, over DDS that may lose messages: it sends until it is heard."""
+
+    def __init__(self, bench, namespace, name):
+        self._bench, self._own = bench, f'{namespace}/{name}'
+        self._outputs = bench.listen(WrenchStamped, f'{namespace}/wrench')
+        self._drifts = bench.listen(WrenchStamped, f'{self._own}/drift', QoSProfile(depth=1000))
+        self._raw = bench.publisher(WrenchStamped, f'{namespace}/wrench_raw')
+        self._heat = bench.publisher(Temperature, f'{namespace}/temperature')
+        self._second = 0
+
+    def send(self, second, celsius):
+        """Send a temperature, stamped so many seconds after the start."""
+        message = Temperature(temperature=float(celsius))
+        message.header.stamp.sec = START // SECOND + second
+        self._heat.publish(message)
+
+    def force_z(self, second, newton):
+        """Send a raw wrench until its output comes."""
+        sent = wrench_message(START + round(second * SECOND), 'tool0', [newton] * 6)
+        return self._hear(self._outputs, sent.header.stamp, lambda: self._raw.publish(sent), 100)
+
+    def drift(self, second, celsius):
+        """Send a temperature until the drift of that second comes; None when it was lost."""
+        stamp = wrench_message(START + second * SECOND, '', [0.0] * 6).header.stamp
+        with suppress(queue.Empty):
+            return self._hear(self._drifts, stamp, lambda: self.send(second, celsius), 10)
+        return None
+
+    def _hear(self, messages, stamp, send, times):
+        """Send until a message of a stamp comes; its force z."""
+        for _ in range(times):
+            send()
+            with suppress(queue.Empty):
+                while (message := messages.get(timeout=0.2)).header.stamp != stamp:
+                    pass
+                return float(message.wrench.force.z)
+        raise queue.Empty
+
+    def cells(self, count=1):
+        """Send thermal cells, each with a wrench of one newton that passes."""
+        for _ in range(count):
+            self._second += 1
+            self.send(self._second, 25.0)
+            self.force_z(self._second, 1.0)
+
+    def ask(self, service, data=None):
+        """Call a service; its answer is the future's result."""
+        kind, request = _request(data)
+        client = self._bench.helper.create_client(kind, f'{self._own}/{service}')
+        assert client.wait_for_service(timeout_sec=TIMEOUT_S)
+        return client.call_async(request)
+
+    def call(self, service, data=None):
+        """Call a service and return its answer."""
+        future = self.ask(service, data)
+        self._bench.wait_until(future.done, f'the answer of {service}')
+        return future.result()
+
+
+@pytest.fixture
+def peer(bench):
+    """Talk to the node of a name in a namespace."""
+    return partial(Peer, bench)
+
+
+def _request(data):
+    """Make a request: Trigger's, or SetBool's with data."""
+    if data is None:
+        return Trigger, Trigger.Request()
+    return SetBool, SetBool.Request(data=data)
+
+
+@pytest.fixture
+def rig(bench, tmp_path):
+    """Make compensators; each in its own namespace, all with the same data_directory."""
+    return partial(_make_rig, Rig, bench, tmp_path)
+
+
+@pytest.fixture
+def wired(bench, tmp_path, monkeypatch):
+    """Start compensators that talk over DDS, and often of their health."""
+    period = 'wrist_ft_comp.ros.hub.DIAGNOSTICS_PERIOD_S'
+    monkeypatch.setattr(period, DIAGNOSTICS_PERIOD_S)
+    return partial(_make_rig, WiredRig, bench, tmp_path)
+
+
+@pytest.fixture(autouse=True)
+def short_grace(monkeypatch):
+    """Wait less for the wrenches of a tare."""
+    monkeypatch.setattr('wrist_ft_comp.node.tare._GRACE_S', TARE_GRACE_S)
+
+
+def _make_rig(kind, bench, tmp_path, **options):
+    """Make a rig with a namespace of its own."""
+    namespace = options.pop('namespace', None) or f'/t{next(_NUMBERS)}'
+    return kind(bench, namespace, options.pop('directory', tmp_path / 'data'), **options)
+
+
+@pytest.fixture
+def make_model(make_model, tmp_path):
+    """Write a model's file, below data/models when only a name is given; it may be without lag."""
+
+    def make(name, axes=None, **more):
+        range_c = more.setdefault('range_c', (-50.0, 150.0))
+        gains = axes or {'force_z': (2.0, 0.0, 0.0)}
+        model = make_model({a: (o, s, tau or 1e-9) for a, (o, s, tau) in gains.items()}, **more)
+        fits = {
+            axis: AxisFit(each, 'by hand', (), 1.0, 0.1, (1.0,))
+            for axis, each in model.axes.items()
+        }
+        ranges = np.tile(range_c, (model.thermometers, 1))
+        path = tmp_path / 'data/models' / name
+        return save_model(path, Calibration(model, fits, ranges, 3600.0, ()), {})
+
+    return make

@@ -1,0 +1,312 @@
+import json
+import time
+
+import numpy as np
+import pytest
+from std_srvs.srv import Trigger
+
+from wrist_ft_comp.learning.memory import memory_path
+
+#: After all that was heard.
+LATE = 1_800_000_000 * 10**9
+OK, WARN = b'\x00', b'\x01'
+
+
+@pytest.fixture
+def models(make_model):
+    """A model that is live and one that is better."""
+    return make_model('old.yaml', {'force_z': (0.5, 0, 0)}), make_model('new.yaml')
+
+
+def test_a_day_that_has_ended_is_judged_once_at_the_lowest_priority(learner, models):
+    node = learner(model_file=str(models[0].path), **{'learning.keep_days': 7})
+    node.a_day()
+    node.a_day()
+    one, two = node.asked()
+    names = [[each.rsplit('/', 1)[1] for each in job['recordings']] for job in (one, two)]
+    assert names == [['day_00001.csv'], ['day_00001.csv', 'day_00002.csv']]
+    assert two['learning'] == {
+        'champion': str(models[0].path), 'since': '', 'keep_days': 7, 'max_mb': 400.0,
+    }  # fmt: skip
+    assert two['settings']['reference'] == 'payload'
+    assert two['nice'] == 19
+    status = node.rig.diagnosis('learning', 'keeping a diary')
+    assert status.level == OK
+    assert status.values['last_day'] == 'day_00002.csv: no better model'
+    assert status.values['days'] == '2'
+    assert node.node.live.sha256 == models[0].sha256, 'nothing else happens'
+
+
+def test_a_better_model_is_offered_adopted_and_rolled_back(learner, models):
+    old, new = models
+    node = learner(model_file=str(old.path))
+    answer = node.rig.call('adopt')
+    assert not answer.success
+    assert answer.message == (
+        'No better model is offered: no day is judged yet. The running model stays.'
+    )
+    node.find(new, message='leaves half')
+    node.a_day()
+    status = node.rig.diagnosis('learning', 'a better model is offered')
+    assert status.values['why'] == 'leaves half'
+    assert status.values['report'].endswith('.html')
+    node.node.destroy_node()
+
+    node = learner(model_file=str(old.path))
+    assert node.node.live.sha256 == old.sha256
+    before = node.rig.ask_output(LATE, [5.0] * 6)
+    answer = node.rig.call('adopt')
+    assert answer.success, answer.message
+    assert node.node.live.sha256 == new.sha256
+    assert 'leaves half' in answer.message
+    np.testing.assert_allclose(node.rig.ask_output(LATE, [5.0] * 6), before)
+    assert not node.rig.call('adopt').success
+    node.node.destroy_node()
+
+    node = learner(model_file=str(old.path))
+    assert node.node.live.sha256 == new.sha256, 'a decision outlives a restart'
+    node.answer(success=True, message='nothing new')
+    node.a_day()
+    assert node.asked()[-1]['learning']['since'] == 'day_00002.csv', 'the adoption ended the day'
+    assert node.rig.call('rollback').success
+    assert node.node.live.sha256 == old.sha256
+    node.wait(lambda: node.node.learning.memory.champion == old.sha256, 'its notice')
+    node.a_day()
+    assert node.asked()[-1]['learning']['since'] == 'day_00004.csv', 'these do not bring it back'
+    assert 'by hand' in node.rig.diagnosis('learning').values['last_change']
+
+
+def test_auto_goes_live_without_a_step_but_not_while_learning_is_paused(learner, models):
+    old, new = models
+    node = learner(model_file=str(old.path), learning='auto')
+    node.find(new, paused='zero of force_z jumped by 4 N')
+    node.a_day()
+    status = node.rig.diagnosis('learning', 'zero of force_z jumped by 4 N')
+    assert status.level == WARN
+    assert node.node.live.sha256 == old.sha256
+    assert 'offered' in status.values
+    node.find(new)
+    node.hear(147)
+    node.rig.outputs.queue.clear()
+    before = node.rig.ask_output(LATE, [5.0] * 6)
+    node.judged(2)
+    assert node.node.live.sha256 == new.sha256
+    np.testing.assert_allclose(node.rig.ask_output(LATE, [5.0] * 6), before)
+    status = node.rig.diagnosis('learning', 'keeping a diary')
+    assert 'was learnt: leaves half' in status.values['last_change']
+    assert 'offered' not in status.values
+    node.a_day()
+    assert node.asked()[-1]['learning']['since'] == '', 'nobody decided'
+
+
+def test_a_kill_right_after_an_adoption_does_not_make_it_a_persons(learner, models):
+    node = learner(model_file=str(models[0].path))
+    node.find(models[1])
+    node.a_day()
+    node.node.live.take(node.node.live.load(node.node.learning.offered))
+    node.node.destroy_node()
+    node = learner(model_file=str(models[0].path))
+    node.wait(lambda: node.node.learning.memory.champion == models[1].sha256, 'its notice')
+    assert node.node.learning.memory.change.endswith('was adopted: leaves half')
+
+
+def test_a_calibration_goes_first(learner, models):
+    node = learner(model_file=str(models[0].path))
+    node.answer()
+    node.hear(147)
+    learning = node.node.learning
+    node.wait(lambda: learning.running_s is not None, 'the job')
+    recording = node.rig.directory / 'recordings/one.csv'
+    recording.parent.mkdir()
+    recording.write_text('')
+    answers = node.rig.ask('calibrate')
+    node.wait(lambda: learning.running_s is None, 'the end of the job')
+    assert node.node.calibration.running_s is not None
+    node.answer(success=False, message='refused')
+    node.node.calibration.end()
+    assert not answers.get().success
+    node.wait(lambda: learning.memory.judged == 'day_00001.csv', 'the next job')
+
+
+def test_another_sensor_s_turn_is_waited_for(learner, monkeypatch):
+    node = learner()
+    node.answer(success=False, later=True, message='another sensor is learning')
+    node.a_day()
+    assert node.node.learning.memory.judged == ''
+    node.rig.diagnosis('learning', 'another sensor is learning')
+    node.answer(success=False, message='no temperature was seen')
+    monkeypatch.setattr(node.node.learning, '_wait_until', 0.0)
+    node.judged(2)
+    assert node.node.learning.memory.judged == 'day_00001.csv'
+    assert 'no temperature' in node.rig.diagnosis('learning').values['last_day']
+
+
+@pytest.mark.parametrize('content', ['{', '[]', '{"format": "wrist_ft_comp learning"}'])
+def test_a_broken_memory_is_a_sentence_and_a_fresh_start(learner, models, content):
+    node = learner(model_file=str(models[0].path))
+    node.a_day()
+    node.node.destroy_node()
+    memory_path(node.rig.directory).write_text(content)
+    node = learner(model_file=str(models[0].path))
+    assert 'learning.json' in node.rig.diagnosis('learning').values['last_change']
+    node.a_day()
+    assert node.asked()[-1]['learning']['since'] == 'day_00002.csv'
+
+
+@pytest.mark.parametrize('changed', ['', 'rubbish'])
+def test_an_offered_model_that_is_gone_or_was_changed_is_refused(learner, models, changed):
+    node = learner(model_file=str(models[0].path))
+    node.find(models[1])
+    node.a_day()
+    path = node.node.learning.offered
+    path.write_bytes(path.read_bytes() + b'# mine\n') if changed else path.unlink()
+    answer = node.rig.call('adopt')
+    assert not answer.success
+    assert str(path) in answer.message
+    assert answer.message.endswith('The running model stays.')
+    assert node.node.live.sha256 == models[0].sha256
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'word'),
+    [
+        ({'calibration.reference': 'unloaded'}, 'they are unloaded and imu'),
+        ({'gravity.source': 'none'}, 'they are payload and none'),
+    ],
+)
+def test_settings_that_do_not_allow_it_are_said(learner, parameters, word):
+    node = learner(**parameters)
+    node.hear(147)
+    status = node.rig.diagnosis('learning', word)
+    assert status.level == WARN
+    assert word in node.rig.call('adopt').message
+    assert not node.days.exists()
+
+
+def test_off_is_off(learner):
+    node = learner(learning='off')
+    node.hear(147)
+    assert not node.rig.directory.exists() or not node.days.exists()
+    assert not node.node.recorder._running, 'the force path has nothing to do'
+    names = [each.name for each in node.rig._report()]
+    assert not any(name.endswith('learning') for name in names)
+    assert 'learning is off' in node.rig.call('adopt').message
+
+
+def test_adopt_is_served_over_dds(wired):
+    node = wired()
+    answer = node.call('adopt')
+    assert isinstance(answer, Trigger.Response)
+    assert not answer.success
+
+
+def test_what_is_remembered_is_of_this_format(learner):
+    node = learner()
+    node.a_day()
+    document = json.loads(memory_path(node.rig.directory).read_text())
+    assert (document['format'], document['version']) == ('wrist_ft_comp learning', 1)
+    assert document['judged'] == 'day_00001.csv'
+
+
+def test_an_incident_is_a_warning_until_a_day_without_one_or_a_decision(learner, models):
+    node = learner()
+    what = 'thermometer 1 stood still for 3.0 h'
+    node.answer(success=True, message=what, incident=what)
+    node.a_day()
+    assert node.rig.diagnosis('learning', what).level == WARN
+    node.answer(success=True, message='nothing new')
+    node.a_day()
+    assert node.rig.diagnosis('learning', 'keeping a diary').level == OK
+    node.answer(success=True, message=what, incident=what, paused=what)
+    node.a_day()
+    assert node.rig.diagnosis('learning', what).level == WARN
+    assert node.rig.set('model_file', str(models[1].path)).successful
+    assert node.rig.diagnosis('learning', 'keeping a diary').level == OK
+
+
+def test_of_models_that_were_only_offered_the_newest_is_kept(learner, models):
+    old, new = models
+    node = learner(model_file=str(old.path))
+    for message in ('better', 'better still', 'best'):
+        node.find(new, message=message)
+        node.a_day()
+        offered = node.node.learning.offered
+        offered.with_suffix('.html').write_text('a report')
+    kept = {each.name for each in offered.parent.iterdir()}
+    assert kept == {'old.yaml', 'new.yaml', offered.name, offered.with_suffix('.html').name}
+    assert node.rig.call('adopt').success
+    assert offered.exists()
+
+
+def test_a_kill_between_offering_and_adopting_ends_in_the_adoption(learner, models, monkeypatch):
+    old, new = models
+    node = learner(model_file=str(old.path), learning='auto')
+    node.find(new)
+    monkeypatch.setattr(node.node.live, 'take', lambda _: pytest.fail('killed'))
+    with pytest.raises(pytest.fail.Exception):
+        node.a_day()
+    node = learner(model_file=str(old.path), learning='auto')
+    node.wait(lambda: node.node.live.sha256 == new.sha256, 'the adoption')
+    values = node.rig.diagnosis('learning', 'keeping a diary').values
+    assert 'was learnt: leaves half' in values['last_change']
+    assert node.node.learning.memory.since == '', 'nobody decided'
+
+
+def test_a_broken_list_of_models_is_no_decision(learner, models):
+    node = learner(model_file=str(models[0].path))
+    node.a_day()
+    node.node.destroy_node()
+    (node.rig.directory / 'active.json').write_text('[' * 986 + ']' * 986)
+    node = learner()
+    node.wait(lambda: node.node.learning.memory.champion is None, 'its notice')
+    assert 'active.json cannot be read' in node.node.learning.memory.change
+    assert node.node.learning.memory.since == ''
+
+
+def test_learning_follows_what_the_reference_is_set_to(learner):
+    node = learner()
+    node.hear(20)
+    assert node.rig.set('calibration.reference', 'unloaded').successful
+    assert node.rig.diagnosis('learning', 'they are unloaded and imu').level == WARN
+    assert 'they are unloaded' in node.rig.call('adopt').message
+    node.hear(5)
+    assert node.rig.set('calibration.reference', 'payload').successful
+    node.rig.diagnosis('learning', 'keeping a diary')
+    node.hear(20)
+    rows = (node.days / 'day_00001.csv').read_text().count('\n')
+    assert rows == 1 + 20 + 19, 'nothing was kept meanwhile'
+
+
+def test_what_stops_a_job_is_a_warning_and_the_next_day_is_judged(learner, models):
+    node = learner(model_file=str(models[0].path))
+    node.answer(success=False, message='old.yaml cannot be read')
+    node.a_day()
+    assert node.rig.diagnosis('learning', 'old.yaml cannot be read').level == WARN
+    node.answer(success=True, message='no better model')
+    node.a_day()
+    assert node.rig.diagnosis('learning', 'keeping a diary').level == OK
+
+
+def test_a_stray_name_in_the_memory_does_not_stop_learning(learner):
+    node = learner()
+    node.a_day()
+    node.node.destroy_node()
+    path = memory_path(node.rig.directory)
+    path.write_text(path.read_text().replace('day_00001.csv', 'day_1.csv'))
+    node = learner()
+    node.judged(2)
+    assert node.node.learning.memory.judged == 'day_00001.csv'
+
+
+def test_a_job_of_a_thousand_days_holds_up_nobody(learner, tmp_path):
+    days = tmp_path / 'data/days'
+    days.mkdir(parents=True)
+    for number in range(1, 1001):
+        (days / f'day_{number:05d}.csv').write_text('stamp_s\n')
+    node = learner(data_directory=str(tmp_path / 'data'))
+    begun = time.monotonic()
+    node.node.learning.poll()
+    assert time.monotonic() - begun < 0.5, 'a process takes longer to begin to read'
+    assert node.node.learning._process._job, 'a pipe holds less'
+    node.judged(1)
+    assert len(node.asked()[0]['recordings']) == 999, 'the newest day goes on'

@@ -1,0 +1,168 @@
+"""What the node says of itself; of faults that come in, see test_input_faults.py."""
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+
+from wrist_ft_comp.node import compensator as compensator_node
+from wrist_ft_comp.node.input_health import Counts, InputHealth
+from wrist_ft_comp.node.input_status import judge_temperatures, judge_wrenches
+from wrist_ft_comp.ros import hub
+from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.stream.compensator import Compensator
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+OK, WARN, ERROR, STALE = b'\0', b'\1', b'\2', b'\3'
+LOAD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+
+
+def test_statuses_are_published_named_after_the_node_and_the_frame(wired):
+    node = wired()
+    node.put(START, LOAD, frame='wrist_3_link')
+    node.take()
+    node.diagnosis('input', lambda each: each.values['frame'] == 'wrist_3_link')
+    name = f'{node.namespace.lstrip("/")}/wrist_ft_comp'
+    statuses = [each for each in node._report() if each.name.startswith(f'{name}:')]
+    concerns = ('input', 'temperature', 'model', 'calibration', 'output', 'payload')
+    assert [each.name for each in statuses] == [f'{name}: {c}' for c in concerns]
+    assert {each.hardware_id for each in statuses} == {'wrist_3_link'}
+    assert all(each.message for each in statuses)
+
+
+def test_diagnostics_come_once_a_second_unless_a_test_hurries_them():
+    assert hub.DIAGNOSTICS_PERIOD_S == 1.0
+
+
+def test_inputs_are_judged_by_a_snapshot_and_nothing_else(rig):
+    health = InputHealth(2)
+    health.counts.wrenches = 1000
+    health.look(9.0, START, LOAD, 'tool0', stamped=True)
+    for thermometer in (0, 1):
+        health.take_temperature(9.5, thermometer, START, stamped=True)
+    snapshot = rig(thermometers=2).node.inputs.snapshot()
+    snapshot = snapshot._replace(
+        now_s=10.0, health=health, stream=Compensator(2), before=Counts(), elapsed_s=2.0
+    )
+    wrenches, temperatures = judge_wrenches(snapshot), judge_temperatures(snapshot)
+    assert (wrenches.level, temperatures.level) == (OK, OK)
+    assert wrenches.message == '500 wrenches per second'
+    assert (wrenches.values['age_s'], wrenches.values['frame']) == ('1.0', 'tool0')
+    assert temperatures.values['thermometer_2_age_s'] == '0.5'
+    assert (judge_wrenches(snapshot), judge_temperatures(snapshot)) == (wrenches, temperatures)
+
+
+def test_what_a_calibration_and_a_recording_are_at_is_said(rig):
+    node = rig()
+    assert (node.diagnosis('calibration').level, node.diagnosis('model').level) == (OK, WARN)
+    assert node.call('record', data=True).success
+    status = node.diagnosis('calibration', 'recording')
+    assert status.values['recording'].endswith('.csv')
+    assert not node.call('calibrate').success
+    assert node.diagnosis('calibration', 'refused').level == WARN
+
+
+def test_input_is_stale_or_well_or_unusable(rig):
+    node = rig()
+    status = node.diagnosis('input')
+    assert (status.level, status.message) == (
+        STALE, 'no raw wrenches arrive; is the driver running?'
+    )  # fmt: skip
+    node.bench.helper.create_publisher(compensator_node.WrenchStamped, node.topic('wrench_raw'), 1)
+    words = f'though {node.topic("wrench_raw")} has a publisher; is the sensor running?'
+    assert node.diagnosis('input', lambda each: words in each.message).level == STALE
+    node.ask_output(START, LOAD)
+    status = node.diagnosis('input')
+    assert (status.level, status.values['received']) == (OK, '1')
+    assert 'wrenches per second' in status.message
+
+
+def test_a_thermometer_that_never_reported_is_named(rig):
+    node = rig(thermometers=2)
+    node.put_temperature(START, 25.0)
+    status = node.diagnosis('temperature', 'thermometer 2 has not reported; drift waits for it')
+    assert status.level == WARN
+    assert status.values['thermometer_2_age_s'] == 'never'
+
+
+def test_temperatures_outside_the_calibrated_range_are_named(rig, make_model):
+    model = make_model('m.yaml', range_c=(20.0, 30.0))
+    node = rig(parameters={'model_file': str(model.path), 'temperature_timeout': 3600})
+    node.warm_up(25.0)
+    status = node.diagnosis('temperature')
+    assert (status.level, status.message) == (OK, 'all thermometers report')
+    assert status.values['thermometer_1_c'] == '25.00'
+    assert node.diagnosis('output').values['force_z_drift_deviation'] == '0.1 N'
+    node.warm_up(35.0, first=3)
+    status = node.diagnosis('temperature')
+    assert status.level == WARN
+    assert status.message.startswith(
+        'thermometer 1 outside the calibrated range; drift is less certain there, and held '
+        'further out; thermometer 1 jumped by 10.0 K'
+    )
+    # Half a range beyond it: √1.25 times as much.
+    assert node.diagnosis('output').values['force_z_drift_deviation'] == '0.1118 N'
+
+
+def test_stamps_of_two_clocks_are_told(rig):
+    node = rig()
+    node.ask_output(50 * SECOND, LOAD)
+    node.warm(START, 25.0)
+    words = 's apart; both drivers must use one clock'
+    assert node.diagnosis('temperature', words).level == WARN
+
+
+def test_names_of_any_length_do_not_fill_the_diagnostics(rig):
+    node = rig()
+    assert not node.set('model_file', '/' + 'm' * 100_000).successful
+    refusal = node.diagnosis('calibration').values['last_refusal']
+    assert refusal.startswith('set_parameters: model_file set at run time must lie inside')
+    assert len(refusal) == 1000
+    for frame in ('tool0', 'wrist_3_link', '', 'f' * 60_000):
+        node.put(START, LOAD, frame=frame)
+        (message,) = node.take()
+        assert message.header.frame_id == frame
+        status = node.diagnosis('input')
+        assert status.values['frame'] == frame[:255]
+
+
+@pytest.mark.parametrize('name', [b'a\0b\0', b'\xff\xfe\0', b'\xed\xa0\x80\0', b'\0\0\0\0'])
+def test_a_frame_that_is_no_text_does_not_end_the_node(rig, make_model, name):
+    node = rig(parameters={'model_file': str(make_model('m.yaml').path)})
+    whole = serialize_message(wrench_message(START, 'abc', LOAD))
+    node.put_bytes(whole[:16] + name.ljust(4, b'\0') + whole[20:])
+    assert node.outputs.get()[:20] == whole[:16] + name.ljust(4, b'\0')
+    node.warm_up(25.0, 4)
+    assert node.diagnosis('input').values['received'] == '1'
+    assert node.ask_output(START + 5 * SECOND, LOAD)[2] == pytest.approx(LOAD[2] - 10.0)
+
+
+def test_what_people_look_for_is_there(rig, make_model):
+    """The model and what it does, its range, drift and its error, tare, the last refusal."""
+    node = rig(parameters={'temperature_timeout': 3600})
+    status = node.diagnosis('model')
+    assert status.level == WARN
+    assert status.message == 'no model; record a warm-up and call ~/calibrate'
+    model = make_model('m.yaml', {'force_z': (2.0, 0.001, 0.0)})
+    assert node.set('model_file', str(model.path)).successful
+    node.warm_up(30.0)
+    node.ask_output(START + 3 * SECOND, LOAD)
+    assert not node.set('model_file', '/etc/passwd').successful
+    node.node.compensator.restore_tare(np.array([0, 0, 3.0, 0, 0, 0]))
+    status = node.diagnosis('model', 'compensating 1 axis')
+    assert status.level == OK
+    assert status.values.items() >= {
+        'axes': 'force_z', 'sha256': model.sha256, 'file': str(model.path),
+        'thermometer_1_calibrated_c': '-50.0 to 150.0',
+    }.items()  # fmt: skip
+    status = node.diagnosis('output')
+    assert status.level == OK
+    assert status.values.items() >= {
+        'force_z_drift': '20 N', 'force_z_sensitivity': '1 %', 'torque_x_tare': '0 N m',
+        'tare': 'active', 'force_z_tare': '3 N',
+    }.items()  # fmt: skip
+    shown = node.diagnosis('temperature').values
+    assert float(shown['rate_hz']) >= 0.0
+    assert float(shown['thermometer_1_age_s']) < 60.0
+    refusal = node.diagnosis('calibration').values['last_refusal']
+    assert refusal.startswith('set_parameters: model_file set at run time must lie')

@@ -1,0 +1,89 @@
+"""Specific force in the node's own recording, over DDS."""
+
+import sys
+from types import ModuleType
+
+from geometry_msgs.msg import PoseArray
+import numpy as np
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Imu
+
+from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.signals import GRAVITY
+from wrist_ft_comp.stream.cell_averager import FORCE
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+CELLS = 4
+
+
+def record(node, put):
+    """Record some cells of 20 wrenches, each with what is put beside it; give the table."""
+    answer = node.call('record', True)
+    assert answer.success, answer.message
+    (path,) = (node.directory / 'recordings').glob('*.csv')
+    node.ask_output(START - SECOND, [0.0] * 6)  # tells the frame, tool0
+    averager = node.node.recording.current.averager
+    for cell in range(CELLS + 1):
+        stamps = START + cell * SECOND + np.arange(20) * SECOND // 20
+        for stamp in stamps.tolist():
+            put(stamp)
+        node.wait_until(lambda: averager._latest[FORCE] == cell + START // SECOND, 'the force')  # noqa: B023
+        node.stream(stamps, np.ones((20, 6)))
+        node.warm(int(stamps[10]), 25.0)
+    assert node.call('record', False).success
+    return read_recording(path)
+
+
+def test_an_imu_is_recorded_beside_the_wrench(wired, messages):
+    node = wired(parameters={'gravity.source': 'imu'})
+    publisher = node.bench.publisher(Imu, node.topic('imu'))
+    rotations = iter(np.random.default_rng(2).normal(0, 0.5, (1000, 3)))
+    sent = []
+
+    def put(stamp):
+        sent.append(next(rotations))
+        publisher.publish(messages.imu(stamp, [3.0, 0, 9.0], sent[-1]))
+
+    recording = record(node, put)
+    found = recording.specific_force[:CELLS]
+    np.testing.assert_allclose(found, [[3.0, 0, 9.0]] * CELLS)
+    squares = (np.array(sent) ** 2).sum(axis=1).reshape(-1, 20)[:CELLS]
+    np.testing.assert_allclose(recording.rotation_speed[:CELLS], np.sqrt(squares.mean(axis=1)))
+
+
+def test_gravity_by_tf_is_recorded_beside_the_wrench(wired, bench, messages, monkeypatch):
+    """Of the package that is missing here, the node needs a type only: bytes are bytes."""
+    package = ModuleType('tf2_msgs.msg')
+    package.TFMessage = PoseArray
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', package)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    static = bench.helper.create_publisher(PoseArray, '/tf_static', latched)
+    mount = Rotation.from_euler('y', 0.5)
+    static.publish(messages.transforms(0, [('flange', 'tool0', mount.as_quat())]))
+    node = wired(parameters={'gravity.source': 'tf', 'gravity.frame': 'base'})
+    node.wait_until(lambda: node.node.gravity.source._tree._links, 'the static transform')
+    publisher = bench.publisher(PoseArray, '/tf')
+
+    def put(stamp):
+        arm = Rotation.from_euler('z', 0.5 * (stamp - START) / SECOND)
+        publisher.publish(messages.transforms(stamp, [('base', 'flange', arm.as_quat())]))
+
+    recording = record(node, put)
+    force = mount.inv().apply([0, 0, GRAVITY])
+    np.testing.assert_allclose(recording.specific_force[:CELLS], [force] * CELLS, atol=1e-9)
+    np.testing.assert_allclose(recording.rotation_speed[:CELLS], 0.5, atol=1e-6)
+    topics = node.node.jobs.calibration().topics
+    assert (topics.imu, topics.gravity_frame) == ('', 'base')
+
+
+def test_by_default_nothing_is_heard_and_the_columns_are_those_of_before(rig):
+    node = rig()
+    assert node.node.count_subscribers(node.topic('imu')) == 0
+    assert node.node.count_subscribers('/tf') == 0
+    answer = node.call('record', True)
+    assert answer.success
+    (path,) = (node.directory / 'recordings').glob('*.csv')
+    assert 'linear_acceleration' not in path.read_text()

@@ -1,0 +1,144 @@
+"""The service that learns what is mounted: its answers, what it keeps, and when it refuses."""
+
+import json
+import math
+import queue
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.node import identify_payload as identify
+from wrist_ft_comp.payload.weight import ForceFrame
+from wrist_ft_comp.simulation.work import (
+    draw_accelerometer,
+    draw_work,
+    move,
+    read_imu,
+    WorkSettings,
+)
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+RATE_HZ = 20
+IMU = {'gravity.source': 'imu'}
+
+
+@pytest.fixture
+def working(rig, make_model):
+    """A node whose drift model runs, and which knows where down is."""
+    model = make_model('m.yaml', {'force_z': (2.0, 0.0, 600.0)})
+    node = rig(parameters={**IMU, 'model_file': str(model.path)})
+    node.warm_up(20.0)
+    node.node.tell('on_force', START, (0.0, 0.0, 9.8), None)
+    return node
+
+
+@pytest.fixture(scope='module')
+def minute():
+    """A minute of a robot's work, and a little more: its motion, and what its IMU says."""
+    rng = np.random.default_rng([2024, 50])
+    work = draw_work(WorkSettings(part_kg=0.0), rng)
+    time_s = np.arange(0, 62, 1 / RATE_HZ)
+    motion = move(work, time_s)
+    imu = read_imu(draw_accelerometer(rng), motion, np.zeros(len(time_s)), rng)
+    return work.payloads[0], motion, imu
+
+
+def send(node, minute, rows):
+    """Send some of it."""
+    _, motion, imu = minute
+    for k in rows:
+        stamp = START + 2 * SECOND + k * SECOND // RATE_HZ
+        node.node.tell('on_force', stamp, tuple(imu[k, :3].tolist()), math.hypot(*imu[k, 3:]))
+        node.ask_output(stamp, (motion.weight[k] + motion.contact[k] + 1.0).tolist())
+
+
+def ask(node):
+    """Ask; the answer comes in the queue."""
+    answers = node.ask('identify_payload')
+    assert answers.empty(), answers.get().message
+    return answers
+
+
+def test_a_minute_of_work_tells_what_is_mounted_and_how_to_use_it(working, minute):
+    tool = minute[0]
+    working.node.gravity.mount = lambda: ForceFrame(np.diag([1.0, -1.0, -1.0]))
+    answers = ask(working)
+    send(working, minute, range(600))
+    assert working.diagnosis('payload').message == 'identifying a payload: 50% of a minute'
+    second = working.call('identify_payload')
+    assert not second.success
+    assert second.message.startswith('A payload is being identified for 30 of 60 s; wait')
+    send(working, minute, range(600, 1202))
+    working.wait_until(lambda: not answers.empty(), 'the answer')
+    answer = answers.get()
+    assert answer.success, answer.message
+    path = working.directory / 'models/payloads.json'
+    (kept,) = json.loads(path.read_text('utf-8'))['payloads'].items()
+    assert (kept[0], kept[1]['source']) == ('identified-1', 'imu')
+    assert kept[1]['wrench_frame'] == 'tool0'
+    assert kept[1]['mass_kg'] == pytest.approx(tool.mass_kg, rel=0.03)
+    np.testing.assert_allclose(kept[1]['center_of_mass_m'], tool.center_m, atol=5e-3)
+    assert answer.message.startswith(f'identified-1: {kept[1]["mass_kg"]:.3f} ± 0.0')
+    assert 'Specific force is turned by roll, pitch, yaw of ' in answer.message
+    assert '/tf_static says otherwise, by 17' in answer.message or 'by 18' in answer.message
+    name = working.node.get_fully_qualified_name()
+    assert answer.message.endswith(f'ros2 param set {name} payload.active identified-1')
+    assert working.diagnosis('payload').values['last_identification'] == answer.message
+    assert working.node.external.wanted is False, 'nobody wants wrenches any more'
+    externals = queue.Queue()
+    working.node.external.publish = externals.put
+    assert working.set('payload.active', 'identified-1').successful
+    send(working, minute, range(1202, 1210))
+    assert externals.qsize() == 8
+
+
+def test_without_specific_force_or_drift_model_it_is_refused(rig, working):
+    bare = rig(parameters=IMU)
+    assert 'No specific force has come. Set gravity.source' in refusal(bare)
+    bare.node.tell('on_force', START, (0.0, 0.0, 9.8), None)
+    assert 'No drift model runs, and drift would be taken for weight' in refusal(bare)
+    assert 'identify_payload: No payload' in bare.diagnosis('calibration').values['last_refusal']
+    assert working.node.identification.progress is None
+
+
+def refusal(node):
+    """Ask, and be refused."""
+    answer = node.call('identify_payload')
+    assert not answer.success
+    assert answer.message.startswith('No payload was identified: ')
+    return answer.message
+
+
+def test_a_robot_that_stands_still_is_told_to_move(working):
+    answers = ask(working)
+    for k in range(0, 61 * RATE_HZ, 5):
+        stamp = START + 2 * SECOND + k * SECOND // RATE_HZ
+        working.node.tell('on_force', stamp, (0.0, 0.0, 9.807), None)
+        working.ask_output(stamp, [1.0] * 6)
+    working.wait_until(lambda: not answers.empty(), 'the answer')
+    assert 'gravity moved by 0.00, 0.00, 0.00 m/s²' in answers.get().message
+    assert not (working.directory / 'models/payloads.json').exists()
+
+
+def test_a_tare_meanwhile_ends_it(working, minute):
+    answers = ask(working)
+    send(working, minute, range(10))
+    working.node.compensator.reset_tare()
+    working.wait_until(lambda: not answers.empty(), 'the answer')
+    assert 'The tare or the model changed meanwhile. Call again.' in answers.get().message
+
+
+def test_silence_ends_it(working, minute, monkeypatch):
+    monkeypatch.setattr(identify, '_PATIENCE_S', 0.05)
+    answers = ask(working)
+    send(working, minute, range(10))
+    working.wait_until(lambda: not answers.empty(), 'the answer')
+    assert 'Wrenches with specific force have stayed away for 0.05 s' in answers.get().message
+
+
+def test_who_waits_is_told_of_the_end(working):
+    answers = ask(working)
+    assert working.node.identification.end()
+    assert answers.get().message == 'No payload was identified: The node is shutting down.'
+    assert not working.node.identification.end()

@@ -1,0 +1,330 @@
+"""Faults of sensor and thermometers: what comes out, what is said and where."""
+
+import math
+import os
+import re
+
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+import pytest
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Temperature
+
+from wrist_ft_comp.node.input_health import InputHealth
+from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.stream.input_checks import LOOKS, SensorWatch
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+HOUR = 3600 * SECOND
+OK, WARN = b'\0', b'\1'
+RAW = np.array([1.0, 2.0, 30.0, 0.1, 0.2, 0.3])
+AXES = {'force_z': (0.5, 0.0, 300.0)}
+executors = pytest.mark.parametrize('executor', ['default', 'events'])
+
+
+@pytest.fixture
+def log(capfd):  # noqa: ARG001 -- which makes standard error a file
+    """Wait for words in the log; readouterr would lose what comes while it reads."""
+
+    def wait(node, words):
+        def logged():
+            return re.search(words, os.pread(2, 1 << 20, 0).decode()) is not None
+
+        node.wait_until(logged, f'{words!r} in the log')
+
+    return wait
+
+
+@pytest.fixture
+def told(log):
+    """Wait until a status warns in some words, and the log says the same; gives the status."""
+
+    def wait(node, name, words):
+        status = node.diagnosis(name, lambda each: each.level == WARN and words in each.message)
+        log(node, f'{name}: .*{re.escape(words)}')
+        return status
+
+    return wait
+
+
+@pytest.fixture
+def warm(rig, make_model):
+    """Make a compensating node: 20 s at 30 °C, so force z drifts by 5 N."""
+
+    def start(thermometers=1, kind=rig, **options):
+        model = make_model('m.yaml', AXES, thermometers=thermometers, range_c=(15.0, 45.0))
+        options.setdefault('parameters', {}).setdefault('temperature_timeout', 3600)
+        options['parameters']['model_file'] = str(model.path)
+        node = kind(thermometers=thermometers, **options)
+        node.warm_up(30.0, 20)
+        assert node.node.compensator.compensation.zero[2] == pytest.approx(5.0)
+        return node
+
+    return start
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Look less often before a reading counts as suspicious."""
+    monkeypatch.setattr(
+        'wrist_ft_comp.node.input_health.SensorWatch', lambda: SensorWatch(looks=4)
+    )
+
+
+def unharmed(node, stamp=START + 30 * SECOND):
+    """The drift is what it was, and contact still passes."""
+    corrected = np.array(node.ask_output(stamp, RAW))
+    np.testing.assert_allclose(corrected, RAW - [0, 0, 5.0, 0, 0, 0], atol=0.1)
+
+
+def look_at(node, wrenches, stamps=None):
+    """Send wrenches that the node looks at one by one."""
+    for k, wrench in enumerate(wrenches):
+        stamp = START + 20 * SECOND + k * 10**6 if stamps is None else stamps[k]
+        assert node.ask_output(stamp, wrench)[2] == pytest.approx(wrench[2] - 5.0, abs=0.1)
+        node.node._keep_house()
+
+
+def noisy(count, scale=0.01):
+    return RAW + np.random.default_rng(0).normal(0, scale, (count, 6))
+
+
+def test_looks_without_a_new_wrench_do_not_count():
+    health = InputHealth(1)
+    health.counts.wrenches = 1
+    for _ in range(10 * LOOKS):
+        health.look(1.0, 5, RAW.tolist(), '', stamped=True)
+    assert not health.sensor.frozen
+    assert not health.sensor.stamps_stand_still
+
+
+class TestWrench:
+    def test_that_is_unusable_is_dropped_counted_and_told(self, warm, told):
+        node, whole = warm(), serialize_message(wrench_message(START, 'tool0', RAW))
+        for bad in (math.nan, math.inf, -math.inf):
+            node.put(START, [0, 0, bad, 0, 0, 0])
+        node.put(START, [0, math.inf, -math.inf, 0, 0, 0])
+        for data in (whole[:-8], whole + bytes(8), b'\x07\x01' + whole[2:], whole[:20]):
+            node.put_bytes(data)
+        status = told(node, 'input', 'all wrenches are unusable and dropped; check the driver')
+        names = ('received', 'dropped_not_finite', 'dropped_malformed')
+        assert [status.values[name] for name in names] == ['0', '4', '4']
+        assert node.outputs.empty()
+        unharmed(node)
+
+    @pytest.mark.usefixtures('quick')
+    def test_that_never_changes_by_a_bit_is_taken_for_frozen(self, warm, told, log):
+        node = warm()
+        look_at(node, [RAW] * 10)
+        told(
+            node, 'input', 'the reading has not changed by a bit for seconds; is the sensor frozen'
+        )
+        for k, wrench in enumerate(noisy(12)):
+            look_at(node, [wrench], [START + (21 + k) * SECOND])
+            assert node.diagnosis('input').level == OK
+        log(node, r'INFO.*input: \d+ wrenches per second')
+        unharmed(node)
+
+    @pytest.mark.usefixtures('quick')
+    def test_that_stays_at_an_extreme_is_taken_for_saturated(self, warm, told):
+        node = warm()
+        wrenches = noisy(20, 5.0)
+        wrenches[10:, 2] = 200.0
+        wrenches[:, 5] = 0.0  # an axis the sensor does not have
+        look_at(node, wrenches)
+        told(node, 'input', 'force_z stays at its extreme; is the sensor saturated?')
+        assert node.node.health.sensor.saturated == ('force_z',)
+        unharmed(node)
+
+    @pytest.mark.usefixtures('quick')
+    @pytest.mark.parametrize(
+        ('stamps', 'words'),
+        [
+            ([0] * 40, 'wrenches come without stamps; the time of arrival is taken'),
+            ([START + 20 * SECOND] * 40, 'stamps stand still'),
+            (range(START + 60 * SECOND, START + 20 * SECOND, -SECOND), 'stamps ran back'),
+            (
+                [START + k * SECOND + (k >= 40) * 5 * HOUR for k in range(20, 60)],
+                'stamps leapt ahead',
+            ),
+        ],
+        ids=['zero', 'repeated', 'backwards', 'hours ahead'],
+    )
+    def test_with_a_strange_stamp_is_corrected_all_the_same(self, warm, told, stamps, words):
+        node = warm()
+        look_at(node, noisy(40), stamps)
+        told(node, 'input', words)
+
+    def test_of_another_frame_is_told(self, warm, told):
+        """A name of the same length, which no layout of bytes would tell."""
+        node = warm()
+        look_at(node, [RAW])
+        node.put(START + 21 * SECOND, RAW, frame='tool1')
+        (message,) = node.take()
+        assert message.header.frame_id == 'tool1'
+        words = "the frame changed from 'tool0' to 'tool1'; is it another sensor?"
+        assert told(node, 'input', words).values['frame_changes'] == '1'
+
+    def test_or_temperature_of_two_publishers_is_told(self, warm, log):
+        node = warm()
+        for kind, topic, name, words in (
+            (WrenchStamped, 'wrench_raw', 'input', '2 publishers share the topic; their readings'),
+            (Temperature, 'temperature', 'temperature', 'thermometer 1 has 2 publishers; their'),
+        ):
+            both = [node.bench.helper.create_publisher(kind, node.topic(topic), 1) for _ in 'ab']
+
+            def told(status, words=words):
+                node.ask_output(START + 20 * SECOND, RAW)
+                return status.level == WARN and words in status.message
+
+            node.diagnosis(name, told)
+            log(node, f'{name}: {words}')
+            node.bench.helper.destroy_publisher(both[0])
+            node.diagnosis(
+                name,
+                lambda each: node.ask_output(START + 20 * SECOND, RAW) and each.level == OK,
+            )
+        unharmed(node)
+
+
+class TestTemperature:
+    @pytest.mark.parametrize('value', [math.nan, 298.15])
+    def test_that_no_sensor_reads_is_dropped_counted_and_told(self, warm, told, value):
+        node = warm()
+        node.put_temperature_bytes(0, b'\0\1\0\0 too short')
+        node.warm(START + 20 * SECOND, value)
+        words = f'thermometer 1 reads {value:.4g} °C, which is dropped'
+        assert told(node, 'temperature', words).values['unusable'] == '2'
+        assert node.node.compensator.tracker.temperature_c == pytest.approx([30.0])
+        unharmed(node)
+
+    def test_that_stops_leaves_the_drift_where_it_is_and_is_told(self, warm, told):
+        node = warm(parameters={'temperature_timeout': 0.2})
+        told(node, 'temperature', 'thermometer 1 silent for more than 0.2 s; drift is held')
+        unharmed(node, START + 10 * HOUR)
+
+    def test_of_one_of_several_that_stops_is_held_and_the_others_go_on(self, warm, log):
+        node = warm(thermometers=2, parameters={'temperature_timeout': 0.5})
+        stamps = iter(range(START + 20 * SECOND, START + HOUR, SECOND))
+
+        def told(status):
+            node.put_temperature(next(stamps), 30.0)
+            return '2 silent' in status.message
+
+        status = node.diagnosis('temperature', told)
+        assert status.message == 'thermometer 2 silent for more than 0.5 s; drift is held'
+        log(node, 'temperature: thermometer 2 silent')
+        assert node.node.compensator.tracker.grid._next > START // SECOND + 20
+        unharmed(node)
+
+    def test_that_jumps_moves_the_drift_no_faster_than_its_limit(self, warm, told):
+        node = warm(parameters={'max_drift_rate': 0.01})
+        node.warm_up(44.0, 6, first=20)
+        words = 'thermometer 1 jumped by 14.0 K, faster than metal can'
+        told(node, 'temperature', words)
+        told(node, 'output', 'drift of force_z moves at its limit (max_drift_rate)')
+        assert node.node.compensator.compensation.zero[2] == pytest.approx(5.05, abs=0.011)
+        unharmed(node)
+
+    def test_in_fahrenheit_is_clamped_and_the_unit_is_guessed(self, warm, told):
+        node = warm()
+        node.warm_up(86.0, 6, first=20)
+        words = (
+            'thermometer 1 outside the calibrated range; drift is less certain there, and held '
+            'further out. In degrees Fahrenheit it would be inside: check the unit'
+        )
+        told(node, 'temperature', words)
+        for second in range(26, 3000):
+            node.node.compensator.add_temperature(0, START + second * SECOND, 86.0)
+        zero = node.node.compensator.compensation.zero[2]
+        # A fifth of 15 to 45 °C beyond the range, and no further.
+        assert zero == pytest.approx(0.5 * (45.0 + 6.0 - 20.0), abs=0.01)
+        answer = node.ask_output(START + 3000 * SECOND, RAW)
+        np.testing.assert_allclose(answer, RAW - [0, 0, zero, 0, 0, 0], atol=0.1)
+
+    @pytest.mark.parametrize('leap', [5 * HOUR, -5 * HOUR], ids=['ahead', 'back'])
+    def test_with_one_stray_stamp_does_not_move_the_drift(self, warm, told, leap):
+        node = warm()
+        memory = node.node.compensator.memory().filters['force_z'].copy()
+        node.warm(START + 20 * SECOND + leap, 44.0)
+        node.warm_up(30.0, 3, first=20)
+        assert node.node.compensator.tracker.timestamp_filter.strays == 1
+        words = 'a temperature was dropped, because its stamp was far from those around it'
+        assert told(node, 'temperature', words).values['stray_stamps'] == '1'
+        np.testing.assert_allclose(node.node.compensator.memory().filters['force_z'], memory)
+        unharmed(node)
+
+    def test_whose_stamps_repeat_is_dropped_and_told(self, warm, told):
+        node = warm()
+        node.diagnosis('temperature')
+        node.warm(START, 44.0)
+        told(node, 'temperature', 'temperatures are dropped, because their stamps do not increase')
+        unharmed(node)
+
+    def test_without_stamps_is_taken_at_the_node_s_time(self, wired, warm, told):
+        node = warm(kind=wired, parameters={'use_sim_time': True})
+        clock = node.bench.publisher(Clock, '/clock')
+        for second in range(20, 24):
+            message = Clock()
+            message.clock.sec = START // SECOND + second
+            clock.publish(message)
+            node.wait_until(
+                lambda now=message.clock.sec: node.node.now_ns() == now * SECOND, 'the clock'
+            )
+            node.warm(0, 30.0)
+        assert node.node.compensator.tracker.grid._next == START // SECOND + 23
+        words = 'thermometer 1 does not stamp its readings; the time of arrival is taken'
+        told(node, 'temperature', words)
+        unharmed(node)
+
+    def test_of_a_simulation_that_begins_anew_goes_on_from_there(self, warm, told):
+        node = warm()
+        for second in range(5):
+            node.warm(second * SECOND, 30.0)
+        assert node.node.compensator.tracker.grid.restarts == 1
+        words = 'stamps of temperatures leapt; was a clock set, or a simulation begun anew?'
+        assert told(node, 'temperature', words).values['stamps_restarted'] == '1'
+        unharmed(node, 10 * SECOND)
+
+
+class TestQualityOfService:
+    @executors
+    def test_that_keeps_a_publisher_from_being_heard_is_told(self, wired, log, executor):
+        """The node was told to insist on reliable messages; the drivers are best effort."""
+        topics = {'wrench_raw': WrenchStamped, 'temperature': Temperature}
+        name = f'/unheard_{executor}'
+        overrides = {
+            f'qos_overrides.{name}/{topic}.subscription.reliability': 'reliable'
+            for topic in topics
+        }
+        node = wired(namespace=name, executor=executor, parameters=overrides)
+        helper, best_effort = node.bench.helper, QoSReliabilityPolicy.BEST_EFFORT
+        for publisher in (node._raw, *node._temperatures):
+            helper.destroy_publisher(publisher)
+        for topic, kind in topics.items():
+            profile = QoSProfile(depth=1, reliability=best_effort)
+            helper.create_publisher(kind, f'{name}/{topic}', profile)
+            log(node, f'a publisher of {topic} offers less reliability than is asked for')
+        assert node.node.incompatible == dict.fromkeys(topics, 'reliability')
+        node.diagnosis(
+            'input',
+            'no raw wrenches arrive: their publisher offers less reliability than is asked for',
+        )
+        words = (
+            'thermometer 1 is not heard: a publisher offers less reliability than is asked for; '
+            'drift waits for it'
+        )
+        assert node.diagnosis('temperature', words).level == WARN
+
+    @executors
+    def test_that_keeps_a_subscriber_from_hearing_is_told(self, wired, warm, log, executor):
+        node = warm(kind=wired, executor=executor)
+        wants = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+        node.bench.listen(WrenchStamped, node.topic('wrench'), wants)
+        words = 'a subscriber of wrench asks for more durability than is offered and gets nothing'
+        assert node.diagnosis('output', words).level == WARN
+        log(node, 'a subscriber of wrench asks for more durability than is offered')
+        unharmed(node)

@@ -1,0 +1,148 @@
+"""What the command learns from a file is what the node takes off, by whatever accelerometer."""
+
+import csv
+import json
+import sys
+from types import ModuleType
+
+from geometry_msgs.msg import PoseArray, WrenchStamped
+from hypothesis import example, given, HealthCheck, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message
+from scipy.spatial.transform import Rotation
+
+from wrist_ft_comp.cli.main import main
+from wrist_ft_comp.payload.weight import Payload
+from wrist_ft_comp.signals import AXES, FORCE_CHANNELS, GRAVITY
+from wrist_ft_comp.wire.tf_messages import Layouts
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+TOOL = Payload(1.3, np.array([0.01, -0.02, 0.09]))
+#: Drift per kelvin from 20 °C on, as make_working_day makes it.
+DRIFT = np.array([0.3, -0.2, 0.5, 0.01, 0.02, -0.01])
+WARM_C = 30.0
+#: Poses of free motion, one after the other, and half a second in each.
+POSES = Rotation.random(12, random_state=5)
+#: Errors that no standard error of a mass holds: of the turn, rad, and of the bias, m/s².
+TURN, BIAS = np.deg2rad(0.3), 0.03
+
+
+def write(path, day, force):
+    """Write a day with a specific force, (N, 3)."""
+    columns = {
+        'stamp_s': np.arange(len(day)) + 0.5,
+        'temperature_c': day.temperature_c[:, 0],
+        **dict(zip(AXES, day.wrench.T, strict=True)),
+        **dict(zip(FORCE_CHANNELS, force.T, strict=True)),
+        'rotation_speed': day.rotation_speed,
+    }
+    with path.open('w', newline='') as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*(each.tolist() for each in columns.values()), strict=True))
+
+
+@pytest.fixture(scope='module')
+def day(make_working_day):
+    return make_working_day(1, cells=1200, part=False)
+
+
+@pytest.fixture(scope='module')
+def felt(day):
+    """Specific force of that day in the frame of the wrench."""
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    return day.specific_force @ quarter.T
+
+
+@pytest.fixture
+def learn(tmp_path, day, capsys):
+    """Learn from the day by the command, with what was measured; the model, and the payload."""
+
+    def learn(force, *words):
+        path = tmp_path / 'day.csv'
+        write(path, day, force)
+        known = ['--reference', 'payload', '--method', 'pls', *words]
+        assert main(['calibrate', str(path), '-o', str(tmp_path / 'tool.yaml'), *known]) == 0
+        capsys.readouterr()
+        entries = json.loads((tmp_path / 'payloads.json').read_text())['payloads']
+        return tmp_path / 'tool.yaml', list(entries)[-1], list(entries.values())[-1]
+
+    return learn
+
+
+def errors_in_free_motion(node, say):
+    """Move freely: errors of the weight that is taken off, and wrench_external less its mean."""
+    externals = []
+
+    def keep(data):
+        wrench = deserialize_message(data, WrenchStamped).wrench
+        parts = (wrench.force, wrench.torque)
+        externals.append([getattr(part, name) for part in parts for name in 'xyz'])
+
+    node.node.external.publish = keep
+    node.warm_up(WARM_C)
+    wrong = []
+    for k, pose in enumerate(POSES):
+        stamp, up = START + (4 + k) * SECOND // 2, pose.inv().apply([0, 0, GRAVITY])
+        say(stamp, pose, up)
+        node.ask_output(stamp, TOOL.weight(up) + (WARM_C - 20.0) * DRIFT + 1.0)
+        wrong.append(node.node.external.weight_at(stamp) - TOOL.weight(up))
+    assert len(externals) == len(POSES)
+    return np.array(wrong), np.array(externals) - np.mean(externals, axis=0)
+
+
+def assert_within(errors, entry):
+    """Three standard errors of the mass, and what it does not hold: turn, bias, and drift."""
+    weight, three_kg = entry['mass_kg'] * GRAVITY, 3 * entry['mass_error_kg']
+    allowed = three_kg * GRAVITY + (TURN + BIAS / GRAVITY) * weight
+    wrong, external = errors
+    assert np.abs(wrong[:, :3]).max() < allowed
+    assert np.abs(external[:, :3]).max() < 2 * allowed
+    assert np.abs(external[:, 3:]).max() < 0.2 * allowed
+
+
+@settings(
+    max_examples=3, deadline=None, derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)  # fmt: skip
+@example((1.05, 0.2, -0.1, 0.15, 0.6, 2.9, -1.2))
+@given(st.tuples(st.floats(0.9, 1.1), *[st.floats(-0.2, 0.2)] * 3, *[st.floats(-1.8, 1.8)] * 3))
+def test_what_an_imu_of_any_scale_bias_and_turn_taught_is_taken_off_by_its_raw_numbers(
+    learn, rig, messages, felt, drawn
+):
+    scale, bias, turn = drawn[0], np.array(drawn[1:4]), Rotation.from_rotvec(drawn[4:])
+    noise = np.random.default_rng(1).normal(0, 0.005, felt.shape)
+    model, name, entry = learn(scale * turn.inv().apply(felt) + bias + noise)
+    np.testing.assert_allclose(entry['scale'], scale, rtol=0.01)
+    assert entry['mass_kg'] == pytest.approx(TOOL.mass_kg, abs=3 * entry['mass_error_kg'])
+    chosen = {'gravity.source': 'imu', 'payload.active': name, 'model_file': str(model)}
+    node = rig(parameters=chosen)
+
+    def say(stamp, _, up):
+        read = (scale * turn.inv().apply(up) + bias).tolist()
+        node.node.gravity.source._on_imu(messages.imu(stamp, read, [0.0, 0.0, 0.1]))
+
+    assert_within(errors_in_free_motion(node, say), entry)
+
+
+def test_what_tf_taught_is_taken_off_by_tf(learn, rig, messages, felt, monkeypatch):
+    package = ModuleType('tf2_msgs.msg')  # the node needs a type only: bytes are bytes
+    package.TFMessage = PoseArray
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', package)
+    model, name, entry = learn(felt, '--gravity-frame', 'base')
+    assert entry['source'] == 'tf'
+    chosen = {'gravity.source': 'tf', 'gravity.frame': 'base', 'payload.active': name}
+    node = rig(parameters={**chosen, 'model_file': str(model)})
+    layouts = Layouts()
+
+    def say(stamp, pose, _):
+        moved = messages.transforms(stamp, [('base', 'tool0', pose.as_quat())])
+        node.node.gravity.source._on_tf(layouts, moved, static=False)
+
+    node.put(START, [0.0] * 6)
+    node.take()
+    assert_within(errors_in_free_motion(node, say), entry)

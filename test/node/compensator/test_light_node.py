@@ -1,0 +1,57 @@
+"""The running node imports only what it needs: it fits in another process."""
+
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = (
+    'matplotlib', 'rosbags', 'scipy', 'jinja2', 'tqdm', 'wrist_ft_comp.cli',
+    'wrist_ft_comp.fit.auto', 'wrist_ft_comp.fit.calibrate', 'wrist_ft_comp.report',
+    'wrist_ft_comp.simulation',
+)  # fmt: skip
+#: A node with a model gets temperatures and a wrench, swaps its model, and tells what is imported.
+SOURCE = """
+import sys
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Temperature
+from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.ros.messages import wrench_message
+
+context = Context()
+context.init([])
+parameters = [Parameter(name, value=value) for name, value in GIVEN.items()]
+node = CompensatorNode(context=context, parameter_overrides=parameters)
+for second in range(1, 4):
+    message = Temperature(temperature=30.0)
+    message.header.stamp.sec = second
+    node.inputs.on_temperature(0, serialize_message(message))
+    node._on_wrench(serialize_message(wrench_message(second * 10**9, 'tool0', [1.0] * 6)))
+node._keep_house()
+node._diagnose()
+assert node.health.counts.published == 3
+assert node.compensator.compensating
+node.live.use_file(GIVEN['model_file'])
+print(*sys.modules)
+node.destroy_node()
+context.try_shutdown()
+"""
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_a_running_node_has_imported_nothing_heavy(make_model, tmp_path):
+    model = make_model('m.yaml', {'force_z': (2.0, 0.0, 30.0)})
+    given = {'model_file': str(model.path), 'data_directory': str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, '-c', f'GIVEN = {given}\n{SOURCE}'],
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    modules = done.stdout.split()
+    assert 'wrist_ft_comp.node.live_model' in modules
+    assert not [m for m in modules for name in HEAVY if m == name or m.startswith(f'{name}.')]

@@ -1,0 +1,251 @@
+import json
+import os
+
+import pytest
+
+from wrist_ft_comp.errors import ModelFileError, SettingsError
+from wrist_ft_comp.stored.model_file import load_model
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+OK, WARN, ERROR = b'\0', b'\1', b'\2'
+
+
+def live(node):
+    """Name of the live model, as the node and its diagnostics tell."""
+    stored = node.node.live.stored
+    told = node.diagnosis('model').values
+    assert told.get('file') == (None if stored is None else str(stored.path))
+    assert told.get('sha256') == (None if stored is None else stored.sha256)
+    return None if stored is None else stored.path.name
+
+
+def remember(node_or_directory, *names):
+    directory = getattr(node_or_directory, 'directory', node_or_directory)
+    directory.mkdir(exist_ok=True, parents=True)
+    entries = [name and f'models/{name}' for name in names]
+    (directory / 'active.json').write_text(json.dumps(entries))
+
+
+class TestRollback:
+    def test_goes_back_model_by_model_to_none_and_no_further(self, rig, make_model):
+        for name in ('a.yaml', 'b.yaml'):
+            make_model(name)
+        node = rig()
+        for name in ('a.yaml', 'b.yaml', 'b.yaml'):  # twice is one step back
+            assert node.set('model_file', f'models/{name}').successful
+        assert live(node) == 'b.yaml'
+        answer = node.call('rollback')
+        assert answer.success
+        assert answer.message == f'compensating with {node.directory / "models/a.yaml"} again'
+        assert live(node) == 'a.yaml'
+        answer = node.call('rollback')
+        assert answer.message == 'no model was live before: wrenches pass uncompensated'
+        assert live(node) is None
+        answer = node.call('rollback')
+        assert not answer.success
+        assert answer.message.startswith('There is no earlier model to go back to')
+
+    def test_survives_a_restart(self, rig, make_model):
+        for name in ('a.yaml', 'b.yaml'):
+            make_model(name)
+        remember(rig().directory, 'a.yaml', 'b.yaml')
+        assert rig().call('rollback').success
+        restarted = rig()
+        assert live(restarted) == 'a.yaml'
+        assert not restarted.call('rollback').success
+
+    def test_passes_over_a_model_that_cannot_be_used(self, rig, make_model):
+        for name in ('a.yaml', 'c.yaml'):
+            make_model(name)
+        node = rig()
+        remember(node, 'a.yaml', 'gone.yaml', 'c.yaml')
+        node = rig()
+        answer = node.call('rollback')
+        assert not answer.success
+        assert 'gone.yaml cannot be read: No such file' in answer.message
+        assert 'The running model stays; call again for the model before' in answer.message
+        assert live(node) == 'c.yaml'
+        assert node.call('rollback').success
+        assert live(node) == 'a.yaml'
+
+
+class TestRestart:
+    def test_after_a_rollback_to_none_has_none(self, rig, make_model):
+        make_model('a.yaml')
+        first = rig()
+        assert first.set('model_file', 'models/a.yaml').successful
+        assert first.call('rollback').success
+        again = rig()
+        assert live(again) is None
+        assert again.diagnosis('model').level == WARN
+
+    def test_with_a_broken_list_starts_without_a_model(self, rig, make_model, capfd):
+        model = make_model('a.yaml')
+        (model.path.parents[1] / 'active.json').write_text('{')
+        node = rig()
+        status = node.diagnosis('model', 'The last model cannot be used: ')
+        assert status.level == ERROR
+        assert 'active.json' in status.message
+        assert 'Remove it and set model_file.' in capfd.readouterr().err
+        assert node.ask_output(START, [1.0] * 6) == (1.0,) * 6
+        assert node.set('model_file', 'models/a.yaml').successful
+        assert node.diagnosis('model', lambda each: each.level == OK)
+        assert live(rig()) == 'a.yaml'
+
+    def test_with_other_thermometers_starts_without_a_model(self, rig, make_model):
+        make_model('a.yaml')
+        make_model('two.yaml', thermometers=2)
+        remember(rig(), 'a.yaml', 'two.yaml')
+        node = rig()
+        words = 'expects 2 thermometers, the node has 1 (temperature_topics)'
+        assert node.diagnosis('model', words).level == ERROR
+        assert node.call('rollback').success
+        assert live(node) == 'a.yaml'
+
+
+class TestNewestDecision:
+    """What is live after a restart when a model_file is given at start."""
+
+    def test_a_calibration_after_the_last_start_goes_on(self, rig, make_model, capfd):
+        given, later = make_model('given.yaml'), make_model('later.yaml', {'force_x': (1, 0, 0)})
+        parameters = {'model_file': str(given.path)}
+        first = rig(parameters=parameters)
+        assert live(first) == 'given.yaml'
+        first.node.live.take(later)
+        again = rig(parameters=parameters)
+        assert live(again) == 'later.yaml'
+        assert 'was made live after that: the latter goes on' in capfd.readouterr().err
+        assert again.call('rollback').success
+        assert live(again) == 'given.yaml'
+        assert live(rig(parameters=parameters)) == 'given.yaml'
+
+    def test_another_model_file_is_a_new_decision(self, rig, make_model):
+        for number, name in enumerate('abc', start=1):
+            make_model(f'{name}.yaml', {'force_x': (float(number), 0, 0)})
+        for name in 'abca':
+            node = rig(parameters={'model_file': f'models/{name}.yaml'})
+            assert live(node) == f'{name}.yaml'
+        assert node.call('rollback').success
+        assert live(node) == 'c.yaml'
+
+    def test_other_content_under_the_same_name_is_a_new_decision(self, rig, make_model):
+        given = make_model('given.yaml', {'force_x': (1.0, 0, 0)})
+        later = make_model('later.yaml', {'force_y': (1.0, 0, 0)})
+        parameters = {'model_file': str(given.path)}
+        rig(parameters=parameters).node.live.take(later)
+        changed = make_model('given.yaml', {'force_x': (2.0, 0, 0)})
+        node = rig(parameters=parameters)
+        assert live(node) == 'given.yaml'
+        assert node.node.live.stored.sha256 == changed.sha256
+
+    def test_the_model_file_stands_in_for_a_later_one_that_cannot_be_used(self, rig, make_model):
+        given, later = make_model('given.yaml'), make_model('later.yaml', {'force_x': (1, 0, 0)})
+        parameters = {'model_file': str(given.path)}
+        rig(parameters=parameters).node.live.take(later)
+        later.path.unlink()
+        assert live(rig(parameters=parameters)) == 'given.yaml'
+
+    def test_a_list_from_before_there_was_a_decision_is_read(self, rig, make_model):
+        given = make_model('given.yaml')
+        make_model('last.yaml', {'force_x': (1.0, 0, 0)})
+        remember(rig(), 'last.yaml')
+        assert live(rig(parameters={'model_file': str(given.path)})) == 'given.yaml'
+
+
+class TestModelFile:
+    def test_at_start_is_live_and_need_not_lie_in_the_folder(self, rig, make_model, tmp_path):
+        model = make_model(tmp_path / 'elsewhere.yaml')
+        node = rig(parameters={'model_file': str(model.path)})
+        assert live(node) == 'elsewhere.yaml'
+        assert not node.call('rollback').success
+
+    @pytest.mark.parametrize('content', [None, b'format: other'])
+    def test_that_is_bad_at_start_is_an_error(self, rig, tmp_path, content):
+        path = tmp_path / 'bad.yaml'
+        if content is not None:
+            path.write_bytes(content)
+        with pytest.raises(ModelFileError, match=r'bad\.yaml'):
+            rig(parameters={'model_file': str(path)})
+
+    def test_with_other_thermometers_is_an_error(self, rig, make_model):
+        model = make_model('two.yaml', thermometers=2)
+        with pytest.raises(SettingsError, match='expects 2 thermometers, the node has 1'):
+            rig(parameters={'model_file': str(model.path)})
+        node = rig()
+        verdict = node.set('model_file', str(model.path))
+        assert not verdict.successful
+        assert 'expects 2 thermometers, the node has 1' in verdict.reason
+
+    @pytest.mark.parametrize(
+        'name', ['elsewhere.yaml', 'data/link.yaml', 'data/../elsewhere.yaml']
+    )
+    def test_outside_the_folder_is_refused_at_run_time(self, rig, make_model, tmp_path, name):
+        make_model(tmp_path / 'elsewhere.yaml')
+        make_model('live.yaml')
+        (tmp_path / 'data/link.yaml').symlink_to(tmp_path / 'elsewhere.yaml')
+        node = rig()
+        assert node.set('model_file', 'models/live.yaml').successful
+        verdict = node.set('model_file', str(tmp_path / name))
+        assert not verdict.successful
+        assert f'must lie inside data_directory ({tmp_path / "data"})' in verdict.reason
+        assert live(node) == 'live.yaml'
+        assert node.node.get_parameter('model_file').value == 'models/live.yaml'
+
+    @pytest.mark.parametrize('content', [None, b'format: other'])
+    def test_that_is_bad_at_run_time_is_refused(self, rig, make_model, content):
+        model = make_model('live.yaml')
+        node = rig()
+        assert node.set('model_file', str(model.path)).successful
+        bad = node.directory / 'models/bad.yaml'
+        if content is not None:
+            bad.write_bytes(content)
+        verdict = node.set('model_file', str(bad))
+        assert not verdict.successful
+        assert 'bad.yaml' in verdict.reason
+        assert live(node) == 'live.yaml'
+
+    def test_that_is_no_file_is_refused(self, rig, make_model):
+        make_model('a.yaml')
+        node = rig()
+        (node.directory / 'loop.yaml').symlink_to(node.directory / 'loop.yaml')
+        os.mkfifo(node.directory / 'pipe.yaml')
+        assert 'is no regular file' in node.set('model_file', 'pipe.yaml').reason
+        for name in ('loop.yaml', '~nobody_of_this_name/a.yaml', 'x' * 5000, '.', '/dev/zero'):
+            assert not node.set('model_file', name).successful
+        assert node.set('model_file', '').successful
+        assert live(node) is None
+
+
+class TestUnit:
+    """A chamber table's model is in what the table is in, which newtons need not be."""
+
+    SAID = 'corrects force_z in output units, but the wrenches are in N. Calibrate from recordings'
+
+    @pytest.fixture
+    def foreign(self, make_model):
+        path = make_model('foreign.yaml').path
+        path.write_text(path.read_text().replace("unit: ''", 'unit: output units'))
+        return path
+
+    def test_another_one_is_refused_at_start(self, rig, foreign):
+        with pytest.raises(ModelFileError, match=f'foreign.yaml {self.SAID}'):
+            rig(parameters={'model_file': str(foreign)})
+
+    @pytest.mark.usefixtures('foreign')
+    def test_another_one_is_refused_while_running(self, rig, make_model):
+        node = rig(parameters={'model_file': str(make_model('a.yaml').path)})
+        verdict = node.set('model_file', 'models/foreign.yaml')
+        assert not verdict.successful
+        assert self.SAID in verdict.reason
+        assert live(node) == 'a.yaml'
+
+    def test_another_one_is_no_outcome_of_a_calibration(self, rig, foreign):
+        node = rig()
+        with pytest.raises(ModelFileError, match=self.SAID):
+            node.node.live.take(load_model(foreign))
+        assert live(node) is None
+
+    def test_who_knows_better_may_write_so_into_the_file(self, rig, foreign):
+        foreign.write_text(foreign.read_text().replace('unit: output units', 'unit: N'))
+        assert live(rig(parameters={'model_file': str(foreign)})) == 'foreign.yaml'

@@ -1,0 +1,107 @@
+"""The SROS2 policy grants the node what it has, and nothing more."""
+
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+from rclpy.node import Node
+
+from wrist_ft_comp.node.compensator import CompensatorNode
+
+POLICY = Path(__file__).parents[3] / 'config/sros2_policy.xml'
+#: Services that change something.
+CHANGING = {'calibrate', 'identify_payload', 'record', 'tare', 'reset_tare', 'rollback',
+            'adopt', 'set_parameters', 'set_parameters_atomically'}  # fmt: skip
+#: What a list of rules may hold, as in version 0.2.0 of SROS2's schema.
+LISTS = {
+    'topics': ('topic', {'publish', 'subscribe'}),
+    'services': ('service', {'request', 'reply'}),
+}
+
+
+@pytest.fixture(scope='module')
+def policy():
+    return ET.parse(POLICY).getroot()  # noqa: S314 -- our own file
+
+
+def profile_of(policy, enclave):
+    (allowed,) = policy.findall(f"enclaves/enclave[@path='/{enclave}']/profiles/profile")
+    return allowed
+
+
+def granted(profile, kind, right):
+    """Full names that a profile grants a right on."""
+    node = f'/{profile.get("node")}'
+    names = [
+        each.text
+        for rules in profile.findall(kind)
+        if rules.get(right) == 'ALLOW'
+        for each in rules
+    ]
+    return {
+        name if name.startswith('/') else node + name[1:] if name[0] == '~' else f'/{name}'
+        for name in names
+    }
+
+
+def test_it_is_built_as_the_schema_wants(policy):
+    assert (policy.tag, policy.attrib) == ('policy', {'version': '0.2.0'})
+    assert [each.tag for each in policy] == ['enclaves']
+    for enclave in policy[0]:
+        assert (enclave.tag, set(enclave.attrib)) == ('enclave', {'path'})
+        assert [each.tag for each in enclave] == ['profiles']
+        for profile in enclave[0]:
+            assert (profile.tag, set(profile.attrib)) == ('profile', {'ns', 'node'})
+            for rules in profile:
+                item, rights = LISTS[rules.tag]
+                assert set(rules.attrib) <= rights
+                assert set(rules.attrib.values()) <= {'ALLOW', 'DENY'}
+                assert {each.tag for each in rules} == {item}
+                assert all(each.text for each in rules)
+
+
+def test_the_node_is_granted_what_it_has_and_nothing_more(bench, policy, tmp_path):
+    node = bench.start(
+        CompensatorNode, parameters={'data_directory': str(tmp_path), 'use_sim_time': True}
+    )
+    node.recording._begin()  # which subscribes to the reference
+    me = (node.get_name(), node.get_namespace())
+    profile = profile_of(policy, 'wrist_ft_comp')
+
+    def has(names_and_types):
+        return {name for name, _ in names_and_types}
+
+    allowed = {
+        ('topics', 'publish'): has(node.get_publisher_names_and_types_by_node(*me)),
+        ('topics', 'subscribe'): has(node.get_subscriber_names_and_types_by_node(*me)),
+        ('services', 'reply'): has(node.get_service_names_and_types_by_node(*me)),
+    }
+    for (kind, right), names in allowed.items():
+        assert names == granted(profile, kind, right), (kind, right)
+    assert not granted(profile, 'services', 'request')
+
+
+def test_only_the_operator_may_change_something(policy):
+    node = profile_of(policy, 'wrist_ft_comp')
+    offered = granted(node, 'services', 'reply')
+    assert {f'/wrist_ft_comp/{name}' for name in CHANGING} <= offered
+    reader = profile_of(policy, 'wrist_ft_comp_reader')
+    assert not granted(reader, 'services', 'request')
+    assert granted(reader, 'topics', 'publish') == {'/rosout', '/parameter_events'}
+    operator = profile_of(policy, 'wrist_ft_comp_operator')
+    assert granted(operator, 'services', 'request') == offered
+    published = granted(node, 'topics', 'publish')
+    for other in (reader, operator):
+        assert granted(other, 'topics', 'subscribe') <= published | {'/clock'}
+
+
+@pytest.mark.parametrize('enclave', ['wrist_ft_comp_reader', 'wrist_ft_comp_operator'])
+def test_others_are_granted_what_any_node_has(bench, policy, enclave):
+    """Or they could not be made at all."""
+    bench.start(Node, enclave, use_global_arguments=False)
+    profile, me = profile_of(policy, enclave), (enclave, '/')
+    services = bench.helper.get_service_names_and_types_by_node
+    bench.wait_until(lambda: len(services(*me)) >= 7, 'its services')
+    assert granted(profile, 'services', 'reply') == {name for name, _ in services(*me)}
+    publishes = bench.helper.get_publisher_names_and_types_by_node(*me)
+    assert granted(profile, 'topics', 'publish') == {name for name, _ in publishes}

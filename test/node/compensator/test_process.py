@@ -1,0 +1,148 @@
+"""The executable: how it starts, ends, and what is left when it is killed."""
+
+from contextlib import suppress
+import os
+from pathlib import Path
+import signal
+
+import numpy as np
+import pytest
+from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
+import yaml
+
+from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.ros.parameters import PARAMETERS
+
+MODULE = 'wrist_ft_comp.node.compensator'
+
+
+@pytest.fixture
+def start(bench, executable, tmp_path):
+    """Start the executable under a name of its own, and wait until it is up."""
+
+    def launch(name, *arguments):
+        process = executable(
+            MODULE,
+            *('-r', f'__ns:=/{name}', '-r', f'__node:={name}'),
+            *('-p', f'data_directory:={tmp_path / "data"}'),
+            *arguments,
+            may_be_killed=True,
+        )
+        bench.wait_for_node(name)
+        return process
+
+    return launch
+
+
+def ends_well(process, number):
+    code, errors = process.end(number)
+    assert code == 0, errors
+    assert 'Traceback' not in errors
+    assert 'terminate called' not in errors
+    return errors
+
+
+def endless(tmp_path):
+    """Make a pipe without a writer, which takes the place of a long fit."""
+    recording = tmp_path / 'data/endless.csv'
+    recording.parent.mkdir()
+    os.mkfifo(recording)
+    return recording
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_calibration_too(bench, peer, start, tmp_path, number):
+    name, recording = f'fits_{int(number)}', endless(tmp_path)
+    process = start(name, '-p', f'calibration.recordings:=[{recording}]')
+    answer = peer(f'/{name}', name).ask('calibrate')
+    # Opening the other end waits until the calibration process has opened this one.
+    with recording.open('wb'):
+        ends_well(process, number)
+    bench.wait_until(answer.done, 'the answer')
+    assert answer.result().message == 'The node is shutting down; the model is unchanged.'
+    with pytest.raises(OSError, match='No such device'):
+        os.close(os.open(recording, os.O_WRONLY | os.O_NONBLOCK))  # nobody reads it any more
+
+
+def rows_of(path):
+    """Rows of a recording that are whole."""
+    return path.read_bytes().count(b'\n') - 1
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGINT])
+def test_a_recording_survives_the_end_of_the_process(bench, peer, start, tmp_path, number):
+    name = f'records_{int(number)}'
+    process = start(name)
+    driver = peer(f'/{name}', name)
+    assert driver.call('record', data=True).success
+    (path,) = (tmp_path / 'data/recordings').glob('*.csv')
+
+    def has_rows():
+        driver.cells()
+        return rows_of(path) >= 5
+
+    bench.wait_until(has_rows, 'five rows')
+    if number == signal.SIGKILL:
+        code, _ = process.end(number)
+        assert code == -signal.SIGKILL
+    else:
+        assert 'thermal cells' in ends_well(process, number)
+    recording = read_recording(path)
+    assert len(recording) >= 5
+    assert (recording.wrench[np.isfinite(recording.wrench)] == 1.0).all()
+    assert recording.warnings == ()
+
+
+def test_a_bad_model_file_is_one_sentence_and_exit_code_1(executable, tmp_path):
+    path = tmp_path / 'bad.yaml'
+    path.write_text('format: other')
+    code, errors = executable(MODULE, '-p', f'model_file:={path}').result()
+    assert code == 1
+    assert len(errors.splitlines()) == 1, errors
+    assert f'{path} is not a model file' in errors
+    assert 'Make one with wrist_ft_comp calibrate.' in errors
+
+
+def test_a_name_that_is_no_topic_is_a_sentence_and_exit_code_1(executable):
+    argument = 'temperature_topics:=["not a topic"]'
+    code, errors = executable(MODULE, '-p', argument).result()
+    assert code == 1
+    assert 'not a topic' in errors
+    assert 'Traceback' not in errors
+
+
+def test_a_killed_node_leaves_no_calibration_behind(bench, peer, start, tmp_path):
+    recording = endless(tmp_path)
+    process = start('killed', '-p', f'calibration.recordings:=[{recording}]')
+    peer('/killed', 'killed').ask('calibrate')
+    with recording.open('wb'):
+        code, _ = process.end(signal.SIGKILL)
+        assert code == -signal.SIGKILL
+
+    def nobody_reads():
+        with suppress(OSError):
+            os.close(os.open(recording, os.O_WRONLY | os.O_NONBLOCK))
+            return False
+        return True
+
+    bench.wait_until(nobody_reads, 'the end of the calibration')
+
+
+def flat(tree, prefix=''):
+    """Names with dots, as the node has them."""
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from flat(value, f'{prefix}{key}.')
+        else:
+            yield f'{prefix}{key}', value
+
+
+def test_the_file_of_parameters_that_is_installed_is_taken(bench, start):
+    path = Path(__file__).parents[3] / 'config/compensator.yaml'
+    wanted = dict(flat(yaml.safe_load(path.read_text('utf-8'))['/**']['ros__parameters']))
+    assert set(wanted) <= {row.name for row in PARAMETERS}
+    start('from_file', '--params-file', str(path))
+    request = GetParameters.Request(names=list(wanted))
+    answer = bench.call(GetParameters, '/from_file/from_file/get_parameters', request)
+    assert [parameter_value_to_python(each) for each in answer.values] == list(wanted.values())

@@ -1,0 +1,136 @@
+import math
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.stream.cell_averager import REFERENCE
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+executors = pytest.mark.parametrize('executor', ['default', 'events'])
+
+
+def start_recording(rig):
+    answer = rig.call('record', True)
+    assert answer.success, answer.message
+    (path,) = (rig.directory / 'recordings').glob('*.csv')
+    assert str(path) in answer.message
+    return path
+
+
+def feed(rig, cells, *, first=0, per_cell=4, celsius=(25.0,)):
+    """Send cells of wrenches that count up, and temperatures; return the wrenches, per cell."""
+    sent = []
+    for cell in range(first, first + cells):
+        stamps = START + cell * SECOND + np.arange(per_cell) * (SECOND // per_cell)
+        wrenches = np.arange(per_cell)[:, np.newaxis] + np.full(6, 10.0 * cell)
+        rig.stream(stamps, wrenches)
+        rig.warm(START + cell * SECOND + SECOND // 2, *(value + cell for value in celsius))
+        sent.append(wrenches)
+    return sent
+
+
+@executors
+def test_rows_are_the_means_per_cell(wired, executor):
+    node = wired(executor=executor, thermometers=2)
+    path = start_recording(node)
+    send_reference = node.reference()
+    for k in range(8):
+        send_reference(START + k * SECOND, [float(k)] * 6)
+        send_reference(START + k * SECOND + 5, [k + 1.0] * 6)
+    averager = node.node.recording.current.averager
+    newest = START // SECOND + 7
+    node.wait_until(lambda: averager._latest[REFERENCE] == newest, 'the references')
+    sent = feed(node, 8, celsius=(20.0, 40.0))
+    answer = node.call('record', False)
+    assert answer.success
+    assert answer.message == f'recorded 7 thermal cells (7 s) into {path}'
+    table = np.genfromtxt(path, delimiter=',', names=True)
+    assert table['stamp_ns'].tolist() == [START + k * SECOND + SECOND // 2 for k in range(7)]
+    np.testing.assert_allclose(table['force_x'], [each.mean() for each in sent[:7]])
+    np.testing.assert_allclose(table['torque_z'], [each.mean() for each in sent[:7]])
+    np.testing.assert_allclose(table['reference_force_y'], np.arange(7) + 0.5)
+    np.testing.assert_allclose(table['temperature_c'], 20.0 + np.arange(7))
+    np.testing.assert_allclose(table['temperature_2_c'], 40.0 + np.arange(7))
+
+
+def test_a_recording_is_readable_while_it_runs(rig):
+    node = rig()
+    path = start_recording(node)
+    feed(node, 5)
+    assert node.node.recording.current.rows == 4
+    recording = read_recording(path)
+    np.testing.assert_allclose(recording.temperature_c[:, 0], 25.0 + np.arange(4))
+    np.testing.assert_allclose(recording.wrench[:, 2], 1.5 + 10 * np.arange(4))
+    assert np.isnan(recording.reference).all()
+    assert recording.warnings == ()
+    node.bench.close()
+    assert node.node.recording.current is None, 'it ends with the node'
+    assert len(read_recording(path)) == 4
+
+
+def test_starting_twice_and_ending_twice_are_refused(rig):
+    node = rig()
+    answer = node.call('record', False)
+    assert not answer.success
+    assert answer.message == 'No recording runs. Start one with data: true.'
+    path = start_recording(node)
+    answer = node.call('record', True)
+    assert not answer.success
+    assert f'A recording runs already, into {path}' in answer.message
+    assert node.call('record', False).message == f'recorded 0 thermal cells (0 s) into {path}'
+    assert not node.call('record', False).success
+
+
+def test_a_reference_is_listened_to_while_recording_and_unusable_ones_are_left_out(rig):
+    node = rig()
+    topic = node.topic('wrench_reference')
+    assert node.node.count_subscribers(topic) == 0
+    path = start_recording(node)
+    node.wait_until(lambda: node.node.count_subscribers(topic) == 1, 'the subscription')
+    node.send_reference(START, [math.nan] * 6)
+    node.send_reference(START + 1, [3.0] * 6)
+    assert node.node.health.counts.bad_references == 1
+    feed(node, 2)
+    node.call('record', False)
+    node.wait_until(lambda: node.node.count_subscribers(topic) == 0, 'its end')
+    assert read_recording(path).reference[0].tolist() == [3.0] * 6
+
+
+def test_a_data_directory_that_is_a_file_is_a_sentence(rig, tmp_path):
+    (tmp_path / 'data').write_text('')
+    node = rig()
+    for _ in range(2):
+        answer = node.call('record', True)
+        assert not answer.success
+        assert f'{tmp_path / "data"} cannot be written: ' in answer.message
+        assert answer.message.endswith('Make room or choose another data_directory.')
+    feed(node, 3)
+    answer = node.call('calibrate')
+    assert not answer.success
+    assert 'There is no recording in' in answer.message
+
+
+def test_a_model_of_another_period_ends_the_recording(rig, make_model):
+    model = make_model('slow.yaml', period_s=10.0)
+    node = rig()
+    path = start_recording(node)
+    feed(node, 4)
+    assert node.set('model_file', str(model.path)).successful
+    answer = node.call('record', False)
+    assert not answer.success
+    assert 'the new model has thermal cells of 10 s' in answer.message
+    assert len(read_recording(path)) == 3
+    assert node.call('record', True).success
+
+
+def test_a_recording_that_cannot_hear_its_reference_does_not_begin(rig):
+    override = 'qos_overrides./deaf/wrench_reference.subscription.reliability'
+    node = rig(namespace='/deaf', parameters={override: 'bestest'})
+    refused = node.call('record', True)
+    assert not refused.success
+    assert 'bestest' in refused.message
+    assert not (node.directory / 'recordings').exists()
+    assert node.diagnosis('calibration').message == 'idle'
+    assert not node.call('record', False).success, 'no recording runs'

@@ -1,0 +1,122 @@
+"""A node knows whether its model is of its sensor."""
+
+import math
+from pathlib import Path
+import shutil
+
+import pytest
+import yaml
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.learning.day_files import DayFiles
+from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.ros.node_log import OK, WARN
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+TOPICS = ['/a/temperature', '/b/state:motors[0]']
+
+
+@pytest.fixture
+def learnt(make_model):
+    """Write a model with what it knows of its sensor."""
+
+    def make(name='known.yaml', **facts):
+        stored = make_model(name, thermometers=2)
+        document = yaml.safe_load(stored.path.read_text())
+        document['provenance'].update(facts)
+        stored.path.write_text(yaml.safe_dump(document))
+        return f'models/{name}'
+
+    return make
+
+
+class TestSwappedThermometers:
+    def test_are_refused_at_the_start(self, rig, learnt):
+        parameters = {'model_file': learnt(temperature_topics=TOPICS)}
+        rig(thermometers=2, topics=TOPICS, parameters=parameters)
+        with pytest.raises(SettingsError, match=r'expected /a/temperature, /b/state'):
+            rig(thermometers=2, topics=TOPICS[::-1], parameters=parameters)
+
+    def test_are_refused_while_running_and_after_a_restart(self, rig, learnt, capfd):
+        path = learnt(temperature_topics=TOPICS[::-1])
+        node = rig(thermometers=2, topics=TOPICS)
+        answer = node.set('model_file', path)
+        assert not answer.successful
+        assert 'temperature_topics' in answer.reason
+        assert node.node.live.stored is None
+        assert rig(thermometers=2, topics=TOPICS[::-1], parameters={'model_file': path})
+        status = rig(thermometers=2, topics=TOPICS).diagnosis('model')
+        assert 'The last model cannot be used: ' in status.message
+        assert 'expected /b/state:motors[0], /a/temperature' in capfd.readouterr().err
+
+    def test_of_two_arms_are_told_only(self, rig, learnt):
+        path = learnt(temperature_topics=TOPICS[::-1], wrench_topic='/left/wrench')
+        status = rig(thermometers=2, topics=TOPICS, parameters={'model_file': path}).diagnosis(
+            'model'
+        )
+        assert status.level == WARN
+        assert 'wrench_topic /left/wrench in known.yaml' in status.message
+
+
+def test_another_frame_and_serial_number_are_told(rig, learnt, capfd):
+    path = learnt(frame_id='left_ft', hardware_id='FT-1', temperature_topics=TOPICS)
+    parameters = {'model_file': path, 'hardware_id': 'FT-2'}
+    node = rig(thermometers=2, topics=TOPICS, parameters=parameters)
+    status = node.diagnosis('model', 'hardware_id FT-1 in known.yaml, FT-2 here')
+    assert status.level == WARN
+    assert 'frame_id' not in status.message
+    assert status.values['learnt_from_frame_id'] == 'left_ft'
+    node.put(START, [0.0] * 6, 'right_ft')
+    assert node.diagnosis('model', 'frame_id left_ft in known.yaml, right_ft here').level == WARN
+    node.diagnosis('model')
+    assert capfd.readouterr().err.count('right_ft here') == 1
+
+
+def test_a_recording_tells_the_model_its_sensor(rig, tmp_path):
+    parameters = {'hardware_id': 'FT-7', 'calibration.min_temperature_span': 0.0}
+    parameters |= {'thermal_period': 0.1, 'calibration.method': 'pls'}
+    node = rig(thermometers=2, topics=TOPICS, parameters=parameters)
+    node.put(START, [0.0] * 6, 'left_ft, "b"')
+    path = Path(node.call('record', True).message.removeprefix('recording into '))
+    for k in range(200):
+        at = START + k * SECOND // 10
+        warm = 5 * math.sin(k / 20)
+        node.put(at, [warm + 0.01 * (k % 7)] * 6, 'left_ft, "b"')
+        node.put_temperature(at, 20.0 + warm, 20.0)
+    assert node.call('record', False).success
+    recording = read_recording(path, period_s=0.1)
+    assert recording.warnings == ()
+    sensor = recording.sensor
+    assert sensor == {
+        'hardware_id': ['FT-7'], 'frame_id': ['left_ft, "b"'],
+        'wrench_topic': [node.topic('wrench_raw')], 'temperature_topics': TOPICS,
+    }  # fmt: skip
+    copy = shutil.copy(path, path.with_name('recording_20991231T000000Z.csv'))
+    answer = node.call('calibrate')
+    assert answer.success, answer.message
+    assert f'{copy} is a copy of {path}' in answer.message
+    assert node.node.live.stored.sensor == sensor
+    assert node.diagnosis('model', lambda status: status.level == OK)
+    other = rig(
+        thermometers=2,
+        topics=TOPICS[::-1],
+        parameters={**parameters, 'calibration.recordings': [str(path)]},
+        namespace='/other',
+        directory=tmp_path / 'other',
+    )
+    answer = other.call('calibrate')
+    assert not answer.success
+    assert 'in another order' in answer.message
+
+
+def test_a_restart_with_the_thermometers_in_another_order_begins_another_day(tmp_path):
+    for hour, topics in enumerate((TOPICS, TOPICS, TOPICS[::-1])):
+        days = DayFiles(tmp_path, ('force_z', 'temperature_c', 'temperature_2_c'), 1e9)
+        days.sensor = lambda topics=topics: {'temperature_topics': topics}
+        for minute in range(60):
+            days.append(START + (60 * hour + minute) * 60 * SECOND, [1.0, 20.0, 25.0])
+        days.close()
+    first, second = sorted((tmp_path / 'days').iterdir())
+    assert first.read_text().count('\n') == 121
+    assert 'temperature_topics=/b/state:motors[0]&' in second.read_text()

@@ -1,0 +1,94 @@
+"""Remapping, namespaces, simulated time, quality of service: what a ROS user expects of a node."""
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import WrenchStamped
+import pytest
+from rclpy.qos import QoSReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Temperature
+from std_srvs.srv import SetBool, Trigger
+
+from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.ros import messages as qos
+from wrist_ft_comp.ros.messages import wrench_message
+
+SECOND = 1_000_000_000
+LOAD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+TIMEOUT_S = 60.0
+
+
+def test_topics_and_the_node_can_be_remapped(bench, tmp_path):
+    rules = {
+        'wrench_raw': '/driver/ft',
+        'wrench': '/clean/ft',
+        'temperature': '/driver/heat',
+        '__node': 'left_ft',
+        '__ns': '/cell_1',
+    }
+    node = bench.start(CompensatorNode, remap=rules, parameters={'data_directory': str(tmp_path)})
+    outputs = bench.listen(WrenchStamped, '/clean/ft')
+    bench.publisher(Temperature, '/driver/heat')
+    bench.wait_until(lambda: node._output.get_subscription_count() > 0, 'the listener')
+    bench.publisher(WrenchStamped, '/driver/ft').publish(wrench_message(7, 'tool0', LOAD))
+    assert outputs.get(timeout=TIMEOUT_S).header.stamp.nanosec == 7
+    answer = bench.call(Trigger, '/cell_1/left_ft/rollback', Trigger.Request())
+    assert 'no earlier model' in answer.message
+    node.recording._begin()
+    job_topics = node.jobs.calibration().topics
+    assert (job_topics.wrench, job_topics.temperatures) == ('/driver/ft', ('/driver/heat',))
+
+
+def test_without_a_directory_each_node_keeps_its_own_below_ros_home(bench, tmp_path, monkeypatch):
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    nodes = [bench.start(CompensatorNode, namespace=name) for name in ('/left', '/right')]
+    folders = [node.store.directory for node in nodes]
+    folder = tmp_path / 'wrist_ft_comp'
+    assert folders == [folder / 'left__wrist_ft_comp', folder / 'right__wrist_ft_comp']
+
+
+@pytest.mark.parametrize('clock', ['published', 'absent'])
+def test_simulated_time_stamps_what_has_no_stamp(wired, bench, clock):
+    node = wired(parameters={'use_sim_time': True, 'tare.duration': 0.01})
+    if clock == 'published':
+        clocks = bench.publisher(Clock, '/clock')
+        clocks.publish(Clock(clock=Time(sec=4321)))
+        bench.wait_until(lambda: node.node.now_ns() == 4321 * SECOND, 'the clock')
+    assert node.ask_output(0, LOAD) == tuple(LOAD)
+    stamp = node.node._newest[0]
+    assert stamp == (4321 * SECOND if clock == 'published' else 0)
+    assert node.diagnosis('input').name.endswith('input')
+    answer = node.call('tare')
+    assert 'Taring needs at least 10 wrenches' in answer.message, 'timers are steady'
+
+
+def test_quality_of_service_can_be_overridden_for_one_topic_only(bench, tmp_path):
+    prefix = 'qos_overrides./other'
+    node = bench.start(
+        CompensatorNode,
+        namespace='/other',
+        parameters={
+            'data_directory': str(tmp_path),
+            f'{prefix}/wrench.publisher.reliability': 'best_effort',
+            f'{prefix}/wrench_raw.subscription.reliability': 'reliable',
+            f'{prefix}/temperature.subscription.depth': 7,
+            f'{prefix}/wrench_reference.subscription.depth': 8,
+        },
+    )
+    best_effort, reliable = QoSReliabilityPolicy.BEST_EFFORT, QoSReliabilityPolicy.RELIABLE
+
+    assert node._output.qos_profile.reliability == best_effort
+    assert node.output.drift.qos_profile.reliability == reliable
+    assert node._diagnostics.qos_profile.reliability == reliable
+    assert node._raw.qos_profile.reliability == reliable
+    depths = {each.topic_name: each.qos_profile.depth for each in node.subscriptions}
+    assert depths['/other/temperature'] == 7
+    assert qos.OUTPUT.reliability == reliable
+    assert qos.FAST_SENSOR.reliability == best_effort
+    assert qos.SLOW_SENSOR.depth == 100
+    for _ in range(2):
+        for data in (True, False):
+            request = SetBool.Request(data=data)
+            assert bench.call(SetBool, '/other/wrist_ft_comp/record', request).success
+            if data:
+                depths = {s.topic_name: s.qos_profile.depth for s in node.subscriptions}
+                assert depths['/other/wrench_reference'] == 8

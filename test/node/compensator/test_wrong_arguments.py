@@ -1,0 +1,133 @@
+"""Every argument of the node, wrong in every way: a sentence, and never a traceback."""
+
+import gc
+
+import pytest
+
+from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.ros.parameters import PARAMETERS
+from wrist_ft_comp.ros.running import node_per_sensor, USER_ERRORS
+
+
+def start(context, tmp_path, *arguments):
+    """Make what the executable would make."""
+    words = ['--ros-args', '-p', f'data_directory:={tmp_path / "data"}', *arguments]
+    return node_per_sensor(CompensatorNode, context=context, cli_args=words)
+
+
+def refusal(context, tmp_path, *arguments):
+    with pytest.raises(USER_ERRORS) as refused:
+        start(context, tmp_path, *arguments)
+    said = str(refused.value)
+    # What was refused half-made goes now: participants that pile up make DDS hang in the end.
+    del refused
+    gc.collect()
+    return said
+
+
+@pytest.mark.parametrize(
+    ('given', 'words'),
+    [
+        ("temperature_topics:=['{bad}']", '{bad}'),
+        ('temperature_topics:=[a//b]', 'a//b'),
+        ('temperature_topics:=[a/]', 'a/'),
+        ("temperature_topics:=['a b']", 'a b'),
+        ('temperature_topics:=[1.5]', 'every element is a string; got 1.5'),
+        ("temperature_topics:=['']", 'must name at least one topic; got none'),
+        ('temperature_topics:=[wrench_raw]', 'The topic wrench_raw cannot be used'),
+        ('temperature_topics:=[wrench]', 'The topic wrench cannot be used'),
+        ('temperature_topics:=[/rosout]', 'The topic /rosout cannot be used'),
+        ('data_directory:=~nobody_here/x', 'nobody here has a home of that name'),
+        ('data_directory:=5', 'must be a string; got 5'),
+        ('model_file:=/', '/ cannot be read: Is a directory'),
+        ('model_file:=~nobody_here/x', '~nobody_here/x cannot be read: No such file'),
+        ('model_file:=/dev/zero', '/dev/zero is no regular file'),
+        ('model_file:=[a, b]', "must be a string; got ['a', 'b']"),
+        ('sensors:=[left__arm]', "single underscores that begin with a letter.*got 'left__arm'"),
+        ('sensors:=[1, 2]', 'every element is a string; got 1'),
+        ('executor:=multi', 'must be one of auto, events, default'),
+        ('use_sim_time:=5', "expecting type 'BOOL'"),
+        ('start_type_description_service:=5', "expecting type 'BOOL'"),
+        ('qos_overrides./wrench.publisher.reliability:=bestest', 'bestest'),
+        ('qos_overrides./wrench.publisher.depth:=-3', 'at least 1; got -3'),
+        ('qos_overrides./wrench_raw.subscription.depth:=0', 'at least 1; got 0'),
+        ('qos_overrides./wrench_raw.subscription.history:=7', "expecting type 'STRING'"),
+        ('qos_overrides./temperature.subscription.depth:=many', "expecting type 'INTEGER'"),
+        ('calibration.recordings:=[5]', 'every element is a string; got 5'),
+        ('calibration.method:=arx', "got 'arx'"),
+        ('uncalibrated:=true', 'got True'),
+    ],
+)
+@pytest.mark.filterwarnings('ignore:A zero depth')
+def test_a_wrong_value_gets_its_sentence(ros_context, tmp_path, given, words):
+    *start_of, end = words.split('.*')
+    said = refusal(ros_context, tmp_path, '-p', given)
+    assert all(part in said for part in (*start_of, end)), said
+    assert '\n' not in said
+    assert '/project/' not in said
+
+
+NUMBERS = [row for row in PARAMETERS if row.element_type is float and not row.is_array]
+
+
+@pytest.mark.parametrize('row', NUMBERS, ids=lambda row: row.name)
+@pytest.mark.parametrize('text', ['.nan', '-.inf', '-1', 'fast', 'true', '[1.0]', '1e400'])
+def test_a_number_that_is_none_gets_its_sentence(ros_context, tmp_path, row, text):
+    said = refusal(ros_context, tmp_path, '-p', f'{row.name}:={text}')
+    assert said.startswith(f'Parameter {row.name} must be {row.allowed}; got ')
+
+
+@pytest.mark.parametrize(
+    ('rules', 'words'),
+    [
+        (['-r', 'wrench:=wrench_raw'], 'are both /wrench_raw: the node would hear itself'),
+        (['-r', 'wrench:=/diagnostics'], 'The topic /diagnostics cannot be used'),
+        (['-r', 'wrench_raw:=/rosout'], 'The topic wrench_raw cannot be used'),
+        (['-r', 'temperature:=/wrench'], 'The topic temperature cannot be used'),
+    ],
+)
+def test_a_remap_that_cannot_work_gets_its_sentence(ros_context, tmp_path, rules, words):
+    assert words in refusal(ros_context, tmp_path, *rules)
+
+
+def test_a_sensor_may_be_named_with_an_underscore(ros_context, tmp_path):
+    (node,) = start(ros_context, tmp_path, '-p', 'sensors:=[left_arm_2]')
+    assert node.get_namespace() == '/left_arm_2'
+    node.destroy_node()
+
+
+def test_a_relative_data_directory_is_the_working_directorys(ros_context, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (node,) = start(ros_context, tmp_path, '-p', 'data_directory:=here')
+    assert node.store.directory == tmp_path / 'here'
+    node.destroy_node()
+
+
+def test_a_mistyped_parameter_is_told_by_the_node(executable, bench, tmp_path):
+    given = ('temprature_topics:=[heat]', f'data_directory:={tmp_path}')
+    words = [word for each in given for word in ('-p', each)]
+    node = executable('wrist_ft_comp.node.compensator', '-r', '__node:=mistyped', *words)
+    bench.wait_for_node('mistyped')
+    _, errors = node.end()
+    assert 'no parameter temprature_topics, so' in errors
+    assert 'Did you mean temperature_topics?' in errors
+
+
+def test_a_folder_that_takes_nothing_is_told_at_start(rig):
+    node = rig(parameters={'data_directory': '/proc/wrist_ft_comp'})
+    said = '/proc/wrist_ft_comp cannot be written: No such file or directory. Mend its rights'
+    assert said in node.diagnosis('model').message
+    assert 'cannot be written' in node.call('record', True).message
+
+
+def test_no_word_of_a_folder_that_takes_something(rig):
+    node = rig()
+    assert 'written' not in node.diagnosis('model').message
+    assert [each.name for each in node.directory.iterdir()] == ['lock']
+
+
+def test_off_is_a_word_although_yaml_reads_a_truth_value(ros_context, tmp_path):
+    (node,) = start(ros_context, tmp_path, '-p', 'learning:=off')
+    assert node.get_parameter('learning').value == 'off'
+    node.destroy_node()
+    assert 'one of off, propose, auto' in refusal(ros_context, tmp_path, '-p', 'learning:=on')

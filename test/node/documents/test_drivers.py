@@ -1,0 +1,25 @@
+"""The commands of docs/drivers.md that start the compensator: the node takes them as they are."""
+
+import pytest
+from rclpy.context import Context
+
+from wrist_ft_comp.node.compensator import CompensatorNode
+
+
+def compensators(commands):
+    return [words[4:] for words in commands('docs/drivers.md') if words[3] == 'compensator']
+
+
+@pytest.mark.parametrize('number', range(5))
+def test_a_driver_s_topics_are_taken(commands, ros_domain, tmp_path, number):
+    given = compensators(commands)[number]
+    context = Context()
+    context.init([*given, '-p', f'data_directory:={tmp_path}'], domain_id=ros_domain)
+    try:
+        node = CompensatorNode(context=context)
+        (raw,) = (word.partition(':=')[2] for word in given if word.startswith('wrench_raw'))
+        assert node.own_topics[:2] == (raw, '/wrench')
+        assert list(node.get_parameter('temperature_topics').value)
+        node.destroy_node()
+    finally:
+        context.try_shutdown()

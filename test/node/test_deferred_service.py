@@ -1,0 +1,78 @@
+import queue
+
+import pytest
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from wrist_ft_comp.ros.deferred import DeferredService
+
+TIMEOUT_S = 60.0
+executors = pytest.mark.parametrize('executor', ['default', 'events'])
+
+
+class Example(Node):
+    """Hands out its replies, and answers them in the executor's thread when told to."""
+
+    def __init__(self, **kwargs):
+        super().__init__('example', use_global_arguments=False, **kwargs)
+        self.replies, self.todo, self.ticks = queue.Queue(), queue.Queue(), queue.Queue()
+        self.service = DeferredService(self, SetBool, '~/work', self.on_work, print)
+        self.at_once = DeferredService(self, Trigger, '~/at_once', self.on_at_once, print)
+        self.create_timer(0.005, self.tick)
+
+    def on_work(self, request, reply):
+        self.replies.put((request, reply))
+
+    def on_at_once(self, _request, reply):
+        reply(success=True, message='first')
+        reply(success=False, message='second')
+
+    def tick(self):
+        self.ticks.put(None)
+        while not self.todo.empty():
+            self.todo.get()()
+
+
+def ask(bench, request):
+    client = bench.helper.create_client(SetBool, '/example/work')
+    assert client.wait_for_service(timeout_sec=TIMEOUT_S)
+    answers = queue.Queue()
+    client.call_async(request).add_done_callback(lambda done: answers.put(done.result()))
+    return answers
+
+
+@executors
+def test_an_answer_may_come_at_once_and_only_the_first_counts(bench, executor):
+    node = bench.start(Example, executor=executor)
+    answer = bench.call(Trigger, '/example/at_once', Trigger.Request())
+    assert (answer.success, answer.message) == (True, 'first')
+    bench.wait_until(lambda: not node.at_once._replies, 'that no reply is kept')
+
+
+@executors
+def test_each_asker_gets_the_own_answer_in_any_order(bench, executor):
+    node = bench.start(Example, executor=executor)
+    asked = [ask(bench, SetBool.Request(data=flag)) for flag in (True, False, True)]
+    waiting = [node.replies.get(timeout=TIMEOUT_S) for _ in asked]
+    for _ in range(20):
+        node.ticks.get(timeout=TIMEOUT_S)  # callbacks go on meanwhile
+    assert all(answers.empty() for answers in asked)
+    for request, reply in reversed(waiting):
+        text = str(request.data)
+        node.todo.put(lambda reply=reply, text=text: reply(success=True, message=text))
+    got = [answers.get(timeout=TIMEOUT_S).message for answers in asked]
+    assert got == ['True', 'False', 'True']
+    assert all(answers.empty() for answers in asked)
+
+
+@executors
+def test_an_answer_after_the_asker_has_gone_harms_nobody(bench, executor):
+    node = bench.start(Example, executor=executor)
+    client = bench.helper.create_client(SetBool, '/example/work')
+    assert client.wait_for_service(timeout_sec=TIMEOUT_S)
+    client.call_async(SetBool.Request())
+    _, reply = node.replies.get(timeout=TIMEOUT_S)
+    bench.helper.destroy_client(client)
+    node.todo.put(lambda: reply(success=True, message='too late'))
+    answer = bench.call(Trigger, '/example/at_once', Trigger.Request())
+    assert answer.success

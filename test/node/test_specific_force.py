@@ -1,0 +1,211 @@
+"""Where down is, live: bytes of an IMU or of TF in, specific force out."""
+
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Imu
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.node.specific_force import GravitySource
+from wrist_ft_comp.ros.messages import FAST_SENSOR
+from wrist_ft_comp.signals import GRAVITY
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+NO_TURN = [0.0, 0.0, 0.0, 1.0]
+TO_TOOL = 'arm', 'tool', NO_TURN
+
+
+class Kept:
+    """A subscription that only keeps messages."""
+
+    def __init__(self):
+        self.handle, self.msg_type, self.qos_profile = self, Imu, FAST_SENSOR
+        self.messages = []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        return None
+
+    def take_message(self, *_):
+        return (self.messages.pop(0), None) if self.messages else None
+
+
+class Heard:
+    """A source, what it subscribed to, and what it told."""
+
+    def __init__(self, source='tf', upper='world', frame='tool'):
+        self.on, self.told, self.frame = {}, [], frame
+        chosen = {'gravity.source': source, 'gravity.frame': upper}
+
+        self.log = SimpleNamespace(info=lambda _: None)
+        told = self.told
+        self.source = GravitySource(
+            chosen, self, lambda: self.frame, lambda *values: told.append(values)
+        )
+
+    def subscribe(self, _kind, topic, callback, _qos):
+        self.on[topic] = callback
+
+    def subscribe_unserved(self, _kind, topic, _qos):
+        return self.on.setdefault(topic, Kept())
+
+
+@pytest.fixture
+def with_tf2(monkeypatch):
+    """Let the package tf2_msgs be there; bytes are bytes."""
+    monkeypatch.setattr('wrist_ft_comp.node.specific_force.load_type', lambda *_: object)
+
+
+@pytest.fixture
+def without_tf2(monkeypatch):
+    """Let the package tf2_msgs be missing, as it is where there are only wheels."""
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
+
+
+@pytest.fixture
+def moving(messages):
+    """Send the transform of an arm that turns about x by 1 rad/s to a source."""
+
+    def send(heard, milliseconds, *more):
+        at = START + round(milliseconds * 1e6)
+        turned = Rotation.from_euler('x', milliseconds / 1000).as_quat()
+        heard.on['/tf'](messages.transforms(at, [('/world', 'arm', turned), *more]))
+
+    return send
+
+
+def true_force(seconds):
+    return Rotation.from_euler('x', seconds).inv().apply([0, 0, GRAVITY])
+
+
+@pytest.mark.usefixtures('with_tf2')
+def test_tf_tells_how_an_imu_is_mounted_once_both_frames_are_known(messages):
+    heard = Heard('imu', frame='')
+    assert list(heard.on) == ['imu', '/tf_static']
+    turned = Rotation.from_rotvec([0.1, -0.2, 1.0])
+    heard.on['/tf_static'](messages.transforms(0, [('tool', 'here', turned.as_quat())]))
+    heard.on['/tf_static'](b'nonsense')
+    assert heard.source.unreadable == 1
+    heard.frame = 'tool'
+    assert heard.source.mount() is None
+    heard.on['imu'].messages += [messages.imu(START, [1, 2, 9], [0, 0, 0]), b'nonsense']
+    heard.source.poll()
+    np.testing.assert_allclose(heard.source.mount().rotation, turned.as_matrix(), atol=1e-12)
+    for frame in ('', 'elsewhere'):
+        heard.frame = frame
+        assert heard.source.mount() is None
+    assert Heard('tf').source.mount().rotation.tolist() == np.eye(3).tolist()
+
+
+@pytest.mark.usefixtures('without_tf2')
+def test_an_imu_is_told_as_it_comes_and_what_is_none_is_counted(messages):
+    heard = Heard('imu')
+    assert list(heard.on) == ['imu']
+    heard.on['imu'].messages += [
+        messages.imu(START, [1, 2, 9], [0.3, 0, 0.4]),
+        messages.imu(START + 1, [1, 2, 9], [0, 0, 0], little=False),
+        messages.imu(START, [1, np.nan, 9], [0, 0, 0]),
+        b'nonsense',
+    ]
+    heard.source.poll()
+    assert heard.told == [(START, (1, 2, 9), 0.5), (START + 1, (1, 2, 9), None)]
+    assert heard.source.unreadable == 2
+
+
+@pytest.mark.usefixtures('with_tf2')
+def test_tf_is_told_where_all_transforms_are_there(messages, moving):
+    """Two publishers: what is told waits for the slower one, and is interpolated."""
+    heard = Heard()
+    assert heard.source.problem().startswith('TF does not say how tool is turned against world: ')
+    for milliseconds in range(0, 2000, 4):
+        moving(heard, milliseconds)
+        if milliseconds % 50 == 0:  # of the faster one some are there already
+            at = START + (milliseconds - 2) * 10**6
+            heard.on['/tf'](messages.transforms(at, [TO_TOOL]))
+    assert heard.source.problem() == ''
+    at, forces, speeds = zip(*heard.told, strict=True)
+    seconds = (np.array(at) - START) / 1e9
+    np.testing.assert_allclose(forces, true_force(seconds), atol=1e-4)
+    assert speeds[0] is None
+    np.testing.assert_allclose(speeds[1:], 1.0, rtol=1e-3)
+    np.testing.assert_allclose(np.diff(seconds), 0.1)
+
+
+@pytest.mark.usefixtures('with_tf2')
+def test_tf_at_a_kilohertz_is_looked_at_a_hundred_times_a_second_in_bounded_memory(
+    messages, moving
+):
+    heard = Heard(frame='')
+    heard.on['/tf_static'](messages.transforms(0, [TO_TOOL]))
+    for milliseconds in range(4500):
+        heard.frame = 'tool' if milliseconds > 999 else ''
+        moving(heard, milliseconds)
+    assert len(heard.told) == 350
+    kept = heard.source._tree._links.values()
+    assert max(len(link._columns[0]) + len(link._new) for link in kept) < 3300
+
+
+@pytest.mark.usefixtures('with_tf2')
+def test_a_joint_that_stops_ends_what_is_told_and_a_clock_that_ran_back_begins_anew(
+    messages, moving
+):
+    heard = Heard()
+    heard.on['/tf_static'](messages.transforms(0, [('tool', 'unused', NO_TURN)]))
+    for milliseconds in range(0, 5000, 20):
+        moving(heard, milliseconds, *([TO_TOOL] if milliseconds <= 1000 else []))
+    assert heard.told[-1][0] == START + SECOND
+    heard.told.clear()
+    for milliseconds in range(-60_000, -59_000, 20):
+        moving(heard, milliseconds, TO_TOOL)
+    assert len(heard.told) == 50
+    np.testing.assert_allclose(heard.told[-1][1], true_force(-59.02), atol=1e-9)
+
+
+@pytest.mark.usefixtures('with_tf2')
+def test_what_is_no_transform_is_counted(messages):
+    heard = Heard()
+    heard.on['/tf'](messages.transforms(START, [TO_TOOL])[:-9])
+    heard.on['/tf'](messages.transforms(START, []))
+    assert heard.source.unreadable == 1
+    assert heard.told == []
+
+
+@pytest.mark.usefixtures('with_tf2')
+def test_frames_of_made_up_names_and_transforms_sent_again_fill_no_memory(messages, moving):
+    heard = Heard()
+    for k in range(3000):
+        heard.on['/tf'](messages.transforms(START, [('world', f'object_{k}', NO_TURN)]))
+        heard.on['/tf_static'](messages.transforms(START, [(f'map_{k}', f'mark_{k}', NO_TURN)]))
+        heard.on['/tf_static'](messages.transforms(START + k, [TO_TOOL]))
+    tree = heard.source._tree
+    assert len(tree._numbers) <= 1001
+    assert sum(len(link._new) + len(link._columns[0]) for link in tree._links.values()) <= 1001
+    assert heard.source.problem().count(', ') < 30
+    moving(heard, 0)
+    np.testing.assert_allclose(heard.told[0][1], true_force(0), atol=1e-9)
+
+
+@pytest.mark.usefixtures('with_tf2')
+def test_what_is_no_rotation_is_left_out(messages):
+    heard = Heard()
+    heard.on['/tf'](messages.transforms(START, [('world', 'tool', [0.0] * 4)]))
+    assert heard.told == []
+    assert heard.source.unreadable == 0
+
+
+@pytest.mark.usefixtures('without_tf2')
+def test_without_tf2_msgs_or_a_frame_tf_is_refused():
+    with pytest.raises(SettingsError, match='package tf2_msgs with this type is not installed'):
+        Heard()
+    with pytest.raises(SettingsError, match='is empty; expected the frame whose z'):
+        Heard(upper='')
+
+
+def test_by_default_nothing_is_heard():
+    assert Heard('none').on == {}

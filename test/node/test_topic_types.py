@@ -1,0 +1,28 @@
+import pytest
+from sensor_msgs.msg import BatteryState
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.ros.topic_types import load_type
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_a_type_is_imported_by_its_name():
+    assert load_type('/state', 'sensor_msgs/msg/BatteryState') is BatteryState
+
+
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [
+        ('nowhere_msgs/msg/State', 'package nowhere_msgs with this type is not installed'),
+        ('sensor_msgs/msg/Nothing', 'sensor_msgs with this type is not installed.*Nothing'),
+        ('sensor_msgs/srv/SetCameraInfo', 'which is no message of ROS'),
+        ('os/path', 'which is no message of ROS'),
+        ('a.b/msg/State', 'which is no message of ROS'),
+        ('/msg/State', 'which is no message of ROS'),
+        ('Vendor::State', 'Vendor::State, which is no message of ROS'),
+        ('', 'which is no message of ROS'),
+    ],
+)
+def test_what_cannot_be_imported_is_a_sentence(name, words):
+    with pytest.raises(SettingsError, match=words):
+        load_type('/state', name)

@@ -1,0 +1,80 @@
+import pytest
+from rclpy.context import Context
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.node import compensator as compensator_node
+from wrist_ft_comp.node import simulated_sensor as simulated_sensor_node
+from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.node.simulated_sensor import SimulatedSensor
+from wrist_ft_comp.ros.running import run_nodes
+from wrist_ft_comp.ros.usage import refuse_strays
+
+NODES = pytest.mark.parametrize(
+    ('module', 'node', 'name'),
+    [
+        (compensator_node, CompensatorNode, 'compensator'),
+        (simulated_sensor_node, SimulatedSensor, 'simulated_sensor'),
+    ],
+)
+#: What every node has.
+COMMON = ('/rosout', '/parameter_events', 'parameter', 'type_description')
+
+
+@NODES
+@pytest.mark.parametrize('words', [['--help'], ['-h'], ['--ros-args', '--help']])
+def test_help_explains_the_node_and_exits(capsys, module, node, name, words):
+    assert module.main([name, *words]) == 0
+    shown = capsys.readouterr()
+    assert shown.out.startswith(f'usage: {name} --ros-args ')
+    lines = shown.out.splitlines()
+    marked = [f'  {row.name}{"" if row.read_only else " *"}' for row in module.PARAMETERS]
+    assert [line for line in lines if line in marked] == marked
+    assert max(map(len, lines)) <= 79
+    assert shown.err == ''
+    assert node.__name__ not in shown.out, 'no word of classes'
+
+
+@NODES
+def test_help_names_what_the_node_has_on_the_graph(bench, module, node, name, capsys):
+    made = bench.make(node, namespace='/shown')
+    assert module.main([name, '--help']) == 0
+    text = capsys.readouterr().out
+    ends = [end.topic_name for end in (*made.subscriptions, *made.publishers)]
+    ends += [service.srv_name for service in made.services]
+    own = [end for end in ends if not any(word in end for word in COMMON)]
+    assert len(own) >= 4
+    for end in own:
+        inside = f'/shown/{made.get_name()}/'
+        asked = f'~/{end.removeprefix(inside)}' if end.startswith(inside) else end
+        assert asked.removeprefix('/shown/') in text
+
+
+def test_a_node_without_usage_takes_help_for_a_stray():
+    assert run_nodes(list, ['example', '--help']) == 1
+
+
+@pytest.mark.parametrize(
+    ('words', 'stray'),
+    [
+        (['model.yaml'], 'model.yaml'),
+        (['-p', 'model_file:=x'], '-p model_file:=x'),
+        (['wrench_raw:=/ft', '--ros-args', '-p', 'a:=b'], 'wrench_raw:=/ft'),
+        (['--ros-args', '-p', 'a:=b', '--', 'x', 'y'], 'x y'),
+    ],
+)
+def test_words_that_nothing_reads_are_refused(words, stray):
+    with pytest.raises(SettingsError, match=f'Nothing reads {stray!r}: .* behind --ros-args'):
+        refuse_strays(['compensator', *words])
+
+
+@pytest.mark.parametrize(
+    'words',
+    [[], ['--ros-args'], ['--ros-args', '-p', 'a:=b', '--', '--ros-args', '-r', 'a:=b', '--']],
+)
+def test_ros_arguments_may_come_in_parts(words):
+    refuse_strays(['compensator', *words])
+
+
+def test_a_stray_word_starts_no_node(monkeypatch):
+    monkeypatch.setattr(Context, 'init', None)
+    assert compensator_node.main(['compensator', 'model.yaml']) == 1

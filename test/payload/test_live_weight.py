@@ -1,0 +1,148 @@
+"""The payload in operation: specific force that holds at a stamp, weight, and the second tare."""
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.drift.drift_model import Drift
+from wrist_ft_comp.payload.live_weight import LivePayload, RecentForces
+from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+
+SECOND = 1_000_000_000
+#: Since 1970, and odd, so that rounding to floats would show.
+START = 1_700_000_000 * SECOND + 1
+UP, AWAY = (0.0, 0.0, 9.807), (9.807, 0.0, 0.0)
+CONSTANT = np.array([3.0, -4.0, 5.0, 0.1, -0.2, 0.3])
+
+
+@pytest.fixture
+def forces():
+    return RecentForces(0.2)
+
+
+@pytest.fixture
+def tool():
+    """A tool, and an accelerometer that is crooked, biased and of the wrong scale."""
+    turn = 0.3
+    rotation = [
+        [np.cos(turn), -np.sin(turn), 0],
+        [np.sin(turn), np.cos(turn), 0],
+        [0, 0, 1],
+    ]
+    frame = ForceFrame(np.array(rotation), np.array([0.1, -0.2, 0.3]), np.array([1.02, 0.97, 1.0]))
+    return LivePayload('tool-1', Payload(1.5, np.array([0.01, -0.02, 0.06])), frame)
+
+
+def measured(frame, true):
+    """What an accelerometer says of a specific force in the wrench's frame."""
+    return tuple((frame.rotation.T @ true * frame.scale + frame.bias).tolist())
+
+
+def directions(count, seed=1):
+    vectors = np.random.default_rng(seed).normal(size=(count, 3))
+    return 9.807 * vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def test_the_newest_sample_at_or_before_a_wrench_holds_or_else_the_nearest(forces):
+    for k, force in enumerate(directions(5)):
+        forces.add(START + k * SECOND // 100, tuple(force))
+    samples = [tuple(force) for force in directions(5)]
+    assert forces.at(START + SECOND // 50) == samples[2]
+    assert forces.at(START + SECOND // 50 + 1) == samples[2]
+    assert forces.at(START + SECOND // 50 - 1) == samples[1]
+    assert forces.at(START + SECOND // 10) == samples[4]
+    assert forces.at(START - SECOND // 10) == samples[0]
+    assert forces.count == 5
+
+
+def test_a_sample_farther_away_than_the_timeout_is_none_of_the_wrench(forces):
+    assert forces.at(0) is None
+    forces.add(START, UP)
+    for away in (-SECOND // 5, SECOND // 5):
+        assert forces.at(START + away) == UP
+        assert forces.at(START + away + np.sign(away)) is None
+
+
+def test_a_late_sample_is_left_out_and_another_time_begins_anew(forces):
+    forces.add(START, UP)
+    forces.add(START - SECOND // 10, AWAY)
+    assert forces.at(START) == forces.at(START - SECOND // 10) == UP
+    forces.add(START - SECOND, AWAY)
+    assert forces.at(START - SECOND) == AWAY
+    assert forces.at(START) is None
+
+
+def test_the_weight_is_that_of_the_payload_in_the_frame(tool):
+    for force in directions(20):
+        pushed = -1.5 * force
+        expected = [*pushed, *np.cross(tool.payload.center_m, pushed)]
+        np.testing.assert_allclose(tool.weight(measured(tool.frame, force)), expected, atol=1e-12)
+
+
+def test_a_tool_that_is_tared_stays_at_zero_however_it_turns(tool, make_model):
+    """And with it the tare of the wrench stays what it was: it knows that one pose only."""
+    model = make_model({'force_z': (0.4, 2e-3, 1e-9), 'torque_x': (0.01, 0.0, 1e-9)})
+    compensator = Compensator(1, StreamSettings(), model)
+    for second in range(2):
+        compensator.add_temperature(0, START + second * SECOND, 35.0)
+    drift, stamp = compensator.compensation, START + 2 * SECOND
+    assert drift.sensitivity[2] == pytest.approx(0.03)
+
+    def raw(force, contact=0.0):
+        true = np.array(tool.weight(measured(tool.frame, force))) + contact
+        return ((1 + drift.sensitivity) * true + drift.zero + CONSTANT).tolist()
+
+    def external(force, contact=0.0):
+        corrected = compensator.correct(stamp, raw(force, contact), external=True)
+        return tool.taken_off(corrected, measured(tool.frame, force))
+
+    first, *others = directions(20)
+    weight = np.array(tool.weight(measured(tool.frame, first)))
+    compensator.set_tare(np.array(raw(first)), stamp, weight)
+    np.testing.assert_allclose(compensator.correct(stamp, raw(first)), 0.0, atol=1e-12)
+    for force in (first, *others):
+        np.testing.assert_allclose(external(force), 0.0, atol=1e-12)
+        np.testing.assert_allclose(external(force, CONSTANT), CONSTANT, atol=1e-12)
+    assert np.abs(compensator.correct(stamp, raw(others[0]))).max() > 1.0
+    compensator.set_tare(np.array(raw(others[0])), stamp)  # where the weight is not known
+    np.testing.assert_allclose(external(first), 0.0, atol=1e-12)
+    compensator.reset_tare()
+    np.testing.assert_allclose(external(first), CONSTANT / (1 + drift.sensitivity), atol=1e-12)
+
+
+@pytest.mark.parametrize('swapped_in', ['model', 'temperature'])
+def test_no_change_of_model_moves_the_external_wrench(make_model, swapped_in):
+    model = make_model({'force_z': (0.4, 2e-3, 1e-9)})
+    compensator = Compensator(1, StreamSettings())
+    if swapped_in == 'model':
+        compensator.add_temperature(0, START, 35.0)
+        compensator.add_temperature(0, START + SECOND, 35.0)
+    compensator.set_tare(CONSTANT, START, CONSTANT / 2)
+    wrench = START + SECOND, (10 * CONSTANT).tolist()
+    before = compensator.correct(*wrench, external=True)
+    np.testing.assert_allclose(before, 9.5 * CONSTANT)
+    compensator.go_live(model, wrench)
+    for second in (1, 2, 3):
+        compensator.add_temperature(0, START + second * SECOND, 35.0, wrench)
+        np.testing.assert_allclose(compensator.correct(*wrench, external=True), before)
+    assert isinstance(compensator.compensation, Drift)
+    assert compensator.compensation.zero[2] == pytest.approx(6.0)
+
+
+def test_the_external_wrench_has_no_memory(tool, forces):
+    """What came before a wrench, and in which order, changes nothing."""
+    compensator = Compensator(1)
+    samples = [tuple(force) for force in directions(30)]
+    for k, force in enumerate(samples):
+        forces.add(START + k, force)
+    wrenches = np.random.default_rng(2).normal(0, 20, (30, 6)).tolist()
+
+    def run(order):
+        return {
+            k: tool.taken_off(
+                compensator.correct(START + k, wrenches[k], external=True), forces.at(START + k)
+            )
+            for k in order
+        }
+
+    assert run(range(30)) == run(reversed(range(30))) == {**run([29]), **run(range(29))}

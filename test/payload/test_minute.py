@@ -1,0 +1,210 @@
+"""A payload from a minute of motion: what is found, how well, and which motion is refused."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.payload.minute import identify
+from wrist_ft_comp.payload.motion import CELL_S, DURATION_S, MotionCollector
+from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.signals import GRAVITY
+from wrist_ft_comp.simulation.work import (
+    draw_accelerometer,
+    draw_work,
+    move,
+    read_imu,
+    WorkSettings,
+)
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND + 1
+RATE_HZ = 50
+TOOL = Payload(1.5, np.array([0.01, -0.02, 0.06]))
+CONSTANT = np.array([3.0, -4.0, 5.0, 0.1, -0.2, 0.3])
+CROOKED = ForceFrame(Rotation.from_rotvec([0.1, -0.2, 1.0]).as_matrix())
+
+
+def collected(seed, contacts):
+    """Let the simulated robot work for a minute in a world of its own; cells, and its tool."""
+    rng = np.random.default_rng([2024, seed])
+    work = draw_work(WorkSettings(part_kg=0.0, contacts=contacts), rng)
+    time_s = rng.uniform(0, 500) + np.arange(0, DURATION_S + 2 / RATE_HZ, 1 / RATE_HZ)
+    motion = move(work, time_s)
+    imu = read_imu(draw_accelerometer(rng), motion, np.zeros(len(time_s)), rng)
+    noise = rng.normal(0, [0.1] * 3 + [0.005] * 3, (len(time_s), 6))
+    wrench = motion.weight + motion.contact + noise + rng.normal(0, 5, 6) * np.repeat([1, 0.1], 3)
+    collector = MotionCollector()
+    for k, row in enumerate(wrench.tolist()):
+        stamp = START + round(k * SECOND / RATE_HZ)
+        if collector.add(stamp, row, imu[k, :3].tolist(), math.hypot(*imu[k, 3:])):
+            break
+    assert k == DURATION_S * RATE_HZ
+    return (
+        np.array(collector.cells),
+        work.payloads[0],
+        (np.abs(motion.contact).sum(axis=1) > 0).mean(),
+    )
+
+
+def still(up, payload=TOOL, frame=CROOKED, sign=1.0):
+    """Cells at rest under directions (n, 3), without noise, as a crooked accelerometer sees."""
+    force = GRAVITY * up / np.linalg.norm(up, axis=1, keepdims=True)
+    measured = sign * force @ frame.rotation * frame.scale + frame.bias
+    return np.column_stack((payload.weight(force) + CONSTANT, measured, np.zeros(len(up))))
+
+
+def tilted(angles):
+    """Directions of up, tilted about x and y by degrees (n, 2)."""
+    return Rotation.from_euler('xy', angles, degrees=True).apply([0, 0, 1], inverse=True)
+
+
+def found_in(cells, sensor):
+    """Identify the payload in cells."""
+    return identify(cells, CELL_S, sensor)
+
+
+def changed(cells, **parts):
+    """Replace the wrench, the specific force or the speed of cells."""
+    columns = {'wrench': slice(0, 6), 'force': slice(6, 9), 'speed': 9}
+    cells = cells.copy()
+    for name, values in parts.items():
+        cells[:, columns[name]] = values
+    return cells
+
+
+@pytest.fixture
+def everywhere():
+    return still(np.random.default_rng(3).normal(size=(100, 3)))
+
+
+@pytest.mark.parametrize('contacts', [0.0, 0.15])
+def test_a_minute_of_ordinary_motion_tells_mass_and_center(contacts):
+    """Within 3 % and 5 mm; stated errors cover two standard errors and a half."""
+    pressed = []
+    for seed in range(6):
+        cells, tool, share = collected(seed, contacts)
+        found = found_in(cells, None)
+        payload = found.payload
+        assert payload.mass_kg == pytest.approx(tool.mass_kg, rel=0.03)
+        assert np.linalg.norm(payload.center_m - tool.center_m) < 5e-3
+        assert abs(payload.mass_kg - tool.mass_kg) < 2.5 * payload.mass_error_kg
+        assert payload.mass_error_kg < 0.03 * tool.mass_kg
+        assert (payload.center_error_m < 5e-3).all()
+        pressed.append(share)
+        assert found.contact == pytest.approx(share, abs=0.25)
+    assert np.mean(pressed) == pytest.approx(contacts, abs=0.1)
+
+
+def test_without_noise_the_payload_and_the_turn_are_found(everywhere):
+    found = found_in(everywhere, ForceFrame())
+    assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-6)
+    np.testing.assert_allclose(found.payload.center_m, TOOL.center_m, atol=1e-7)
+    np.testing.assert_allclose(found.frame.rotation, CROOKED.rotation, atol=1e-6)
+    assert (found.contact, found.fast) == (0.0, 0.0)
+
+
+def test_bias_and_scale_that_a_calibration_has_found_are_kept(everywhere):
+    bias, scale = np.array([0.3, -0.2, 0.1]), np.array([1.1, 1.12, 1.08])
+    biased = changed(everywhere, force=everywhere[:, 6:9] * scale + bias)
+    found = found_in(biased, ForceFrame(np.eye(3), bias, scale))
+    assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-6)
+    np.testing.assert_array_equal(found.frame.bias, bias)
+    np.testing.assert_array_equal(found.frame.scale, scale)
+    np.testing.assert_allclose(found.frame.rotation, CROOKED.rotation, atol=1e-6)
+
+
+def test_cells_that_turn_fast_are_left_out(everywhere):
+    fast = np.arange(100) < 30
+    wrench = np.where(fast[:, None], 100.0, everywhere[:, :6])
+    found = found_in(changed(everywhere, wrench=wrench, speed=0.6 * fast), ForceFrame())
+    assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-6)
+    assert found.fast == pytest.approx(0.3)
+
+
+def test_a_speed_that_nobody_measured_is_that_of_gravity():
+    turned = CELL_S * np.cumsum(np.repeat([0.4, 0.8], [60, 30]))
+    cells = still(np.column_stack((np.sin(turned), np.sin(3 * turned) / 9, np.cos(turned))))
+    assert found_in(cells, LEVEL).fast == 0.0
+    assert found_in(changed(cells, speed=np.nan), LEVEL).fast == 31 / 90
+
+
+ANGLES = np.linspace(-30, 30, 60)
+LEVEL = ForceFrame()
+
+
+@pytest.mark.parametrize(
+    ('cells', 'sentence'),
+    [
+        (still(np.tile([0.0, 0.0, 1.0], (60, 1))), 'gravity moved by 0.00, 0.00, 0.00 .* tilt'),
+        (
+            still(tilted(np.column_stack((ANGLES / 4, 0 * ANGLES)))),
+            'gravity moved by 0.75, 0.03, 0.00 .* for it to move along x, too',
+        ),
+        (
+            still(tilted(np.column_stack((0 * ANGLES, ANGLES / 4))), frame=LEVEL),
+            'gravity moved by 0.75, 0.03, 0.00 .* for it to move along y, too',
+        ),
+        (
+            still(tilted(np.column_stack((ANGLES, ANGLES[::-1])))[:39]),
+            'slower than 0.5 rad/s for 10 s only, .* at least 10 s',
+        ),
+        (
+            still(np.random.default_rng(3).normal(size=(99, 3)), Payload(0.001, np.zeros(3))),
+            'nothing weighs on the sensor',
+        ),
+        (still(np.random.default_rng(3).normal(size=(99, 3)), sign=-1.0), 'is mirrored'),
+    ],
+)
+def test_motion_that_does_not_tell_is_refused_with_what_is_missing(cells, sentence):
+    with pytest.raises(CalibrationRefusedError, match=sentence):
+        found_in(cells, ForceFrame())
+
+
+def test_more_contact_than_motion_is_refused(everywhere):
+    pushed = np.random.default_rng(5).normal(0, 20, (100, 6)) * (np.arange(100) < 70)[:, None]
+    with pytest.raises(CalibrationRefusedError, match=r'the wrench did not follow|no rigid body'):
+        found_in(changed(everywhere, wrench=everywhere[:, :6] + pushed), ForceFrame())
+
+
+SHAKEN = np.random.default_rng(7).normal(size=(100, 3))
+REST = still(np.tile([0.0, 0.0, 1.0], (100, 1)), frame=LEVEL)
+
+
+@pytest.mark.parametrize('scale', [0.0, 1e-300, 1e-9, 1e4, 1e200, np.nan, np.inf])
+@pytest.mark.parametrize('part', ['wrench', 'force', 'both'])
+@pytest.mark.parametrize('cells', [REST, still(SHAKEN)], ids=['rest', 'motion'])
+def test_whatever_comes_gives_a_payload_or_a_sentence(cells, part, scale):
+    names = {'wrench': [0], 'force': [1], 'both': [0, 1]}[part]
+    halves = [cells[:, :6], cells[:, 6:9]]
+    with np.errstate(all='ignore'):
+        for k in names:
+            halves[k] = halves[k] * scale
+    spoiled = changed(cells, wrench=halves[0], force=halves[1])
+    for sensor in (None, ForceFrame()):
+        try:
+            found = found_in(spoiled, sensor)
+        except CalibrationRefusedError:
+            continue
+        assert found.payload.mass_kg > 0
+
+
+def test_a_robot_at_rest_under_a_noiseless_accelerometer_is_told_to_tilt():
+    for wrench in (REST[:, :6], 0.0, CONSTANT):
+        with pytest.raises(CalibrationRefusedError, match=r'gravity moved by 0\.00, 0\.00, 0\.00'):
+            found_in(changed(REST, wrench=wrench), None)
+
+
+def test_a_wrench_that_never_changes_weighs_nothing():
+    for sensor in (None, LEVEL):
+        with pytest.raises(CalibrationRefusedError, match='nothing weighs on the sensor'):
+            found_in(changed(still(SHAKEN, frame=LEVEL), wrench=CONSTANT), sensor)
+
+
+def test_an_accelerometer_that_is_no_longer_as_it_was_found_is_fitted_anew(everywhere):
+    louder = changed(everywhere, force=1.05 * everywhere[:, 6:9])
+    found = found_in(louder, ForceFrame())
+    assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-3)
+    np.testing.assert_allclose(found.frame.scale, 1.05, rtol=1e-3)

@@ -1,0 +1,75 @@
+"""Rigid bodies from gains: exact recovery, whatever the frame, and what can't be told."""
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.payload.rigid_body import rigid_bodies, small_rotation
+
+BODIES = [(1.3, np.array([0.01, -0.02, 0.09])), (2.1, np.array([0.02, -0.01, 0.12]))]
+#: Products of three directions seen equally, by two bodies for half of the time each.
+NORMAL = 500.0 * np.eye(6)
+
+
+def gains_of(rotation, bodies=BODIES):
+    """Columns of [-m R; -m [c]× R], as rows, one column at a time."""
+    return np.array(
+        [
+            [np.append(-m * column, np.cross(c, -m * column)) for column in rotation.T]
+            for m, c in bodies
+        ]
+    )
+
+
+@pytest.mark.parametrize('turn', [[0.0, 0, 0], [0.1, -0.2, 3.0], [2.0, 1.0, -0.5]])
+def test_bodies_are_recovered_in_any_frame(turn):
+    rotation = small_rotation(np.array(turn))
+    found = rigid_bodies(gains_of(rotation), NORMAL, np.full(6, 1e-4), 1000.0)
+    np.testing.assert_allclose(found.mass_kg, [1.3, 2.1], rtol=1e-8)
+    np.testing.assert_allclose(found.center_m, [c for _, c in BODIES], atol=1e-9)
+    np.testing.assert_allclose(found.rotation, rotation, atol=1e-9)
+    assert not found.doubts()
+
+
+def test_a_rotation_is_one():
+    rotation = small_rotation(np.array([0.3, -1.2, 0.7]))
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+    np.testing.assert_allclose(rotation @ [0.3, -1.2, 0.7], [0.3, -1.2, 0.7], atol=1e-14)
+    quarter = small_rotation(np.array([0, 0, np.pi / 2]))
+    np.testing.assert_allclose(quarter @ [1, 0, 0], [0, 1, 0], atol=1e-14)
+
+
+def test_errors_are_as_large_as_they_say():
+    rng, spread = np.random.default_rng(0), np.array([0.04, 0.04, 0.04, 4e-4, 4e-4, 4e-4])
+    off = []
+    for _ in range(60):
+        noise = np.sqrt(spread / 500.0) * rng.standard_normal((2, 3, 6))
+        found = rigid_bodies(gains_of(np.eye(3)) + noise, NORMAL, spread, 1000.0)
+        centers = found.center_m - [c for _, c in BODIES]
+        off.append(centers / found.center_error_m)
+    assert 0.6 < np.std(off) < 1.3
+
+
+@pytest.mark.parametrize(
+    ('gains', 'normal', 'said'),
+    [
+        (-gains_of(np.eye(3)), NORMAL, 'mirrored'),
+        (gains_of(np.diag([1.0, 1.0, -1.0])), NORMAL, 'mirrored'),
+        (gains_of(np.eye(3), [(0.001, np.zeros(3))] * 2), NORMAL, 'nothing weighs'),
+        (gains_of(np.eye(3)), np.kron(np.eye(2), np.diag([500.0, 1e-6, 1e-9])), 'to move along z'),
+        (gains_of(np.eye(3)) * [1, 1, 1.8, 1, 1, 1], NORMAL, "no rigid body's"),
+    ],
+)
+def test_what_is_no_payload_is_said(gains, normal, said):
+    found = rigid_bodies(gains, normal, np.full(6, 1e-4), 1000.0)
+    assert any(said in doubt for doubt in found.doubts())
+
+
+def test_a_press_that_comes_again_is_no_body_however_rarely_it_comes():
+    press = np.random.default_rng(0).normal(0, 2, (1, 3, 6))
+    gains = np.concatenate((gains_of(np.eye(3)), press))
+    normal = 500.0 * np.kron(np.diag([1.0, 1.0, 0.003]), np.eye(3))
+    found = rigid_bodies(gains, normal, np.full(6, 1e-4), 1000.0)
+    assert any("no rigid body's" in doubt for doubt in found.doubts())
+    empty = np.concatenate((gains[:2], 1e-3 * press))  # an empty gripper is nobody's misfit
+    assert not rigid_bodies(empty, normal, np.full(6, 1e-4), 1000.0).doubts()

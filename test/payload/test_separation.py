@@ -1,0 +1,305 @@
+"""Learnt at work: payload, contacts and tares apart from drift; and what is said of wrong data."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.payload import states
+from wrist_ft_comp.payload.accelerometer import set_right
+from wrist_ft_comp.payload.cells import cut
+from wrist_ft_comp.payload.separation import separate, separate_again
+from wrist_ft_comp.stream.offline import simulate_drift
+
+PLS = IdentificationSettings(method='pls')
+AT_WORK = CalibrationSettings('payload', identification=PLS)
+MASSES, CENTERS = [1.3, 2.1], [[0.01, -0.02, 0.09], [0.02, -0.01, 0.12]]
+
+
+@pytest.fixture(scope='module')
+def days(make_working_day):
+    return [make_working_day(0), make_working_day(1)]
+
+
+@pytest.fixture(scope='module')
+def plain(make_working_day):
+    """Work with a tool only: there is nothing to search for, which is quick."""
+    return [make_working_day(seed, part=False) for seed in range(2)]
+
+
+@pytest.fixture(scope='module')
+def learnt(days):
+    return calibrate(days, AT_WORK)
+
+
+def testmedians_leave_out_what_is_not_usable():
+    rng = np.random.default_rng(0)
+    wrench = rng.standard_normal((9, 14, 6))
+    for unknown, block in enumerate(wrench[1:], start=1):
+        block[rng.permutation(14)[:unknown]] = np.nan
+    wrench[0] = np.nan
+    medians = states.medians(wrench)
+    np.testing.assert_array_equal(medians[1:], np.nanmedian(wrench[1:], axis=1))
+    assert not medians[0].any()
+
+
+def told(calibration):
+    payloads = calibration.payloads.payloads.values()
+    return [p.mass_kg for p in payloads], [p.center_m for p in payloads]
+
+
+def warned(recordings, settings=AT_WORK):
+    return '\n'.join(calibrate(recordings, settings).warnings)
+
+
+class TestPayloads:
+    def test_tool_and_part_are_found_lightest_first(self, learnt):
+        masses, centers = told(learnt)
+        np.testing.assert_allclose(masses, MASSES, rtol=0.003)
+        np.testing.assert_allclose(centers, CENTERS, atol=0.0005)
+        assert [p.share for p in learnt.payloads.payloads.values()] == [
+            pytest.approx(0.5, abs=0.05)
+        ] * 2
+
+    def test_without_noise_they_are_exact(self, make_working_day):
+        day = make_working_day(contacts=0.0, noise=0.0)
+        # What little bends within a block is all that is left of the drift.
+        flat = replace(day, temperature_c=day.temperature_c, wrench=without_drift(day))
+        masses, centers = told(calibrate([flat, flat], AT_WORK))
+        np.testing.assert_allclose(masses, MASSES, rtol=1e-6)
+        np.testing.assert_allclose(centers, CENTERS, atol=1e-6)
+
+    def test_the_frame_of_the_specific_force_does_not_matter(self, days, learnt):
+        turn = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+        turned = [replace(day, specific_force=day.specific_force @ turn) for day in days]
+        again = calibrate(turned, AT_WORK)
+        np.testing.assert_allclose(told(again)[0], told(learnt)[0], rtol=1e-3)
+        np.testing.assert_allclose(
+            again.payloads.frame.rotation, learnt.payloads.frame.rotation @ turn, atol=2e-3
+        )
+
+    def test_the_frame_turns_what_was_measured_into_the_wrench(self, days, learnt):
+        held = separate(days).drift[0]
+        tool = next(iter(learnt.payloads.payloads.values()))
+        pushed = tool.weight(learnt.payloads.frame.turn(days[0].specific_force))[:50]
+        free = np.isfinite(held.wrench[:50, 0])
+        np.testing.assert_allclose(pushed[free], held.reference[:50][free], atol=0.1)
+
+    def test_a_rotation_that_is_not_known_is_seen_in_the_specific_force(self, days):
+        blind = [replace(day, rotation_speed=None) for day in days]
+        np.testing.assert_allclose(told(calibrate(blind, AT_WORK))[0], MASSES, rtol=0.005)
+
+
+def without_drift(day):
+    theta = (day.temperature_c - 20.0) * [0.3, -0.2, 0.5, 0.01, 0.02, -0.01]
+    return day.wrench - theta
+
+
+def test_blocks_end_at_steps_and_are_joined_again(plain):
+    ends = [[907, 20], []]
+    cells = cut(plain, [day.specific_force for day in plain], ends)
+    numbers = [np.arange(len(day)) for day in plain]
+    blocked = cells.cut(numbers)
+    for before, after in zip(cells.join(blocked), numbers, strict=True):
+        np.testing.assert_array_equal(before, after)
+    assert blocked[:5, 0].tolist() == [0, 20, 320, 620, 907]
+
+
+class TestDrift:
+    def test_it_is_learnt_beside_weight_and_contacts(self, learnt):
+        for axis in ('force_x', 'force_z', 'torque_y'):
+            fit = learnt.fits[axis]
+            assert fit.rms_after < 0.15 * fit.rms_before
+
+    def test_contacts_do_not_count_and_the_rest_does(self, make_working_day):
+        day = make_working_day(2)
+        quiet = make_working_day(2, contacts=0.0)
+        touched = np.abs(day.wrench - quiet.wrench).max(axis=1) > 1.0
+        kept = np.isfinite(separate([day]).drift[0].wrench[:, 0])
+        moving = day.rotation_speed > 0.5
+        assert kept[touched].mean() < 0.02
+        assert kept[~touched & ~moving].mean() > 0.9
+        assert not kept[moving].any()
+
+    def test_a_tare_of_the_driver_is_found_and_taken_out(self, make_working_day):
+        tared = make_working_day(0, tare_at=907)
+        found = separate([tared, make_working_day(1)])
+        assert [[step.cell for step in steps] for steps in found.steps] == [[907], []]
+        drift = found.drift[0].wrench - found.drift[0].reference
+        theta = (tared.temperature_c - 20.0) * [0.3, -0.2, 0.5, 0.01, 0.02, -0.01]
+        left = drift - theta
+        before, after = np.nanmean(left[:907], axis=0), np.nanmean(left[907:], axis=0)
+        np.testing.assert_allclose(before, after, atol=0.2)
+
+    @pytest.mark.parametrize(('lag', 'until'), [(20, 24), (6, 10), (6, 14), (8, 12)])
+    def test_sudden_heat_behind_a_contact_is_no_step(self, plain, lag, until):
+        day, n = plain[0], np.arange(len(plain[0])) - 900
+        warmer = 25 * (1 - np.exp(-n / lag)) * (n > 0)
+        pressed = (n >= 0) & (n < until)
+        heat = np.outer(warmer, [0.1, 0.2, -1, 0, 0, 0])
+        contact = np.outer(pressed, [9, -9, 30, 1, 1, 0.1])
+        assert separate([replace(day, wrench=day.wrench + heat + contact)]).steps == [[]]
+
+    def test_a_step_amid_sudden_heat_is_found_with_its_size(self, plain):
+        day, n = plain[0], np.arange(len(plain[0])) - 860
+        heat = np.outer(60 * (1 - np.exp(-n / 100)) * (n > 0), [0.1, 0.2, -1, 0, 0, 0])
+        jump = np.array([6.0, 7.0, 8.0, 0.2, -0.4, 0.3])
+        steps = np.outer(n >= 40, jump)
+        (found,) = separate([replace(day, wrench=day.wrench + heat + steps)]).steps[0]
+        assert abs(found.cell - 900) <= 3
+        np.testing.assert_allclose(found.jump, jump, atol=1.5)
+
+    def test_a_bump_is_no_step(self, plain):
+        bump = np.zeros((len(plain[0]), 6))
+        bump[890:912] = [6.0, 7.0, 8.0, 0.2, -0.4, 0.3]
+        assert separate([replace(plain[0], wrench=plain[0].wrench + bump)]).steps == [[]]
+
+    def test_a_contact_beside_a_gap_does_not_count(self, plain):
+        wrench = plain[0].wrench.copy()
+        wrench[610:891] = np.nan
+        wrench[892:899] += [-19, 4, -20, 1, 2, 0.3]
+        found = separate([replace(plain[0], wrench=wrench)])
+        assert found.steps == [[]]
+        assert np.isnan(found.drift[0].wrench[892:899]).all()
+
+    def test_beside_a_model_a_long_press_is_neither_drift_nor_a_step(self, plain):
+        day, cells = plain[0], np.arange(len(plain[0]))
+        pressed = (cells >= 700) & (cells < 850)
+        force = np.array([10, 10, 10, 1, 1, 1]) * pressed[:, None]
+        model = calibrate(plain, AT_WORK).model
+        rough = separate([replace(day, wrench=day.wrench + force)])
+        again = separate_again(rough, [simulate_drift(model, day).zero])
+        assert again.steps == [[]]
+        assert not np.isfinite(again.drift[0].wrench[pressed]).any()
+        assert np.isfinite(again.drift[0].wrench[~pressed]).mean() > 0.6
+
+    def test_a_recording_without_specific_force_counts_as_constant(self, plain, make_working_day):
+        still = make_working_day(3, poses=np.array([[0.0, 0, 1]]), part=False, contacts=0.0)
+        still = replace(still, specific_force=None, rotation_speed=None)
+        assert 'its load counts as constant' in warned([*plain, still])
+        moved = replace(plain[0], specific_force=None)
+        with pytest.raises(CalibrationRefusedError, match='constant, as there is no specific'):
+            calibrate([plain[1], moved], AT_WORK)
+
+    def test_gain_drift_is_learnt_from_the_moving_weight(self, days):
+        stretched = []
+        for day in days:
+            share = 1 + 0.002 * (day.temperature_c - 30.0)
+            drift = day.wrench - without_drift(day)
+            stretched.append(replace(day, wrench=share * without_drift(day) + drift))
+        terms = calibrate(stretched, CalibrationSettings('payload')).fits['force_z']
+        assert terms.model is not None
+        assert len(terms.model.dynamics.output_mean) == 2
+
+
+class TestAccelerometer:
+    def test_bias_and_scale_are_found_by_the_norm_at_rest(self, days):
+        bias, scale = np.array([0.1, -0.2, 0.05]), np.array([1.02, 0.99, 1.01])
+        crooked = replace(days[0], specific_force=days[0].specific_force * scale + bias)
+        found = set_right([crooked])
+        np.testing.assert_allclose(found.frame.scale, scale, rtol=0.005)
+        np.testing.assert_allclose(found.frame.bias, bias, atol=0.03)
+        turned = found.frame.turn(crooked.specific_force)
+        np.testing.assert_allclose(turned, days[0].specific_force, atol=0.05)
+
+    def test_what_stands_still_for_long_is_not_known(self, plain):
+        force = plain[0].specific_force.copy()
+        force[300:] = force[300]
+        frozen = replace(plain[0], specific_force=force)
+        assert np.isnan(set_right([frozen]).forces[0][300:]).all()
+        assert 'stands still' in warned([frozen, plain[1]])
+
+
+class TestDoubts:
+    def test_good_days_are_not_doubted(self, learnt):
+        assert not learnt.warnings
+
+    @pytest.mark.parametrize(
+        ('spoil', 'said'),
+        [
+            (lambda f: -f, 'mirrored'),
+            (lambda f: f[:, [1, 0, 2]], 'mirrored'),
+            (lambda f: np.roll(f, -1, axis=0), 'lags the specific force by 1 s'),
+        ],
+    )
+    def test_a_wrong_specific_force_has_its_sentence(self, plain, spoil, said):
+        wrong = [replace(day, specific_force=spoil(day.specific_force)) for day in plain]
+        calibration = calibrate(wrong, AT_WORK)
+        assert said in '\n'.join(calibration.warnings)
+        if said == 'mirrored':
+            assert calibration.payloads is None
+
+    def test_presses_between_motions_are_no_other_clock(self, make_working_day):
+        day, rng = make_working_day(part=False, contacts=0.0), np.random.default_rng(0)
+        wrench = day.wrench.copy()
+        for begin, end in pairwise(np.flatnonzero(day.rotation_speed)):
+            pressed = 60 * (rng.random() < 0.6) * rng.standard_normal(6)
+            wrench[begin + 2 : end - 1] += pressed * [1, 1, 1, 0.1, 0.1, 0.1]
+        assert 'lags' not in warned([replace(day, wrench=wrench)])
+
+    def test_the_specific_force_of_another_frame_is_refused(self, plain):
+        wrong = [
+            replace(day, specific_force=other.specific_force)
+            for day, other in zip(plain, plain[::-1], strict=True)
+        ]
+        with pytest.raises(CalibrationRefusedError, match='does not turn with the specific force'):
+            calibrate(wrong, AT_WORK)
+
+    def test_one_pose_tells_no_payload_but_drift(self, make_working_day):
+        still = [
+            make_working_day(n, poses=np.array([[0.0, 0, 1]]), part=False, contacts=0.0)
+            for n in range(2)
+        ]
+        calibration = calibrate(still, AT_WORK)
+        assert calibration.payloads is None
+        assert 'No payload can be told: gravity moved by 0.00' in '\n'.join(calibration.warnings)
+        assert calibration.fits['force_z'].rms_after < 0.2 * calibration.fits['force_z'].rms_before
+
+    def test_a_weight_that_the_driver_subtracts_is_no_payload(self, days, make_working_day):
+        nothing = replace(days[0], wrench=without_load(make_working_day, 0))
+        calibration = calibrate([nothing], AT_WORK)
+        assert calibration.payloads is None
+        assert 'nothing weighs on the sensor' in '\n'.join(calibration.warnings)
+
+    def test_a_tool_change_is_said(self, make_working_day):
+        before, after = make_working_day(0, part=False), make_working_day(1, part=False)
+        heavier = after.wrench * 1.5 + (before.wrench - before.wrench)
+        assert 'The tool was changed after 0.5 h' in warned(
+            [before, replace(after, wrench=heavier)]
+        )
+
+    def test_a_wrench_that_follows_gravity_is_not_unloaded(self, make_working_day):
+        slow = np.stack((np.sin(n := np.linspace(0, 27, 301)), 0 * n, np.cos(n)), axis=1)
+        turning = make_working_day(0, part=False, contacts=0.0, poses=slow)
+        said = warned([turning, turning], replace(AT_WORK, reference='constant'))
+        assert 'follows gravity' in said
+        assert 'Use the reference payload' in said
+
+    def test_too_few_cells_with_both_are_refused(self, plain):
+        force = np.full_like(plain[0].specific_force, np.nan)
+        force[:50] = plain[0].specific_force[:50]
+        bare = replace(plain[0], specific_force=force)
+        with pytest.raises(CalibrationRefusedError, match='at least 120 are needed'):
+            calibrate([bare], AT_WORK)
+
+    def test_rows_farther_apart_than_cells_are_refused(self, plain):
+        wrench = np.full_like(plain[0].wrench, np.nan)
+        wrench[::10] = plain[0].wrench[::10]
+        with pytest.raises(CalibrationRefusedError, match=r'every 10 s;.* Set .* period to 10 s'):
+            calibrate([replace(plain[0], wrench=wrench)], AT_WORK)
+
+    def test_cells_without_a_neighbour_that_turns_slowly_are_separated(self, plain):
+        spin = np.tile([0.0, 9.0], len(plain[0]))[: len(plain[0])]
+        found = separate([replace(plain[0], rotation_speed=spin)])
+        assert found.bodies().mass_kg[0] == pytest.approx(1.3, rel=0.01)
+
+
+def without_load(make_working_day, seed):
+    day = make_working_day(seed)
+    rng = np.random.default_rng(seed)
+    drift = day.wrench - without_drift(day)
+    return drift + rng.standard_normal(drift.shape) * [0.05, 0.05, 0.05, 0.001, 0.001, 0.001]

@@ -1,0 +1,229 @@
+"""Bags of every storage and compression, whole, cut off and wrong."""
+
+from pathlib import Path
+import shutil
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.recordings import bag as bag_file
+from wrist_ft_comp.recordings.bag_opening import open_bag
+from wrist_ft_comp.recordings.bag_recording import read_bag
+from wrist_ft_comp.signals import AXES, REFERENCE_CHANNELS, Topics
+
+Reader = pytest.importorskip('rosbags.rosbag2').Reader
+pytestmark = pytest.mark.usefixtures('backend')
+by_rosbags = pytest.mark.parametrize('backend', ['rosbags'], indirect=True)
+
+
+def read(path, topics=None):
+    """Stamps and values by channels, and the bag's warnings."""
+    parts = {}
+    with open_bag(Path(path)) as bag:
+        for block in read_bag(bag, topics or Topics()):
+            parts.setdefault(block.channels, []).append(block)
+        warnings = bag.warnings
+    joined = {
+        channels: (
+            np.concatenate([block.stamps_ns for block in blocks]),
+            np.concatenate([block.values for block in blocks]),
+        )
+        for channels, blocks in parts.items()
+    }
+    return joined, warnings
+
+
+def textbook(path, store):
+    """Stamps and force z of the wrenches, deserialized one by one."""
+    stamps, forces = [], []
+    with Reader(path) as reader:
+        wanted = [c for c in reader.connections if c.topic == '/wrench_raw']
+        for connection, _, data in reader.messages(wanted):
+            message = store.deserialize_cdr(data, connection.msgtype)
+            stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+            forces.append(message.wrench.force.z)
+    return stamps, forces
+
+
+def test_every_storage_gives_what_rosbags_gives_one_by_one(
+    make_bag, storage, messages, monkeypatch
+):
+    monkeypatch.setattr(bag_file, 'BATCH', 700)
+    path = make_bag(*storage, count=2000)
+    parts, warnings = read(path)
+    stamps, forces = textbook(path, messages.store)
+    assert warnings == ()
+    assert len(stamps) == 2000
+    assert parts[AXES][0].tolist() == stamps
+    assert parts[AXES][1][:, 2].tolist() == forces
+    celsius = [25.0 + k * 1e-4 for k in range(0, 2000, 100)]
+    assert parts[('temperature_c',)][1][:, 0].tolist() == pytest.approx(celsius)
+
+
+@pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
+def test_a_bare_file_and_a_folder_without_metadata_read_like_the_bag(make_bag, storage):
+    path = make_bag(storage, count=500)
+    whole, _ = read(path)
+    (file,) = (f for f in path.iterdir() if f.suffix in bag_file.SUFFIXES)
+    bare, _ = read(file)
+    (path / 'metadata.yaml').unlink()
+    killed, _ = read(path)
+    for channels, samples in whole.items():
+        for other in (bare, killed):
+            np.testing.assert_equal(other[channels], samples)
+
+
+@pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
+def test_a_split_bag_is_read_in_order(make_bag, storage):
+    first = make_bag(storage, count=300)
+    second = make_bag(storage, count=200, name='more', start_ns=1_723_248_297_000_000_000)
+    (file,) = (f for f in second.iterdir() if f.suffix in bag_file.SUFFIXES)
+    shutil.copy(file, first / file.name)
+    metadata = first / 'metadata.yaml'
+    listed = f'- bag{file.suffix}\n'
+    text = metadata.read_text()
+    assert listed in text
+    metadata.write_text(text.replace(listed, f'{listed}  - {file.name}\n', 1))
+    stamps = read(first)[0][AXES][0]
+    assert len(stamps) == 500
+    assert (np.diff(stamps) > 0).all()
+    metadata.unlink()
+    with pytest.raises(RecordingError, match=r'holds 2 storage files.*ros2 bag reindex'):
+        read(first)
+
+
+@pytest.fixture
+def write(tmp_path, messages):
+    """Write a bag of some messages by topic; None stands for none."""
+
+    def make(wrenches, temperatures):
+        kinds = {messages.wrench_type: wrenches, messages.temperature_type: temperatures}
+        rows = [
+            (topic, kind, 0, content)
+            for kind, topics in kinds.items()
+            for topic, contents in topics.items()
+            for content in contents
+        ]
+        return messages.write(tmp_path / 'few', rows)
+
+    return make
+
+
+def test_reference_and_further_thermometers_are_read_where_they_are_named(write, messages):
+    t = 1_723_248_197_000_000_000
+    path = write(
+        {
+            '/ft/raw': [messages.wrench(t, range(6))],
+            '/wrench_reference': [messages.wrench(t + 1, range(6, 12), little=False)],
+        },
+        {
+            '/temperature': [messages.temperature(t + 2, 20.0)],
+            '/flange': [messages.temperature(t + 3, 30.0, 'flange', little=False)],
+        },
+    )
+    parts, _ = read(path, Topics('ft/raw', ('temperature', '/flange')))
+    assert parts[AXES][1].tolist() == [list(range(6))]
+    assert parts[REFERENCE_CHANNELS][1].tolist() == [list(range(6, 12))]
+    assert parts[('temperature_c',)][1].tolist() == [[20.0]]
+    assert parts[('temperature_2_c',)][0].tolist() == [t + 3]
+    assert parts[('temperature_2_c',)][1].tolist() == [[30.0]]
+
+
+@pytest.mark.parametrize(
+    ('contents', 'sentence'),
+    [
+        (lambda _: [None], '/wrench_raw of few holds no messages'),
+        (lambda wrench: [wrench(0)] * 2, r'Every message on /wrench_raw.*header.stamp'),
+        (lambda wrench: [wrench(1)[:-3]], '/wrench_raw of few is damaged.*6 doubles'),
+    ],
+    ids=['none', 'unstamped', 'cut'],
+)
+def test_messages_that_are_no_wrenches_are_refused(write, messages, contents, sentence):
+    wrenches = contents(lambda stamp_ns: messages.wrench(stamp_ns, range(6)))
+    path = write({'/wrench_raw': wrenches}, {'/temperature': [messages.temperature(1, 20.0)]})
+    with pytest.raises(RecordingError, match=sentence):
+        read(path)
+
+
+TYPE = 'geometry_msgs/msg/WrenchStamped'
+
+
+@pytest.mark.parametrize(
+    ('topics', 'sentence'),
+    [
+        (Topics(wrench='/log'), f'/log of bag is std_msgs/msg/String.*must be {TYPE}'),
+        (Topics(temperatures=('/temperature', 'temperature')), 'named twice'),
+        (Topics(reference='/ati'), 'no topic /ati for the reference'),
+        (
+            Topics('/raw_wrench'),
+            r'/raw_wrench for the raw wrench; it holds .*/log \(std_.*Did you mean /wrench_raw',
+        ),
+    ],
+)
+def test_topics_that_the_bag_does_not_hold_are_refused(make_bag, topics, sentence):
+    path = make_bag(count=100)
+    assert REFERENCE_CHANNELS not in read(path)[0], 'by its default name it may be missing'
+    with pytest.raises((RecordingError, SettingsError), match=sentence):
+        read(path, topics)
+
+
+def test_a_bare_file_with_compressed_messages_sends_to_the_folder(make_bag):
+    path = make_bag('mcap', 'message', count=100)
+    with pytest.raises(RecordingError, match=r'compressed one by one.*folder'):
+        read(path / 'bag.mcap')
+
+
+@pytest.mark.parametrize('text', ['', '{', 'a: b', 'rosbag2_bagfile_information: {version: 99}'])
+def test_broken_metadata_is_refused(make_bag, text):
+    path = make_bag(count=100)
+    (path / 'metadata.yaml').write_text(text)
+    with pytest.raises(RecordingError, match='bag cannot be read as a bag'):
+        read(path)
+
+
+def test_messages_still_in_the_write_ahead_log_are_not_silently_lost(make_bag):
+    path = make_bag(count=100)
+    (path / 'bag.db3-wal').write_bytes(b'x')
+    for which in (path, path / 'bag.db3'):
+        with pytest.raises(RecordingError, match=r'bag.db3-wal holds messages.*wal_checkpoint'):
+            read(which)
+
+
+@by_rosbags
+def test_a_cut_off_mcap_is_read_up_to_its_last_complete_chunk(make_bag):
+    path = make_bag('mcap', count=30_000)
+    whole, _ = read(path)
+    file = path / 'bag.mcap'
+    content = file.read_bytes()
+    file.write_bytes(content[: int(len(content) * 0.6)])
+    (path / 'metadata.yaml').unlink()
+    parts, warnings = read(path)
+    stamps, values = parts[AXES]
+    assert 9000 < len(stamps) < 20_000
+    np.testing.assert_array_equal(stamps, whole[AXES][0][: len(stamps)])
+    np.testing.assert_array_equal(values, whole[AXES][1][: len(stamps)])
+    assert 'bag is cut off' in warnings[0]
+
+
+@by_rosbags
+def test_an_mcap_cut_before_its_first_chunk_is_refused(make_bag):
+    path = make_bag('mcap', count=2000) / 'bag.mcap'
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(RecordingError, match='cut off before its first complete chunk'):
+        read(path)
+
+
+def test_a_file_cut_anywhere_raises_nothing_but_recording_errors(make_bag, storage):
+    path = make_bag(*storage, count=400)
+    (file,) = (f for f in path.iterdir() if f.name != 'metadata.yaml')
+    content = file.read_bytes()
+    rng = np.random.default_rng(2)
+    refused = 0
+    for end in (*rng.integers(1, len(content), 12), 1, 8, 40, len(content) - 1):
+        file.write_bytes(content[:end])
+        try:
+            read(path)
+        except RecordingError:
+            refused += 1
+    assert refused

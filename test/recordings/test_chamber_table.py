@@ -1,0 +1,115 @@
+"""Chamber tables: the paper's own, laid out in time, and the figures that describe them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recordings.chamber import chamber_figures
+from wrist_ft_comp.recordings.chamber_table import is_chamber_table, read_chamber_table
+from wrist_ft_comp.recordings.recordings import rewrite_recording
+
+DATA = Path(__file__).parents[2] / 'data' / 'keller_pa10'
+#: Worked out from the printed tables by hand: max abs K_s, zero spread, largest deviation.
+FIGURES = {
+    'table1_sensor_a_raw.csv': (0.0687, 5.361, 5.198),
+    'table2_sensor_b_raw.csv': (0.1444, 7.512, 8.561),
+    'table3_sensor_a_compensated.csv': (0.0206, 0.237, 0.281),
+    'table4_sensor_b_compensated.csv': (0.0137, 0.206, 0.256),
+}
+
+
+@pytest.mark.parametrize('keep', [True, False])
+@pytest.mark.parametrize(('name', 'figures'), FIGURES.items())
+def test_figures_of_the_published_tables(name, figures, keep):
+    table = read_chamber_table(DATA / name, keep_copied_columns=keep)
+    computed = chamber_figures(table)
+    assert computed.max_sensitivity_drift == pytest.approx(figures[0], abs=6e-5)
+    assert computed.zero_spread == pytest.approx(figures[1], abs=6e-4)
+    assert computed.max_deviation == pytest.approx(figures[2], abs=6e-4)
+
+
+def test_the_copied_column_of_sensor_a_is_left_out_with_its_reason():
+    table = read_chamber_table(DATA / 'table1_sensor_a_raw.csv')
+    assert table.temperatures_c.tolist() == [-40, -30, -15, 0, 20, 70, 100]
+    ((temperature, reason),) = table.left_out
+    assert temperature == 50.0
+    assert 'repeats that of -40 °C digit for digit' in reason
+    kept = read_chamber_table(DATA / 'table1_sensor_a_raw.csv', keep_copied_columns=True)
+    assert kept.left_out == ()
+    np.testing.assert_array_equal(kept.output[:, 0], kept.output[:, 5])
+    assert all(
+        read_chamber_table(DATA / name).left_out == () for name in FIGURES if 'table1' not in name
+    )
+
+
+def test_gain_between_reference_and_output_is_one_at_the_reference_temperature():
+    table = read_chamber_table(DATA / 'table2_sensor_b_raw.csv')
+    at = table.reference_column
+    assert table.temperatures_c[at] == 20.0
+    full = int(np.argmax(table.load))
+    change = table.output[full, at] - table.output[0, at]
+    assert table.reference[full] - table.reference[0] == pytest.approx(change)
+
+
+def test_a_written_table_reads_back_with_everything_else_verbatim(tmp_path):
+    source = DATA / 'table1_sensor_a_raw.csv'
+    table = read_chamber_table(source)
+    warnings = rewrite_recording(source, tmp_path / 'out.csv', lambda _, wrench: wrench / 3)
+    assert 'digit for digit' in warnings[0]
+    again = read_chamber_table(tmp_path / 'out.csv')
+    np.testing.assert_array_equal(again.output, table.output / 3)
+    np.testing.assert_array_equal(again.temperatures_c, table.temperatures_c)
+    before, after = (p.read_text().splitlines() for p in (source, tmp_path / 'out.csv'))
+    assert [row.split(',')[:3] for row in after] == [row.split(',')[:3] for row in before]
+
+
+def test_the_compensated_tables_are_no_function_of_output_and_temperature():
+    """As docs/paper.md says."""
+    tables = [read_chamber_table(DATA / name, keep_copied_columns=True) for name in FIGURES]
+    for raw, compensated in (
+        (tables[0].output, tables[2].output),
+        (tables[1].output, tables[3].output),
+    ):
+        contradictions = 0
+        for column in range(raw.shape[1]):
+            seen = {}
+            for output, result in zip(raw[:, column], compensated[:, column], strict=True):
+                contradictions += seen.setdefault(output, result) != result
+        assert contradictions > 0
+
+
+def test_sensor_a_reads_the_same_twice_and_the_paper_compensates_it_to_two_values():
+    raw = read_chamber_table(DATA / 'table1_sensor_a_raw.csv').output
+    compensated = read_chamber_table(DATA / 'table3_sensor_a_compensated.csv').output
+    assert raw[0, 0] == raw[-1, 0] == -5.6
+    assert (compensated[0, 0], compensated[-1, 0]) == (3.949, 3.918)
+
+
+HEADER = 'step,load_kpa,output_at_20_c,output_at_50_c\n'
+
+
+@pytest.mark.parametrize(
+    ('text', 'sentence'),
+    [
+        (HEADER, 'no row below its header'),
+        (HEADER + '0,0,1,2\n1,5,x,3\n', "Row 3 of t.csv, column output_at_20_c.*got 'x'"),
+        (HEADER + '0,0,1,2\n1,5,3\n', 'Row 3 of t.csv has 3 cells'),
+        (HEADER + '0,0,1,2\n1,0,3,4\n', 'reach full load'),
+        (HEADER + '0,0,1,2\n1,5,nan,4\n', 'must be finite'),
+        ('step,output_at_20_c\n0,1\n', 'one column load_<unit>'),
+        ('load_n,output_at_20_c,output_at_20.0_c\n0,1,2\n5,2,3\n', 'one column per temperature'),
+        (b'load_n,output_at_20_c\n\xff', 'UTF-8'),
+    ],
+)
+def test_a_bad_table_is_refused_in_a_sentence(make_csv, text, sentence):
+    with pytest.raises(RecordingError, match=sentence):
+        read_chamber_table(make_csv(text, 't.csv'))
+
+
+def test_only_chamber_tables_are_taken_for_chamber_tables(make_csv, tmp_path):
+    assert is_chamber_table(DATA / 'table1_sensor_a_raw.csv')
+    assert not is_chamber_table(make_csv('stamp_s,force_z,temperature_c\n'))
+    assert not is_chamber_table(make_csv(b'\xff\xfe\0'))
+    assert not is_chamber_table(tmp_path / 'no.csv')

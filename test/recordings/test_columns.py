@@ -1,0 +1,174 @@
+"""Recordings of columns in memory: what a CSV file of them gives; a sentence for bad ones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import ModelFileError, RecordingError
+from wrist_ft_comp.recordings.columns import compensate, recording_from_columns
+from wrist_ft_comp.recordings.recordings import read_recording, rewrite_recording
+from wrist_ft_comp.signals import AXES
+from wrist_ft_comp.stream.offline import correct_many, track_drift
+
+ROWS = 400
+EPOCH = 1_723_248_197_123_456_789
+STAMPS = EPOCH + 250_000_001 * np.arange(ROWS)
+GOOD = {'stamp_ns': STAMPS, 'force_z': np.ones(ROWS), 'temperature_c': np.full(ROWS, 20.0)}
+
+
+@pytest.fixture(scope='module')
+def columns():
+    """A table of every kind of channel; some have no sample in some rows, each in its own."""
+    rng = np.random.default_rng(0)
+    names = (
+        'force_x',
+        'force_z',
+        'torque_y',
+        'temperature_c',
+        'temperature_2_c',
+        'temperature_3_c',
+    )
+    table = {name: 20 + rng.standard_normal(ROWS) for name in (*names, 'reference_force_z')}
+    for name in ('torque_y', 'temperature_2_c', 'reference_force_z'):
+        table[name][rng.uniform(size=ROWS) < 0.7] = np.nan
+    return {'stamp_ns': STAMPS, **table, 'note': np.full(ROWS, 'x')}
+
+
+@pytest.fixture
+def as_csv(tmp_path):
+    """Write a table as a CSV recording."""
+
+    def write(table):
+        rows = zip(*(values.tolist() for values in table.values()), strict=True)
+        cells = (','.join(map(str, row)).replace('nan', '') for row in rows)
+        path = tmp_path / 'table'
+        path.write_text('\n'.join([','.join(table), *cells, '']), 'utf-8')
+        return path
+
+    return write
+
+
+def assert_same(one, other):
+    assert (one.name, one.period_ns, one.first_cell) == (
+        other.name,
+        other.period_ns,
+        other.first_cell,
+    )
+    assert one.warnings == other.warnings
+    for array in ('temperature_c', 'measured', 'wrench', 'reference'):
+        np.testing.assert_array_equal(getattr(one, array), getattr(other, array))
+
+
+def test_columns_give_the_recording_of_a_csv_file_that_holds_them(columns, as_csv):
+    for period_s in (0.5, 10.0):
+        read = read_recording(as_csv(columns), period_s=period_s)
+        assert_same(recording_from_columns(columns, period_s=period_s), read)
+
+
+def test_a_column_that_is_nearly_named_right_is_warned_of_as_in_a_file(columns, as_csv):
+    table = {**columns, 'Force_Y': np.zeros(ROWS)}
+    made = recording_from_columns(table)
+    assert_same(made, read_recording(as_csv(table)))
+    (warning,) = made.warnings
+    assert 'not used: note, Force_Y. Is Force_Y meant to be force_y (N)?' in warning
+
+
+def test_channels_may_come_in_tables_of_their_own(columns):
+    whole = recording_from_columns(columns)
+    parts = [{'stamp_ns': STAMPS, name: columns[name]} for name in columns if name != 'stamp_ns']
+    assert_same(recording_from_columns(*parts), whole)
+
+
+@pytest.mark.parametrize(
+    'stamps',
+    [
+        {'stamp_ns': STAMPS.astype('datetime64[ns]')},
+        {'stamp_s': STAMPS.astype('datetime64[ns]')},
+        {'stamp_ns': STAMPS.tolist()},
+        {'stamp_ns': STAMPS.astype(np.uint64)},
+        {'stamp_s': STAMPS / 1e9},
+        {'stamp_ns': STAMPS.astype(float)},
+    ],
+    ids=['datetime', 'datetime as seconds', 'list', 'unsigned', 'seconds', 'floats'],
+)
+def test_stamps_may_be_of_any_kind(columns, stamps):
+    table = {name: columns[name] for name in ('force_z', 'temperature_c')}
+    expected = recording_from_columns({'stamp_ns': STAMPS, **table})
+    assert_same(recording_from_columns({**stamps, **table}), expected)
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'force_z': None}, r'table has no raw wrench column; expected force_x or .*, got temp'),
+        ({'temperature_c': None}, 'table has no temperature column; expected temperature_c, got'),
+        (
+            {'stamp_ns': None},
+            'has no stamp column; expected stamp_ns or .* or stamp_s, got force_z',
+        ),
+        ({'stamp_ns': None, 'Stamp_s': STAMPS}, "Is 'Stamp_s' meant to be 'stamp_s'"),
+        ({'force_z': np.ones(9)}, r'force_z of table must have shape \(400,\).*got \(9,\)'),
+        ({'force_z': np.ones((ROWS, 2))}, r'must have shape \(400,\).*got \(400, 2\)'),
+        ({'force_z': ['warm'] * ROWS}, 'force_z of table must hold numbers: could not convert'),
+        ({'force_z': [None, {}] * (ROWS // 2)}, 'force_z of table must hold numbers'),
+        ({'stamp_ns': STAMPS * np.nan}, 'stamp_ns of table must be one time per row'),
+        ({'stamp_ns': 7}, 'stamp_ns of table must be one time per row'),
+        ({'stamp_ns': STAMPS.reshape(2, -1)}, 'stamp_ns of table must be one time per row'),
+        ({'stamp_ns': ['NaT'] * ROWS}, 'stamp_ns of table must hold numbers'),
+        ({'stamp_ns': np.full(ROWS, 'NaT', 'datetime64[s]')}, 'must be one time per row'),
+        (
+            {'stamp_ns': STAMPS[::-1]},
+            '399 of 400 samples have a stamp that does not increase; at most 1.0%',
+        ),
+        ({'force_z': np.full(ROWS, np.inf)}, '400 of 400 samples are not finite'),
+    ],
+)
+def test_what_is_no_table_gets_its_sentence(change, sentence):
+    table = {name: each for name, each in {**GOOD, **change}.items() if each is not None}
+    with pytest.raises(RecordingError, match=sentence):
+        recording_from_columns(table)
+
+
+def test_a_channel_in_two_tables_is_refused():
+    with pytest.raises(RecordingError, match='table has the column force_z twice'):
+        recording_from_columns(GOOD, {'stamp_ns': STAMPS, 'force_z': np.ones(ROWS)})
+
+
+def test_no_table_is_none():
+    with pytest.raises(RecordingError, match='has no raw wrench column'):
+        recording_from_columns()
+
+
+def test_compensated_columns_are_those_of_a_compensated_file(columns, as_csv, make_model):
+    table = {name: each for name, each in columns.items() if name != 'note'}
+    model = make_model({'force_z': (0.4, 1e-2, 50.0), 'torque_y': (0.1, 0.0, 5.0)}, thermometers=3)
+    path = as_csv(table)
+    track = track_drift(model, read_recording(path))
+    target = path.with_name('compensated.csv')
+    rewrite_recording(path, target, lambda at, raw: correct_many(track, at, raw))
+    rows = np.genfromtxt(target, names=True, delimiter=',')
+    compensated = compensate(model, table)
+    assert list(compensated) == [axis for axis in AXES if axis in table]
+    for axis, values in compensated.items():
+        np.testing.assert_array_equal(values, rows[axis])
+    assert np.ptp(compensated['force_z'] - table['force_z']) > 0.1
+
+
+def test_compensated_columns_are_tared_on_the_first_seconds_alone(make_model):
+    model = make_model({'force_z': (0.4, 0.0, 50.0)})
+    table = {**GOOD, 'force_z': np.where(np.arange(ROWS) < 40, 3.0, 8.0)}
+    compensated = compensate(model, table, tare_s=5.0)['force_z']
+    np.testing.assert_allclose(compensated, table['force_z'] - 3.0, atol=1e-9)
+
+
+def test_thermometers_have_to_be_the_model_s(make_model):
+    model = make_model({'force_z': (0.4, 0.0, 50.0)}, thermometers=2)
+    with pytest.raises(RecordingError, match='table has 1 thermometers, the model expects 2'):
+        compensate(model, GOOD)
+
+
+def test_a_model_of_another_unit_is_refused(make_model):
+    model = replace(make_model({'force_z': (0.4, 0.0, 50.0)}), unit='digits')
+    with pytest.raises(ModelFileError, match=r'corrects force_z in digits, but .* are in N'):
+        compensate(model, GOOD)

@@ -1,0 +1,284 @@
+"""The front door: every kind of recording onto the grid, rewritten, described."""
+
+from pathlib import Path
+import shutil
+import struct
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import OutputError, RecordingError
+from wrist_ft_comp.recordings import bag as bag_file
+from wrist_ft_comp.recordings import csv_file as csv_text
+from wrist_ft_comp.recordings.recordings import (
+    describe_recording,
+    read_recording,
+    rewrite_recording,
+)
+from wrist_ft_comp.signals import AXES, NANOSECONDS, Topics
+from wrist_ft_comp.wire import cdr
+
+Reader = pytest.importorskip('rosbags.rosbag2').Reader
+pytestmark = pytest.mark.usefixtures('backend')
+TABLE = Path(__file__).parents[2] / 'data' / 'keller_pa10' / 'table1_sensor_a_raw.csv'
+CSV = (
+    'stamp_s;note;force_z;temperature_c;torque_x\n0.0;"a;b";1.50;20.0;\n0.5;;2.50;;7\n1.0;c;;21;\n'
+)
+
+
+def halve(stamps_ns, wrench):
+    """A correction one can see."""
+    assert stamps_ns.shape == wrench.shape[:1]
+    assert wrench.shape[1:] == (6,)
+    return wrench / 2
+
+
+def raw_messages(path):
+    """Per topic: times of recording and bytes."""
+    topics = {}
+    with Reader(path) as reader:
+        for connection, stamp, data in reader.messages():
+            topics.setdefault(connection.topic, []).append((stamp, data))
+    return topics
+
+
+def test_the_same_data_as_csv_and_as_bag_give_the_same_recording(make_bag, make_csv):
+    bag = make_bag(count=1500)
+    contents = [data for _, data in raw_messages(bag)['/wrench_raw']]
+    rows = [
+        f'{stamp},{",".join(map(repr, row))},{25.0 + k * 1e-4 if k % 100 == 0 else ""}\n'
+        for k, (stamp, row) in enumerate(
+            zip(*(part.tolist() for part in cdr.decode_many(contents, 6)), strict=True)
+        )
+    ]
+    one = read_recording(bag)
+    other = read_recording(make_csv(f'stamp_ns,{",".join(AXES)},temperature_c\n{"".join(rows)}'))
+    assert one.first_cell == other.first_cell
+    np.testing.assert_array_equal(one.wrench, other.wrench)
+    np.testing.assert_array_equal(one.temperature_c, other.temperature_c)
+
+
+def test_period_and_share_of_bad_samples_are_passed_on(make_csv):
+    rows = ''.join(f'{k},{"nan" if k == 7 else 1},20\n' for k in range(20))
+    path = make_csv(f'stamp_s,force_z,temperature_c\n{rows}')
+    with pytest.raises(RecordingError, match=r'run.csv: 1 of 20 samples'):
+        read_recording(path)
+    recording = read_recording(path, period_s=2.0, max_bad_share=0.1)
+    assert len(recording) == 10
+    assert len(recording.warnings) == 1
+
+
+def test_a_chamber_table_is_a_recording_too():
+    """One axis, and warnings, come through the front door."""
+    recording = read_recording(TABLE)
+    assert recording.axes_present == ('force_z',)
+    assert recording.duration_s == pytest.approx(7 * 1800, abs=30)
+    assert np.isfinite(recording.wrench[:, 2]).sum() == 7 * 9
+    assert np.isfinite(recording.reference[:, 2]).sum() == 7 * 9
+    assert 'repeats that of -40 °C' in recording.warnings[0]
+    kept = read_recording(TABLE, keep_copied_columns=True)
+    assert kept.warnings == ()
+    assert kept.duration_s > recording.duration_s
+
+
+@pytest.mark.parametrize(
+    ('name', 'content', 'sentence'),
+    [
+        ('nothing', None, 'nothing does not exist'),
+        ('no.mcap', None, 'no.mcap does not exist'),
+        ('folder/notes.txt', b'x', 'folder is no bag: expected a folder with metadata.yaml'),
+        ('old.bag', b'', 'ROS 1 bag'),
+        ('bag.db3.zstd', b'', 'name the folder'),
+        ('empty.csv', b'', 'empty.csv is empty'),
+        ('a.db3', b'', 'a.db3 is empty'),
+        ('a.mcap', b'', 'a.mcap is empty'),
+        ('a.db3', b'not a database at all' * 100, 'a.db3 cannot be read as a bag'),
+        ('a.mcap', b'not a bag at all' * 100, 'a.mcap cannot be read as a bag.*magic'),
+    ],
+)
+def test_what_is_no_recording_is_refused(tmp_path, name, content, sentence):
+    path = tmp_path / name
+    if content is not None:
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(content)
+    for look in (read_recording, describe_recording):
+        with pytest.raises(RecordingError, match=sentence):
+            look(path if path.parent == tmp_path else path.parent)
+
+
+def test_random_damage_raises_nothing_but_recording_errors(make_bag, make_csv):
+    csv = make_csv('stamp_s,force_z,temperature_c\n' + '1,0.1,20\n' * 30)
+    bags = [make_bag('sqlite3', count=300), make_bag('mcap', count=300, name='m_bag')]
+    files = [next(bag.glob('bag.*' if bag.name == 'bag' else 'm_bag.*')) for bag in bags]
+    rng = np.random.default_rng(3)
+    for path, file, places in ((csv, csv, 3), *zip(bags, files, (20, 20), strict=True)):
+        content = file.read_bytes()
+        for _ in range(300 if path is csv else 40):
+            damaged = bytearray(content)
+            for place in rng.integers(len(content), size=places):
+                damaged[place] = rng.integers(256)
+            if path is not csv:
+                struct.pack_into('<Q', damaged, rng.integers(len(content) - 8), 2**63 - 1)
+            file.write_bytes(bytes(damaged))
+            for look in (read_recording, describe_recording):
+                sentence = path.name
+                try:
+                    look(path)
+                except RecordingError as error:
+                    sentence = str(error)
+                assert path.name in sentence
+
+
+def test_a_rewritten_csv_differs_in_its_wrench_cells_only(make_csv, monkeypatch):
+    monkeypatch.setattr(csv_text, 'CHUNK', 20)
+    source = make_csv(CSV)
+    target = source.with_name('out.csv')
+    (warning,) = rewrite_recording(source, target, halve)
+    assert 'not understood and not used: note.' in warning
+    halved = CSV.replace('1.50', '0.75').replace('2.50', '1.25').replace(';7\n', ';3.5\n')
+    header, rest = halved.replace('\n', ';\n').split('\n', 1)
+    assert target.read_text() == f'{header}{csv_text.COMPENSATED}\n{rest}'
+    assert source.read_text() == CSV
+
+
+def test_a_correction_sees_nan_for_absent_axes_and_only_rows_with_a_wrench(make_csv):
+    seen = []
+
+    def look(stamps_ns, wrench):
+        seen.append((stamps_ns.tolist(), np.isfinite(wrench).sum(axis=1).tolist()))
+        return wrench
+
+    source = make_csv(CSV)
+    rewrite_recording(source, source.with_name('out.csv'), look)
+    assert seen == [([0, 500_000_000], [1, 2])]
+
+
+def test_a_rewritten_bag_holds_every_message_and_the_corrected_wrench(
+    make_bag, storage, monkeypatch
+):
+    monkeypatch.setattr(bag_file, 'BATCH', 300)
+    source = make_bag(*storage, count=1000)
+    target = source.with_name('out')
+    fractions = []
+    assert rewrite_recording(source, target, halve, progress=fractions.append) == ()
+    before, after = raw_messages(source), raw_messages(target)
+    added = after.pop('/wrench')
+    assert after == before
+    raw = before['/wrench_raw']
+    assert [stamp for stamp, _ in added] == [stamp for stamp, _ in raw]
+    stamps, values = cdr.decode_many([data for _, data in raw], 6)
+    stamps_out, values_out = cdr.decode_many([data for _, data in added], 6)
+    np.testing.assert_array_equal(stamps_out, stamps)
+    np.testing.assert_array_equal(values_out, values / 2)
+    assert values.any()
+    assert fractions[-1] == 1.0
+    names = {path.name.replace('bag', 'out') for path in source.iterdir()}
+    assert {path.name for path in target.iterdir()} == names
+    assert [p.name for p in source.parent.iterdir() if p.name.startswith('.')] == []
+    again = read_recording(target, topics=Topics(wrench='/wrench'))
+    np.testing.assert_allclose(again.wrench, read_recording(source).wrench / 2)
+
+
+def every_other(_stamps_ns, wrench):
+    """An external wrench that is not known half of the time."""
+    return np.where(np.arange(len(wrench))[:, None] % 2, np.nan, wrench + 1)
+
+
+def test_an_external_wrench_has_a_topic_of_its_own_and_messages_where_it_is_known(make_bag):
+    source = make_bag(count=200)
+    target = source.with_name('out')
+    rewrite_recording(source, target, halve, external=every_other)
+    after = raw_messages(target)
+    assert len(after['/wrench']) == 200
+    stamps, values = cdr.decode_many([data for _, data in after['/wrench_external']], 6)
+    raw = cdr.decode_many([data for _, data in after['/wrench_raw']], 6)
+    np.testing.assert_array_equal(stamps, raw[0][::2])
+    np.testing.assert_array_equal(values, raw[1][::2] + 1)
+
+
+def test_an_external_wrench_has_columns_of_its_own_and_cells_where_it_is_known(make_csv):
+    source = make_csv(CSV)
+    target = source.with_name('out.csv')
+    rewrite_recording(source, target, halve, external=every_other)
+    lines = target.read_text().splitlines()
+    assert lines[0].endswith(f';{csv_text.COMPENSATED};external_force_z;external_torque_x')
+    assert [line.split(';')[-2:] for line in lines[1:]] == [['2.5', ''], ['', ''], ['', '']]
+    target.write_text(target.read_text().replace(csv_text.COMPENSATED, 'note'))
+    with pytest.raises(RecordingError, match='holds external_force_z already'):
+        rewrite_recording(target, source.with_name('again.csv'), halve, external=every_other)
+
+
+@pytest.mark.parametrize(('storage', 'suffix'), [('sqlite3', '.db3'), ('mcap', '.mcap')])
+def test_a_bare_file_may_be_rewritten_into_a_bare_file(make_bag, storage, suffix):
+    source = make_bag(storage, count=200) / f'bag{suffix}'
+    target = source.parents[1] / f'out{suffix}'
+    rewrite_recording(source, target, halve, output_topic='cleaned')
+    assert target.is_file()
+    assert len(raw_messages(target)['/cleaned']) == 200
+    other = {'.db3': '.mcap', '.mcap': '.db3'}[suffix]
+    with pytest.raises(OutputError, match=f'a copy ends in {suffix}, not in {other}'):
+        rewrite_recording(source, target.with_name(f'x{other}'), halve)
+
+
+@pytest.fixture(params=['sqlite3', 'mcap', 'csv', 'table'])
+def source(request, make_bag, make_csv, tmp_path):
+    """A recording of each kind."""
+    if request.param == 'table':
+        return Path(shutil.copy(TABLE, tmp_path / 'table.csv'))
+    return make_csv(CSV) if request.param == 'csv' else make_bag(request.param, count=200)
+
+
+def test_a_failure_leaves_nothing_half_written(source, tmp_path):
+    def fail(*_):
+        raise ZeroDivisionError
+
+    before = sorted(tmp_path.rglob('*'))
+    with pytest.raises(ZeroDivisionError):
+        rewrite_recording(source, tmp_path / 'out', fail)
+    assert sorted(tmp_path.rglob('*')) == before
+
+
+def test_a_target_that_exists_or_is_the_source_is_refused(source, tmp_path):
+    existing = tmp_path / 'there'
+    existing.write_text('mine')
+    for target, sentence in (
+        (tmp_path / '..' / tmp_path.name / source.name, 'is the same file as'),
+        (existing, 'exists'),
+        (existing / 'out', 'is no folder'),
+    ):
+        with pytest.raises(OutputError, match=sentence):
+            rewrite_recording(source, target, halve)
+    assert existing.read_text() == 'mine'
+
+
+def test_an_output_topic_that_is_taken_is_refused(make_bag):
+    source = make_bag(count=100)
+    with pytest.raises(OutputError, match='bag holds log already'):
+        rewrite_recording(source, source.with_name('out'), halve, output_topic='log')
+    assert not source.with_name('out').exists()
+
+
+def test_a_bag_is_described_from_its_index(make_bag):
+    summary = describe_recording(make_bag('mcap', 'file', count=1000))
+    assert summary.kind == 'rosbag2, mcap, file compression'
+    assert {(c.name, c.samples, c.role) for c in summary.channels} == {
+        ('/wrench_raw', 1000, 'raw wrench'),
+        ('/temperature', 10, 'temperature'),
+        ('/log', 10, ''),
+    }
+    assert summary.last_ns - summary.first_ns == 999_000_000
+
+
+def test_a_csv_recording_and_a_table_are_described_by_their_samples(make_csv):
+    summary = describe_recording(make_csv(CSV))
+    assert summary.kind == 'CSV recording'
+    assert [(c.name, c.kind, c.samples, c.role) for c in summary.channels] == [
+        ('force_z', 'N', 2, 'raw wrench'),
+        ('torque_x', 'N m', 1, 'raw wrench'),
+        ('temperature_c', '°C', 2, 'temperature'),
+    ]
+    assert (summary.first_ns, summary.last_ns) == (0, NANOSECONDS)
+    table = describe_recording(TABLE)
+    assert table.kind == 'chamber table'
+    assert {c.name: c.samples for c in table.channels}['force_z'] == 63
+    assert 'left out' in table.warnings[0]

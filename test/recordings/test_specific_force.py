@@ -1,0 +1,256 @@
+"""Specific force of bags: by an IMU, or by TF, whatever TF does."""
+
+import shutil
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+import yaml
+
+from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.recordings import bag as bag_file
+from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.signals import GRAVITY, Topics
+
+by_either_backend = pytest.mark.usefixtures('backend')
+T0 = 1_723_248_197_000_000_000
+TF, IMU = 'tf2_msgs/msg/TFMessage', 'sensor_msgs/msg/Imu'
+BASE = Rotation.from_euler('xyz', [0.2, -0.1, 1.0])
+MOUNT = Rotation.from_euler('xyz', [3.0, 0.05, 0.4])
+BY_TF = Topics(gravity_frame='world')
+#: When the robot comes to rest, and how many seconds it is recorded.
+REST, END = 6, 14
+
+
+def stamps(seconds):
+    return (T0 + np.rint(np.asarray(seconds) * 1e9).astype(int)).tolist()
+
+
+def shoulder(seconds):
+    return Rotation.from_euler('z', np.sin(0.7 * np.minimum(seconds, REST)))
+
+
+def elbow(seconds):
+    return Rotation.from_euler('x', 0.3 + np.minimum(seconds, REST))  # 1 rad/s
+
+
+def true_force(seconds):
+    """Gravity in the sensor's frame, shape (n, 3), by scipy."""
+    turned = BASE * shoulder(seconds) * elbow(seconds) * MOUNT
+    return turned.inv().apply([0, 0, GRAVITY])
+
+
+def means(cells, values):
+    """Average what is told of times over cells of 1 s."""
+    return np.stack([values(k + (np.arange(1000) + 0.5) / 1000).mean(axis=0) for k in cells])
+
+
+def true_square_speed(seconds):
+    """Of two joints at right angles."""
+    return ((0.7 * np.cos(0.7 * seconds)) ** 2 + 1) * (seconds < REST)
+
+
+@pytest.fixture
+def robot(messages, tmp_path):
+    """Write a bag of a robot that moves, its TF changed as a test wants."""
+
+    class Robot:
+        static = ('world', 'base', BASE.as_quat()), ('/tool', 'ft_sensor', MOUNT.as_quat())
+
+        def still(self, stamp_ns=T0, links=None):
+            """/tf_static."""
+            yield '/tf_static', TF, stamp_ns, messages.transforms(stamp_ns, links or self.static)
+
+        def moving(self, seconds, frames=('base', 'arm', 'tool'), little=True):
+            """/tf of two joints."""
+            for second in seconds:
+                at, (base, arm, tool) = T0 + round(second * 1e9), frames
+                one = base, arm, shoulder(second).as_quat()
+                other = arm, tool, -elbow(second).as_quat()  # its sign is free
+                yield '/tf', TF, at, messages.transforms(at, [one, other], little)
+
+        def wrenches(self, seconds=END, frame='ft_sensor'):
+            """Write as little of the rest as a recording needs."""
+            for at in stamps(np.arange(0.05, seconds, 0.1)):
+                wrench = messages.wrench(at, [1, 2, 3, 4, 5, 6], frame)
+                yield '/wrench_raw', messages.wrench_type, at, wrench
+                warm = messages.temperature(at, 25.0)
+                yield '/temperature', messages.temperature_type, at, warm
+
+        def write(self, *parts, storage='mcap', name='bag'):
+            """Write what came, in order of arrival."""
+            every = sorted((each for part in parts for each in part), key=lambda each: each[2])
+            return messages.write(tmp_path / name, every, storage)
+
+        @staticmethod
+        def join(bag, more):
+            """Make of a bag the first file of a split one."""
+            (file,) = more.glob('*.mcap')
+            shutil.copy(file, bag / 'bag_1.mcap')
+            parts = [yaml.safe_load((each / 'metadata.yaml').read_text()) for each in (bag, more)]
+            one, other = (each['rosbag2_bagfile_information'] for each in parts)
+            one['relative_file_paths'].append('bag_1.mcap')
+            one['message_count'] += other['message_count']
+            one['duration'] = {'nanoseconds': 15 * 10**9}
+            named = {e['topic_metadata']['name'] for e in one['topics_with_message_count']}
+            one['topics_with_message_count'] += [
+                each
+                for each in other['topics_with_message_count']
+                if each['topic_metadata']['name'] not in named
+            ]
+            (bag / 'metadata.yaml').write_text(yaml.safe_dump(parts[0]))
+
+    return Robot()
+
+
+@by_either_backend
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_an_imu_gives_mean_force_and_effective_speed(robot, messages, storage, monkeypatch):
+    monkeypatch.setattr(bag_file, 'BATCH', 77)
+    seconds = np.arange(0, END, 0.01)
+    speeds = np.random.default_rng(1).normal(0, 0.3, (len(seconds), 3))
+    rows = zip(stamps(seconds), 0.97 * true_force(seconds), speeds, strict=True)
+    imu = [
+        ('/arm/imu', IMU, at, messages.imu(at, force, speed, little=bool(k % 2)))
+        for k, (at, force, speed) in enumerate(rows)
+    ]
+    path = robot.write(imu, robot.wrenches(), storage=storage)
+    recording = read_recording(path, topics=Topics(imu='arm/imu'))
+    expected = 0.97 * true_force(seconds).reshape(END, 100, 3).mean(axis=1)
+    np.testing.assert_allclose(recording.specific_force, expected)
+    square = (speeds**2).sum(axis=1).reshape(END, 100).mean(axis=1)
+    np.testing.assert_allclose(recording.rotation_speed, np.sqrt(square))
+
+
+def test_an_accelerometer_without_gyroscope_has_no_speed_of_rotation(robot, messages):
+    imu = [
+        ('/imu', IMU, at, messages.imu(at, [0, 0, 9.8], [0, 0, 0]))
+        for at in stamps(np.arange(0, END, 0.1))
+    ]
+    recording = read_recording(robot.write(imu, robot.wrenches()), topics=Topics(imu='/imu'))
+    assert recording.rotation_speed is None
+    np.testing.assert_allclose(recording.specific_force, [[0, 0, 9.8]] * END)
+
+
+@by_either_backend
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+@pytest.mark.parametrize(('rate', 'tolerance'), [(10, 0.05), (100, 0.01)])
+def test_tf_gives_gravity_in_the_frame_of_the_wrench(robot, storage, rate, tolerance, monkeypatch):
+    monkeypatch.setattr(bag_file, 'BATCH', 77)
+    moving = robot.moving(np.arange(0, END + 0.1, 1 / rate))
+    path = robot.write(robot.still(), moving, robot.wrenches(), storage=storage)
+    recording = read_recording(path, topics=BY_TF)
+    cells = range(END)
+    force, speed = recording.specific_force[:END], recording.rotation_speed[:END]
+    np.testing.assert_allclose(force, means(cells, true_force), atol=tolerance)
+    expected = np.sqrt(means(cells, true_square_speed))
+    expected[REST] = speed[REST]  # the step in which it stops ends there
+    np.testing.assert_allclose(speed, expected, atol=0.02)
+
+
+def test_a_static_transform_that_comes_late_holds_from_the_beginning(robot):
+    moving = robot.moving(np.arange(0, END + 0.1, 0.05), little=False)
+    path = robot.write(robot.still(T0 + 8 * 10**9), moving, robot.wrenches())
+    force = read_recording(path, topics=BY_TF).specific_force
+    np.testing.assert_allclose(force[:END], means(range(END), true_force), atol=0.02)
+
+
+def test_of_a_split_bag_the_first_file_alone_holds_what_is_static(robot):
+    """The folder is whole; a later file alone is refused, and the frames it has are listed."""
+    first = robot.write(robot.still(), robot.moving(np.arange(0, 5, 0.05)), name='first')
+    rest = robot.moving(np.arange(5, END + 0.1, 0.05)), robot.wrenches()
+    second = robot.write(*rest, name='second')
+    with pytest.raises(RecordingError) as refusal:
+        read_recording(second, topics=BY_TF)
+    for part in ('world and ft_sensor are missing', 'arm, base, tool.', '/tf_static is in its'):
+        assert part in str(refusal.value)
+    robot.join(first, second)
+    force = read_recording(first, topics=BY_TF).specific_force
+    np.testing.assert_allclose(force[:END], means(range(END), true_force), atol=0.02)
+
+
+def test_tf_may_lie_in_one_namespace(robot):
+    parts = robot.still(), robot.moving(np.arange(0, END + 0.1, 0.05))
+    inside = [(f'/left{topic}', *rest) for part in parts for topic, *rest in part]
+    one = robot.write(inside, robot.wrenches())
+    force = read_recording(one, topics=BY_TF).specific_force
+    np.testing.assert_allclose(force[:END], means(range(END), true_force), atol=0.02)
+    others = [(topic.replace('left', 'right'), *rest) for topic, *rest in inside]
+    both = robot.write(inside, others, robot.wrenches(), name='both')
+    with pytest.raises(RecordingError, match='holds no topic /tf for the gravity'):
+        read_recording(both, topics=BY_TF)
+
+
+def test_a_chain_may_change(robot):
+    """The tool hangs at another arm from the fifth second on, in the air between."""
+    one = robot.moving(np.arange(0, 4.01, 0.05))
+    other = robot.moving(np.arange(5, END + 0.1, 0.05), ('base', 'other_arm', 'tool'))
+    path = robot.write(robot.still(), one, other, robot.wrenches())
+    force = read_recording(path, topics=BY_TF).specific_force
+    expected = means(range(END), true_force)
+    np.testing.assert_allclose(force[:4], expected[:4], atol=0.02)
+    assert np.isnan(force[4]).all()
+    np.testing.assert_allclose(force[5:END], expected[5:], atol=0.02)
+
+
+@pytest.mark.parametrize('frozen', [False, True])
+def test_where_tf_ends_or_freezes_nothing_is_known(robot, frozen):
+    parts = [robot.still(), robot.wrenches(), robot.moving(np.arange(0, 6.01, 0.05))]
+    if frozen:  # it goes on with the same old stamp
+        (*_, last) = robot.moving([6.0])
+        parts.append([(*last[:2], T0 + k * 10**8, last[3]) for k in range(60, 140)])
+    recording = read_recording(robot.write(*parts), topics=BY_TF)
+    assert np.isfinite(recording.specific_force[:6]).all()
+    assert np.isnan(recording.specific_force[6:]).all()
+    assert np.isnan(recording.rotation_speed[6:]).all()
+
+
+def test_one_joint_that_stops_leaves_nothing_stale(robot, messages):
+    """The elbow's transforms end; the shoulder's go on."""
+    moving = [*robot.moving(np.arange(0, 6.01, 0.05))]
+    for at in stamps(np.arange(6.05, END, 0.05)):
+        alone = messages.transforms(at, [('base', 'arm', [0, 0, 0, 1])])
+        moving.append(('/tf', TF, at, alone))
+    path = robot.write(robot.still(), moving, robot.wrenches())
+    force = read_recording(path, topics=BY_TF).specific_force
+    assert np.isfinite(force[:6]).all()
+    assert np.isnan(force[6:]).all()
+
+
+@pytest.mark.parametrize(
+    ('static', 'sentence'),
+    [
+        ([('base', 'map', [0, 0, 0, 1])], 'world and ft_sensor are missing. The frames there are'),
+        ([('x', 'world', [0, 0, 0, 1]), ('tool', 'ft_sensor', [0, 0, 0, 1])], 'no chain of'),
+        ([('world', 'base', [0, 0, 0, 0]), ('tool', 'ft_sensor', [0, 0, 0, 1])], 'world is'),
+    ],
+)
+def test_a_frame_that_is_missing_is_named_with_those_that_are_there(robot, static, sentence):
+    moving = robot.moving(np.arange(0, 2, 0.05))
+    path = robot.write(robot.still(links=static), moving, robot.wrenches(2))
+    with pytest.raises(RecordingError, match=sentence):
+        read_recording(path, topics=BY_TF)
+
+
+def test_frames_that_hang_in_a_loop_are_no_chain(robot, messages):
+    loop = [('arm', 'tool', [0, 0, 0, 1]), ('tool', 'arm', [0, 0, 0, 1])]
+    moving = [
+        ('/tf', TF, at, messages.transforms(at, loop)) for at in stamps(np.arange(0, 2, 0.1))
+    ]
+    path = robot.write(robot.still(), moving, robot.wrenches(2))
+    with pytest.raises(RecordingError, match='no chain of transforms, without a loop'):
+        read_recording(path, topics=BY_TF)
+
+
+def test_a_bag_that_cannot_tell_gravity_is_refused(robot, messages):
+    broken = [('/tf', TF, T0, messages.transforms(T0, [('a', 'b', [0, 0, 0, 1])])[:-40])]
+    for parts, sentence in (
+        ([robot.wrenches(1)], 'holds no topic /tf for the gravity'),
+        ([robot.moving([0]), robot.wrenches(1, frame='')], 'has no frame_id'),
+        ([broken, robot.wrenches(1)], 'A transform of .* is damaged. Expected a tf2_msgs'),
+    ):
+        path = robot.write(*parts, name=f'bag{len(sentence)}')
+        with pytest.raises(RecordingError, match=sentence):
+            read_recording(path, topics=BY_TF)
+    with pytest.raises(SettingsError, match='not from both'):
+        Topics(imu='/imu', gravity_frame='world')

@@ -1,0 +1,368 @@
+"""Temperatures that are fields of drivers' own messages, in bags of every kind."""
+
+from importlib import import_module
+from pathlib import Path
+import struct
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recordings import bag as bag_file
+from wrist_ft_comp.recordings.bag import Connection
+from wrist_ft_comp.recordings.bag_installed import define_installed
+from wrist_ft_comp.recordings.bag_opening import backend as chosen_backend
+from wrist_ft_comp.recordings.bag_opening import open_bag
+from wrist_ft_comp.recordings.bag_recording import read_bag
+from wrist_ft_comp.recordings.recordings import describe_recording, read_recording
+from wrist_ft_comp.signals import temperature_channel, Topics
+from wrist_ft_comp.wire.cdr_fields import _CODES as CODES
+from wrist_ft_comp.wire.cdr_fields import decode, read_numbers
+
+BAGS = 'wrist_ft_comp.recordings'
+T0 = 1_723_248_197_000_000_000
+FRAME = """
+std_msgs/Header header
+Status status
+geometry_msgs/Wrench wrench
+float32 temperature
+uint64 counter
+================================================================================
+MSG: driver_msgs/Status
+bool overloaded
+string text
+"""
+STATE = """
+string[] names
+float64[] temperatures
+Motor[<=9] motors
+std_msgs/Empty[2] nothing
+int16[2] raw_temperature
+================================================================================
+MSG: driver_msgs/Motor
+string<=20 name
+byte mode
+float32 temperature
+"""
+
+
+class Driver:
+    """Two topics: frames with a header, and states without one."""
+
+    def __init__(self, messages):
+        self.messages = messages
+        self.frame = messages.learn('driver_msgs/msg/Frame', FRAME)
+        self.state = messages.learn('driver_msgs/msg/State', STATE)
+
+    def of_frame(self, stamp_ns, kelvin, text='fine', little=True):
+        make = self.messages.make
+        zero = make('geometry_msgs/msg/Vector3', 0.0, 0.0, 0.0)
+        wrench = make('geometry_msgs/msg/Wrench', zero, zero)
+        status = make('driver_msgs/msg/Status', False, text)
+        fields = self.frame, stamp_ns, status, wrench, kelvin, 7
+        return self.messages.pack(*fields, little=little)
+
+    def of_state(self, degrees, names=('shoulder', 'elbow'), little=True):
+        make = self.messages.make
+        motors = [make('driver_msgs/msg/Motor', name, 1, degrees + 10) for name in names]
+        empty = make('std_msgs/msg/Empty', 0)
+        array = np.array([degrees + k for k in range(6)])
+        raw = np.array([1, round(degrees)], np.int16)
+        fields = self.state, list(names), array, motors, [empty, empty], raw
+        return self.messages.pack(*fields, little=little)
+
+    def parts(self, count=2000):
+        """A second of 1 kHz is 1000 frames; every hundredth comes with a wrench and a state."""
+        for k in range(count):
+            at = T0 + k * 10**6
+            # Texts and arrays that change in length move what lies behind them.
+            text = ('fine', 'a bit warm', '')[k % 3]
+            names = ('shoulder', 'elbow', 'wrist')[: 2 + k // 100 % 2]
+            yield (
+                '/driver/frame',
+                self.frame,
+                at + 5000,
+                self.of_frame(at, 293.15 + k / 1000, text),
+            )
+            if k % 100 == 0:
+                wrench = self.messages.wrench(at, [1.0] * 6)
+                yield '/wrench_raw', self.messages.wrench_type, at + 4000, wrench
+                yield '/driver/state', self.state, at + 7000, self.of_state(30 + k / 1000, names)
+
+
+@pytest.fixture(scope='session')
+def driver(messages):
+    return Driver(messages)
+
+
+@pytest.fixture
+def ready(backend, driver, installed):
+    """Whatever the backend needs to know the driver's types."""
+
+
+def read(path, *temperatures):
+    """Stamps and values of each thermometer."""
+    parts = {}
+    with open_bag(Path(path)) as bag:
+        for block in read_bag(bag, Topics(temperatures=temperatures)):
+            if block.channels[0].startswith('temperature'):
+                parts.setdefault(block.channels[0], []).append(block)
+    return [
+        (
+            np.concatenate([block.stamps_ns for block in blocks]).tolist(),
+            np.concatenate([block.values[:, 0] for block in blocks]).tolist(),
+        )
+        for blocks in map(parts.get, map(temperature_channel, range(len(parts))))
+    ]
+
+
+@pytest.mark.usefixtures('ready')
+def test_every_storage_gives_the_temperatures_of_any_message(
+    driver, messages, storage, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(bag_file, 'BATCH', 700)
+    path = messages.write(tmp_path / 'bag', driver.parts(), *storage)
+    frame, first, last, motor = read(
+        path, '/driver/frame:temperature:K', '/driver/state:temperatures[0]',
+        'driver/state:temperatures.5:F', '/driver/state:motors[1].temperature',
+    )  # fmt: skip
+    assert frame[0] == [T0 + k * 10**6 for k in range(2000)], 'stamps of the header'
+    expected = [float(np.float32(293.15 + k / 1000)) - 273.15 for k in range(2000)]
+    assert frame[1] == pytest.approx(expected, abs=1e-9)
+    arrived = [T0 + k * 10**6 + 7000 for k in range(0, 2000, 100)]
+    degrees = np.array([30 + k / 1000 for k in range(0, 2000, 100)])
+    assert first == (arrived, pytest.approx(degrees)), 'times of arrival'
+    assert last == (arrived, pytest.approx((degrees + 5 - 32) / 1.8))
+    assert motor == (arrived, pytest.approx(degrees + 10))
+
+
+@pytest.mark.usefixtures('ready')
+def test_a_recording_holds_the_means_of_thermal_cells(driver, messages, tmp_path):
+    path = messages.write(tmp_path / 'bag', driver.parts(3000), 'mcap')
+    topics = Topics(temperatures=('/driver/frame:temperature:K', '/driver/state:temperatures[2]'))
+    recording = read_recording(path, topics=topics)
+    assert recording.temperature_c[:, 0] == pytest.approx([20.4995, 21.4995, 22.4995], abs=1e-5)
+    assert recording.temperature_c[:, 1] == pytest.approx([32.45, 33.45, 34.45])
+
+
+WRONG = [
+    (
+        '/driver/frame:temprature',
+        'bag: .*/driver/frame:temprature.* no field temprature.* are temp',
+    ),
+    ('/driver/frame:status.text', 'status.text is no number'),
+    ('/driver/frame:status.overloaded', 'status.overloaded is no number'),
+    ('/driver/frame:wrench', r'wrench is no number.*wrench.force.x'),
+    ('/driver/state:temperatures', 'array of 6, and no index is named; expected an index from 0'),
+    ('/driver/state:temperatures[6]', 'array of 6, and there is no element 6'),
+    ('/driver/state:motors[7].temperature', 'motors is an array of 2, and there is no element 7'),
+    ('/driver/frame', 'is driver_msgs/msg/Frame; .*Did you mean /driver/frame:temperature[?]'),
+    ('/driver/state', 'Did you mean /driver/state:temperatures.0.[?]'),
+    (
+        '/wrench_raw',
+        'is geometry_msgs/msg/WrenchStamped; the temperature must be sensor_msgs/msg/T',
+    ),
+    ('/wrench_raw:wrench.force.x', '/wrench_raw is named twice'),
+    ('/nobody:temperature', 'no topic /nobody for the temperature; it holds /'),
+]
+
+
+@pytest.mark.usefixtures('ready')
+@pytest.mark.parametrize(('entry', 'sentence'), WRONG, ids=[entry for entry, _ in WRONG])
+def test_every_wrong_entry_gets_its_sentence(driver, messages, tmp_path, entry, sentence):
+    path = messages.write(tmp_path / 'bag', driver.parts(101))
+    with pytest.raises(RecordingError, match=sentence):
+        read(path, entry)
+
+
+@pytest.mark.usefixtures('ready')
+def test_messages_that_arrive_at_once_count_as_one(driver, messages, tmp_path):
+    """As in simulated time, which stands still between two messages of its clock."""
+    parts = [('/wrench_raw', messages.wrench_type, T0, messages.wrench(T0, range(6)))]
+    states = [driver.of_state(20.0 + k) for k in range(30)]
+    parts += [('/driver/state', driver.state, T0 + k // 10, each) for k, each in enumerate(states)]
+    path = messages.write(tmp_path / 'bag', parts)
+    found = read(path, '/driver/state:temperatures[0]', '/driver/state:temperatures[1]')
+    assert found[0] == ([T0, T0 + 1, T0 + 2], [20.0, 30.0, 40.0])
+    assert found[1] == ([T0, T0 + 1, T0 + 2], [21.0, 31.0, 41.0])
+
+
+@pytest.mark.usefixtures('ready')
+def test_times_of_arrival_are_not_compared_with_the_stamps_of_another_clock(
+    driver, messages, tmp_path
+):
+    since_boot_ns = 55 * 10**9
+    parts = [
+        ('/wrench_raw', messages.wrench_type, T0 + k, messages.wrench(since_boot_ns + k, range(6)))
+        for k in range(3)
+    ]
+    frame = '/driver/frame', driver.frame, T0 + 4, driver.of_frame(since_boot_ns, 20.0)
+    state = '/driver/state', driver.state, T0 + 4, driver.of_state(20.0)
+    path = messages.write(tmp_path / 'bag', [*parts, frame, state])
+    assert read(path, '/driver/frame:temperature') == [([since_boot_ns], [20.0])]
+    sentence = r'/driver/state of bag have no stamp.* 17232\d{5} s before they arrived'
+    with pytest.raises(RecordingError, match=sentence):
+        read(path, '/driver/state:temperatures[0]')
+
+
+@pytest.mark.usefixtures('ready')
+def test_what_could_be_used_is_found_and_judged(driver, messages, tmp_path):
+    path = messages.write(tmp_path / 'bag', driver.parts(1001), 'mcap', 'file')
+    found = {each.entry: each for each in describe_recording(path).candidates}
+    assert list(found) == [
+        '/wrench_raw', '/driver/frame:temperature',
+        *(f'/driver/state:temperatures[{k}]' for k in range(6)),
+        '/driver/state:motors[0].temperature', '/driver/state:motors[1].temperature',
+        '/driver/state:raw_temperature[0]', '/driver/state:raw_temperature[1]',
+    ]  # fmt: skip
+    frame, state = found['/driver/frame:temperature'], found['/driver/state:temperatures[5]']
+    assert (frame.role, frame.samples, frame.stamped) == ('temperature', 1001, True)
+    assert (frame.rate_hz, frame.longest_gap_s) == (pytest.approx(1000), pytest.approx(1e-3))
+    assert frame.reads == pytest.approx((293.15, 294.15), abs=1e-4)
+    assert (state.samples, state.stamped, state.longest_gap_s) == (11, False, pytest.approx(0.1))
+
+
+@pytest.mark.usefixtures('driver')
+def test_a_type_that_nobody_can_describe_is_named(backend, messages, tmp_path, monkeypatch):
+    frame, content = messages.learn('gone_msgs/msg/Heat', 'float64 temperature'), b'\0\1\0\0' * 3
+    parts = [
+        ('/wrench_raw', messages.wrench_type, 1, messages.wrench(1, range(6))),
+        ('/heat', frame, 1, content),
+    ]
+    path = messages.write(tmp_path / 'bag', parts)
+    if backend == 'rosbags':  # as if the recorder had not known the type either
+        rosbags_backend = import_module(f'{BAGS}.rosbags_backend')
+        monkeypatch.setattr(rosbags_backend, '_parse', lambda _: {})
+    with pytest.raises(RecordingError, match=r'/heat is gone_msgs/msg/Heat, .*gone_msgs'):
+        read(path, '/heat:temperature')
+
+
+@pytest.mark.parametrize('kind', ['os/path', 'os.path/msg/Join', 'a/msg/B;', ''])
+def test_a_bag_cannot_make_the_package_import_what_is_no_message(kind):
+    topic = SimpleNamespace(topic='/heat', msgtype=kind)
+    with pytest.raises(RecordingError, match=r'/heat is .* no message of ROS'):
+        define_installed(topic)
+
+
+@pytest.mark.usefixtures('ready')
+def test_a_damaged_message_names_its_topic(driver, messages, tmp_path):
+    wrench = '/wrench_raw', messages.wrench_type, 1, messages.wrench(1, range(6))
+    whole = driver.of_frame(1, 20.0)
+    for cut in (b'', whole[:3], b'\7\7' + whole[2:], whole[:-9], whole + whole):
+        folder = tmp_path / str(len(list(tmp_path.iterdir())))
+        path = messages.write(folder, [wrench, ('/driver/frame', driver.frame, 1, cut)])
+        with pytest.raises(RecordingError, match=r'A message on /driver/frame of \d is damaged'):
+            read(path, '/driver/frame:temperature')
+
+
+def test_a_message_is_decoded_as_rosbags_decodes_it(driver, messages):
+    with_header = [('header.frame_id', 'here'), ('status.text', 'hot'), ('counter', 7)]
+    for little in (True, False):
+        for kind, content, expected in (
+            (driver.frame, driver.of_frame(T0, 300.5, 'hot', little), with_header),
+            (
+                driver.state,
+                driver.of_state(20.0, little=little),
+                [('names', ['shoulder', 'elbow'])],
+            ),
+        ):
+            definitions = definitions_of(messages, kind)
+            mine = decode(definitions, kind, content)
+            theirs = messages.store.deserialize_cdr(content, kind)
+            for path, value in expected:
+                for name in path.split('.'):
+                    mine, theirs = getattr(mine, name), getattr(theirs, name)
+                assert mine == theirs == value
+                mine = decode(definitions, kind, content)
+                theirs = messages.store.deserialize_cdr(content, kind)
+
+
+def test_numbers_of_messages_of_both_byte_orders_are_read_together(driver, messages):
+    contents = [driver.of_frame(T0 + k, 20.0 + k, 'x' * (k % 3), k % 2 == 0) for k in range(30)]
+    definitions = definitions_of(messages, driver.frame)
+    paths = [('temperature',), ('counter',), ('nothing', 3)]
+    stamps_ns, values = read_numbers(definitions, driver.frame, contents, paths)
+    assert stamps_ns.tolist() == [T0 + k for k in range(30)]
+    assert values[:, 0].tolist() == [20.0 + k for k in range(30)]
+    assert (values[:, 1] == 7).all()
+    assert np.isnan(values[:, 2]).all()
+
+
+def topic_of(messages, kind):
+    """A topic of a bag, with its type's definition as rosbags knows it."""
+    from rosbags import interfaces  # noqa: PLC0415 -- only who needs it
+
+    text = messages.store.generate_msgdef(kind, ros_version=2)[0]
+    definition = interfaces.MessageDefinition(interfaces.MessageDefinitionFormat.MSG, text)
+    native = interfaces.Connection(1, '/a', kind, definition, '', 1, None, None)
+    return Connection(1, '/a', kind, 1, native)
+
+
+def test_a_signalling_nan_is_no_number_and_no_warning(driver, messages):
+    content = driver.of_frame(T0, 20.0)
+    signalling = content.replace(struct.pack('<f', 20.0), struct.pack('<I', 0x7F800001))
+    definitions = definitions_of(messages, driver.frame)
+    _, values = read_numbers(definitions, driver.frame, [signalling, content], [('temperature',)])
+    np.testing.assert_equal(values[:, 0], [np.nan, 20.0])
+
+
+def definitions_of(messages, kind):
+    """A type's definitions by way of the first backend."""
+    return import_module(f'{BAGS}.rosbags_backend')._define(topic_of(messages, kind))
+
+
+def test_both_backends_know_the_installed_types_alike(messages):
+    """What messages of rclpy say of their fields against what is written in their definitions."""
+    kinds = [
+        kind
+        for kind in messages.store.fielddefs
+        if kind.split('/')[0] in {'sensor_msgs', 'diagnostic_msgs', 'std_msgs', 'trajectory_msgs'}
+    ]
+    assert len(kinds) > 50
+    for kind in kinds:
+        package, _, name = kind.partition('/msg/')
+        if not hasattr(pytest.importorskip(f'{package}.msg'), name):
+            continue  # a part of a service
+        by_text = definitions_of(messages, kind)
+        for part, fields in define_installed(topic_of(messages, kind)).items():
+            codes = [(field, CODES.get(what, what), n) for field, (what, n) in fields]
+            theirs = [(field, CODES.get(what, what), n) for field, (what, n) in by_text[part]]
+            empty = [('structure_needs_at_least_one_member', 'B', None)]
+            assert codes == ([] if theirs == empty else theirs), part
+
+
+def test_without_rosbags_the_other_backend_is_taken(backend):
+    assert chosen_backend().__name__ == f'{BAGS}.{backend.removesuffix("_py")}_backend'
+
+
+def test_without_any_backend_the_sentence_says_what_to_install(monkeypatch, tmp_path):
+    for name in ('rosbags', 'rosbag2'):
+        monkeypatch.setitem(sys.modules, f'{BAGS}.{name}_backend', None)
+    (tmp_path / 'a.mcap').write_bytes(b'x')
+    with pytest.raises(RecordingError, match=r"rosbags .*rosbag2_py .*'pip install rosbags'"):
+        read(tmp_path / 'a.mcap', '/temperature')
+
+
+def test_what_serialize_message_leaves_behind_the_last_field_is_no_damage():
+    """Bytes of a sensor_msgs/JointState of two efforts and empty arrays, as rclpy wrote them."""
+    data = bytes.fromhex(
+        '00010000 00000000 00000000 01000000 009475ee 00000000 00000000 00000000 02000000'
+        '00000000 00000000 00000000 00803540 0c7f0000 70ab3dea'
+    )
+    numbers = ('float64', -1)
+    definitions = {
+        'JointState': [
+            ('header', ('Header', None)),
+            ('name', ('string', -1)),
+            *((name, numbers) for name in ('position', 'velocity', 'effort')),
+        ],
+        'Header': [('stamp', ('Time', None)), ('frame_id', ('string', None))],
+        'Time': [('sec', ('int32', None)), ('nanosec', ('uint32', None))],
+    }
+    assert decode(definitions, 'JointState', data).effort.tolist() == [0.0, 21.5]
+    _, values = read_numbers(definitions, 'JointState', [data] * 2, [('effort', 1)])
+    assert values.tolist() == [[21.5], [21.5]]
+    with pytest.raises(RecordingError, match='28 of its 80 bytes are left behind'):
+        decode(definitions, 'JointState', data + bytes(20))

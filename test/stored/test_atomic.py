@@ -1,0 +1,127 @@
+"""Files that are the old one or the new one, and what must not be replaced at all."""
+
+import os
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import OutputError, StateFileError, WristFtCompError
+from wrist_ft_comp.learning.day_files import DayFiles
+from wrist_ft_comp.learning.diary import save_diary
+from wrist_ft_comp.learning.entry import Diary
+from wrist_ft_comp.learning.memory import Memory, save_memory
+from wrist_ft_comp.stored.documents import (
+    beginning,
+    Output,
+    remove_leftovers,
+    replace_file,
+)
+from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.state_file import save_state, SavedState
+
+STATE = SavedState(1, None, np.zeros(6), None)
+
+
+@pytest.fixture
+def target(tmp_path):
+    path = tmp_path / 'file.txt'
+    path.write_text('old')
+    return path
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(target, monkeypatch):
+    def refuse(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, 'fsync', refuse)
+    with pytest.raises(KeyboardInterrupt):
+        replace_file(target, 'new')
+    assert target.read_text() == 'old'
+    assert list(target.parent.iterdir()) == [target]
+
+
+def test_the_old_file_is_there_until_the_new_one_is_whole_and_is_not_swept(target, monkeypatch):
+    seen = []
+
+    def look(_):
+        others = [path for path in target.parent.iterdir() if path != target]
+        seen.append((target.read_text(), [path.read_text() for path in others]))
+        assert remove_leftovers(target.parent) == 0, 'somebody is writing it'
+
+    monkeypatch.setattr(os, 'fsync', look)
+    replace_file(target, 'new')
+    assert seen == [('old', ['new']), ('new', [])], 'first the file is synced, then its folder'
+
+
+def test_permissions_of_the_old_file_stay(target):
+    target.chmod(0o640)
+    replace_file(target, 'new')
+    assert target.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_device_or_a_pipe_is_not_replaced(tmp_path):
+    """As root, a model written to /dev/null would take the device's place."""
+    pipe = tmp_path / 'state.json'
+    os.mkfifo(pipe)
+    with pytest.raises(StateFileError, match=r'state\.json cannot .* no regular file'):
+        save_state(pipe, STATE)
+    assert pipe.is_fifo()
+    assert list(tmp_path.iterdir()) == [pipe]
+
+
+@pytest.mark.parametrize('content', ['text', b'PNG'])
+def test_what_cannot_be_written_is_a_sentence(content, target):
+    kind = Output(name='sheet', says='^old', endings='')
+    kind.write(target, content)
+    assert target.read_bytes() in {b'text', b'PNG'}
+    with pytest.raises(OutputError, match=r'file\.txt is no folder'):
+        kind.write(target / 'a.out', content)
+
+
+@pytest.mark.parametrize(
+    ('name', 'write'),
+    [
+        ('state.json', lambda folder: save_state(folder / 'state.json', STATE)),
+        ('learning.json', lambda folder: save_memory(folder, Memory())),
+        ('days/diary.json', lambda folder: save_diary(folder, Diary())),
+        ('active.json', lambda folder: ModelStore(folder).activate([None])),
+    ],
+)
+@pytest.mark.parametrize(
+    'foreign', [b'{"format": "other", "of": []}', b'["list"]', b'{', bytes(9)]
+)
+def test_what_is_not_the_node_s_is_moved_aside_once(name, write, foreign, tmp_path):
+    path = tmp_path / name
+    for _ in range(2):
+        write(tmp_path)
+    own = path.read_bytes()
+    path.write_bytes(foreign)
+    write(tmp_path)
+    kept = path.with_name(f'{path.name}.kept')
+    assert (path.read_bytes(), kept.read_bytes()) == (own, foreign)
+    path.write_bytes(b'also mine')
+    with pytest.raises(WristFtCompError, match=f'{name} cannot be written: it exists and is'):
+        write(tmp_path)
+    assert (path.read_bytes(), kept.read_bytes()) == (b'also mine', foreign)
+    path.write_bytes(own[:40])  # cut off by a disk
+    write(tmp_path)
+    assert (path.read_bytes(), kept.read_bytes()) == (own, foreign)
+
+
+@pytest.mark.parametrize('content', ['mine', 'stamp_s,force_z\n1.0,2.0\n', 'time;fz\n1;2\n3;4\n'])
+def test_a_day_that_the_node_did_not_write_stays(content, tmp_path):
+    path = tmp_path / 'days/day_00007.csv'
+    path.parent.mkdir()
+    path.write_text(content)
+    files = DayFiles(tmp_path, ('force_x', 'temperature_c'), 1e9)
+    files.append(10**18, (1.0, 20.0))
+    files.close()
+    assert path.read_text() == content
+    assert (tmp_path / 'days/day_00008.csv').exists()
+
+
+def test_what_is_no_file_has_no_beginning(target):
+    target.write_bytes(b'old \xff' + b'x' * 10_000)
+    assert beginning(target).startswith('old \ufffd')
+    for path in (target.parent, target / 'below', target.with_name('x' * 300)):
+        assert beginning(path) == ''

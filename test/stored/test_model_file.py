@@ -1,0 +1,399 @@
+"""Model files: what is saved is what runs, and what is refused is named."""
+
+import copy
+from dataclasses import replace
+import hashlib
+
+import numpy as np
+import pytest
+import yaml
+
+from wrist_ft_comp.drift import drift_model
+from wrist_ft_comp.drift.arx import Arx, relaxation
+from wrist_ft_comp.drift.arx_pls import ArxPls
+from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.fit.result import AxisFit, Calibration, Candidate, Term
+from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.signals import AXES
+from wrist_ft_comp.stored.model_file import KIND, load_model, save_model
+
+#: The second one behind a regularised regression, which knows no errors.
+TERMS = (
+    Term('zero', 777.0, 'θ1²', 1 / 3, 1e-17),
+    Term('sensitivity', 0.1, 'T2 near -15 °C', -1e7, float('nan')),
+)
+
+
+def make_axis(kind, outputs, seed, filters=()):
+    """Numbers with all their digits, of very different sizes."""
+    rng = np.random.default_rng(seed)
+    count = max(len(filters), 1)
+    knots = (np.array([0.1, 20.0, 60.0]), np.array([1 / 3, 50.0]))
+    features = Features(
+        kind,
+        reference_c=rng.uniform(20, 30, 2 * count),
+        lower_c=rng.uniform(0, 10, 2 * count),
+        upper_c=rng.uniform(40, 60, 2 * count),
+        degree=2 if kind == 'powers' else 1,
+        knots_c=() if kind == 'powers' else knots * count,
+        beyond='tangents' if kind == 'powers' else 'clamped',
+    )
+    inputs = (4 if kind == 'powers' else 5) * count
+    return AxisModel(
+        features,
+        ArxPls(
+            input_mean=rng.standard_normal(inputs) * 1e-12,
+            input_weight=rng.uniform(0.1, 1, inputs) * 1e7,
+            rotations=rng.standard_normal((inputs, 3)),
+            latents=(
+                Arx(np.array([-np.exp(-1 / 777.0)]), np.array([1 - np.exp(-1 / 777.0)])),
+                Arx(np.zeros(0), np.array([rng.uniform()])),
+                Arx(np.array([-1.2, 0.5]), rng.standard_normal(2), first_lag=3),
+            ),
+            output_loadings=rng.standard_normal((outputs, 3)),
+            output_weight=rng.uniform(0.1, 3, outputs),
+            output_mean=rng.standard_normal(outputs),
+        ),
+        filters,
+    )
+
+
+@pytest.fixture(scope='module')
+def calibration():
+    filters = (relaxation(1 / 3, 1.0), Arx(np.array([-1.2, 0.5]), np.array([0.2, 0.1]), 2))
+    axes = {
+        'force_x': make_axis('powers', 1, 0),
+        'force_z': make_axis('powers', 2, 2, filters),
+        'torque_z': make_axis('hats', 2, 1),
+    }
+    fits = {
+        axis: AxisFit(
+            model=axes.get(axis),
+            chosen='2 time constants, degree 2' if axis in axes else 'none',
+            candidates=(Candidate('none', 1 / 3), Candidate('static, degree 1', 1e-17, 0.9)),
+            rms_before=1 / 3,
+            rms_after=1e-17,
+            time_constants_s=(0.1, 777.0) if axis in axes else (),
+            time_constant_errors_s=(1 / 3, float('nan')) if axis in axes else (),
+            terms=TERMS if axis == 'force_z' else (),
+            reason='it leaves 1e-17 N – the best',
+            notes=('zero drift only: “constant”',),
+        )
+        for axis in ('force_x', 'force_y', 'force_z', 'torque_z')
+    }
+    deviation = {axis: fit.rms_after for axis, fit in fits.items()}
+    return Calibration(
+        model=DriftModel(10**9, 2, axes, deviation, start_s=10.0),
+        fits=fits,
+        temperature_range_c=np.array([[20.1, 40.2], [19.0, 23.3]]),
+        duration_s=7200.5,
+        warnings=('Thermometer 1 of a: b.csv is silent; – really.',),
+    )
+
+
+@pytest.fixture(scope='module')
+def saved(calibration, tmp_path_factory):
+    path = tmp_path_factory.mktemp('saved') / 'model.yaml'
+    save_model(path, calibration, {'settings': {'method': 'auto', 'latents': None}})
+    return path
+
+
+@pytest.fixture
+def document(saved):
+    return copy.deepcopy(yaml.safe_load(saved.read_text(encoding='utf-8')))
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Write a document, or text, or bytes, and load it."""
+
+    def write_and_load(content):
+        path = tmp_path / 'changed.yaml'
+        if not isinstance(content, (str, bytes)):
+            content = yaml.safe_dump(content)
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return load_model(path).model
+
+    return write_and_load
+
+
+def run(model):
+    """Also far outside the calibrated range."""
+    temperature_c = 25 + 5 * np.cumsum(np.random.default_rng(0).standard_normal((300, 2)), axis=0)
+    return tuple(drift_model.run_from_rest(model, temperature_c)[1])
+
+
+def places(node, path=()):
+    """Yield the path to everything inside a document."""
+    items = node if isinstance(node, dict) else dict(enumerate(node))
+    for key, value in items.items():
+        yield (*path, key)
+        if isinstance(value, dict | list):
+            yield from places(value, (*path, key))
+
+
+def parent_of(document, path):
+    node = document
+    for key in path[:-1]:
+        node = node[key]
+    return node
+
+
+def with_value(document, path, value):
+    """Give a copy with another value at a path."""
+    changed = copy.deepcopy(document)
+    parent_of(changed, path)[path[-1]] = value
+    return changed
+
+
+def one_of_each_kind(document):
+    """Yield path and value of places: one stands for those of other axes and positions."""
+    seen = set()
+    for path in places(document):
+        value = parent_of(document, path)[path[-1]]
+        kind = (*(key for key in path if isinstance(key, str) and key not in AXES), type(value))
+        if kind not in seen and (path[0] != 'provenance' or len(path) == 1):
+            seen.add(kind)
+            yield path, value
+
+
+def test_the_drift_is_equal_to_the_last_bit(calibration, saved):
+    loaded = load_model(saved).model
+    np.testing.assert_array_equal(run(loaded), run(calibration.model))
+    for column in (0, 2, 5):
+        assert np.ptp(run(loaded)[0][:, column]) > 0
+    assert loaded.period_ns == calibration.model.period_ns
+    assert loaded.thermometers == 2
+    assert set(loaded.axes) == {'force_x', 'force_z', 'torque_z'}
+
+
+def test_the_evidence_is_there_for_people(calibration, saved):
+    stored = load_model(saved)
+    assert stored.document == yaml.safe_load(saved.read_text(encoding='utf-8'))
+    assert stored.path == saved
+    assert stored.sha256 == hashlib.sha256(saved.read_bytes()).hexdigest()
+    assert stored.document['format'] == KIND.says
+    assert stored.document['version'] == KIND.version
+    assert stored.document['warnings'] == list(calibration.warnings)
+    assert stored.document['thermometers'][1]['range_c'] == [19.0, 23.3]
+    assert stored.document['provenance']['settings'] == {'method': 'auto', 'latents': None}
+    assert stored.document['axes']['force_y']['model'] is None
+    assert stored.document['axes']['force_x']['rms_after'] == 1e-17
+    assert '“constant”' in saved.read_text(encoding='utf-8')
+
+
+def test_what_each_axis_leaves_is_known_after_loading(calibration, saved):
+    loaded = load_model(saved).model
+    assert loaded.deviation == calibration.model.deviation
+    assert set(loaded.deviation) == {'force_x', 'force_y', 'force_z', 'torque_z'}
+    at = np.array([25.0, 25.0])
+    np.testing.assert_array_equal(loaded.uncertainty(at), calibration.model.uncertainty(at))
+
+
+def test_terms_are_written_with_their_errors_and_unknown_ones_as_null(saved):
+    axes = load_model(saved).document['axes']
+    assert axes['force_z']['terms'] == [
+        {
+            'output': 'zero', 'time_constant_s': 777.0, 'feature': 'θ1²', 'gain': 1 / 3,
+            'error': 1e-17,
+        },
+        {
+            'output': 'sensitivity', 'time_constant_s': 0.1, 'feature': 'T2 near -15 °C',
+            'gain': -1e7, 'error': None,
+        },
+    ]  # fmt: skip
+    assert axes['force_z']['time_constant_errors_s'] == [1 / 3, None]
+    assert axes['force_y']['terms'] == axes['force_y']['time_constant_errors_s'] == []
+    assert axes['force_x']['reason'] == 'it leaves 1e-17 N – the best'
+    assert '.nan' not in saved.read_text(encoding='utf-8').lower()
+
+
+def test_a_model_without_any_drift_is_a_model(calibration, tmp_path):
+    nothing = Calibration(
+        model=DriftModel(period_ns=10**9, thermometers=2, axes={}),
+        fits={'force_y': calibration.fits['force_y']},
+        temperature_range_c=calibration.temperature_range_c,
+        duration_s=1.0,
+        warnings=(),
+    )
+    stored = save_model(tmp_path / 'none.yaml', nothing, {})
+    assert stored.model.axes == {}
+
+
+def test_every_key_of_it_is_needed(document, load):
+    load(document)
+    removed = 0
+    for path, _ in one_of_each_kind(document):
+        optional = path[:-1] == ('axes',) or path[-1] in {'start_s', 'beyond', 'weight'}
+        if isinstance(path[-1], str) and not optional:
+            changed = copy.deepcopy(document)
+            del parent_of(changed, path)[path[-1]]
+            with pytest.raises(ModelFileError, match=path[-1]):
+                load(changed)
+            removed += 1
+    assert removed > 40
+
+
+def test_a_file_of_before_keeps_the_rules_that_it_was_made_with(calibration, document, load):
+    """It starts at its first cell, and beyond the range it is held."""
+    del document['start_s']
+    for entry in document['axes'].values():
+        for candidate in entry['candidates']:
+            del candidate['weight']
+        if entry['model']:
+            del entry['model']['features']['beyond']
+    axes = {
+        axis: replace(each, features=replace(each.features, beyond='clamped'))
+        for axis, each in calibration.model.axes.items()
+    }
+    before = replace(calibration.model, axes=axes, start_s=0.0)
+    np.testing.assert_array_equal(run(load(document)), run(before))
+    assert (run(before)[0] != run(calibration.model)[0])[:, :3:2].any(axis=0).all()
+
+
+def test_every_value_has_its_type(document, load):
+    """Text, true and null in place of numbers; numbers in place of all else."""
+    tried = 0
+    for path, value in one_of_each_kind(document):
+        unknown = {'error', 'time_constant_errors_s'} & {*path}  # these may be null
+        wrong = ['1.0', True, None][: 2 if unknown else 3]
+        if value is not None:  # an axis without model
+            for other in wrong if isinstance(value, int | float) else [17]:
+                with pytest.raises(ModelFileError):
+                    load(with_value(document, path, other))
+            tried += 1
+    assert tried > 50
+
+
+@pytest.mark.parametrize('value', [float('nan'), float('inf'), -float('inf')])
+def test_what_runs_is_finite(document, load, value):
+    tried = 0
+    for path, number in one_of_each_kind(document):
+        if 'model' in path and isinstance(number, int | float):
+            with pytest.raises(ModelFileError):
+                load(with_value(document, path, value))
+            tried += 1
+    assert tried > 15
+
+
+def test_arrays_have_the_shape_that_fits_the_others(document, load):
+    tried = 0
+    for path in places(document):
+        values = parent_of(document, path)[path[-1]]
+        inside = 'latents' in path and path[-1] != 'latents'
+        if 'dynamics' in path and isinstance(values, list) and not inside:
+            with pytest.raises(ModelFileError):
+                load(with_value(document, path, [*values, values[-1]]))
+            tried += 1
+    assert tried > 20
+
+
+def test_a_transposed_matrix_is_refused(document, load):
+    dynamics = document['axes']['force_x']['model']['dynamics']
+    dynamics['rotations'] = np.array(dynamics['rotations']).T.tolist()
+    with pytest.raises(ModelFileError, match='rotations must have shape'):
+        load(document)
+
+
+@pytest.mark.parametrize(
+    ('place', 'value', 'sentence'),
+    [
+        ('axes force_q', {}, 'force_q'),
+        ('format', 'another', 'expected "format: wrist_ft_comp drift model"'),
+        *(('version', it, 'of version .* reads version 1') for it in (0, 2, '1', 1.5, None, [1])),
+        ('period_ns', 0, 'period_ns'),
+        ('period_ns', 1.5, 'period_ns'),
+        ('period_ns', 10_000_000, 'period_ns'),
+        ('thermometers', [], 'thermometers'),
+        ('thermometers', [{'range_c': [1.0, 2.0]}], 'shape'),
+        ('axes force_x model features degree', 1, 'features give 2 inputs'),
+        ('axes force_x model features upper_c', [-9.0, -9.0], 'range'),
+        ('axes force_x model dynamics output_weight', [0.0], 'positive'),
+        ('axes force_x model dynamics latents 0 a', [-1.0001], 'pole of radius 1.0001'),
+        ('axes force_z model filters 0 b', [0.5], 'Filter 1 has the static'),
+        ('axes force_z model filters 1 a', [-2.2, 1.5], 'pole of radius 1.22'),
+        ('axes force_z model filters', [], 'shape'),
+        ('axes torque_z model features knots_c', [[0.0, 1.0]], 'knots'),
+        ('axes torque_z model features knots_c 0', [20.0, 10.0, 60.0], 'increasing'),
+    ],
+)
+def test_what_cannot_be_is_refused_with_its_place(document, load, place, value, sentence):
+    path = [int(word) if word.isdigit() else word for word in place.split()]
+    with pytest.raises(ModelFileError, match=sentence) as refusal:
+        load(with_value(document, path, value))
+    assert 'changed.yaml' in str(refusal.value)
+    assert len(str(refusal.value)) < 600
+
+
+ALIASES = [f'a{i}: &a{i} [{", ".join([f"*a{i - 1}"] * 9)}]' for i in range(1, 30)]
+
+
+@pytest.mark.parametrize(
+    ('content', 'sentence'),
+    [
+        ('\n'.join(['a0: &a0 [x, x, x, x, x, x, x, x, x]', *ALIASES]), 'aliases are not allowed'),
+        ('[' * 20_000, 'no more than 30 levels are allowed'),
+        ('{a: ' * 20_000, 'no more than 30 levels are allowed'),
+        ('- ' * 20_000, 'no more than 30 levels are allowed'),
+        ('- 1\n' * 500_000, 'no more than 100000 values are allowed'),
+    ],
+    ids=range(5),
+)
+def test_bombs_are_refused_before_they_go_off(load, content, sentence):
+    with pytest.raises(ModelFileError, match=sentence):
+        load(content)
+
+
+def test_a_huge_file_is_refused_unread(tmp_path):
+    path = tmp_path / 'huge.yaml'
+    with path.open('wb') as file:
+        file.truncate(50 * KIND.max_bytes)
+    with pytest.raises(ModelFileError, match=f'larger than {KIND.max_bytes} bytes'):
+        load_model(path)
+
+
+@pytest.mark.parametrize(
+    'content',
+    [
+        b'', b'\x00\x01\x02', bytes(range(256)), b'\xff\xfe\x00', b'just text', b'- 1\n- 2\n',
+        b'a: [1, 2', b'a: !!python/object/apply:os.system [true]', b'? [1]\n: 2',
+        b'a: !!timestamp soon', b'a: !!bool maybe', b'a: !!int ""', b'a: !!float x',
+        b'a: !!binary "."', b'a: 2024-13-45', b'a: ' + b'9' * 10_000,
+    ],
+    ids=str,
+)  # fmt: skip
+def test_what_is_no_model_is_refused(load, content):
+    with pytest.raises(ModelFileError, match=r'changed.yaml is not a model file'):
+        load(content)
+
+
+def test_a_folder_is_no_file(tmp_path):
+    with pytest.raises(ModelFileError, match='cannot be read: Is a directory'):
+        load_model(tmp_path)
+
+
+def test_a_target_that_is_a_folder_is_refused(calibration, tmp_path):
+    with pytest.raises(ModelFileError, match='it is a folder'):
+        save_model(tmp_path, calibration, {})
+    (tmp_path / 'file').write_text('', encoding='utf-8')
+    with pytest.raises(ModelFileError, match=r'file is no folder'):
+        save_model(tmp_path / 'file' / 'model.yaml', calibration, {})
+
+
+def test_another_file_than_a_model_is_not_overwritten(calibration, tmp_path):
+    path = tmp_path / 'notes.yaml'
+    path.write_text('mine: true\n', encoding='utf-8')
+    with pytest.raises(ModelFileError, match='exists and is no model file'):
+        save_model(str(path), calibration)
+    assert path.read_text('utf-8') == 'mine: true\n'
+
+
+def test_a_model_tells_what_it_was_learnt_from_and_how(calibration, tmp_path):
+    learnt = replace(calibration, sources=('a.csv', 'b'), settings=CalibrationSettings('constant'))
+    document = save_model(str(tmp_path / 'm.yaml'), learnt).document
+    assert document['provenance']['recordings'] == [{'path': 'a.csv'}, {'path': 'b'}]
+    assert document['provenance']['settings']['reference'] == 'constant'
+    assert load_model(str(tmp_path / 'm.yaml')).document == document

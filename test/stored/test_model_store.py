@@ -1,0 +1,196 @@
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+from wrist_ft_comp.errors import ModelFileError, SettingsError
+from wrist_ft_comp.stored import model_store
+from wrist_ft_comp.stored.model_store import (
+    MAX_HISTORY,
+    MAX_RECORDINGS,
+    ModelStore,
+    node_directory,
+)
+
+
+@pytest.fixture
+def store(tmp_path):
+    return ModelStore(tmp_path / 'data')
+
+
+def test_nothing_is_made_before_something_is_written(store):
+    assert store.history() == []
+    assert store.recordings() == []
+    assert store.given() == ''
+    assert store.new_model_path().parent == store.directory / 'models'
+    assert not store.directory.exists()
+
+
+def test_history_moves_with_its_folder_but_not_with_others(store, tmp_path):
+    outside = tmp_path / 'outside.yaml'
+    store.activate([outside, store.directory / 'models/a.yaml'])
+    moved = store.directory.rename(tmp_path / 'moved')
+    assert ModelStore(moved).history() == [outside, moved / 'models/a.yaml']
+
+
+def test_history_is_bounded_and_keeps_the_newest(store):
+    paths = [store.directory / f'models/{k}.yaml' for k in range(MAX_HISTORY + 5)]
+    store.activate(paths)
+    assert store.history() == paths[5:]
+
+
+@pytest.mark.parametrize(
+    'content',
+    [
+        b'', b'{', b'{}', b'[1]', b'[[]]', b'"a.yaml"', b'3', b'null', b'\xff\xfe', b'[' * 100_000,
+        b'{"history": {"a": 1}}', b'{"history": [{}], "given": 3}',
+        b'[null' + b',null' * 10**6 + b']',
+    ],
+    ids=lambda content: repr(content[:20]),
+)  # fmt: skip
+def test_a_broken_list_is_a_sentence(store, content):
+    store.directory.mkdir()
+    (store.directory / 'active.json').write_bytes(content)
+    assert isinstance(store.given(), str)
+    with pytest.raises(ModelFileError, match=r'active\.json .*Remove it and set model_file'):
+        store.history()
+
+
+def test_a_list_that_cannot_be_written_is_a_sentence_and_changes_nothing(store, monkeypatch):
+    store.activate([store.directory / 'models/a.yaml'])
+
+    def refuse(_path):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr('os.fsync', refuse)
+    with pytest.raises(ModelFileError, match='No space left on device'):
+        store.activate([None])
+    assert store.history() == [store.directory / 'models/a.yaml']
+    assert [path.name for path in store.directory.iterdir()] == ['active.json']
+
+
+def test_a_directory_that_is_a_file_is_a_sentence(tmp_path):
+    (tmp_path / 'data').write_text('')
+    store = ModelStore(tmp_path / 'data')
+    assert store.recordings() == []
+    with pytest.raises(ModelFileError, match='Make room, or choose another data_directory'):
+        store.activate([None])
+    with pytest.raises(OSError, match='data'):
+        store.new_recording_path()
+
+
+def test_names_within_one_second_differ(store):
+    paths = []
+    for _ in range(3):
+        paths.append(store.new_recording_path())
+        paths[-1].write_text('')
+    assert len(set(paths)) == 3
+    assert store.recordings() == sorted(paths)
+
+
+def test_the_newest_recordings_are_listed_oldest_first(store):
+    store.new_recording_path()
+    names = [f'recording_202401{day:02d}T000000Z.csv' for day in range(1, 20)]
+    for name in names:
+        (store.directory / 'recordings' / name).write_text('')
+    (store.directory / 'recordings' / 'zzz.txt').write_text('')
+    assert [path.name for path in store.recordings()] == names[-MAX_RECORDINGS:]
+
+
+def test_links_are_followed_before_a_path_counts_as_inside(store, tmp_path):
+    (store.directory / 'models').mkdir(parents=True)
+    outside = tmp_path / 'outside.yaml'
+    outside.write_text('')
+    (store.directory / 'link.yaml').symlink_to(outside)
+    (store.directory / 'loop.yaml').symlink_to(store.directory / 'loop.yaml')
+    (tmp_path / 'door').symlink_to(store.directory)
+    inside = ['models/m.yaml', 'models/../m.yaml', '.', str(tmp_path / 'door/m.yaml')]
+    assert all(store.contains(store.directory / path) for path in inside)
+    for path in ('link.yaml', 'loop.yaml', '../m.yaml', 'models/../../m.yaml', '/etc/passwd'):
+        assert not store.contains(store.directory / path), path
+    assert not store.contains(Path('bad\0name'))
+    assert not store.contains(Path(f'{store.directory}_beside/m.yaml'))
+
+
+def test_a_relative_name_is_looked_up_in_the_folder_first(store, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('HOME', str(tmp_path / 'home'))
+    (store.directory / 'models').mkdir(parents=True)
+    (store.directory / 'models/a.yaml').write_text('')
+    assert store.locate('models/a.yaml') == store.directory / 'models/a.yaml'
+    assert store.locate('b.yaml') == Path('b.yaml')
+    assert store.locate('/x/a.yaml') == Path('/x/a.yaml')
+    assert store.locate('~/a.yaml') == tmp_path / 'home/a.yaml'
+    assert store.locate('~nobody_of_this_name/a.yaml') == Path('~nobody_of_this_name/a.yaml')
+
+
+@pytest.mark.parametrize(('home', 'base'), [('/somewhere', '/somewhere'), ('', '/home/user/.ros')])
+def test_a_node_without_a_folder_gets_one_below_ros_home(monkeypatch, home, base):
+    monkeypatch.setenv('HOME', '/home/user')
+    monkeypatch.setenv('ROS_HOME', home)
+    directory = model_store.node_directory('', '', '/left/arm/wrist_ft_comp')
+    assert directory == Path(base) / 'wrist_ft_comp/left__arm__wrist_ft_comp'
+
+
+def test_the_list_is_readable_by_people_and_keeps_what_was_given(store):
+    model = store.directory / 'models/a.yaml'
+    store.activate([None], given='abc')
+    store.activate([None, model])
+    text = (store.directory / 'active.json').read_text()
+    assert json.loads(text) == {'history': [None, 'models/a.yaml'], 'given': 'abc'}
+    assert len(text.splitlines()) > 3
+    assert (store.history(), store.given()) == ([None, model], 'abc')
+    (store.directory / 'active.json').write_text('[null, "models/a.yaml"]')
+    assert (store.history(), store.given()) == ([None, model], ''), 'a bare list is read, too'
+
+
+def test_leftovers_of_killed_processes_are_swept(store):
+    """A process that is killed while it writes can't remove its temporary file."""
+    store.activate([None])
+    source = (
+        'import os, signal, sys; from pathlib import Path\n'
+        'from wrist_ft_comp.stored.documents import replace_file\n'
+        'os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)\n'
+        'replace_file(Path(sys.argv[1]), "new")\n'
+    )
+    path = store.directory / 'active.json'
+    before = path.read_text()
+    assert subprocess.run([sys.executable, '-c', source, str(path)], check=False).returncode == -9
+    assert path.read_text() == before
+    (leftover,) = [each for each in store.directory.iterdir() if each != path]
+    assert store.sweep() == 0, 'it may be somebody else in the middle of writing'
+    os.utime(leftover, (0, 0))
+    (store.directory / '.kept.tmp').write_text('not ours')
+    assert store.sweep() == 1
+    assert sorted(each.name for each in store.directory.iterdir()) == [
+        '.kept.tmp', 'active.json', 'lock',
+    ]  # fmt: skip
+
+
+def test_whether_a_folder_takes_something_is_found_out_without_a_trace(store, tmp_path):
+    assert store.check_writable() == ''
+    assert list(tmp_path.iterdir()) == []
+    store.directory.mkdir()
+    assert store.check_writable() == ''
+    assert list(store.directory.iterdir()) == []
+    nowhere = ModelStore(Path('/proc/nowhere/deep'))
+    assert nowhere.check_writable().startswith('/proc/nowhere/deep cannot be written: No such')
+    (tmp_path / 'file').touch()
+    for given in ('file', 'file/inside'):
+        problem = ModelStore(tmp_path / given).check_writable()
+        assert problem.startswith(f'{tmp_path}/{given} cannot be written: Not a directory. Mend')
+    long = ModelStore(tmp_path / ('x' * 300))
+    assert 'cannot be written: File name too long. Mend' in long.check_writable()
+
+
+def test_a_nodes_folder_is_absolute(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('HOME', str(tmp_path))
+    assert node_directory('data', 'left') == tmp_path / 'data/left'
+    assert node_directory('~/data') == tmp_path / 'data'
+    with pytest.raises(SettingsError, match='nobody here has a home of that name'):
+        node_directory('~nobody_here/data')
+    assert node_directory('x' * 300).name == 'x' * 300

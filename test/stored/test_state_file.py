@@ -1,0 +1,239 @@
+"""State files: what comes back, and what is refused."""
+
+import copy
+from dataclasses import replace
+import json
+import os
+import threading
+
+from hypothesis import given, HealthCheck, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from wrist_ft_comp.drift.drift_model import Drift
+from wrist_ft_comp.errors import StateFileError
+from wrist_ft_comp.stored import state_file
+from wrist_ft_comp.stored.state_file import (
+    load_state,
+    save_state,
+    SavedState,
+    StateWriter,
+)
+from wrist_ft_comp.stream.warm_restart import ThermalMemory
+
+TIMEOUT_S = 20.0
+number = st.floats(-1e99, 1e99)
+six = st.lists(number, min_size=6, max_size=6).map(np.array)
+filters = st.lists(number, max_size=12).map(np.array)
+stamps = st.integers(-(2**63), 2**63 - 1)
+memories = st.builds(
+    ThermalMemory,
+    stamps,
+    st.integers(1, 600 * 10**9),
+    st.lists(number, min_size=1, max_size=5).map(np.array),
+    st.dictionaries(st.sampled_from(['force_x', 'force_z', 'torque_y']), filters),
+    st.builds(Drift, six, six),
+    st.lists(
+        st.tuples(st.lists(number, max_size=3).map(np.array), st.integers(1, 1000)), max_size=9
+    ).map(tuple),
+)
+states = st.builds(
+    SavedState, stamps, st.one_of(st.none(), st.just('f' * 64)), six, st.none() | memories, six
+)
+
+
+def example(end_ns=5, saved_ns=7):
+    memory = ThermalMemory(
+        end_ns,
+        10,
+        np.array([20.0]),
+        {'force_z': np.ones(2)},
+        Drift(np.ones(6), np.zeros(6)),
+        ((np.array([20.0]), 1), (np.array([21.0]), 60)),
+    )
+    return SavedState(saved_ns, 'a' * 64, np.arange(6.0), memory)
+
+
+def plain(state):
+    kind = state_file.KIND
+    return {'format': kind.says, 'version': kind.version, **state_file._document(state)}
+
+
+@settings(
+    deadline=None,
+    max_examples=100,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(state=states)
+def test_a_state_comes_back_to_the_last_bit(tmp_path, state):
+    path = tmp_path / 'new/state.json'
+    save_state(path, state)
+    back = load_state(path)
+    assert back is not None
+    assert plain(back) == plain(state)
+    if state.thermal is not None and back.thermal is not None:
+        for axis, each in state.thermal.filters.items():
+            assert back.thermal.filters[axis].shape == each.shape
+    assert [each.name for each in path.parent.iterdir()] == ['state.json']
+
+
+def test_a_state_without_an_external_tare_is_what_earlier_versions_read_and_wrote(load):
+    document = plain(example())
+    assert 'external_tare' not in document
+    assert not load(document).external_tare.any()
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 1e101])
+@pytest.mark.parametrize('place', range(7))
+def test_what_is_written_can_be_read_whatever_numbers_a_model_makes(tmp_path, place, value):
+    """The thermal state goes as a whole, each tare by itself, and nothing else."""
+    state = replace(example(), external_tare=np.arange(6.0))
+    assert state.thermal is not None
+    zero, sensitivity = state.thermal.compensation
+    filters, (mean, _) = state.thermal.filters['force_z'], state.thermal.history[1]
+    arrays = state.tare, state.external_tare, zero, sensitivity, filters, mean
+    (*arrays, state.thermal.temperature_c)[place][0] = value
+    save_state(tmp_path / 'state.json', state)
+    back = load_state(tmp_path / 'state.json')
+    assert back is not None
+    assert (back.tare.any(), back.external_tare.any()) == (place != 0, place != 1)
+    assert (back.thermal is None) == (place > 1)
+
+
+def test_no_file_is_no_state(tmp_path):
+    assert load_state(tmp_path / 'state.json') is None
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Write a document, or bytes, and load it."""
+
+    def write_and_load(content):
+        path = tmp_path / 'state.json'
+        path.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
+        return load_state(path)
+
+    return write_and_load
+
+
+@pytest.mark.parametrize(
+    ('content', 'sentence'),
+    [
+        *((content, r'state\.json is not a state file') for content in (
+            b'', b'{', b'[]', b'{}', b'nul', b'\xff\xfe', b'[' * 100_000, b'{"format":' * 50_000,
+            b'9' * 100_000, b'{"format": "other"}',
+        )),
+        *(
+            ({**plain(example()), 'version': version}, r'of version .* reads version 1')
+            for version in (0, 2, '1', None)
+        ),
+    ],
+    ids=range(14),
+)  # fmt: skip
+def test_what_is_no_state_is_refused(load, content, sentence):
+    with pytest.raises(StateFileError, match=sentence):
+        load(content)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'NaN', 'Infinity', '-Infinity', '1e999', '1e101', '"1"', 'null', '[]', 'true',
+        '1' + '0' * 400,
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize(
+    'place', ['tare', 'temperature_c', 'zero', 'sensitivity', 'filters', 'history']
+)
+def test_numbers_are_finite(load, place, text):
+    document = copy.deepcopy(plain(example()))
+    row = (document if place == 'tare' else document['thermal'])[place]
+    if place in {'filters', 'history'}:
+        row = row['force_z'] if place == 'filters' else row[1]['temperature_c']
+    row[0] = 'HERE'
+    with pytest.raises(StateFileError):
+        load(json.dumps(document).replace('"HERE"', text).encode())
+
+
+@pytest.mark.parametrize('key', list(plain(example())))
+def test_nothing_may_be_missing_or_more(load, key):
+    document = plain(example())
+    with pytest.raises(StateFileError, match='breaks the schema at the top level'):
+        load({**document, 'more': 1})
+    del document[key]
+    with pytest.raises(StateFileError):
+        load(document)
+
+
+def test_a_file_cut_or_flipped_anywhere_is_refused_or_whole(tmp_path):
+    path = tmp_path / 'state.json'
+    save_state(path, example())
+    whole = path.read_bytes()
+    for end in range(len(whole)):
+        path.write_bytes(whole[:end])
+        with pytest.raises(StateFileError):
+            load_state(path)
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        changed = bytearray(whole)
+        changed[rng.integers(len(whole))] = rng.integers(256)
+        path.write_bytes(bytes(changed))
+        try:
+            load_state(path)
+        except StateFileError:
+            continue
+
+
+def test_the_newest_state_put_to_a_writer_is_on_disk_at_the_end(tmp_path):
+    path = tmp_path / 'state.json'
+    writer = StateWriter(path)
+    for end_ns in range(50):
+        writer.put(example(end_ns))
+    assert writer.end(TIMEOUT_S)
+    back = load_state(path)
+    assert back is not None
+    assert plain(back) == plain(example(49))
+    assert 1 <= writer.written <= 50
+    assert writer.took_s > 0
+
+
+def test_a_slow_disk_delays_nobody_and_what_was_overtaken_is_left_out(tmp_path, monkeypatch):
+    """The disk answers when the test lets it; put returns before."""
+    answers, asked = threading.Event(), threading.Event()
+    fsync = os.fsync
+
+    def slow(handle):
+        asked.set()
+        assert answers.wait(TIMEOUT_S)
+        fsync(handle)
+
+    monkeypatch.setattr(os, 'fsync', slow)
+    writer = StateWriter(tmp_path / 'state.json')
+    writer.put(example(0))
+    assert asked.wait(TIMEOUT_S)
+    for end_ns in range(1, 10):
+        writer.put(example(end_ns))
+    assert not writer.end(0.0)
+    answers.set()
+    assert writer.end(TIMEOUT_S)
+    assert writer.written == 2
+
+
+def test_a_failure_is_told_until_a_save_succeeds(tmp_path):
+    folder = tmp_path / 'data'
+    folder.write_text('a file where a folder belongs')
+    writer = StateWriter(folder / 'state.json')
+    writer.put(example())
+    assert writer.end(TIMEOUT_S)
+    assert 'cannot be written' in writer.problem
+    assert writer.written == 0
+
+
+def test_without_anything_to_save_there_is_no_thread(tmp_path):
+    before = threading.active_count()
+    writer = StateWriter(tmp_path / 'state.json')
+    assert threading.active_count() == before
+    assert writer.end(0.0)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,281 @@
+"""Samples onto the thermal grid, as a batch."""
+
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.signals import (
+    AXES,
+    FORCE_CHANNELS,
+    Samples,
+    temperature_channel,
+)
+from wrist_ft_comp.stream.batch_grid import grid_samples, GridBuilder, MAX_NUMBERS
+
+SECOND = 1_000_000_000
+#: Stamps as they are since 1970, so that rounding to floats would show.
+EPOCH = 1_767_225_600 * SECOND
+
+
+def samples(channel, *pairs, origin=0):
+    """One channel: pairs of second and value."""
+    stamps = np.array([origin + round(s * SECOND) for s, _ in pairs], dtype=np.int64)
+    values = np.array([value for _, value in pairs], dtype=float)[:, np.newaxis]
+    return Samples((channel,), stamps, values)
+
+
+def wrenches(*seconds, origin=0):
+    return samples('force_z', *((s, 1.0) for s in seconds), origin=origin)
+
+
+def textbook_cells(block, period_ns):
+    """Means per cell, sample by sample."""
+    cells: dict[int, list[float]] = {}
+    for stamp, (value,) in zip(block.stamps_ns.tolist(), block.values.tolist(), strict=True):
+        cells.setdefault(math.floor(stamp / period_ns), []).append(value)
+    return {cell: sum(values) / len(values) for cell, values in cells.items()}
+
+
+@st.composite
+def streams(draw):
+    """One to three thermometers and a wrench, irregular, with gaps."""
+    blocks = []
+    for channel in [*map(temperature_channel, range(draw(st.integers(1, 3)))), 'torque_y']:
+        steps = draw(
+            st.lists(
+                st.one_of(st.integers(1, SECOND), st.integers(SECOND, 9 * SECOND)),
+                min_size=1,
+                max_size=25,
+            )
+        )
+        stamps = np.cumsum(steps) + draw(st.integers(0, 5)) * SECOND
+        values = draw(st.lists(st.floats(-50, 58), min_size=len(steps), max_size=len(steps)))
+        blocks.append(Samples((channel,), stamps, np.array(values)[:, np.newaxis]))
+    return blocks
+
+
+@settings(deadline=None, max_examples=150, derandomize=True)
+@given(blocks=streams(), period_s=st.sampled_from([0.5, 1.0, 3.0]), size=st.integers(1, 30))
+def test_the_grid_is_the_textbook_loop_in_pieces_of_any_size(blocks, period_s, size):
+    pieces = [
+        Samples(each.channels, each.stamps_ns[at : at + size], each.values[at : at + size])
+        for each in blocks
+        for at in range(0, len(each.stamps_ns), size)
+    ]
+    recording = grid_samples(pieces, period_s=period_s)
+    period_ns = round(period_s * SECOND)
+    *temperatures, torque = (textbook_cells(block, period_ns) for block in blocks)
+    first = max(min(cells) for cells in temperatures)
+    last = max(max(cells) for cells in (*temperatures, torque))
+    assert recording.first_cell == first
+    assert len(recording) == last - first + 1
+    for j, cells in enumerate(temperatures):
+        for row, cell in enumerate(range(first, last + 1)):
+            before = max(at for at in cells if at <= cell)
+            after = min((at for at in cells if at >= cell), default=before)
+            share = (cell - before) / max(after - before, 1)
+            line = cells[before] + share * (cells[after] - cells[before])
+            assert recording.temperature_c[row, j] == pytest.approx(line, abs=1e-10)
+            assert recording.measured[row, j] == (cell in cells)
+    for row, cell in enumerate(range(first, last + 1)):
+        expected = torque.get(cell, math.nan)
+        gridded = recording.wrench[row, AXES.index('torque_y')]
+        assert gridded == pytest.approx(expected, abs=1e-10, nan_ok=True)
+    assert np.isnan(np.delete(recording.wrench, AXES.index('torque_y'), axis=1)).all()
+    assert np.isnan(recording.reference).all()
+    assert recording.warnings == ()
+
+
+@pytest.mark.parametrize('origin', [0, EPOCH, -EPOCH])
+def test_cells_are_half_open(origin):
+    recording = grid_samples(
+        [
+            samples('temperature_c', (0.0, 1.0), (0.999999999, 3.0), (1.0, 10.0), origin=origin),
+            wrenches(0.0, origin=origin),
+        ]
+    )
+    assert recording.first_cell == origin // SECOND
+    np.testing.assert_array_equal(recording.temperature_c[:, 0], [2.0, 10.0])
+
+
+def test_several_channels_of_one_block_share_their_stamps():
+    stamps = np.array([0, SECOND // 2, SECOND])
+    block = Samples(
+        ('temperature_c', 'force_x', 'reference_force_x'),
+        stamps,
+        np.array([[20.0, 1.0, 5.0], [22.0, 3.0, 6.0], [30.0, 7.0, 8.0]]),
+    )
+    recording = grid_samples([block])
+    np.testing.assert_array_equal(recording.temperature_c[:, 0], [21, 30])
+    np.testing.assert_array_equal(recording.wrench[:, 0], [2, 7])
+    np.testing.assert_array_equal(recording.reference[:, 0], [5.5, 8])
+    assert recording.axes_present == ('force_x',)
+
+
+@pytest.mark.parametrize('fault', ['repeated', 'backward', 'ahead', 'nan', 'infinite', 'kelvin'])
+def test_unusable_samples_are_dropped_and_counted(fault):
+    good = [(float(k), 20.0 + k / 10) for k in range(200)]
+    bad = {
+        'repeated': (99.0, 1e6),
+        'backward': (50.0, 1e6),
+        'ahead': (9000.0, 1e6),
+        'kelvin': (99.5, 295.15),
+        'nan': (99.5, math.nan),
+        'infinite': (99.5, math.inf),
+    }[fault]
+    with_fault = [*good[:100], bad, *good[100:]]
+    clean = grid_samples([samples('temperature_c', *good), wrenches(0.5)], name='a.csv')
+    gridded = grid_samples([samples('temperature_c', *with_fault), wrenches(0.5)], name='a.csv')
+    np.testing.assert_array_equal(gridded.temperature_c, clean.temperature_c)
+    why = {
+        'nan': 'are not finite',
+        'infinite': 'are not finite',
+        'kelvin': 'are outside -100 to 200 °C, which no sensor reads, such as 295.1 °C',
+    }.get(fault, 'have a stamp that does not increase')
+    assert gridded.warnings == (
+        f'temperature_c of a.csv: 1 of 201 samples {why}; they were dropped.',
+    )
+
+
+def test_a_backward_stamp_is_seen_across_blocks():
+    builder = GridBuilder('a.csv', max_bad_share=0.5)
+    builder.add(samples('temperature_c', (0, 20), (1, 21), (1.5, math.nan), (2, 22)))
+    builder.add(samples('temperature_c', (1, 1e6), (2, 1e6), (2.5, math.nan), (3, 23)))
+    builder.add(wrenches(0))
+    recording = builder.build()
+    np.testing.assert_array_equal(recording.temperature_c[:, 0], [20, 21, 22, 23])
+    assert '2 of 8 samples are not finite and 2 have a stamp that' in recording.warnings[0]
+
+
+@pytest.mark.parametrize(('bad', 'refused'), [(2, False), (3, True)])
+def test_too_large_a_share_of_unusable_samples_is_refused(bad, refused):
+    values = [20.0] * 200
+    for k in range(bad):
+        values[10 * k + 5] = math.nan
+    blocks = [samples('temperature_c', *enumerate(values)), wrenches(0)]
+    if not refused:
+        assert len(grid_samples(blocks).warnings) == 1
+        return
+    with pytest.raises(RecordingError, match=r'temperature_c of a.csv: 3 of 200 .* at most 1.0%'):
+        grid_samples(blocks, name='a.csv')
+
+
+@pytest.mark.parametrize(
+    ('present', 'missing'),
+    [((), 'temperature_c'), ((1,), 'temperature_c'), ((0, 2), 'temperature_2_c')],
+)
+def test_a_missing_thermometer_is_named(present, missing):
+    blocks = [samples(temperature_channel(j), (0, 20)) for j in present]
+    with pytest.raises(RecordingError, match=f'a.csv holds no usable {missing}'):
+        grid_samples([*blocks, wrenches(0)], name='a.csv')
+
+
+def test_a_missing_wrench_is_named():
+    with pytest.raises(RecordingError, match=r'a.csv holds no wrench.*got temperature_c\.'):
+        grid_samples([samples('temperature_c', (0, 20))], name='a.csv')
+
+
+def test_nothing_at_all_is_refused():
+    with pytest.raises(RecordingError, match='holds no usable temperature_c'):
+        grid_samples([])
+    empty = Samples(('temperature_c',), np.zeros(0, dtype=np.int64), np.zeros((0, 1)))
+    with pytest.raises(RecordingError, match='holds no usable temperature_c'):
+        grid_samples([empty])
+
+
+@pytest.mark.parametrize(('late_s', 'named'), [(61, True), (60, False)])
+def test_a_thermometer_that_comes_late_is_named(late_s, *, named):
+    blocks = [
+        samples('temperature_c', *((k, 20 + k / 100) for k in range(200))),
+        samples('temperature_2_c', *((k, 30) for k in range(late_s, 200))),
+        wrenches(*range(200)),
+    ]
+    warnings = grid_samples(blocks, name='a.csv').warnings
+    assert len(warnings) == named
+    if named:
+        assert warnings[0] == (
+            'Thermometer 2 of a.csv came after 61 s of wrenches, which were left out; the sensor '
+            'is taken as soaked from there on. If it was warming up by then, record again, with '
+            'all thermometers from the beginning.'
+        )
+
+
+def test_a_broken_first_stamp_is_not_taken_for_a_late_thermometer():
+    blocks = [samples('temperature_c', (10**6, 20), (10**6 + 1, 21)), wrenches(0, 10**6)]
+    assert not grid_samples(blocks).warnings
+
+
+def test_one_stamp_of_another_century_is_refused_without_the_memory_for_it():
+    blocks = [samples('temperature_c', (0, 20), (MAX_NUMBERS, 21)), wrenches(0)]
+    with pytest.raises(RecordingError, match=r'span 4.2e\+06 s; at most 2100000 thermal cells'):
+        grid_samples(blocks)
+
+
+@pytest.mark.parametrize('period_s', [0.0, -1.0, 1e-10, 1e30, math.nan, math.inf])
+def test_a_period_out_of_range_is_refused(period_s):
+    with pytest.raises(RecordingError, match='thermal period must be above 0'):
+        GridBuilder('a.csv', period_s)
+
+
+def gridded(force, seconds=None):
+    """A recording with a specific force, one sample per row and second."""
+    stamps = np.arange(len(force)) if seconds is None else seconds
+    block = Samples(FORCE_CHANNELS, np.asarray(stamps) * SECOND, np.asarray(force, dtype=float))
+    temperature = samples('temperature_c', *((s, 20.0) for s in range(len(force))))
+    return grid_samples([wrenches(*range(len(force))), temperature, block])
+
+
+POSES = np.repeat([[0, 0, 9.5], [9.5, 0, 0], [0, -9.5, 0]], 10, axis=0)
+
+
+def test_specific_force_stays_as_it_was_measured():
+    moving = np.array([[30.0, 0.0, 0.0], [0.0, 0.0, 30.0]])
+    measured = np.concatenate((POSES, moving))
+    recording = gridded(measured)
+    assert recording.warnings == ()
+    np.testing.assert_array_equal(recording.specific_force, measured)
+
+
+def test_specific_force_in_g_is_doubted():
+    recording = gridded(POSES / 9.5)
+    np.testing.assert_array_equal(recording.specific_force, POSES / 9.5)
+    (doubt,) = recording.warnings
+    assert 'norm of 1 at rest, -90% off 9.807' in doubt
+
+
+def test_an_acceleration_without_gravity_counts_as_absent():
+    recording = gridded(POSES * 0.001)
+    assert recording.specific_force is None
+    assert 'norm of 0.0095 at rest' in recording.warnings[0]
+
+
+def test_specific_force_is_absent_where_it_was_not_sampled():
+    recording = gridded(POSES, seconds=[*range(15), *range(16, 31)])
+    assert np.isnan(recording.specific_force[15]).all()
+    assert np.isfinite(np.delete(recording.specific_force, 15, axis=0)).all()
+
+
+def test_speed_of_rotation_is_averaged_as_a_root_mean_square():
+    stamps = np.arange(4) * SECOND // 2
+    speed = Samples(('rotation_speed',), stamps, np.array([[3.0], [-4.0], [0.5], [0.5]]))
+    temperature = samples('temperature_c', *((s, 20.0) for s in range(3)))
+    recording = grid_samples([wrenches(0, 1, 2), temperature, speed])
+    np.testing.assert_allclose(recording.rotation_speed, [math.sqrt(12.5), 0.5, np.nan])
+
+
+def test_a_recording_without_specific_force_says_none():
+    recording = grid_samples([wrenches(0, 1), samples('temperature_c', (0, 20.0), (1, 20.0))])
+    assert recording.specific_force is None
+    assert recording.rotation_speed is None
+
+
+def test_two_of_three_accelerations_are_none():
+    block = Samples(FORCE_CHANNELS[:2], np.arange(3) * SECOND, np.ones((3, 2)))
+    temperature = samples('temperature_c', *((s, 20.0) for s in range(3)))
+    recording = grid_samples([wrenches(0, 1, 2), temperature, block])
+    assert recording.specific_force is None
+    assert 'no cell with linear_acceleration_x, _y and _z' in recording.warnings[0]

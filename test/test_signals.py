@@ -1,0 +1,100 @@
+"""Samples and recordings, what is read off a channel, and the ranges of settings."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.drift.arx import Orders
+from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.ranges import check_range
+from wrist_ft_comp.signals import noise_level, Recording, Samples, stretches, Topics
+
+
+def test_samples_refuse_values_that_do_not_fit_their_channels():
+    with pytest.raises(RecordingError, match=r'values of shape \(2, 1\); got \(2, 2\)'):
+        Samples(('force_x',), np.array([0, 1]), np.zeros((2, 2)))
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'period_ns': 0}, r'^A thermal cell must last longer than 0 ns; got 0\.$'),
+        ({'temperature_c': np.zeros((0, 1))}, r'^run holds no temperature\. .* one cell\.$'),
+        ({'temperature_c': np.zeros((3, 0))}, r'^run holds no temperature\. .* one cell\.$'),
+        (
+            {'temperature_c': np.full((3, 1), np.nan)},
+            r'^Temp.* of run must lie between -100 .* got nan',
+        ),
+        ({'measured': np.ones((3, 2))}, r'^measured of run must have shape \(3, 1\)'),
+        ({'wrench': np.zeros((3, 5))}, r'^wrench of run must have shape \(3, 6\)'),
+        ({'reference': np.zeros((2, 6))}, r'^reference of run must have shape \(3, 6\)'),
+    ],
+)
+def test_a_recording_refuses_what_does_not_fit(change, sentence):
+    ones = np.ones((3, 1), dtype=bool)
+    right = Recording('run', 10**9, 0, np.zeros((3, 1)), ones, np.zeros((3, 6)), np.zeros((3, 6)))
+    assert (right.period_s, right.duration_s) == (1, 3)
+    np.testing.assert_array_equal(right.elapsed_s, [0.5, 1.5, 2.5])
+    assert [right.unit_of(axis) for axis in ('force_x', 'torque_z')] == ['N', 'N m']
+    assert replace(right, unit='mV/V', period_ns=1).unit_of('torque_z') == 'mV/V'
+    with pytest.raises(RecordingError, match=sentence):
+        replace(right, **change)
+
+
+def test_noise_is_told_apart_from_slow_motion_and_steps():
+    rng = np.random.default_rng(0)
+    series = [np.cumsum(np.full(5000, 0.01)) + rng.normal(0, 0.3, 5000) for _ in range(2)]
+    series[0][2000:] += 50.0
+    series[1][::7] = np.nan
+    assert noise_level(series) == pytest.approx(0.3, rel=0.03)
+    assert noise_level([np.full(5, np.nan), np.array([1.0])]) == 0.0
+
+
+def test_a_gap_of_ten_usual_distances_and_a_minute_begins_a_new_stretch():
+    at = np.array([3, 5, 7, 9, 24, 26, 86, 88, 149, 151])
+    present = np.isin(np.arange(160), at)
+    every_minute, every_ten = stretches(present, 1.0), stretches(present, 10.0)
+    np.testing.assert_array_equal(every_minute, np.repeat([0, 1], [149, 11]))
+    np.testing.assert_array_equal(every_ten, np.repeat([0, 1, 2], [86, 63, 11]))
+    assert every_minute.dtype == np.int64
+    for few in ((), (5,), (0, 199)):
+        assert not stretches(np.isin(np.arange(200), few), 1.0).any()
+
+
+@pytest.mark.parametrize(
+    ('bounds', 'right', 'wrong', 'words'),
+    [
+        ({'least': 0.0}, (0.0, 5.0), (-1.0,), 'of at least 0'),
+        ({'least': 0.0, 'above': True}, (1e-9, 5.0), (0.0, -1.0), 'above 0'),
+        ({'least': 0.1, 'most': 600.0}, (0.1, 600.0), (0.09, 601.0), 'from 0.1 to 600'),
+        ({'least': 0.0, 'most': 5.0, 'above': True}, (1e-9, 5.0), (0.0, 5.1), 'from 0 to 5'),
+        ({'least': -math.inf}, (-1e9, 1e9), (), 'that is finite'),
+    ],
+)
+def test_a_number_outside_its_range_is_told_with_the_range(bounds, right, wrong, words):
+    for value in right:
+        check_range('it', value, **bounds)
+    for value in (*wrong, math.nan, math.inf, -math.inf):
+        with pytest.raises(SettingsError, match=f'^it must be a number {words}; got {value}'):
+            check_range('it', value, **bounds)
+
+
+@pytest.mark.parametrize(
+    ('name', 'least'), [('latents', 1), ('outputs', 0), ('inputs', 1), ('first_lag', 0)]
+)
+def test_orders_below_the_least_are_refused(name, least):
+    Orders(**{name: least})
+    with pytest.raises(SettingsError, match=f'{name} must be'):
+        Orders(**{name: least - 1})
+    with pytest.raises(SettingsError, match=r'^time_constants_s must .* one filter; got none\.$'):
+        Orders(time_constants_s=())
+    with pytest.raises(SettingsError, match=r'^Each of time_constants_s must'):
+        Orders(time_constants_s=(-1.0,))
+    Orders(time_constants_s=(0.0,))
+
+
+def test_one_name_in_the_place_of_several_topics_is_refused():
+    with pytest.raises(SettingsError, match=r"Write \('/temperature',\)\.$"):
+        Topics(temperatures='/temperature')

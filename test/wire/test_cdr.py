@@ -1,0 +1,112 @@
+"""Bulk CDR against rosbags, message by message."""
+
+import struct
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.wire import cdr
+
+SIX = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+
+
+@pytest.fixture(scope='module')
+def textbook(messages):
+    """Read a message as rosbags does: stamp, and force and torque."""
+
+    def read(message):
+        wrench = messages.store.deserialize_cdr(message, messages.wrench_type)
+        stamp, force, torque = wrench.header.stamp, wrench.wrench.force, wrench.wrench.torque
+        six = [getattr(vector, name) for vector in (force, torque) for name in 'xyz']
+        return stamp.sec * 10**9 + stamp.nanosec, six
+
+    return read
+
+
+frames = st.text(st.characters(exclude_characters='\0', exclude_categories=['Cs']), max_size=20)
+doubles = st.floats(allow_nan=False)
+#: What messages.wrench takes.
+wrenches = st.tuples(
+    st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1),
+    st.lists(doubles, min_size=6, max_size=6),
+    frames,
+    st.booleans(),
+)
+
+
+@given(parts=st.lists(wrenches, max_size=12))
+def test_bulk_reading_agrees_with_rosbags_one_by_one(parts, messages, textbook):
+    contents = [messages.wrench(*each) for each in parts]
+    stamps_ns, values = cdr.decode_many(contents, 6)
+    expected = [textbook(content) for content in contents]
+    assert stamps_ns.tolist() == [stamp for stamp, _ in expected]
+    assert values.shape == (len(contents), 6), 'without messages, too'
+    assert values.tolist() == [row for _, row in expected]
+    assert cdr.encode_many(contents, values) == contents
+
+
+@given(st.lists(wrenches, min_size=1, max_size=12), st.randoms(use_true_random=False))
+def test_replaced_doubles_are_read_back_and_headers_stay_byte_for_byte(
+    messages, textbook, parts, random
+):
+    contents = [messages.wrench(*each) for each in parts]
+    before = list(contents)
+    values = np.array([[random.uniform(-1e3, 1e3) for _ in range(6)] for _ in contents])
+    replaced = cdr.encode_many(contents, values)
+    assert contents == before
+    assert [content[:-48] for content in replaced] == [content[:-48] for content in contents]
+    assert [textbook(content)[1] for content in replaced] == values.tolist()
+
+
+def test_many_equal_layouts_and_mixed_ones_give_the_same_numbers(messages):
+    same = [messages.wrench(k * 10**6, [k, *SIX[1:]]) for k in range(50)]
+    odd = [messages.wrench(7, SIX, 'a much longer frame'), messages.wrench(8, SIX, little=False)]
+    alone, mixed = cdr.decode_many(same, 6), cdr.decode_many([odd[0], *same, odd[1]], 6)
+    np.testing.assert_array_equal(alone[0], mixed[0][1:-1])
+    np.testing.assert_array_equal(alone[1], mixed[1][1:-1])
+    assert alone[1].any()
+
+
+@pytest.mark.parametrize('little', [True, False])
+def test_doubles_are_located_where_struct_finds_them(messages, little):
+    order = '<' if little else '>'
+    wrench = messages.wrench(1, SIX, 'frame', little)
+    assert struct.unpack_from(f'{order}6d', wrench, cdr.locate(wrench, 6).offset) == SIX
+    temperature = messages.temperature(3, 21.5, 'probe', little)
+    stamps_ns, values = cdr.decode_many([temperature], 2)
+    assert stamps_ns.tolist() == [3]
+    assert values.tolist() == [[21.5, 0.25]]
+
+
+def with_length(length):
+    """Make another length of frame_id stand in a message."""
+    return lambda wrench: wrench[:12] + struct.pack('<I', length) + wrench[16:]
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        (lambda _: b'', 'got 0 bytes'),
+        (lambda _: b'\0\1\0\0abc', 'got 7 bytes'),
+        (lambda wrench: b'\7' + wrench[1:], 'encapsulation 00 00 or 00 01'),
+        (lambda wrench: b'\0\6' + wrench[2:], 'got 00 06'),
+        (with_length(10**6), 'frame_id.*1000000'),
+        (with_length(20), 'Expected 84 bytes.*got 68'),
+        (lambda wrench: wrench[:-1], 'got 67'),
+        (lambda wrench: wrench + b'\0', 'got 69'),
+        (lambda wrench: wrench[:-32], '6 doubles'),
+    ],
+    ids=range(9),
+)
+def test_what_is_not_the_message_is_refused_in_a_sentence(messages, change, sentence):
+    wrench = messages.wrench(1, [0.0] * 6, 'ft')
+    data = change(wrench)
+    with pytest.raises(RecordingError, match=sentence):
+        cdr.locate(data, 6)
+    with pytest.raises(RecordingError, match=sentence):
+        cdr.decode_many([wrench, data], 6)
+    with pytest.raises(RecordingError, match=sentence):
+        cdr.encode_many([wrench, data], np.zeros((2, 6)))

@@ -1,0 +1,127 @@
+"""Frames that hang together, by transforms that come as they like, against scipy."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from wrist_ft_comp.payload.directions import describe_force, moments_of
+from wrist_ft_comp.signals import GRAVITY
+from wrist_ft_comp.wire.tf_tree import GravityByTf, Transforms
+
+SECOND = 1_000_000_000
+RNG = np.random.default_rng(3)
+TURNS = {name: Rotation.random(random_state=k) for k, name in enumerate('abcd')}
+
+
+def send(gravity, parent, child, seconds, turned, *, static=False):  # noqa: PLR0913
+    """Add transforms at some seconds."""
+    stamps_ns = np.rint(np.atleast_1d(seconds) * SECOND).astype(np.int64)
+    quaternions = np.broadcast_to(turned.as_quat(), (len(stamps_ns), 4))
+    gravity.add(Transforms(parent, child, stamps_ns, quaternions), static=static)
+
+
+def ask(gravity, *seconds):
+    return gravity.read(np.rint(np.array(seconds) * SECOND).astype(np.int64))
+
+
+def turning(seconds):
+    return Rotation.from_euler('y', 0.8 * np.asarray(seconds))
+
+
+def test_the_frames_may_lie_on_two_branches():
+    """Up from the sensor to the frame above both, and down again to the one with z upwards."""
+    gravity = GravityByTf('table', '/sensor')
+    send(gravity, 'map', 'table', 0, TURNS['a'], static=True)
+    send(gravity, '/map', 'base', 0, TURNS['b'], static=True)
+    seconds = np.arange(0, 2.01, 0.1)
+    send(gravity, 'base', 'arm', seconds, turning(seconds))
+    send(gravity, 'arm', 'sensor', 5, TURNS['c'], static=True)
+    at = np.array([0.0, 0.03, 0.77, 2.0])
+    force, speed = ask(gravity, *at)
+    turned = TURNS['a'].inv() * TURNS['b'] * turning(at) * TURNS['c']
+    np.testing.assert_allclose(force, turned.inv().apply([0, 0, GRAVITY]), atol=1e-3)
+    assert np.isnan(speed[[0, 2, 3]]).all(), 'they are too far apart'
+    np.testing.assert_allclose(speed[1], 0.8, rtol=1e-3)
+    np.testing.assert_allclose(ask(gravity, 2.0)[0], force[-1:])
+    assert gravity.settled_ns() == 2 * SECOND
+    assert gravity.root() == 'map'
+
+
+@pytest.mark.parametrize('gap', [0.5, 0.52])
+def test_gaps_up_to_half_a_second_are_bridged(gap):
+    gravity = GravityByTf('world', 'tool')
+    send(gravity, 'world', 'tool', [1.0, 1.0 + gap], turning([1.0, 1.0 + gap]))
+    force, _ = ask(gravity, 0.99, 1.0, 1.0 + gap / 2, 1.0 + gap, 1.01 + gap)
+    known = np.isfinite(force[:, 0]).tolist()
+    assert known == [False, True, gap == 0.5, True, False]
+    np.testing.assert_allclose(force[1], turning(1.0).inv().apply([0, 0, GRAVITY]))
+
+
+def test_transforms_may_come_late_twice_and_out_of_order():
+    gravity = GravityByTf('world', 'tool')
+    seconds = RNG.permutation(np.arange(0, 2, 0.05))
+    send(gravity, 'world', 'tool', seconds, turning(seconds))
+    send(gravity, 'world', 'tool', [0.5, 0.5], TURNS['a'])
+    send(gravity, 'world', 'tool', [0.5], turning([0.5]))  # the newest counts
+    at = np.arange(0, 1.9, 0.01)
+    force, _ = ask(gravity, *at)
+    np.testing.assert_allclose(force, turning(at).inv().apply([0, 0, GRAVITY]), atol=2e-3)
+
+
+def test_what_is_waited_for_is_the_slowest_frame_that_still_comes():
+    gravity = GravityByTf('world', 'tool')
+    send(gravity, 'world', 'arm', [0, 9.9], TURNS['a'])
+    assert gravity.settled_ns() is None, 'the tool hangs nowhere'
+    send(gravity, 'arm', 'wrist', [0, 8.5], TURNS['a'])
+    send(gravity, 'wrist', 'tool', [0, 7.0], TURNS['a'])
+    send(gravity, 'elsewhere', 'world', [0, 8.2], TURNS['a'])  # above both
+    assert gravity.settled_ns() == 8.5 * SECOND
+
+
+def test_static_transforms_hold_and_give_way_to_ones_that_move():
+    gravity = GravityByTf('world', 'tool')
+    send(gravity, 'world', 'tool', 2, TURNS['a'], static=True)
+    send(gravity, 'world', 'tool', 4, TURNS['b'], static=True)
+    force, _ = ask(gravity, 1, 3.9, 4, 99)
+    expected = [TURNS[name].inv().apply([0, 0, GRAVITY]) for name in 'aabb']
+    np.testing.assert_allclose(force, expected)
+    assert gravity.settled_ns() is None
+    send(gravity, 'world', 'tool', 100, TURNS['c'])
+    send(gravity, 'world', 'tool', 100, TURNS['d'], static=True)
+    force, _ = ask(gravity, 99, 100)
+    assert np.isnan(force[0]).all()
+    np.testing.assert_allclose(force[1], TURNS['c'].inv().apply([0, 0, GRAVITY]))
+
+
+def test_three_seconds_are_kept_and_a_clock_set_back_begins_anew():
+    gravity = GravityByTf('world', 'tool')
+    seconds = np.arange(0, 10.01, 0.1)
+    send(gravity, 'world', 'tool', seconds, TURNS['a'])
+    gravity.forget()
+    assert np.isfinite(ask(gravity, 6.9, 7.0)[0][:, 0]).tolist() == [False, True]
+    send(gravity, 'world', 'tool', 5.0, TURNS['b'])
+    assert gravity.settled_ns() == 5 * SECOND
+    assert np.isfinite(ask(gravity, 5.0, 9.0)[0][:, 0]).tolist() == [True, False]
+
+
+def test_frames_that_are_missing_are_named():
+    gravity = GravityByTf('world', 'tool')
+    assert np.isnan(ask(gravity, 0)[0]).all()
+    assert gravity.missing() == (
+        'TF does not say how tool is turned against world: world and tool are missing. The frames '
+        'there are: none.'
+    )
+
+
+def test_directions_count_where_gravity_moved():
+    force = 2 * Rotation.from_euler('x', np.linspace(0, 1, 50)).apply([0, 0, GRAVITY])
+    found = describe_force(moments_of(force[:20]) + moments_of(force[20:]))
+    np.testing.assert_allclose(found.norm, 2 * GRAVITY)
+    spread = np.linalg.svd((force - force.mean(axis=0)) / 2)[1] / np.sqrt(50)
+    np.testing.assert_allclose(found.spread, spread, atol=1e-6)
+    assert found.seen == 2
+    assert describe_force(moments_of(np.full((3, 3), np.nan))) is None
+
+
+def test_a_frame_that_nobody_named_is_its_own_root():
+    assert GravityByTf('', 'flange').root() == 'flange'

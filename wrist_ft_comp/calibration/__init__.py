@@ -1,1 +1,0 @@
-"""From recordings to a judged model; read ``calibrate`` first, then ``cross_validation``."""

@@ -1,1 +1,0 @@
-"""Learning from one day after another: recordings and models in, verdicts out."""

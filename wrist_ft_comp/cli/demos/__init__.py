@@ -1,1 +1,0 @@
-"""The demonstration: ``plan`` says what runs, ``result`` what came of it."""

@@ -1,1 +1,0 @@
-"""Learning from one day after another: the job that the node starts."""

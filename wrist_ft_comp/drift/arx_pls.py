@@ -1,0 +1,189 @@
+"""
+Outer and inner model together: the paper's ARX-PLS (eq. 15).
+
+    x(k)  features                               (F,)
+    t(k) = Rᵀ [(x(k) - x̄) ∘ W_x]                 (R,)   eq. 4; R = W (PᵀW)⁻¹
+    u_r(k) = H_r(t_r)                            (R,)   eq. 15 and 20, one ARX per latent
+    y(k) = ȳ + [Q u(k)] / W_y                    (M,)   eq. 15
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from wrist_ft_comp.drift.arx import Arx
+from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.signals import FloatArray, IntArray
+
+#: Cells that a relaxation runs through in one matrix product.
+_BLOCK = 32
+
+
+@dataclass(frozen=True, eq=False)
+class ArxPls:
+    """An identified dynamic model from F inputs through R latents to M outputs."""
+
+    #: x̄, unit of the inputs, and the diagonal of W_x, one over it, shape (F,).
+    input_mean: FloatArray
+    input_weight: FloatArray
+    #: W (PᵀW)⁻¹, without unit, shape (F, R).
+    rotations: FloatArray
+    #: H_r.
+    latents: tuple[Arx, ...]
+    #: Q, without unit, shape (M, R).
+    output_loadings: FloatArray
+    #: Diagonal of W_y, one over the unit of the outputs, and ȳ, shape (M,).
+    output_weight: FloatArray
+    output_mean: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check once, where the record is built, that the parts fit together and can run."""
+        inputs, latents, outputs = len(self.input_mean), len(self.latents), len(self.output_mean)
+        for name, array, shape in (
+            ('input_weight', self.input_weight, (inputs,)),
+            ('rotations', self.rotations, (inputs, latents)),
+            ('output_loadings', self.output_loadings, (outputs, latents)),
+            ('output_weight', self.output_weight, (outputs,)),
+        ):
+            if array.shape != shape:
+                raise ModelFileError(
+                    f'{name} must have shape {shape} to fit {inputs} inputs, {latents} latents '
+                    f'and {outputs} outputs; got {array.shape}.'
+                )
+        if not (self.output_weight > 0).all():
+            raise ModelFileError(
+                f'output_weight must be positive; got {self.output_weight.tolist()}.'
+            )
+        for number, latent in enumerate(self.latents, start=1):
+            radius = np.abs(latent.poles)
+            if len(radius) and radius.max() >= 1:
+                raise ModelFileError(
+                    f'Latent {number} has a pole of radius {radius.max():.6g}; below 1 is needed, '
+                    'or its free run would grow without bound.'
+                )
+
+    @cached_property
+    def _filters(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Numerators and denominators (R, L + 1) and unit resting states (R, L) of all latents."""
+        order = max((latent.longest_lag for latent in self.latents), default=0)
+        shape = (len(self.latents), order + 1)
+        numerators, denominators, resting = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        for r, latent in enumerate(self.latents):
+            numerators[r], denominators[r] = latent.polynomials(order)
+            resting[r, :order] = latent.resting_state(order)
+        return numerators, denominators, resting[:, :order]
+
+    @property
+    def state_shape(self) -> tuple[int, int]:
+        """Latents R and longest lag L: the shape of the filter state."""
+        rows, lags = self._filters[2].shape
+        return rows, lags
+
+    def start(self, x: FloatArray) -> FloatArray:
+        """State, shape (R, L), after inputs x, shape (F,), for ever: a soaked robot."""
+        return self._filters[2] * self._scores(x)[:, np.newaxis]
+
+    def step(self, state: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Advance by a cell: inputs (F,), outputs (M,); state in transposed direct form II."""
+        numerators, denominators, _ = self._filters
+        t = self._scores(x)[:, np.newaxis]
+        if not state.shape[1]:
+            return state, self._outputs((numerators * t)[:, 0])
+        u = numerators[:, :1] * t + state[:, :1]
+        shifted = np.concatenate((state[:, 1:], np.zeros_like(t)), axis=1)
+        return shifted + numerators[:, 1:] * t - denominators[:, 1:] * u, self._outputs(u[:, 0])
+
+    def run(self, state: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Advance by N cells, x of shape (N, F), outputs (N, M): the fold of step, faster."""
+        numerators, denominators, _ = self._filters
+        t = self._scores(x)
+        if not (len(x) and state.shape[1]):
+            return state, self._outputs(numerators[:, 0] * t)
+        series = np.ascontiguousarray(t.T)  # (R, N)
+        after = np.empty_like(state)
+        for r in range(len(self.latents)):
+            series[r], after[r] = _filter(numerators[r], denominators[r], series[r], state[r])
+        return after, self._outputs(series.T)
+
+    def _scores(self, x: FloatArray) -> FloatArray:
+        """Compute t from inputs x, shapes (..., F) to (..., R) (eq. 4)."""
+        return np.asarray(((x - self.input_mean) * self.input_weight) @ self.rotations)
+
+    def _outputs(self, u: FloatArray) -> FloatArray:
+        """Compute y from u, shapes (..., R) to (..., M) (eq. 15)."""
+        return np.asarray(self.output_mean + (u @ self.output_loadings.T) / self.output_weight)
+
+
+def _filter(
+    numerator: FloatArray, denominator: FloatArray, t: FloatArray, state: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Filter a series as scipy.signal.lfilter does; return it and the state."""
+    # lfilter itself would bring most of scipy into the node, which runs this when a model goes
+    # live.
+    direct = numerator[0] * t
+    if len(state) == 1 and not numerator[1]:
+        # A relaxation, as nearly all are: u(k) = b_0 t(k) - a_1 u(k-1).
+        direct[:1] += state
+        u = _relax(direct, -denominator[1])
+        return u, -denominator[1] * u[-1:]
+    z, feedback, outputs = state.tolist(), denominator[1:].tolist(), []
+    delayed = np.multiply.outer(t, numerator[1:]).tolist()
+    for now, later in zip(direct.tolist(), delayed, strict=True):
+        last = z[0] + now
+        outputs.append(last)
+        shifted = zip((*z[1:], 0.0), later, feedback, strict=True)
+        z = [kept + product - a * last for kept, product, a in shifted]
+    return np.array(outputs), np.array(z)
+
+
+def _relax(x: FloatArray, pole: float) -> FloatArray:
+    """Compute u(k) = x(k) + p u(k-1) from rest: in blocks, then from block to block as well."""
+    # Within a block u = P x, with P_kj = p^(k-j) for j <= k; the block before adds p^(k+1) times
+    # its last u, and these last ones relax by p^B from block to block.
+    size = min(len(x), _BLOCK)
+    decay = np.append(pole ** np.arange(size), 0.0)[_lags(size)]
+    if size == len(x):
+        return np.asarray(decay @ x)
+    blocks = np.zeros((-(-len(x) // size), size))
+    blocks.reshape(-1)[: len(x)] = x
+    u = blocks @ decay.T
+    ends = _relax(u[:, -1], pole**size)
+    u[1:] += np.multiply.outer(ends[:-1], pole * decay[:, 0])
+    return np.asarray(u.ravel()[: len(x)])
+
+
+@lru_cache(maxsize=_BLOCK)
+def _lags(size: int) -> IntArray:
+    """Tell by how many cells one follows another, (size, size); -1 where it does not."""
+    return np.asarray(np.maximum(np.subtract.outer(np.arange(size), np.arange(size)), -1))
+
+
+def from_gains(
+    bank: Sequence[Arx],
+    gains: FloatArray,
+    input_mean: FloatArray,
+    input_weight: FloatArray,
+    output_weight: FloatArray,
+) -> ArxPls | None:
+    """Write a sum of filtered linear maps as an ARX-PLS model, exactly (eq. 15)."""
+    # y ∘ W_y = Σ_k G_kᵀ H_k(x): singular vectors of W_x⁻¹ G_k are latents with the dynamics H_k.
+    # G_k, of shape (K, F, M), go from inputs in their own unit to outputs times output_weight.
+    # Inputs of weight 0 must have no gain. The output mean is zero; all gains zero give None.
+    rotations: list[FloatArray] = []
+    loadings: list[FloatArray] = []
+    latents: list[Arx] = []
+    scale = np.where(input_weight > 0, input_weight, 1.0)
+    for dynamics, gain in zip(bank, gains, strict=True):
+        # Shapes: (F, M) into (F, R_k), (R_k, R_k) and (R_k, M).
+        inner, singular, outer = np.linalg.svd(gain / scale[:, np.newaxis], full_matrices=False)
+        for r in np.flatnonzero(singular > 1e-12 * max(singular[0], 1e-300)):
+            rotations.append(inner[:, r])
+            loadings.append(singular[r] * outer[r])
+            latents.append(dynamics)
+    if not latents:
+        return None
+    known = np.stack(rotations, axis=1), tuple(latents), np.stack(loadings, axis=1)
+    output_mean = np.zeros(len(output_weight))
+    return ArxPls(input_mean, input_weight, *known, output_weight, output_mean)

@@ -1,0 +1,164 @@
+"""
+The drift of one axis: dynamic filters, features, and the outer and inner model behind them.
+
+    T'(k) = H_1(T), …, H_K(T)     (K·J,)  dynamic filter before the outer model (eq. 11)
+    x(k)  = features of T'        (F,)
+    y(k)  = ARX-PLS of x          (M,)    eq. 15
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from wrist_ft_comp.drift.arx import Arx
+from wrist_ft_comp.drift.arx_pls import ArxPls
+from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.signals import FloatArray
+
+_UNIT_GAIN_TOLERANCE = 1e-6
+#: A thermometer that hardly moved while it was learnt from counts as if it had by so much.
+_LEAST_RANGE_K = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class AxisModel:
+    """What runs for one axis."""
+
+    #: From J temperatures, or with filters K·J filtered ones (filter by filter), to F features.
+    features: Features
+    #: From F features to one output (zero drift) or two (zero drift, sensitivity drift).
+    dynamics: ArxPls
+    #: H_k, of static gain 1, each applied to every thermometer; empty passes them as they are.
+    filters: tuple[Arx, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check once, where the record is built, that the parts fit together."""
+        inputs = self.features.expand(self.features.reference_c).shape[0]
+        if inputs != len(self.dynamics.input_mean):
+            raise ModelFileError(
+                f'The features give {inputs} inputs, the dynamics expect '
+                f'{len(self.dynamics.input_mean)}; they must be equal.'
+            )
+        if len(self.dynamics.output_mean) not in (1, 2):
+            raise ModelFileError(
+                'An axis has one output (zero drift) or two (zero and sensitivity drift); got '
+                f'{len(self.dynamics.output_mean)}.'
+            )
+        if self.filters and self.features.thermometers % len(self.filters):
+            raise ModelFileError(
+                f'{len(self.filters)} filters cannot give {self.features.thermometers} filtered '
+                'temperatures; it must be a multiple.'
+            )
+        for number, each in enumerate(self.filters, start=1):
+            if abs(each.gain - 1.0) > _UNIT_GAIN_TOLERANCE:
+                raise ModelFileError(
+                    f'Filter {number} has the static gain {each.gain:.6g}; it must be 1, or '
+                    'filtered temperatures would not be temperatures.'
+                )
+        _ = self._filter_bank  # refuses unstable filters now, not in the first step
+
+    @property
+    def thermometers(self) -> int:
+        """J."""
+        return self.features.thermometers // max(len(self.filters), 1)
+
+    @property
+    def reference_c(self) -> FloatArray:
+        """T_ref of each thermometer, °C, shape (J,)."""
+        return self.features.reference_c[: self.thermometers]
+
+    @property
+    def lower_c(self) -> FloatArray:
+        """Lowest calibrated temperature of each thermometer, °C, shape (J,)."""
+        return self.features.lower_c[: self.thermometers]
+
+    @property
+    def upper_c(self) -> FloatArray:
+        """Highest calibrated temperature of each thermometer, °C, shape (J,)."""
+        return self.features.upper_c[: self.thermometers]
+
+    @property
+    def outputs(self) -> int:
+        """M: 1 is zero drift only, 2 is sensitivity drift, too."""
+        return len(self.dynamics.output_mean)
+
+    def without_gain_drift(self) -> 'AxisModel':
+        """Keep the zero drift only."""
+        names = 'output_loadings', 'output_weight', 'output_mean'
+        first = {name: getattr(self.dynamics, name)[:1] for name in names}
+        return replace(self, dynamics=replace(self.dynamics, **first))
+
+    @property
+    def poles(self) -> FloatArray:
+        """Poles of all filters and latents, complex, shape (poles,)."""
+        parts = (*self.filters, *self.dynamics.latents)
+        return np.concatenate([part.poles for part in parts])
+
+    @cached_property
+    def _thermometer_features(self) -> Features:
+        """Features of the thermometers themselves, to clamp them before a filter remembers."""
+        return replace(
+            self.features, reference_c=self.reference_c, lower_c=self.lower_c,
+            upper_c=self.upper_c, knots_c=self.features.knots_c[: self.thermometers])  # fmt: skip
+
+    @cached_property
+    def _filter_bank(self) -> ArxPls | None:
+        """Write the filters as latents whose loadings only copy."""
+        if not self.filters:
+            return None
+        thermometers, filtered = self.thermometers, self.features.thermometers
+        return ArxPls(
+            input_mean=np.zeros(thermometers), input_weight=np.ones(thermometers),
+            rotations=np.tile(np.eye(thermometers), len(self.filters)),  # (J, K·J)
+            latents=tuple(each for each in self.filters for _ in range(thermometers)),
+            output_loadings=np.eye(filtered), output_weight=np.ones(filtered),
+            output_mean=np.zeros(filtered))  # fmt: skip
+
+    def start(self, temperature_c: FloatArray) -> FloatArray:
+        """State of a soaked sensor, shape (S,): that of the filters, then that of the latents."""
+        clamped = self._thermometer_features.clamp(temperature_c)
+        if self._filter_bank is None:
+            return self.dynamics.start(self.features.expand_within(clamped)).ravel()
+        before = self._filter_bank.start(clamped)
+        x = self.features.expand_within(np.tile(clamped, len(self.filters)))
+        return np.concatenate((before.ravel(), self.dynamics.start(x).ravel()))
+
+    def step(self, state: FloatArray, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Advance by one thermal cell, temperatures (J,), °C; new state (S,) and drift (M,)."""
+        before, behind = self._split(state)
+        filtered = self._thermometer_features.clamp(temperature_c)
+        if self._filter_bank is not None:
+            before, filtered = self._filter_bank.step(before, filtered)
+        behind, outputs = self.dynamics.step(behind, self.features.expand_within(filtered))
+        return np.concatenate((before.ravel(), behind.ravel())), outputs
+
+    def run(
+        self, state: FloatArray, temperature_c: FloatArray, *, last_only: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
+        """Advance by N cells, temperatures (N, J), drift (N, M) or (1, M): the fold of step."""
+        before, behind = self._split(state)
+        filtered = self._thermometer_features.clamp(temperature_c)
+        if self._filter_bank is not None:
+            before, filtered = self._filter_bank.run(before, filtered)
+        if last_only and not behind.size:  # what has no memory need not see the cells before
+            filtered = filtered[-1:]
+        behind, outputs = self.dynamics.run(behind, self.features.expand_within(filtered))
+        after = np.concatenate((before.ravel(), behind.ravel()))
+        return after, outputs[-1:] if last_only else outputs
+
+    def beyond_range(self, temperature_c: FloatArray) -> FloatArray:
+        """Tell how far outside its range, in ranges, the farthest thermometer is, (...)."""
+        below, above = self.lower_c - temperature_c, temperature_c - self.upper_c
+        excess = np.maximum(np.maximum(below, above), 0.0)
+        return np.asarray(
+            (excess / np.maximum(self.upper_c - self.lower_c, _LEAST_RANGE_K)).max(axis=-1)
+        )
+
+    def _split(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Divide the state into that of the filters and that of the latents, shapes (R, L)."""
+        bank = self._filter_bank
+        rows, lags = (0, 0) if bank is None else bank.state_shape
+        before, behind = state[: rows * lags], state[rows * lags :]
+        return before.reshape(rows, lags), behind.reshape(self.dynamics.state_shape)

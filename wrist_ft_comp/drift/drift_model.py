@@ -1,0 +1,243 @@
+"""
+The drift of all six axes: the model that runs, and the functions that run it.
+
+    r_i = (1 + s_i) w_i + o_i           measurement: s sensitivity drift, o zero drift
+    ŵ_i = (r_i - o_i - tare_i) / (1 + s_i)
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.errors import ModelFileError, SettingsError
+from wrist_ft_comp.signals import (
+    AXES,
+    axis_unit,
+    FloatArray,
+    NANOSECONDS,
+    SENSOR_FACTS,
+    SensorNames,
+)
+
+Document = dict[str, Any]
+#: Filter state of each modelled axis, by name: what the last cell left.
+DriftState = Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class DriftModel:
+    """Drift of a sensor."""
+
+    #: Thermal period h, ns.
+    period_ns: int
+    #: J.
+    thermometers: int
+    #: By axis name; an axis that is not there has no drift ("none").
+    axes: Mapping[str, AxisModel]
+    #: By axis name, also of axes without drift: standard deviation of what the model leaves of the
+    #: drift, from held-out data, N or N m.
+    deviation: Mapping[str, float] = field(default_factory=dict)
+    #: A sensor has soaked at the mean temperatures of so long, s; of the first cell, when it is 0.
+    start_s: float = 0.0
+    #: Of every axis where it is not N and N m; else empty.
+    unit: str = ''
+
+    def __post_init__(self) -> None:
+        """Check the names and the numbers of thermometers."""
+        if self.period_ns <= 0 or self.thermometers < 1:
+            raise ModelFileError(
+                'A model needs a positive thermal period and at least one thermometer; got '
+                f'{self.period_ns} ns and {self.thermometers}.'
+            )
+        for name, axis in self.axes.items():
+            if name not in AXES:
+                raise ModelFileError(f'Unknown axis {name!r}; expected one of {", ".join(AXES)}.')
+            if axis.thermometers != self.thermometers:
+                raise ModelFileError(
+                    f'{name} expects {axis.thermometers} thermometers, the model has '
+                    f'{self.thermometers}.'
+                )
+
+    @property
+    def start_cells(self) -> int:
+        """How many cells a start looks at."""
+        return max(round(self.start_s / self.period_ns * NANOSECONDS), 1)
+
+    def outside(self, temperature_c: FloatArray) -> list[int]:
+        """List the thermometers, counted from 0, that read outside an axis's calibrated range."""
+        beyond = [
+            (temperature_c < axis.lower_c) | (temperature_c > axis.upper_c)
+            for axis in self.axes.values()
+        ]
+        return [j for j in range(self.thermometers) if any(axis[j] for axis in beyond)]
+
+    def uncertainty(self, temperature_c: FloatArray) -> FloatArray:
+        """Estimate how far the zero drift that is subtracted may be from the true one."""
+        # It grows by √(1 + d²) at d calibrated ranges beyond the calibrated temperatures: nobody
+        # saw how the drift goes on. A standard deviation, N and N m, shape (..., 6), from
+        # temperatures, °C, shape (..., J); NaN for axes that were not calibrated.
+        deviations = np.full((*temperature_c.shape[:-1], len(AXES)), np.nan)
+        for name, deviation in self.deviation.items():
+            axis = self.axes.get(name)
+            beyond = 0.0 if axis is None else axis.beyond_range(temperature_c)
+            deviations[..., AXES.index(name)] = deviation * np.hypot(1.0, beyond)
+        return deviations
+
+
+@dataclass(frozen=True, eq=False)
+class StoredModel:
+    """A model as it lies on disk."""
+
+    path: Path
+    #: Of the file's bytes.
+    sha256: str
+    #: Ready to run.
+    model: DriftModel
+    #: Everything in the file, as plain values.
+    document: Document
+
+    @property
+    def sensor(self) -> SensorNames:
+        """What the sensor was called that it was learnt from; people may have edited that."""
+        known = ((fact, self.document['provenance'].get(fact)) for fact in SENSOR_FACTS)
+        named = ((fact, [n] if isinstance(n, str) else n) for fact, n in known if n)
+        return {fact: [*map(str, n)] for fact, n in named if isinstance(n, list)}
+
+
+def check_unit(model: DriftModel, unit: str = '', name: object = 'The model') -> None:
+    """Refuse a model, by ModelFileError, of another unit than wrenches; '' is N and N m."""
+    for axis in model.axes:
+        theirs, ours = model.unit or axis_unit(axis), unit or axis_unit(axis)
+        if theirs != ours:
+            raise ModelFileError(
+                f'{name} corrects {axis} in {theirs}, but the wrenches are in {ours}. Calibrate '
+                f'from recordings in {ours}; or, if it is the same, write "unit: {ours}" into the '
+                "model's file."
+            )
+
+
+def check_fits(model: DriftModel, thermometers: int, name: object = 'The model') -> None:
+    """Refuse a model of other thermometers, by SettingsError, or units than a node has."""
+    if model.thermometers != thermometers:
+        raise SettingsError(
+            f'{name} expects {model.thermometers} thermometers, the node has {thermometers} '
+            "(temperature_topics). Calibrate with these, or list the model's topics."
+        )
+    check_unit(model, name=name)
+
+
+def check_sensor(stored: StoredModel, sensor: SensorNames, where: str = 'here') -> tuple[str, ...]:
+    """Warn of a model of another sensor; SettingsError where thermometers are in another order."""
+    name = stored.path.name
+    if problem := order_problem(stored.sensor, sensor):
+        raise SettingsError(f'{name} cannot run beside the thermometers {where}: {problem}')
+    found = differences({f'in {name}': stored.sensor, where: sensor})
+    warning = (
+        f'The model may be of another sensor: {found}. Calibrate this one; or, if only names were '
+        f'changed, write the new ones below provenance in {name}.'
+    )
+    return (warning,) if found else ()
+
+
+def order_problem(expected: SensorNames, sensor: SensorNames) -> str:
+    """Say what to do where the expected thermometers are in another order; else nothing."""
+    order, other = (_alike(each.get('temperature_topics', ())) for each in (expected, sensor))
+    # Of two arms, either may have the other's sensor as its second thermometer.
+    wrenches = {_alike(each.get('wrench_topic', ())) for each in (expected, sensor)} - {()}
+    if order == other or set(order) != set(other) or len(wrenches) > 1:
+        return ''
+    return (
+        f'the order is {", ".join(sensor["temperature_topics"])}; expected '
+        f'{", ".join(expected["temperature_topics"])}. Name them in that order '
+        '(temperature_topics, --temperature-topic); in a CSV file, exchange the names of the '
+        'columns and remove the column recorded_from.'
+    )
+
+
+def differences(sensors: Mapping[str, SensorNames]) -> str:
+    """List the facts in which sensors, by where they are, differ; empty where none does."""
+    found = []
+    for fact in SENSOR_FACTS:
+        known = {where: each[fact] for where, each in sensors.items() if fact in each}
+        distinct = {_alike(names): f'{", ".join(names)} {where}' for where, names in known.items()}
+        if len(distinct) > 1:
+            found.append(f'{fact} {", ".join(distinct.values())}')
+    return '; '.join(found)
+
+
+def _alike(names: Sequence[str]) -> tuple[str, ...]:
+    """Write topics that mean the same in the same way."""
+    plain = (name.strip('/').replace('[', '.').replace(']', '') for name in names)
+    return tuple(name.removesuffix(':C').removesuffix(':temperature') for name in plain)
+
+
+class Drift(NamedTuple):
+    """Zero and sensitivity drift, shape (..., 6), axis order AXES."""
+
+    #: o, N and N m.
+    zero: FloatArray
+    #: s, without unit.
+    sensitivity: FloatArray
+
+
+def no_drift(cells: int | None = None) -> Drift:
+    """Make a drift of zeros, shape (6,) or (cells, 6)."""
+    shape = (len(AXES),) if cells is None else (cells, len(AXES))
+    return Drift(np.zeros(shape), np.zeros(shape))
+
+
+def start(model: DriftModel, temperature_c: FloatArray) -> DriftState:
+    """State of a sensor that has soaked at temperatures, °C, shape (J,)."""
+    return {name: axis.start(temperature_c) for name, axis in model.axes.items()}
+
+
+def at_rest(model: DriftModel, temperature_c: FloatArray) -> DriftState:
+    """State of a sensor that had soaked before its first N cells, temperatures (N, J)."""
+    return start(model, temperature_c[: model.start_cells].mean(axis=0))
+
+
+def run_from_rest(model: DriftModel, temperature_c: FloatArray) -> tuple[DriftState, Drift]:
+    """Run a soaked sensor through its first N cells, temperatures (N, J), drift (N, 6)."""
+    # A start looks at the mean of ``start_cells``, and in each of these at those that have come:
+    # one noisy temperature must not be remembered for an hour.
+    cells = min(model.start_cells, len(temperature_c))
+    parts = []
+    for end in [*range(1, cells), len(temperature_c)]:
+        state, drift = run(model, at_rest(model, temperature_c[:end]), temperature_c[:end])
+        parts.append(Drift(*(part[end - 1 if end < cells else cells - 1 :] for part in drift)))
+    return state, Drift(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def step(
+    model: DriftModel, state: DriftState, temperature_c: FloatArray
+) -> tuple[DriftState, Drift]:
+    """Advance by one cell of mean temperatures, °C, (J,); the state is not modified."""
+    after: dict[str, FloatArray] = {}
+    drift = no_drift()
+    for name, axis in model.axes.items():
+        after[name], outputs = axis.step(state[name], temperature_c)
+        for part, value in zip(drift, outputs, strict=False):
+            part[AXES.index(name)] = value
+    return after, drift
+
+
+def run(
+    model: DriftModel, state: DriftState, temperature_c: FloatArray, *, last_only: bool = False
+) -> tuple[DriftState, Drift]:
+    """Advance by N cells, temperatures (N, J), drift (N, 6) or (1, 6): the fold of step."""
+    after: dict[str, FloatArray] = {}
+    drift = no_drift(1 if last_only else len(temperature_c))
+    for name, axis in model.axes.items():
+        after[name], outputs = axis.run(state[name], temperature_c, last_only=last_only)
+        for part, values in zip(drift, outputs.T, strict=False):
+            part[:, AXES.index(name)] = values
+    return after, drift
+
+
+def correct(raw: FloatArray, drift: Drift, tare: FloatArray | float = 0.0) -> FloatArray:
+    """Remove drift and tare from raw wrenches, shapes (..., 6), N and N m."""
+    return np.asarray((raw - drift.zero - tare) / (1.0 + drift.sensitivity))

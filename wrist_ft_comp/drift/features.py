@@ -1,0 +1,124 @@
+"""Features of temperatures: powers of θ_j = T_j - T_ref,j, or hat functions (the paper's 3.2)."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.signals import FloatArray
+
+#: What is clamped continues this share of the calibrated span beyond it: drift does not stop at
+#: the coldest morning that was recorded, but how it goes on is a guess that must stay small.
+MARGIN = 0.2
+#: Where tangents go on, they do so for this share: farther out is a faulty thermometer, or another
+#: robot.
+_FAR_MARGIN = 3.0
+#: Where tangents go on, squares keep their curvature for this share of the calibrated span.
+_CURVED_SHARE = 0.33
+
+FeatureKind = Literal['powers', 'hats']
+#: How features go on outside the calibrated range.
+Beyond = Literal['clamped', 'tangents']
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """How J temperatures become F features."""
+
+    # Outside [lower_c, upper_c], the range that was calibrated, temperatures are clamped from
+    # MARGIN on; or powers go on for three ranges, as tangents at its edge, squares curved for a
+    # third. Hats, which have no slope beyond their last knot, stay constant from there.
+
+    #: Powers of θ_j up to ``degree``, or one hat function per knot.
+    kind: FeatureKind
+    #: T_ref, °C, shape (J,).
+    reference_c: FloatArray
+    #: Calibrated range, °C, shape (J,).
+    lower_c: FloatArray
+    upper_c: FloatArray
+    #: Highest power; unused for hats.
+    degree: int = 1
+    #: Increasing knot temperatures of each thermometer, °C; empty for powers.
+    knots_c: tuple[FloatArray, ...] = field(default=())
+    beyond: Beyond = 'clamped'
+
+    def __post_init__(self) -> None:
+        """Check the ranges once, where the record is built."""
+        if self.kind == 'powers' and self.degree < 1:
+            raise SettingsError(
+                f'The degree of the features must be at least 1; got {self.degree}.'
+            )
+        if self.kind == 'hats':
+            if len(self.knots_c) != len(self.reference_c):
+                raise SettingsError(
+                    f'Hat functions need knots for each of {len(self.reference_c)} thermometers; '
+                    f'got knots for {len(self.knots_c)}.'
+                )
+            for knots in self.knots_c:
+                if len(knots) < 2 or not (np.diff(knots) > 0).all():
+                    raise SettingsError(
+                        'Hat functions need at least two increasing temperatures per thermometer; '
+                        f'got {[float(knot) for knot in knots]}.'
+                    )
+        if not (self.lower_c <= self.upper_c).all():
+            raise SettingsError(
+                f'The calibrated range must not be empty; got {self.lower_c} … {self.upper_c} °C.'
+            )
+
+    @property
+    def thermometers(self) -> int:
+        """Number of thermometers J."""
+        return len(self.reference_c)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each of the F features, thermometers counted from 1."""
+        if self.kind == 'powers':
+            power = {1: '', 2: '²', 3: '³', 4: '⁴'}
+            return tuple(
+                f'θ{j}{power.get(p, f"^{p}")}'
+                for p in range(1, self.degree + 1)
+                for j in range(1, self.thermometers + 1)
+            )
+        return tuple(
+            f'T{j} near {knot:.4g} °C'
+            for j, knots in enumerate(self.knots_c, start=1)
+            for knot in knots
+        )
+
+    def clamp(self, temperature_c: FloatArray) -> FloatArray:
+        """Hold temperatures, °C, shape (..., J), within a margin of the calibrated range."""
+        share = MARGIN if self.beyond == 'clamped' else _FAR_MARGIN
+        margin = share * (self.upper_c - self.lower_c)
+        return np.asarray(np.clip(temperature_c, self.lower_c - margin, self.upper_c + margin))
+
+    def expand(self, temperature_c: FloatArray) -> FloatArray:
+        """Compute the features, shape (..., F), of temperatures, °C, shape (..., J)."""
+        # Powers: θ_1 … θ_J, then their squares, and so on (K, K² …). Hats: those of thermometer 1,
+        # then of 2, and so on, each between 0 and 1.
+        return self.expand_within(self.clamp(temperature_c))
+
+    def expand_within(self, temperature_c: FloatArray) -> FloatArray:
+        """Compute the features of temperatures that need no clamping, as ``expand``."""
+        if self.kind == 'powers':
+            theta = temperature_c - self.reference_c
+            if self.beyond == 'clamped':
+                return np.concatenate([theta**p for p in range(1, self.degree + 1)], axis=-1)
+            low, high = self.lower_c - self.reference_c, self.upper_c - self.reference_c
+            inside = np.minimum(np.maximum(theta, low), high)
+            excess = theta - inside
+            powers = [
+                inside**p + p * inside ** (p - 1) * excess for p in range(1, self.degree + 1)
+            ]
+            if self.degree > 1:
+                curved = _CURVED_SHARE * (high - low)
+                near = np.minimum(np.maximum(excess, -curved), curved)
+                powers[1] = powers[1] + near * (2 * excess - near)
+            return np.concatenate(powers, axis=-1)
+        hats = [
+            np.interp(temperature_c[..., j, np.newaxis], knots, unit)[..., 0]
+            for j, knots in enumerate(self.knots_c)
+            for unit in np.eye(len(knots))
+        ]
+        return np.stack(hats, axis=-1)

@@ -1,1 +1,0 @@
-"""Bags of rosbag2; read ``bag`` first: it opens and writes by what is installed."""

@@ -1,0 +1,177 @@
+"""
+What is fitted for one axis: drift observations of all recordings, ready for any method.
+
+With the reference wrench w, r - w = o + s w + constant: what is left when the load is taken off.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrist_ft_comp.signals import (
+    AXES,
+    FloatArray,
+    IntArray,
+    noise_level,
+    Recording,
+    Reference,
+    stretches,
+)
+
+#: Fits compete on sums over so many cells of this time: features hardly change within it, s.
+FITTED_BIN_S = 10.0
+#: Errors are averaged over this time before they are judged: drift is slow, noise is not, s.
+JUDGED_BIN_S = 30.0
+#: … but a fold of a short recording still has so many bins.
+_BINS_PER_FOLD = 8
+#: The load of an axis varies enough when its deviation is this many times the noise.
+MIN_LOAD_TO_NOISE = 10.0
+#: On a plateau temperature moves by less than this share of the smallest step between plateaus:
+#: a chamber holds to a tenth of that, and a warm-up moves more between any two of its gaps.
+_STILL = 0.25
+#: Folds of time that a single recording is divided into.
+FOLDS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class AxisData:
+    """One axis over several recordings: tuples hold an array for each of them."""
+
+    axis: str
+    #: N, N m, or what its recordings are in.
+    unit: str
+    #: Cell length h, s.
+    period_s: float
+    #: Held temperatures, °C, shape (N_i, J).
+    temperature_c: tuple[FloatArray, ...]
+    #: r - w, shape (N_i,); NaN where there is no sample, or where it is held out.
+    residual: tuple[FloatArray, ...]
+    #: w, shape (N_i,); None when sensitivity drift is not to be learnt.
+    load: tuple[FloatArray, ...] | None
+    #: Number of the cross-validation fold of each cell, shape (N_i,).
+    folds: tuple[IntArray, ...]
+    #: Cells from which on a recording has a constant anew, because it may have been tared there.
+    steps: tuple[tuple[int, ...], ...]
+    #: Why sensitivity drift is not learnt; empty when it is.
+    no_sensitivity: str = ''
+    #: Whether a held-out fold has a constant of its own, because taring removes it. Plateaus of
+    #: a chamber test keep the constant of the others: their difference is the drift.
+    tared: bool = True
+
+    @property
+    def longest_s(self) -> float:
+        """Duration of the longest recording, s."""
+        return max(len(residual) for residual in self.residual) * self.period_s
+
+    @property
+    def bin_cells(self) -> tuple[int, int]:
+        """Cells per bin when a model is fitted in competition, and when it is judged."""
+        return _bin_cells(max(len(residual) for residual in self.residual), self.period_s)
+
+    @property
+    def fold_numbers(self) -> list[int]:
+        """All folds that hold samples, in increasing order."""
+        used = [
+            np.unique(fold[np.isfinite(residual)])
+            for fold, residual in zip(self.folds, self.residual, strict=True)
+        ]
+        return [int(number) for number in np.unique(np.concatenate(used))]
+
+    @property
+    def samples(self) -> int:
+        """Number of cells with a sample."""
+        return sum(int(np.isfinite(residual).sum()) for residual in self.residual)
+
+    def without(self, fold: int) -> 'AxisData':
+        """Hold a fold out: its samples become NaN, its temperatures stay for the dynamics."""
+        residual = tuple(
+            np.where(folds == fold, np.nan, values)
+            for folds, values in zip(self.folds, self.residual, strict=True)
+        )
+        return replace(self, residual=residual)
+
+
+def build_axis_data(
+    recordings: Sequence[Recording], axis: str, reference: Reference, folds: Sequence[IntArray]
+) -> AxisData:
+    """Take the reference off one axis; where it varied enough, the result has it as load."""
+    column = AXES.index(axis)
+    residual = [recording.wrench[:, column] for recording in recordings]
+    load: list[FloatArray] | None = None
+    why = f'the reference was declared {reference}'
+    if reference in {'recorded', 'payload'}:
+        load = [recording.reference[:, column] for recording in recordings]
+        residual = [raw - true for raw, true in zip(residual, load, strict=True)]
+        why = _why_no_sensitivity(residual, load)
+    # What is left out of a working day leaves gaps, but no plateaus.
+    return AxisData(
+        axis=axis, unit=recordings[0].unit_of(axis), period_s=recordings[0].period_s,
+        temperature_c=tuple(recording.temperature_c for recording in recordings),
+        residual=tuple(residual), load=None if why or load is None else tuple(load),
+        folds=tuple(folds), no_sensitivity=why,
+        steps=tuple(recording.steps for recording in recordings),
+        tared=reference == 'payload' or find_plateaus(recordings) is None)  # fmt: skip
+
+
+def _why_no_sensitivity(residual: Sequence[FloatArray], load: Sequence[FloatArray]) -> str:
+    """Say why the load does not determine sensitivity drift, or nothing when it does."""
+    loads = np.concatenate([w[np.isfinite(w)] for w in load])
+    if not len(loads):
+        return 'no reference wrench was recorded for this axis'
+    deviation = float(np.std(loads))
+    noise = noise_level([_without_gain_error(r, w) for r, w in zip(residual, load, strict=True)])
+    rounding = 1e-9 * float(np.abs(loads).max())
+    if deviation <= rounding or deviation < MIN_LOAD_TO_NOISE * noise:
+        return (
+            f'its load varied by {deviation:.3g} (standard deviation), less than '
+            f'{MIN_LOAD_TO_NOISE:g} times the noise of {noise:.3g}'
+        )
+    return ''
+
+
+def _without_gain_error(residual: FloatArray, load: FloatArray) -> FloatArray:
+    """Take a constant gain error out of r - w, so that a moving load is not mistaken for noise."""
+    both = np.isfinite(residual) & np.isfinite(load)
+    r, w = residual[both], load[both]
+    centred = w - w.mean() if len(w) else w
+    power = float(centred @ centred)
+    return np.asarray(r - (float(centred @ r) / power) * w if power > 0 else r, dtype=float)
+
+
+def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
+    """Assign each cell, (N_i,), to a fold: recordings, plateaus, or else stretches of time."""
+    if len(recordings) > 1:
+        return [np.full(len(recording), i) for i, recording in enumerate(recordings)]
+    plateaus = find_plateaus(recordings)
+    if plateaus is not None:
+        return [plateaus]
+    # Whole bins, so that none of those that are judged holds samples of two folds.
+    cells = _bin_cells(len(recordings[0]), recordings[0].period_s)[1]
+    bins = np.arange(len(recordings[0])) // cells
+    return [bins * FOLDS // (bins[-1] + 1)]
+
+
+def _bin_cells(longest: int, period_s: float) -> tuple[int, int]:
+    """Cells per bin that is fitted, and per bin that is judged: a multiple of the former."""
+    room = max(longest // (FOLDS * _BINS_PER_FOLD), 1)
+    judged = min(max(round(JUDGED_BIN_S / period_s), 1), room)
+    fitted = max(min(round(FITTED_BIN_S / period_s), judged // 3), 1)
+    return fitted, judged - judged % fitted
+
+
+def find_plateaus(recordings: Sequence[Recording]) -> IntArray | None:
+    """Count a chamber test's plateaus, shape (N,); None unless there are 3 to 12 of them."""
+    # A plateau is a stretch of wrenches in which temperature stands still, and between them it
+    # moves: a warm-up with gaps has none.
+    if len(recordings) > 1:
+        return None
+    present = np.any(np.isfinite(recordings[0].wrench), axis=1)
+    plateaus = stretches(present, recordings[0].period_s)
+    if not 3 <= plateaus[-1] + 1 <= 12:
+        return None
+    temperature_c = recordings[0].temperature_c
+    leading = temperature_c[:, np.argmax(np.ptp(temperature_c, axis=0))]
+    levels = [leading[present & (plateaus == number)] for number in range(plateaus[-1] + 1)]
+    steps_k = np.abs(np.diff([np.mean(level) for level in levels]))
+    return plateaus if max(map(np.ptp, levels)) < _STILL * steps_k.min() else None

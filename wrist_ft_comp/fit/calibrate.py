@@ -1,0 +1,210 @@
+"""A calibration from recordings to a model and its evidence, and its summary in a few lines."""
+
+from collections import ChainMap
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrist_ft_comp.drift.drift_model import differences, DriftModel
+from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.fit import data_checks
+from wrist_ft_comp.fit.auto import identify_together
+from wrist_ft_comp.fit.axis_data import assign_folds, AxisData, build_axis_data
+from wrist_ft_comp.fit.free_relaxations import identify_free_relaxations
+from wrist_ft_comp.fit.paper_methods import identify_hats, identify_paper_method
+from wrist_ft_comp.fit.result import AxisFit, Calibration, SURE_SHARE
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.payload.at_work import learn_at_work
+from wrist_ft_comp.payload.doubts import follows_gravity
+from wrist_ft_comp.signals import AXES, IntArray, Progress, Recording
+
+#: What a start looks at: long enough for the noise of a thermometer, short for a thermal body, s.
+_START_S = 10.0
+#: A time constant below this many thermal cells is at its lower bound.
+_AT_BOUND = 1.01
+
+
+def calibrate(
+    recordings: Sequence[Recording],
+    settings: CalibrationSettings | None = None,
+    progress: Progress | None = None,
+) -> Calibration:
+    """
+    Learn the drift of every axis that was recorded.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        On the same thermal grid, with the same thermometers, each with its own unknown offset.
+    settings : CalibrationSettings, optional
+        What a person chose.
+    progress : callable, optional
+        Told the share that is done, 0 to 1.
+
+    Returns
+    -------
+    Calibration
+        The model and its evidence.
+
+    Raises
+    ------
+    CalibrationRefusedError
+        When the recordings do not allow a trustworthy fit; the sentence says what to do.
+    TooShortError
+        When an ARX does not find enough consecutive samples.
+
+    """
+    settings = settings or CalibrationSettings()
+    data_checks.check_alike(recordings)
+    ranges = data_checks.check_temperatures(recordings, settings.min_temperature_span_k)
+    axes = [
+        axis for axis in AXES if any(axis in recording.axes_present for recording in recordings)
+    ]
+    if not axes:
+        names = ', '.join(recording.name for recording in recordings)
+        raise CalibrationRefusedError(
+            f'{names} holds no wrench on the thermal cells that have a temperature. '
+            'Record wrench and temperature at the same time.'
+        )
+    recordings, spikes = data_checks.check_loads(recordings, axes, settings.reference)
+    recordings, dropped = data_checks.drop_stuck_cells(recordings, axes)
+    folds = assign_folds(recordings)
+    tell = progress or (lambda _: None)
+    if settings.reference == 'payload':
+        work = learn_at_work(recordings)
+        _, model = _learn(work.drift, axes, folds, settings, lambda _: None)
+        # What is drift is known better once there is a model of it.
+        work = learn_at_work(recordings, (work, model))
+        fits, model = _learn(work.drift, axes, folds, settings, tell)
+    else:
+        work = None
+        fits, model = _learn(recordings, axes, folds, settings, tell)
+    duration_s = sum(recording.duration_s for recording in recordings)
+    sensors = {
+        f'in recording {n}, {each.name}': each.sensor for n, each in enumerate(recordings, 1)
+    }
+    apart = differences(sensors)
+    warnings = [
+        *(warning for recording in recordings for warning in recording.warnings),
+        *([f'Recordings of several sensors: {apart}. Calibrate every one alone.'] * bool(apart)),
+        *spikes,
+        *dropped,
+        *data_checks.silent_stretches(recordings, settings.max_gap_s),
+        *data_checks.idle_thermometers(recordings),
+        *(follows_gravity(recordings, settings.reference) if not settings.moves else ()),
+        *(work.warnings if work else ()),
+        *_doubts(recordings, fits),
+    ]
+    sources = tuple(recording.name for recording in recordings)
+    at_work = (work.payloads, work.separation) if work else (None, None)
+    known = model, fits, ranges, duration_s, tuple(warnings), sources, settings
+    return Calibration(*known, *at_work, ChainMap(*map(dict, sensors.values())))
+
+
+def _learn(
+    recordings: Sequence[Recording],
+    axes: Sequence[str],
+    folds: Sequence[IntArray],
+    settings: CalibrationSettings,
+    progress: Progress,
+) -> tuple[dict[str, AxisFit], DriftModel]:
+    """Learn some axes, or refuse."""
+    problems = []
+    for axis in axes:
+        data = build_axis_data(recordings, axis, settings.reference, folds)
+        if data.samples < data_checks.MIN_SAMPLES or len(data.fold_numbers) < 2:
+            raise CalibrationRefusedError(
+                f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
+                f'least {data_checks.MIN_SAMPLES} in 2 blocks are needed. Record longer.'
+            )
+        problems.append(data)
+    found = identify(problems, settings.identification, progress)
+    fits = dict(zip(axes, found, strict=True))
+    refusals = [fit.refusal for fit in found if fit.refusal]
+    if refusals and all(fit.model is None for fit in found):
+        raise CalibrationRefusedError(f'{refusals[0]}.')
+    model = DriftModel(
+        period_ns=recordings[0].period_ns, thermometers=recordings[0].thermometers,
+        axes={axis: fit.model for axis, fit in fits.items() if fit.model is not None},
+        deviation={axis: fit.rms_after for axis, fit in fits.items()},
+        start_s=_START_S, unit=recordings[0].unit)  # fmt: skip
+    return fits, model
+
+
+def identify(
+    axes: Sequence[AxisData], settings: IdentificationSettings, progress: Progress
+) -> list[AxisFit]:
+    """Identify all axes of a sensor by the method that was chosen."""
+    if settings.method == 'auto' and settings.features == 'powers' and axes[0].tared:
+        return identify_together(axes, settings, progress)
+    fits = []
+    for number, data in enumerate(axes, 1):
+        fits.append(identify_axis(data, settings))
+        progress(number / len(axes))
+    return fits
+
+
+def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
+    """Identify one axis by the method that was chosen."""
+    if settings.method == 'auto':
+        return identify_hats(data, settings)
+    if settings.method == 'arx_pls_oe':
+        return identify_free_relaxations(data, settings)
+    return identify_paper_method(data, settings, settings.method)
+
+
+def _doubts(recordings: Sequence[Recording], fits: dict[str, AxisFit]) -> list[str]:
+    """Say what a person should doubt in the fits."""
+    doubts = []
+    longest_s = max(recording.duration_s for recording in recordings)
+    period_s = recordings[0].period_s
+    searched = [
+        (tau, axis)
+        for axis, fit in fits.items()
+        for tau, error in zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
+        if np.isfinite(error)
+    ]
+    slowest_s, axis = max(searched, default=(0.0, ''))
+    if slowest_s > SURE_SHARE * longest_s:
+        doubts.append(
+            f'The slowest time constant, {slowest_s:.0f} s of {axis}, is more than half of the '
+            f'longest recording ({longest_s:.0f} s); record at least '
+            f'{4 * slowest_s / 3600:.1f} h to be sure of it.'
+        )
+    quickest = [axis for tau, axis in searched if tau <= _AT_BOUND * period_s]
+    if quickest:
+        doubts.append(
+            f'The quickest time constant of {", ".join(quickest)} is at its lower bound, one '
+            f'thermal cell of {period_s:g} s; drift that is quicker is taken as instantaneous.'
+        )
+    doubts += [f'{fit.refusal}. It is left uncompensated.' for fit in fits.values() if fit.refusal]
+    doubts += [f'{axis}: {doubt}.' for axis, fit in fits.items() for doubt in fit.doubts]
+    return doubts + [
+        f'{axis}: {fit.chosen} leaves more drift than no compensation; choose the method auto.'
+        for axis, fit in fits.items()
+        if fit.harmful
+    ]
+
+
+def summarise(calibration: Calibration) -> str:
+    """Say what was learnt: a line per axis and payload, one on the recordings, the warnings."""
+    lines = [_axis_line(axis, fit) for axis, fit in calibration.fits.items()]
+    ranges = ', '.join(f'{low:.1f} to {high:.1f}' for low, high in calibration.temperature_range_c)
+    lines += calibration.payloads.lines() if calibration.payloads else []
+    lines.append(f'learnt from {calibration.duration_s / 3600:.2f} h at {ranges} °C')
+    lines += [f'warning: {warning}' for warning in calibration.warnings]
+    return '\n'.join(lines)
+
+
+def _axis_line(axis: str, fit: AxisFit) -> str:
+    """Describe one axis."""
+    if fit.model is None:
+        return f'{axis}: no compensation; drift held out {fit.rms_before:.3g} {fit.unit} RMS'
+    outputs = len(fit.model.dynamics.output_mean)
+    what = 'zero and sensitivity' if outputs == 2 else 'zero'
+    # A method that a person named is kept although it may do harm; it must not do so silently.
+    harm = ': WORSE THAN NONE' if fit.harmful else ''
+    return (
+        f'{axis}: {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit} RMS held out '
+        f'({what}; {fit.chosen}){harm}'
+    )

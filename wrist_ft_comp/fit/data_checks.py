@@ -1,0 +1,315 @@
+"""Whether recordings can be calibrated from: refusals with numbers and a remedy."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from wrist_ft_comp.drift.drift_model import order_problem
+from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.fit.axis_data import find_plateaus
+from wrist_ft_comp.signals import (
+    AXES,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    noise_level,
+    Recording,
+    Reference,
+    require_recordings,
+    stretches,
+)
+
+#: Fewer cells with a wrench than this cannot be divided into folds worth holding out.
+MIN_SAMPLES = 30
+#: A jump between neighbouring cells counts as load when it exceeds this many times the noise …
+_JUMP_TO_NOISE = 12.0
+#: … and this share of the axis' whole range.
+_JUMP_TO_RANGE = 0.2
+#: … and this many steps of its resolution.
+_JUMP_TO_RESOLUTION = 3.5
+#: An axis that moves no more often than this may have been loaded and unloaded, and shows none.
+_FEW_STEPS = 4
+#: A cell is a spike when its axis comes back by all but this share of the jump …
+_BACK = 0.3
+#: … and cells are no longer than this: in longer ones lies more than a spike, s.
+_SPIKE_S = 10.0
+#: More spikes than this, or than this share of the cells, are a load that moves.
+_SPIKES, _SPIKE_SHARE = 3, 1e-3
+#: A channel is lively when so many of its neighbouring cells differ …
+_LIVELY = 0.9
+#: … and then stuck when it keeps a value for so many cells.
+_STUCK_CELLS = 30
+#: Stuck cells up to this share are left out; with more, the recording is refused.
+_STUCK_SHARE = 0.05
+#: Thermometers say the same when one leaves less than this share of another unexplained.
+_SAME = 0.03
+
+
+def check_alike(recordings: Sequence[Recording]) -> None:
+    """Refuse no recordings, and such whose thermometers, periods or units differ."""
+    require_recordings(recordings)
+    if not recordings:
+        raise CalibrationRefusedError('A calibration needs at least one recording; got none.')
+    first = recordings[0]
+    for other in recordings[1:]:
+        if other.thermometers != first.thermometers:
+            raise CalibrationRefusedError(
+                f'{first.name} has {first.thermometers} thermometers and {other.name} has '
+                f'{other.thermometers}; they must be the same. Leave one recording out.'
+            )
+        if other.period_ns != first.period_ns:
+            raise CalibrationRefusedError(
+                f'{first.name} is on thermal cells of {first.period_s} s and {other.name} on '
+                f'{other.period_s} s; they must be the same. Read them with one period.'
+            )
+        if other.unit != first.unit:
+            raise CalibrationRefusedError(
+                f'{first.name} and {other.name} are in different units; they must be the same. '
+                'Calibrate chamber tables and other recordings apart.'
+            )
+        if problem := order_problem(first.sensor, other.sensor):
+            raise CalibrationRefusedError(f'{first.name} and {other.name} differ: {problem}')
+
+
+def check_temperatures(recordings: Sequence[Recording], min_span_k: float) -> FloatArray:
+    """Refuse too small a span of temperature; return the range of each thermometer, °C, (J, 2)."""
+    everything = np.concatenate([recording.temperature_c for recording in recordings])
+    ranges = np.stack((everything.min(axis=0), everything.max(axis=0)), axis=1)
+    span = float(np.max(ranges[:, 1] - ranges[:, 0]))
+    if span < min_span_k:
+        names = ', '.join(recording.name for recording in recordings)
+        raise CalibrationRefusedError(
+            f'Temperature in {names} spans {span:.1f} K; at least '
+            f'{min_span_k:.1f} K are needed. Record a warm-up from cold.'
+        )
+    return ranges
+
+
+def check_loads(
+    recordings: Sequence[Recording], axes: Sequence[str], reference: Reference
+) -> tuple[list[Recording], list[str]]:
+    """Make spikes of a still load NaN, and say so; refuse a load that moves, and no reference."""
+    sound, sentences = list(recordings), list[str]()
+    for number, recording in enumerate(recordings):
+        if reference == 'recorded' and not np.isfinite(recording.reference).any():
+            raise CalibrationRefusedError(
+                f'{recording.name} holds no reference wrench, but the reference was declared '
+                'recorded. Record wrench_reference beside the raw wrench, or declare the '
+                'reference unloaded or constant.'
+            )
+        known = reference == 'payload' and recording.specific_force is not None
+        for axis in axes if reference != 'recorded' and not known else ():
+            raw = recording.wrench[:, AXES.index(axis)]
+            jumps = _find_jumps(raw, recording.period_s)
+            spikes = _find_spikes(raw, recording.period_s) if len(jumps) else []
+            clean = np.where(np.isin(np.arange(len(raw)), spikes), np.nan, raw)
+            if len(jumps) and len(_find_jumps(clean, recording.period_s)):
+                _refuse_jumps(recording, axis, reference, jumps)
+            if spikes:
+                wrench = sound[number].wrench.copy()
+                wrench[:, AXES.index(axis)] = clean
+                sound[number] = replace(recording, wrench=wrench)
+                sentences.append(
+                    f'{axis} of {recording.name} stands out alone in {len(spikes)} of {len(raw)} '
+                    f'cells, first at stamp {_stamp(recording, spikes[0])} with '
+                    f'{raw[spikes[0]]:.3g} {recording.unit_of(axis)}; left out.'
+                )
+    return sound, sentences
+
+
+def _find_jumps(raw: FloatArray, period_s: float) -> IntArray:
+    """Find the cells at which an axis is farther from the cell before than drift can be."""
+    at = np.flatnonzero(np.isfinite(raw))
+    # A gap is no jump: drift moves on while nothing is recorded.
+    joined = np.diff(stretches(np.isfinite(raw), period_s)[at]) == 0
+    steps = np.abs(np.diff(raw[at])) * joined
+    if len(steps) <= MIN_SAMPLES:
+        return at[:0]
+    limit = max(
+        _JUMP_TO_NOISE * noise_level([raw]),
+        _JUMP_TO_RANGE * float(np.ptp(raw[at])),
+        _JUMP_TO_RESOLUTION * _resolution(raw[at]),
+    )
+    return np.asarray(at[1:][(steps > limit) & (limit > 0)])
+
+
+def _find_spikes(raw: FloatArray, period_s: float) -> list[int]:
+    """Find the cells that an axis jumps to and back from; none where they are too many."""
+    raw, spikes = raw.copy(), list[int]()
+    at = np.flatnonzero(np.isfinite(raw))
+    most = max(_SPIKES, _SPIKE_SHARE * len(at)) if period_s <= _SPIKE_S else 0
+    while len(jumps := _find_jumps(raw, period_s)):
+        at = np.flatnonzero(np.isfinite(raw))
+        place = np.searchsorted(at, jumps)
+        before, spike = raw[at[place - 1]], raw[jumps]
+        after = raw[at[np.minimum(place + 1, len(at) - 1)]]
+        found = jumps[
+            np.isin(place + 1, place) & (abs(after - before) < _BACK * abs(spike - before))
+        ]
+        if not len(found):  # the first cell and the last have one neighbour only
+            found = at[[0, -1]][np.isin(at[[1, -1]], jumps)]
+        if not 0 < len(found) <= most - len(spikes):
+            return []
+        spikes += found.tolist()
+        raw[found] = np.nan
+    return sorted(spikes)
+
+
+def _refuse_jumps(recording: Recording, axis: str, reference: Reference, cells: IntArray) -> None:
+    """Say where a load moved, and what to do."""
+    raw = recording.wrench[:, AXES.index(axis)]
+    at = np.flatnonzero(np.isfinite(raw))
+    steps = np.abs(raw[cells] - raw[at[np.searchsorted(at, cells) - 1]])
+    declared = reference.replace('payload', 'constant, as there is no specific force')
+    place = ' to '.join(_stamp(recording, cell) for cell in dict.fromkeys(cells[[0, -1]].tolist()))
+    raise CalibrationRefusedError(
+        f'{axis} of {recording.name} jumps by {steps.max():.3g} {recording.unit_of(axis)} after '
+        f'{cells[np.argmax(steps)] * recording.period_s:.0f} s, although the load was declared '
+        f'{declared} ({len(cells)} jumps, at stamp {place}). Record again without contact or '
+        'payload change, or record the load as reference.'
+        + ' Or declare it payload, because specific force was recorded.'
+        * (recording.specific_force is not None)
+    )
+
+
+def _stamp(recording: Recording, cell: int) -> str:
+    """Write the stamp at which a cell begins."""
+    return f'{(recording.first_cell + cell) * recording.period_s:.10g} s'
+
+
+def _resolution(values: FloatArray) -> float:
+    """Smallest step between neighbours, where there are more than a few; else what rounding is."""
+    steps = np.abs(np.diff(values))
+    rounding = 1e-12 * float(np.max(np.abs(values), initial=0.0))
+    real = steps[steps > rounding]
+    return float(real.min()) if len(real) > _FEW_STEPS else rounding
+
+
+def drop_stuck_cells(
+    recordings: Sequence[Recording], axes: Sequence[str]
+) -> tuple[list[Recording], list[str]]:
+    """Make cells in which a raw wrench is stuck NaN, and say so; refuse where it is too much."""
+    sound = list(recordings)
+    sentences: list[str] = []
+    dead = [axis for axis in axes if _is_dead(recordings, AXES.index(axis))]
+    if len(dead) == len(axes):
+        names = ', '.join(recording.name for recording in recordings)
+        raise CalibrationRefusedError(
+            f'Every axis of {names} keeps one value throughout, which no sensor does that '
+            'measures. Check that the sensor streams, and record again.'
+        )
+    for axis in axes:
+        column = AXES.index(axis)
+        if axis in dead:
+            value = _present(recordings[0].wrench[:, column])[:1]
+            sentences.append(
+                f'{axis} reads {float(value[0]) if len(value) else 0.0:.6g} '
+                f'{recordings[0].unit_of(axis)} throughout: the channel is dead, or not '
+                'connected. It is left uncompensated.'
+            )
+            continue
+        steps = [np.diff(_present(each.wrench[:, column])) for each in recordings]
+        lively = any((each != 0).mean() >= _LIVELY for each in steps if len(each))
+        for i, recording in enumerate(sound):
+            stuck = _find_stuck(recording.wrench[:, column])
+            if lively and stuck.any():
+                sentences.append(_describe_stuck(recording, axis, stuck))
+                wrench = recording.wrench.copy()
+                wrench[stuck, column] = np.nan
+                sound[i] = replace(recording, wrench=wrench)
+    return sound, sentences
+
+
+def _present(values: FloatArray) -> FloatArray:
+    """Take the finite values."""
+    return np.asarray(values[np.isfinite(values)])
+
+
+def _is_dead(recordings: Sequence[Recording], column: int) -> bool:
+    """Tell whether an axis never changes in any recording."""
+    series = [_present(recording.wrench[:, column]) for recording in recordings]
+    return all((values == values[0]).all() for values in series if len(values))
+
+
+def _find_stuck(values: FloatArray) -> BoolArray:
+    """Mark the cells of all long runs of one value, shape (N,)."""
+    at = np.flatnonzero(np.isfinite(values))
+    starts = np.flatnonzero(np.diff(values[at], prepend=np.nan) != 0)
+    lengths = np.diff(starts, append=len(at))
+    stuck = np.zeros(len(values), dtype=bool)
+    stuck[at[np.repeat(lengths >= _STUCK_CELLS, lengths)]] = True
+    return stuck
+
+
+def _describe_stuck(recording: Recording, axis: str, stuck: BoolArray) -> str:
+    """Say what was left out, or refuse."""
+    values = recording.wrench[:, AXES.index(axis)]
+    kept, counts = np.unique(values[stuck], return_counts=True)
+    value = float(kept[np.argmax(counts)])
+    extreme = value in {float(np.nanmin(values)), float(np.nanmax(values))}
+    count = int(stuck.sum())
+    share = count / int(np.isfinite(values).sum())
+    first_s = int(np.argmax(stuck)) * recording.period_s
+    what = (
+        f'{axis} of {recording.name} {"saturates" if extreme else "freezes"} at '
+        f'{value:.6g} {recording.unit_of(axis)}: {count * recording.period_s:.0f} s '
+        f'({100 * share:.1f} %) without any change, first after {first_s:.0f} s'
+    )
+    if share > _STUCK_SHARE:
+        raise CalibrationRefusedError(
+            f'{what}; up to {100 * _STUCK_SHARE:.0f} % can be left out. Check the range and the '
+            'driver of the sensor, and record again.'
+        )
+    return f'{what}; left out.'
+
+
+def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[str]:
+    """Name thermometers and wrenches that are silent for long, but not between plateaus."""
+    sentences = []
+    for recording in recordings:
+        for j, measured in enumerate(recording.measured.T):
+            gap_s = _longest_gap(measured) * recording.period_s
+            if gap_s > max_gap_s:
+                sentences.append(
+                    f'Thermometer {j + 1} of {recording.name} is silent for {gap_s:.0f} s; a '
+                    'straight line was drawn over it.'
+                )
+        present = np.any(np.isfinite(recording.wrench), axis=1)
+        gap_s = _longest_gap(present) * recording.period_s
+        if gap_s > max_gap_s and find_plateaus(recordings) is None:
+            sentences.append(
+                f'The raw wrench of {recording.name} is missing for {gap_s:.0f} s; the drift of '
+                'that time was not learnt.'
+            )
+    return sentences
+
+
+def idle_thermometers(recordings: Sequence[Recording]) -> list[str]:
+    """Name thermometers that tell the fit nothing of their own."""
+    centred = np.concatenate([r.temperature_c - r.temperature_c.mean(axis=0) for r in recordings])
+    deviation = centred.std(axis=0)
+    sentences = [
+        f'Thermometer {j + 1} reads {recordings[0].temperature_c[0, j]:.1f} °C throughout; it '
+        'tells nothing. Check its topic.'
+        for j in np.flatnonzero(deviation == 0)
+    ]
+    moving = np.flatnonzero(deviation > 0)
+    for n, j in enumerate(moving):
+        for k in moving[:n]:
+            slope = float(centred[:, k] @ centred[:, j] / (centred[:, k] @ centred[:, k]))
+            apart_k = float(np.std(centred[:, j] - slope * centred[:, k]))
+            if apart_k < _SAME * deviation[j]:
+                sentences.append(
+                    f'Thermometers {k + 1} and {j + 1} say the same: apart from a factor and a '
+                    f'constant they differ by {apart_k:.2g} K, while they move by '
+                    f'{deviation[j]:.2g} K (standard deviations). A second thermometer helps '
+                    'where it sees another source of heat.'
+                )
+    return sentences
+
+
+def _longest_gap(measured: BoolArray) -> int:
+    """Longest run of False, in cells."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([True], measured, [True])).astype(int)))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))

@@ -1,0 +1,148 @@
+"""What a calibration found: records for the model file, the report and the summary."""
+
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.payload.learnt import LearntPayloads
+from wrist_ft_comp.payload.separation import Separation
+from wrist_ft_comp.signals import FloatArray, IntArray, SensorNames
+
+Output = Literal['zero', 'sensitivity']
+OUTPUTS: tuple[Output, ...] = ('zero', 'sensitivity')
+#: A model that leaves this many times what no model leaves does harm; less may be chance.
+HARMFUL_RATIO = 1.05
+#: A time constant longer than this share of the longest recording is not sure.
+SURE_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A name, the root mean square error on held-out folds, N or N m, and the share that runs."""
+
+    name: str
+    rms: float
+    weight: float = 0.0
+
+
+@dataclass(frozen=True)
+class Term:
+    """A gain of a fitted model: N or N m (zero) or 1 (sensitivity drift) per unit of a feature."""
+
+    # A feature such as ``θ1`` or ``θ2²``, or the knot of a hat, is taken behind the relaxation of
+    # a time constant; 0 s is static.
+
+    output: Output
+    time_constant_s: float
+    feature: str
+    gain: float
+    error: float
+
+
+class FoldErrors(NamedTuple):
+    """Root mean square errors fold by fold, N or N m, shapes (folds,)."""
+
+    before: FloatArray
+    after: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Errors of one axis on held-out folds, means of bins by recording and time, (n,)."""
+
+    # Both errors are counted from the first minute of the fold, as if the sensor had been tared in
+    # it, or, for plateaus of a chamber test, from the mean of the other plateaus.
+
+    #: Which recording, counted from 0, and which fold was held out.
+    recording: IntArray
+    fold: IntArray
+    #: Mean number of the bin's cells, counted from the recording's first.
+    cell: FloatArray
+    #: Without compensation, and of the chosen candidate fitted to the other folds, N or N m.
+    before: FloatArray
+    after: FloatArray
+    #: Length of a bin, s.
+    bin_s: float
+    #: Whether they are counted from the fold's first minute.
+    tared: bool
+
+
+def rms_by_fold(held_out: HeldOut) -> FoldErrors:
+    """Sum held-out errors up fold by fold, in increasing order of the fold's number."""
+    folds = np.unique(held_out.fold)
+    before, after = (
+        np.array([np.sqrt(np.mean(errors[held_out.fold == fold] ** 2)) for fold in folds])
+        for errors in (held_out.before, held_out.after)
+    )
+    return FoldErrors(before, after)
+
+
+def left_of_a_day(after: float, before: float, factor: float) -> float:
+    """State what is left of a day, where blocks leave some, RMS, by ``day_over_blocks``."""
+    # What leaves less of the blocks than no compensation is not said to leave more of a day.
+    return max(after, min(factor * after, before))
+
+
+@dataclass(frozen=True, eq=False)
+class AxisFit:
+    """What was found for one axis."""
+
+    #: None is "no compensation".
+    model: AxisModel | None
+    #: The winning candidate; and all that were tried, simplest first.
+    chosen: str
+    candidates: tuple[Candidate, ...]
+    #: Root mean square error in the unit, mean over held-out folds: of no compensation, and what
+    #: is stated to be left (``left_of_a_day``); those of candidates are stated, too.
+    rms_before: float
+    rms_after: float
+    #: Of the model's relaxations, increasing, s.
+    time_constants_s: tuple[float, ...] = ()
+    #: What had to be mended, and what could not be learnt.
+    notes: tuple[str, ...] = ()
+    #: Why this candidate, in a sentence with its numbers.
+    reason: str = ''
+    #: Standard errors, s; NaN where they were not searched.
+    time_constant_errors_s: tuple[float, ...] = ()
+    #: Gains with standard errors, where the method determines them one by one.
+    terms: tuple[Term, ...] = ()
+    #: What a person should be warned of, such as better candidates that could not be trusted.
+    doubts: tuple[str, ...] = ()
+    #: Why this axis could not be learnt although it drifts; empty when it was.
+    refusal: str = ''
+    #: The errors behind rms_before and rms_after, for pictures.
+    held_out: HeldOut | None = None
+    #: N, N m, or what the recordings are in.
+    unit: str = ''
+
+    @property
+    def harmful(self) -> bool:
+        """Whether it leaves more drift than no compensation, by more than chance."""
+        return self.rms_after > HARMFUL_RATIO * self.rms_before
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """
+    A model that is ready to run, and its evidence: by axis what was chosen and why.
+
+    The range holds lowest and highest temperature of each thermometer, °C, shape (J, 2); warnings
+    are what a person should know, in sentences; sources are the names of the recordings. With the
+    reference payload, payloads are those that could be told, and separation is what they rest on.
+    The sensor is what the recordings call it, the first one where they differ.
+    """
+
+    model: DriftModel
+    fits: dict[str, AxisFit]
+    temperature_range_c: FloatArray
+    duration_s: float
+    warnings: tuple[str, ...]
+    sources: tuple[str, ...] = ()
+    settings: CalibrationSettings | None = None
+    payloads: LearntPayloads | None = None
+    separation: Separation | None = None
+    sensor: SensorNames = field(default_factory=dict)

@@ -1,0 +1,90 @@
+"""What a person may choose for a calibration, checked once where it is chosen."""
+
+from dataclasses import dataclass, field
+from typing import get_args, Literal
+
+import numpy as np
+
+from wrist_ft_comp.drift.arx import Orders
+from wrist_ft_comp.drift.features import FeatureKind
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.ranges import check_range
+from wrist_ft_comp.signals import Reference
+
+Method = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls', 'arx_pls_oe', 'auto']
+METHODS: tuple[Method, ...] = get_args(Method)
+
+
+@dataclass(frozen=True)
+class IdentificationSettings:
+    """What a person chose about the model's structure."""
+
+    #: One of METHODS.
+    method: Method = 'auto'
+    features: FeatureKind = 'powers'
+    #: Highest power of temperature, 1 to 4; auto and arx_pls_oe also try the lower ones. None is
+    #: 3 for auto, which shrinks the higher ones, and 2 for the others.
+    degree: int | None = None
+    #: Knots of the hats, °C, for every thermometer; empty takes the plateaus that were seen.
+    hat_temperatures_c: tuple[float, ...] = ()
+    #: Number of latents, None lets held-out folds choose, and orders of the paper's methods.
+    latents: int | None = None
+    orders: Orders = field(default_factory=Orders)
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.method not in METHODS:
+            raise SettingsError(
+                f'Unknown method {self.method!r}; expected one of {", ".join(METHODS)}.'
+            )
+        if self.features not in get_args(FeatureKind):
+            raise SettingsError(f'Unknown features {self.features!r}; expected powers or hats.')
+        if self.degree not in {None, 1, 2, 3, 4}:
+            raise SettingsError(f'The degree must be between 1 and 4; got {self.degree}.')
+        if self.latents is not None and not 1 <= self.latents < np.inf:
+            raise SettingsError(f'At least 1 latent is needed; got {self.latents}.')
+        knots = np.array(self.hat_temperatures_c, dtype=float)
+        if len(knots) == 1 or not (np.isfinite(knots).all() and (np.diff(knots) > 0).all()):
+            raise SettingsError(
+                f'hat_temperatures_c needs at least 2 temperatures that ascend; got '
+                f'{knots.tolist()}.'
+            )
+
+    @property
+    def highest_degree(self) -> int:
+        """The degree that was chosen, or the method's own."""
+        return self.degree or (3 if self.method == 'auto' else 2)
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """What a person chose for a calibration."""
+
+    #: What the true wrench was: unloaded (zero), constant (unknown), that of an unknown payload
+    #: whose specific force was recorded, or recorded beside the raw one.
+    reference: Reference = 'unloaded'
+    #: Refuse when no thermometer spans at least this much, K.
+    min_temperature_span_k: float = 3.0
+    #: Warn when temperatures are missing for longer than this, s.
+    max_gap_s: float = 600.0
+    #: Method and structure.
+    identification: IdentificationSettings = field(default_factory=IdentificationSettings)
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.reference not in get_args(Reference):
+            raise SettingsError(
+                f'Unknown reference {self.reference!r}; expected one of '
+                f'{", ".join(get_args(Reference))}.'
+            )
+        if not (np.isfinite(self.min_temperature_span_k) and self.min_temperature_span_k >= 0):
+            raise SettingsError(
+                'The minimum temperature span must be a number of at least 0 K; got '
+                f'{self.min_temperature_span_k}.'
+            )
+        check_range('max_gap_s', self.max_gap_s, 0.0)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the load may move."""
+        return self.reference in {'payload', 'recorded'}

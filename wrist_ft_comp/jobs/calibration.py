@@ -1,0 +1,221 @@
+"""
+The calibration job: read recordings, fit, save the model. One function, and a process around it.
+
+The command line calls ``run_job``, the node starts a process: the job comes as one JSON object on
+standard input, the outcome goes as one to standard output. With ``--until-closed`` the job is a
+line, and where standard input is closed, as it is when the node is killed, the process ends.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import json
+import os
+from pathlib import Path
+import signal
+import sys
+import threading
+from typing import Any
+
+import numpy as np
+
+from wrist_ft_comp.drift.drift_model import StoredModel
+from wrist_ft_comp.errors import RecordingError, WristFtCompError
+from wrist_ft_comp.fit.calibrate import calibrate, summarise
+from wrist_ft_comp.fit.result import Calibration
+from wrist_ft_comp.jobs.lesson import answer_learning, keep_payloads
+from wrist_ft_comp.jobs.request import CalibrationJob, decode_job, Minute, UNTIL_CLOSED
+from wrist_ft_comp.payload.learnt import payload_line
+from wrist_ft_comp.payload.minute import CHANNELS, identify
+from wrist_ft_comp.payload.weight import ForceFrame
+from wrist_ft_comp.recordings.chamber import (
+    chamber_figures,
+    ChamberFigures,
+    compensate_table,
+    leave_one_temperature_out,
+)
+from wrist_ft_comp.recordings.chamber_table import is_chamber_table, read_chamber_table
+from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
+from wrist_ft_comp.report.of_calibration import calibration_view
+from wrist_ft_comp.report.outputs import REPORT
+from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.view import ReportView
+from wrist_ft_comp.signals import part_of, Progress, Recording
+from wrist_ft_comp.stored.model_file import save_model
+from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
+
+ChamberColumns = dict[str, ChamberFigures]
+
+
+@dataclass(frozen=True, eq=False)
+class JobOutcome:
+    """What a job gave."""
+
+    calibration: Calibration
+    stored: StoredModel
+    recordings: tuple[Recording, ...]
+    #: Which recordings were left out, and why, in sentences.
+    left_out: tuple[str, ...]
+
+
+def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome:
+    """Read, fit, and save the model, or change nothing and say why; a report is apart."""
+    report = progress or (lambda _: None)
+    recordings, used, left_out = _read(job, report)
+    calibration = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
+    sources = [{'path': str(path), 'sha256': sha256} for sha256, path in used.items()]
+    stored = save_model(job.output, calibration, {'recordings': sources})
+    calibration = keep_payloads(job, calibration)
+    return JobOutcome(calibration, stored, tuple(recordings), left_out)
+
+
+def _read(
+    job: CalibrationJob, report: Progress
+) -> tuple[list[Recording], dict[str, Path], tuple[str, ...]]:
+    """Read all recordings, half of the progress; give them, their paths by hash, and warnings."""
+    recordings: list[Recording] = []
+    used: dict[str, Path] = {}
+    left_out: list[str] = []
+    for number, path in enumerate(job.recordings):
+        part = part_of(report, number, 2 * len(job.recordings))
+        try:
+            recording, sha256 = _read_one(job, path, used, part)
+        except RecordingError as error:
+            last = number + 1 == len(job.recordings)
+            if not job.skip_unusable or (last and not recordings):
+                raise
+            left_out.append(f'{path.name} was left out: {error}')
+        else:
+            recordings.append(recording)
+            used[sha256] = path
+    return recordings, used, tuple(left_out)
+
+
+def _read_one(
+    job: CalibrationJob, path: Path, used: Mapping[str, Path], report: Progress
+) -> tuple[Recording, str]:
+    """Read and hash a recording; refuse a copy, and what this calibration can do without."""
+    recording = read_recording(
+        path, period_s=job.period_s, topics=job.topics,
+        keep_copied_columns=job.keep_copied_columns, progress=report)  # fmt: skip
+    sha256 = hash_recording(path)
+    if sha256 in used:
+        raise RecordingError(f'{path} is a copy of {used[sha256]}; name one of them only.')
+    if not job.skip_unusable:
+        return recording, sha256
+    thermometers = len(job.topics.temperatures)
+    if recording.thermometers != thermometers:
+        raise RecordingError(
+            f'{path.name} has {recording.thermometers} thermometers; {thermometers} are expected. '
+            'Record again with these, or name the recordings to calibrate from.'
+        )
+    if job.settings.reference == 'recorded' and not np.isfinite(recording.reference).any():
+        raise RecordingError(
+            f'{path.name} holds no reference wrench. Record wrench_reference beside the raw '
+            'wrench, or declare the reference unloaded or constant.'
+        )
+    return recording, sha256
+
+
+def view_job(
+    job: CalibrationJob, outcome: JobOutcome, tables: Mapping[str, ChamberColumns]
+) -> ReportView:
+    """Judge what a job gave, as its report shows it; tables come from judge_chamber_tables."""
+    known = outcome.calibration, outcome.recordings, outcome.stored
+    return calibration_view(*known, job.settings.reference, tables)
+
+
+def judge_chamber_tables(job: CalibrationJob, stored: StoredModel) -> dict[str, ChamberColumns]:
+    """Judge chamber tables by path: raw, fitted, and every temperature left out in turn."""
+    tables: dict[str, ChamberColumns] = {}
+    for path in job.recordings:
+        if not is_chamber_table(path):
+            continue
+        table = read_chamber_table(path, keep_copied_columns=job.keep_copied_columns)
+        columns = {
+            'raw': chamber_figures(table),
+            'fitted': chamber_figures(compensate_table(table, stored.model)),
+        }
+        left_out = leave_one_temperature_out(
+            table, lambda recording: calibrate([recording], job.settings).model, job.period_s
+        )
+        if left_out is not None:
+            columns['left out'] = chamber_figures(left_out)
+        tables[str(path)] = columns
+    return tables
+
+
+def main() -> int:
+    """Run one job from standard input, at low priority, and write its outcome."""
+    os.nice(10)
+    if UNTIL_CLOSED in sys.argv:
+        text = sys.stdin.readline()
+        threading.Thread(target=_end_when_closed, daemon=True).start()
+    else:
+        text = sys.stdin.read()
+    json.dump(_answer(decode_job(text)), sys.stdout)
+    return 0
+
+
+def _end_when_closed() -> None:
+    """End the process when nobody waits for it any more."""
+    # Not by sys.stdin: its lock would still be held when the interpreter ends.
+    while os.read(sys.stdin.fileno(), 1024):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _answer(job: CalibrationJob) -> dict[str, Any]:
+    """Run a job and put its outcome into plain values."""
+    if job.learning is not None:
+        return answer_learning(job, job.learning)
+    if job.minute is not None:
+        return _identify(job, job.minute)
+    try:
+        outcome = run_job(job)
+    except WristFtCompError as error:
+        return {'success': False, 'message': str(error)}
+    notes = ''.join(f'\nwarning: {sentence}' for sentence in outcome.left_out)
+    return {
+        'success': True,
+        'message': f'{summarise(outcome.calibration)}{notes}\nsaved as {outcome.stored.path}'
+        f'{_report(job, outcome)}',
+        'path': str(outcome.stored.path),
+        'sha256': outcome.stored.sha256,
+        'document': outcome.stored.document,
+    }
+
+
+def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
+    """Find the payload in a minute of motion, keep it, and put it into plain values."""
+    cells = np.array(minute.cells, dtype=float).reshape(-1, CHANNELS)
+    sensor = None
+    if minute.sensor is not None:
+        bias, scale = np.array(minute.sensor)
+        sensor = ForceFrame(bias=bias, scale=scale)
+    try:
+        found = identify(cells, minute.period_s, sensor)
+        frame = found.frame.learnt_by(job.topics.force_source, job.topics)
+        (name,) = add_payloads(job.output, IDENTIFIED, [found.payload], frame, minute.taken)
+    except WristFtCompError as error:
+        return {'success': False, 'message': str(error)}
+    message = (
+        f"{payload_line(name, found.payload)} in the wrench's frame. Contact was taken for "
+        f'{found.contact:.0%} of the time, {found.fast:.0%} was too fast.'
+    )
+    return {'success': True, 'message': message, 'name': name, 'rotation': frame.rotation.tolist()}
+
+
+def _report(job: CalibrationJob, outcome: JobOutcome) -> str:
+    """Write the report and say where; a model is not given up because its report failed."""
+    if job.report is None:
+        return ''
+    try:
+        view = view_job(job, outcome, judge_chamber_tables(job, outcome.stored))
+        REPORT.write(job.report, page(view))
+    except WristFtCompError as error:
+        return f'\nwarning: {error}'
+    return f'\nreport: {job.report}'
+
+
+if __name__ == '__main__':
+    sys.exit(main())

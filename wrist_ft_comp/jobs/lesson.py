@@ -1,0 +1,156 @@
+"""The learning job: judge the newest day, learn from all days, tidy up."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+import time
+from typing import Any
+
+from wrist_ft_comp.errors import RecordingError, WristFtCompError
+from wrist_ft_comp.fit.result import Calibration
+from wrist_ft_comp.jobs.request import CalibrationJob, Learning
+from wrist_ft_comp.learning.challenge import MOST_DAYS
+from wrist_ft_comp.learning.day import Day, look_at
+from wrist_ft_comp.learning.day_files import day_number, LARGEST_BYTES, size_of
+from wrist_ft_comp.learning.diary import alone, load_diary, prune, save_diary
+from wrist_ft_comp.learning.entry import Decision, Diary
+from wrist_ft_comp.learning.incidents import pause
+from wrist_ft_comp.learning.lesson import Champion, describe_day, drift_words, take
+from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
+from wrist_ft_comp.report.of_calibration import calibration_view
+from wrist_ft_comp.report.outputs import REPORT
+from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.view import model_sources
+from wrist_ft_comp.stored.model_file import load_model, save_model
+from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
+
+#: A model goes by so many digits of its SHA-256.
+_DIGITS = 12
+Answer = dict[str, Any]
+
+
+def answer_learning(job: CalibrationJob, learning: Learning) -> Answer:
+    """Run a learning job and put its outcome into plain values."""
+    nothing: Answer = {'success': False, 'learnt': False, 'paused': '', 'later': False}
+    if not job.recordings:
+        return {**nothing, 'message': 'No day has ended yet; there is nothing to learn from.'}
+    try:
+        with alone() as mine:
+            if not mine:
+                busy = 'Another sensor of this computer is learning; this one waits for it.'
+                return {**nothing, 'later': True, 'message': busy}
+            return _learn(job, learning)
+    except (WristFtCompError, OSError) as error:
+        return {**nothing, 'message': str(error)}
+
+
+def _learn(job: CalibrationJob, learning: Learning) -> Answer:
+    """Judge the newest day and those that the diary has lost, and write down what came of it."""
+    paths = {path.name: path for path in job.recordings}
+    directory, newest = job.recordings[-1].parent.parent, job.recordings[-1].name
+    diary, champion = load_diary(directory), _champion(learning.champion)
+
+    @lru_cache(maxsize=MOST_DAYS + 1)
+    def look(name: str) -> Day:
+        """Read and separate a day."""
+        if not size_of(paths[name]):
+            raise RecordingError(
+                f'{paths[name]} is no file that a node wrote: empty, a dead link, or larger than '
+                f'{LARGEST_BYTES / 1e6:.0f} MB. Move it away.'
+            )
+        return look_at(read_recording(paths[name], period_s=job.period_s, topics=job.topics))
+
+    entries = [entry for entry in diary.days if entry.name != newest]
+    for name in sorted(set(paths) - {entry.name for entry in entries} - {newest}):
+        began, before = time.process_time(), [each for each in entries if each.name < name]
+        entry = describe_day(name, look, before, champion)
+        verdict = f'{drift_words(entry)}It was judged late, so that no new model was tried.'
+        entries.append(replace(entry, verdict=verdict, seconds=time.process_time() - began))
+        entries.sort(key=lambda each: each.name)
+    began = time.process_time()
+    lesson = take(newest, look, entries, champion, list(paths), learning.since, job.settings)
+    entry = replace(lesson.entry, seconds=time.process_time() - began)
+    entries.append(entry)
+    decisions = dict.fromkeys(diary.decisions)
+    if learning.since:
+        decisions[Decision(learning.since, 'After this day a person decided.')] = None
+    paused = pause(entries, learning.since)
+    answer: Answer = {'success': True, 'learnt': False, 'paused': paused}
+    # What cannot be kept is said; the rest is done all the same.
+    troubles, better = [entry.incident], lesson.better
+    with _noted(troubles, 'A better model is lost'):
+        if better:
+            days = {name: paths[name] for name in lesson.days}
+            answer |= {**_save(job, better, days, look, troubles), 'learnt': True}
+            decisions[Decision(newest, f'{job.output.name} was learnt. {entry.verdict}')] = None
+    diary = Diary(tuple(entries), tuple(decisions), paused)
+    with _noted(troubles, 'The diary is lost'):
+        save_diary(directory, diary)
+    with _noted(troubles, 'Old days stay'):
+        prune(directory, diary, learning.keep_days, learning.max_mb)
+    trouble = ' '.join(filter(None, troubles))
+    return {**answer, 'message': f'{trouble} {entry.verdict}'.strip(), 'incident': trouble}
+
+
+@contextmanager
+def _noted(troubles: list[str], what: str) -> Iterator[None]:
+    """Add what goes wrong to a list of sentences."""
+    try:
+        yield
+    except (WristFtCompError, OSError) as error:
+        troubles.append(f'{what}: {error}')
+
+
+def _champion(path: Path | None) -> Champion:
+    """Read the live model, and which days it may know."""
+    if path is None:
+        return Champion()
+    stored = load_model(path)
+    sources = [Path(source) for source, _ in model_sources(stored)]
+    # A person's own recordings may have names like those of days.
+    names = [each.name for each in sources if each.parent.name == 'days']
+    newest = max(filter(day_number, names), default='')
+    return Champion(stored.sha256[:_DIGITS], stored.model, newest)
+
+
+def _save(
+    job: CalibrationJob,
+    better: Calibration,
+    days: dict[str, Path],
+    look: Callable[[str], Day],
+    troubles: list[str],
+) -> Answer:
+    """Save a better model, its payloads and its report; the model outlives trouble with them."""
+    sources = [{'path': str(path), 'sha256': hash_recording(path)} for path in days.values()]
+    stored = save_model(job.output, better, {'recordings': sources})
+    kept = keep_payloads(job, better)
+    troubles += kept.warnings[len(better.warnings) :]
+    better = kept
+    answer = {'path': str(stored.path), 'sha256': stored.sha256, 'document': stored.document}
+    if job.report is not None:
+        with suppress(WristFtCompError):
+            view = calibration_view(better, [look(n).drift for n in days], stored, 'payload')
+            REPORT.write(job.report, page(view))
+    return answer
+
+
+def keep_payloads(job: CalibrationJob, found: Calibration) -> Calibration:
+    """Keep what a job learnt of payloads beside its model; they are called as they are there."""
+    # The model is saved already: where payloads cannot be kept, that is a warning.
+    learnt = found.payloads
+    if learnt is None:
+        return found
+    # A file with columns does not say what told specific force; only TF's needs no frame.
+    source = job.topics.force_source or ('' if learnt.frame.does_nothing else 'imu')
+    wrench_frame = next(iter(found.sensor.get('frame_id', ())), job.topics.wrench_frame)
+    frame = learnt.frame.learnt_by(source, replace(job.topics, wrench_frame=wrench_frame))
+    payloads, path = learnt.payloads.values(), job.output.with_name(PAYLOADS)
+    try:
+        names = add_payloads(path, job.output.stem, payloads, frame)
+    except WristFtCompError as error:
+        lost = f'The model is saved, but its payloads are not: {error}'
+        return replace(found, warnings=(*found.warnings, lost))
+    named = dict(zip(names, payloads, strict=True))
+    return replace(found, payloads=replace(learnt, payloads=named))

@@ -1,0 +1,91 @@
+"""What a calibration job is, and how it travels between processes."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+import json
+from pathlib import Path
+
+from wrist_ft_comp.drift.arx import Orders
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.signals import Topics
+from wrist_ft_comp.stored.documents import tuples
+
+#: Argument of the program: end when standard input is closed.
+UNTIL_CLOSED = '--until-closed'
+
+
+@dataclass(frozen=True)
+class Learning:
+    """What makes a job one of a node that learns by itself: its recordings are days."""
+
+    #: Model that is live; None when there is none.
+    champion: Path | None = None
+    #: Name of the newest day that a person decided after; it and older ones are no evidence for a
+    #: change any more. Empty when nobody decided.
+    since: str = ''
+    #: How many recordings of days are kept, and how large they may be together, MB; of all but the
+    #: newest, those go first that know no temperatures that others do not know.
+    keep_days: int = 30
+    max_mb: float = 500.0
+
+
+@dataclass(frozen=True)
+class Minute:
+    """What makes a job one that finds a payload in a minute of motion; the output gets it."""
+
+    #: Means over cells, as calibration.payload.minute takes them, and their length, s.
+    cells: Sequence[tuple[float, ...]]
+    period_s: float
+    #: Names that are taken elsewhere.
+    taken: tuple[str, ...] = ()
+    #: Bias and scale of the accelerometer where a calibration has found them.
+    sensor: tuple[Sequence[float], Sequence[float]] | None = None
+
+
+@dataclass(frozen=True)
+class CalibrationJob:
+    """What to calibrate from, how, and where the model goes."""
+
+    #: Bags, CSV files or chamber tables.
+    recordings: tuple[Path, ...]
+    #: Model file to make or replace.
+    output: Path
+    settings: CalibrationSettings = field(default_factory=CalibrationSettings)
+    #: Thermal period h, s.
+    period_s: float = 1.0
+    #: Topic names in bags.
+    topics: Topics = field(default_factory=Topics)
+    #: Leave out, with a warning, recordings that cannot be read, have other thermometers than
+    #: topics names, or lack the reference; as long as one is left.
+    skip_unusable: bool = False
+    #: Fit columns of a chamber table that repeat another one, too.
+    keep_copied_columns: bool = False
+    #: Where a report goes, if one is wanted.
+    report: Path | None = None
+    #: If a node learns by itself: recordings are all days that have ended, oldest first.
+    learning: Learning | None = None
+    #: What one asks for that collects a minute; there are no recordings then.
+    minute: Minute | None = None
+
+
+def encode_job(job: CalibrationJob) -> str:
+    """Write a job as JSON."""
+    return json.dumps(asdict(job), default=str)
+
+
+def decode_job(text: str) -> CalibrationJob:
+    """Read a job that encode_job wrote."""
+    job = tuples(json.loads(text))
+    settings, learning = job['settings'], job['learning']
+    identification = settings['identification']
+    identification['orders'] = Orders(**identification['orders'])
+    settings['identification'] = IdentificationSettings(**identification)
+    job['settings'] = CalibrationSettings(**settings)
+    job['topics'] = Topics(**job['topics'])
+    job['recordings'] = tuple(map(Path, job['recordings']))
+    job['output'], job['report'] = Path(job['output']), job['report'] and Path(job['report'])
+    if learning:
+        learning['champion'] = learning['champion'] and Path(learning['champion'])
+        job['learning'] = Learning(**learning)
+    job['minute'] = job['minute'] and Minute(**job['minute'])
+    return CalibrationJob(**job)

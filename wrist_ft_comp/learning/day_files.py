@@ -1,0 +1,202 @@
+"""Days being written, ``days/day_00001.csv`` …, ended by stamps alone (docs/learning.md)."""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from math import isnan
+import os
+from pathlib import Path
+import re
+from typing import NamedTuple
+
+from wrist_ft_comp.drift.drift_model import differences
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recordings.csv_file import (
+    CsvRecordingWriter,
+    nanoseconds,
+    origin_column,
+    sensor_in,
+)
+from wrist_ft_comp.signals import AXES, NANOSECONDS, REFERENCE_CHANNELS, SensorNames
+from wrist_ft_comp.stored.documents import beginning, writing
+
+#: Length of a day, silence that ends one, and what is too short to be one, ns.
+DAY_NS, SILENCE_NS, SHORTEST_NS = 86_400 * NANOSECONDS, 7200 * NANOSECONDS, 600 * NANOSECONDS
+#: Rows between two looks at how large day and folder are; they take less than the margin, bytes.
+_ROWS, _MARGIN = 600, 200_000
+#: Share of all days' room that a day may take, and no day takes more, bytes: 24 h of cells of
+#: 0.1 s and a dozen thermometers. A larger file in the folder is no day of a node.
+_SHARE, LARGEST_BYTES = 0.2, 200_000_000
+#: A header and a row are shorter, bytes.
+_PIECE = 8192
+
+
+class DayWriter(CsvRecordingWriter):
+    """Writes the file of a day."""
+
+    stamp = 'stamp_s'
+
+    def _cells(self, stamp_ns: int, values: Sequence[float]) -> tuple[object, ...]:
+        """Lay out a row with short numbers."""
+        seconds, rest = divmod(stamp_ns, NANOSECONDS)
+        return (f'{seconds}.{rest:09d}'.rstrip('0').rstrip('.'), *map(_short, values))
+
+    def sync(self) -> None:
+        """Leave it to the operating system: no wrench waits for a disk."""
+
+
+def _short(value: float) -> str:
+    """Write a number."""
+    if isnan(value):
+        return ''
+    return f'{value:.5g}' if abs(value) < 100.0 else f'{value:.3f}'
+
+
+class Span(NamedTuple):
+    """What a day's file holds: its header, its first and last stamp, ns, and its whole rows."""
+
+    header: str
+    first_ns: int
+    last_ns: int
+    size: int
+
+
+def span_of(path: Path) -> Span | None:
+    """Look at the beginning and the end of a file; None where there is no whole row in it."""
+    with path.open('rb') as file:
+        head = file.read(_PIECE).split(b'\n')
+        start = max(file.seek(0, os.SEEK_END) - _PIECE, 0)
+        file.seek(start)
+        tail = file.read()
+    whole = tail[: tail.rfind(b'\n') + 1]
+    rows = whole.split(b'\n')
+    try:
+        first, last = (nanoseconds(row.split(b',')[0].decode()) for row in (head[1], rows[-2]))
+        return Span(head[0].decode(), first, last, start + len(whole))
+    except (ArithmeticError, IndexError, ValueError):
+        return None
+
+
+def day_number(name: str) -> int:
+    """Read the number in the name of a day's file; 0 where a node gives no such name."""
+    found = re.fullmatch(r'day_(\d{5})\.csv', name)
+    return int(found[1]) if found else 0
+
+
+def days(directory: Path) -> list[Path]:
+    """List the days below a node's folder by their names, oldest first, readable or not."""
+    return sorted(p for p in (directory / 'days').glob('day_*.csv') if day_number(p.name))
+
+
+def size_of(path: Path) -> int:
+    """Measure a file in a node's folder, bytes; 0 where it is gone, or no node made it."""
+    with suppress(OSError):
+        size = path.stat().st_size if path.is_file() else 0
+        return size if size <= LARGEST_BYTES else 0
+    return 0
+
+
+class DayFiles:
+    """What rows of the diary are written to; RecordingError when it can take no more."""
+
+    # Below a node's directory; of the rows' channels those of a reference are left out, and no
+    # more is written when all days take max_bytes. ``known`` is the newest day that was known
+    # before: its name and older ones are not given again.
+
+    def __init__(
+        self, directory: Path, channels: Sequence[str], max_bytes: float, known: str = ''
+    ) -> None:
+        self._directory, self._folder = directory, directory / 'days'
+        self._columns = [j for j, each in enumerate(channels) if each not in REFERENCE_CHANNELS]
+        self._channels = [channels[j] for j in self._columns]
+        self._wrench = [j for j, each in enumerate(channels) if each in AXES]
+        self._max_bytes = max_bytes
+        #: Tells what the sensor is called.
+        self.sensor: Callable[[], SensorNames] = dict
+        names = [path.name for path in days(directory)]
+        self._number = max(map(day_number, [known, *names]))
+        #: The day that goes on, if one does.
+        newest = self._folder / (names or [''])[-1]
+        self.path = newest if names and newest.name > known and size_of(newest) else None
+        #: Whether the newest row found no room.
+        self.full = False
+        self._writer: DayWriter | None = None
+        self._first_ns = self._last_ns = self._rows = 0
+
+    def ended(self) -> list[Path]:
+        """List the days that have ended, oldest first."""
+        return [path for path in days(self._directory) if path != self.path]
+
+    def used(self) -> int:
+        """Tell what is used of the disk, bytes."""
+        return sum(map(size_of, self._folder.glob('*')))
+
+    def append(self, stamp_ns: int, values: Sequence[float]) -> None:
+        """Write a row into the day it belongs to."""
+        large = False
+        if self._rows % _ROWS == 0:
+            self.full = self.used() > self._max_bytes - _MARGIN
+            if self.full:
+                raise RecordingError(
+                    f'{self._folder} holds as much as learning.max_mb allows '
+                    f'({self._max_bytes / 1e6:.0f} MB).'
+                )
+            largest = min(_SHARE * self._max_bytes, LARGEST_BYTES) - _MARGIN
+            large = self.path is not None and size_of(self.path) > largest
+        writer, since = self._writer or self._resumed(), stamp_ns - self._last_ns
+        if writer and since <= 0 and all(isnan(values[j]) for j in self._wrench):
+            return  # only temperatures, which come late after a silence
+        over = large or not 0 < since <= SILENCE_NS or stamp_ns - self._first_ns >= DAY_NS
+        if not writer or over:
+            self.leave()
+            writer = self._begin(stamp_ns)
+        writer.append(stamp_ns, [values[j] for j in self._columns])
+        self._last_ns, self._rows = stamp_ns, self._rows + 1
+
+    def _begin(self, stamp_ns: int) -> DayWriter:
+        """Begin a day."""
+        with writing(self._folder):
+            self._folder.mkdir(parents=True, exist_ok=True)
+        self._number += 1
+        self.path = self._folder / f'day_{self._number:05d}.csv'
+        self._first_ns = self._last_ns = stamp_ns
+        columns = *self._channels, origin_column(self.sensor())
+        self._writer = DayWriter(self.path, columns)
+        return self._writer
+
+    def _resumed(self) -> DayWriter | None:
+        """Go on with the day from before a restart or a full disk, behind its last whole row."""
+        path = self.path
+        with writing(self._folder):
+            span = span_of(path) if path and path.exists() else None
+            columns = span.header.split(',') if span else []
+            same = columns[:-1] == [DayWriter.stamp, *self._channels] and not differences(
+                {'before': sensor_in(columns), 'now': self.sensor()}
+            )
+            if not path or not span or not same:
+                return None
+            os.truncate(path, span.size)
+            self._first_ns, self._last_ns = span.first_ns, span.last_ns
+            self._writer = DayWriter(path, columns[1:], go_on=True)
+        return self._writer
+
+    def leave(self) -> None:
+        """End the day; one of a few minutes was none, if it was begun here."""
+        self.close()
+        path, self.path = self.path, None
+        if path is None:
+            return
+        with writing(path):
+            header = ','.join((DayWriter.stamp, *self._channels))
+            own = header.startswith(beginning(path)[: len(header)])
+            if not path.exists() or not own:
+                return
+            span, size = span_of(path), path.stat().st_size
+            if span.last_ns - span.first_ns < SHORTEST_NS if span else size < _PIECE:
+                path.unlink()
+                self._number -= 1
+
+    def close(self) -> None:
+        """Close the file; the day goes on with the next row."""
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            writer.close()

@@ -1,1 +1,0 @@
-"""What is mounted on the sensor, and how gravity and motion come to its frame, by numpy alone."""

@@ -1,0 +1,254 @@
+"""The node ``compensator``: the way of one wrench, and the list of parts around it."""
+
+from collections.abc import Sequence
+from functools import partial
+import math
+import sys
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+
+from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.node.calibrate import CalibrateService, JobMaker
+from wrist_ft_comp.node.external_wrench import ExternalWrench, Shelf
+from wrist_ft_comp.node.gravity import Gravity
+from wrist_ft_comp.node.identify_payload import IdentifyService
+from wrist_ft_comp.node.input_health import InputHealth
+from wrist_ft_comp.node.inputs import Inputs, Newest
+from wrist_ft_comp.node.learning import Learner
+from wrist_ft_comp.node.live_model import LiveModel
+from wrist_ft_comp.node.output import Output
+from wrist_ft_comp.node.payload_status import PayloadReport
+from wrist_ft_comp.node.record import RecordService
+from wrist_ft_comp.node.recorder import Recorder
+from wrist_ft_comp.node.state_keeper import StateKeeper
+from wrist_ft_comp.node.tare import TareService
+from wrist_ft_comp.ros import messages
+from wrist_ft_comp.ros.hub import Hub
+from wrist_ft_comp.ros.parameters import declare, NODE_NAME, PARAMETERS, values
+from wrist_ft_comp.ros.running import node_per_sensor, run_nodes
+from wrist_ft_comp.ros.unknown_arguments import tell_unknown
+from wrist_ft_comp.ros.usage import usage
+from wrist_ft_comp.signals import SensorNames, Topics
+from wrist_ft_comp.stored.model_store import ModelStore, node_directory
+from wrist_ft_comp.stored.state_file import StateWriter
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
+from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSource
+
+
+class CompensatorNode(Hub):
+    """
+    Compensates one sensor; WristFtCompError when a parameter or its model file is unusable.
+
+    Where a process serves several sensors, each has a name, and keeps its files in a folder of
+    this name below ``data_directory``. Options are those of rclpy's Node, such as ``context``.
+    """
+
+    def __init__(self, sensor: str = '', **options: Any) -> None:
+        super().__init__(NODE_NAME, **options)
+        declare(self, PARAMETERS)
+        chosen, log, name = self._settings(), self.log, self.get_fully_qualified_name()
+        self._silent = chosen['uncalibrated'] == 'silent'
+        self._newest: Newest | None = None
+        sources = self._thermometers(chosen['temperature_topics'])
+        self._thermometer_entries = sources
+        self._topics = tuple(self.resolve_topic_name(source.topic) for source in sources)
+        self.store = store = ModelStore(node_directory(chosen['data_directory'], sensor, name))
+        self.compensator = compensator = Compensator(len(sources), _stream_settings(chosen))
+        self.health = InputHealth(len(sources))
+        counts, by = self.health.counts, chosen['gravity.source']
+        writer = StateWriter(store.directory / 'state.json')
+        writer.problem = store.check_writable()
+        self._output = self.advertise(WrenchStamped, 'wrench', negotiable=True)
+        self._raw = self.subscribe(
+            WrenchStamped, 'wrench_raw', self._on_wrench, messages.FAST_SENSOR
+        )
+
+        # The parts, which meet in their constructors and begin in ``run``.
+        self.live = live = LiveModel(
+            store, chosen['model_file'], self.sensor, self._swap, writer, log
+        )
+        self.state_keeper = StateKeeper(compensator, lambda: live.sha256, writer, chosen, log)
+        self.gravity = Gravity(chosen)
+        self.inputs = Inputs(
+            sources,
+            self._topics,
+            compensator,
+            self.newest,
+            self.health,
+            self.gravity,
+            live,
+            self.state_keeper,
+        )
+        self.recorder = Recorder(compensator, self.sensor, with_force=by != 'none')
+        self.recording = RecordService(self.recorder, store, counts, log)
+        shelf = Shelf(store.directory / 'models', live, by)
+        self.external = ExternalWrench(compensator, self._settings, shelf, self.gravity, log)
+        self.jobs = JobMaker(store, self._settings, self._full_topics, self.recorder)
+        self.identification = IdentifyService(
+            compensator, self.external, shelf, self.jobs, name, log
+        )
+        self.tare = TareService(
+            compensator, self.external, self._settings, self.state_keeper.save, log
+        )
+        self.calibration = CalibrateService(self.jobs.calibration, live.take, self.recording, log)
+        self.learning = Learner(chosen, live, self.calibration, self.jobs, log)
+        self.output = Output(compensator, counts, self.hardware_id)
+        payload = PayloadReport(compensator, self.external, self.identification, self.newest)
+        self.run((
+            self.inputs, live, self.state_keeper, self.recorder, self.recording, self.calibration,
+            self.output, self.tare, self.gravity, self.external, self.identification, payload,
+            self.learning,
+        ))  # fmt: skip
+        self._check_topics()
+        self.add_post_set_parameters_callback(self._follow_uncalibrated)
+        known = (self.resolve_topic_name('wrench_reference'), *self._topics)
+        tell_unknown(self, known, log)
+
+    def _thermometers(self, entries: Sequence[str]) -> tuple[TemperatureSource, ...]:
+        """Understand temperature_topics."""
+        if not entries:
+            raise SettingsError(
+                'temperature_topics must name at least one topic; got none. The first is the '
+                'thermometer inside the sensor.'
+            )
+
+        def resolve(topic: str) -> str:
+            with messages.opening(topic):
+                return self.resolve_topic_name(topic)
+
+        return parse_sources(entries, resolve)
+
+    def _check_topics(self) -> None:
+        """Refuse remaps that make the node hear itself."""
+        raw, *outputs = self.own_topics
+        for name, output in zip(('wrench', 'wrench_external'), outputs, strict=True):
+            if raw == output:
+                raise SettingsError(
+                    f'wrench_raw and {name} are both {raw}: the node would hear itself. Remap '
+                    f"wrench_raw to the driver's topic, and {name} to another."
+                )
+
+    def _on_wrench(self, data: bytes) -> None:
+        """Correct one wrench and send it on, then hand it to parts; its header stays as it is."""
+        counts = self.health.counts
+        try:
+            layout = locate(data, WRENCH_DOUBLES)
+        except RecordingError:
+            counts.malformed += 1
+            return
+        stamp_ns, raw = layout.decode(data)
+        if not math.isfinite(sum(raw)):
+            counts.not_finite += 1
+            return
+        stamp_ns = stamp_ns or self.now_ns()
+        corrected = self.compensator.correct(stamp_ns, raw)
+        if not self.silent:
+            self._output.publish(layout.encode(data, corrected))
+            counts.published += 1
+        counts.wrenches += 1
+        self._newest = stamp_ns, raw, data
+        for part in self._listeners:
+            self.do(part, part.on_wrench, stamp_ns, raw, data, layout)
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing is published, because a model or the first temperature is missing."""
+        return self._silent and not self.compensator.compensating
+
+    def newest(self) -> Newest | None:
+        """Tell the newest raw wrench."""
+        return self._newest
+
+    @property
+    def own_topics(self) -> tuple[str, str, str]:
+        """Full names of the topics that no other sensor may use."""
+        raw, output, external = map(
+            self.resolve_topic_name, ('wrench_raw', 'wrench', 'wrench_external')
+        )
+        return raw, output, external
+
+    def hardware_id(self) -> str:
+        """Tell the sensor's frame; empty before the first wrench."""
+        data = self._newest and self._newest[2]
+        return locate(data, WRENCH_DOUBLES).frame_id(data) if data else ''
+
+    def _settings(self) -> dict[str, Any]:
+        """Read the present parameters."""
+        simulated_time = bool(self.get_parameter('use_sim_time').value)
+        return {**values(self, PARAMETERS), 'use_sim_time': simulated_time}
+
+    def _follow_uncalibrated(self, parameters: Sequence[Any]) -> None:
+        """Publish without a model, or not, as the parameter now says."""
+        for parameter in parameters:
+            if parameter.name == 'uncalibrated':
+                self._silent = parameter.value == 'silent'
+
+    def _swap(self, model: DriftModel | None) -> None:
+        """Make a model live; the old one stays when this raises."""
+        self.compensator.go_live(model, self._newest and self._newest[:2])
+        if self.running:
+            self.tell('on_model')
+
+    def sensor(self) -> SensorNames:
+        """Tell what the sensor is called here."""
+        topics = zip(self._topics, self._thermometer_entries, strict=True)
+        names = {
+            'hardware_id': [self.get_parameter('hardware_id').value],
+            'frame_id': [self.hardware_id()],
+            'wrench_topic': [self._raw.topic_name],
+            'temperature_topics': [t + each.entry.removeprefix(each.topic) for t, each in topics],
+        }
+        return {fact: each for fact, each in names.items() if any(each)}
+
+    def _full_topics(self, chosen: dict[str, Any]) -> Topics:
+        """Tell topics by their full names."""
+        temperatures = tuple(self.sensor()['temperature_topics'])
+        reference, by = self.resolve_topic_name('wrench_reference'), chosen['gravity.source']
+        imu = self.resolve_topic_name('imu') if by == 'imu' else ''
+        frame = chosen['gravity.frame'] if by == 'tf' else ''
+        known = temperatures, reference, imu, frame
+        return Topics(self._raw.topic_name, *known, *self.gravity.frames())
+
+
+def _stream_settings(chosen: dict[str, Any]) -> StreamSettings:
+    """Translate the stream's parameters."""
+    return StreamSettings(
+        thermal_period_s=chosen['thermal_period'],
+        temperature_timeout_s=chosen['temperature_timeout'],
+        max_drift_n=chosen['max_drift'],
+        max_drift_rate_n_s=chosen['max_drift_rate'],
+    )
+
+
+#: What --help says, between the first line and the parameters.
+_USAGE = """\
+Removes the temperature drift of a wrist force/torque sensor beside any driver:
+
+  compensator --ros-args -r wrench_raw:=/driver/wrench \\
+    -p 'temperature_topics:=["/driver/temperature", "/driver/state:data[3]:K"]'
+
+hears      wrench_raw (WrenchStamped), the topics in temperature_topics, imu or
+           /tf (gravity.source) and, while recording, wrench_reference; -r maps
+           them to the driver's own
+publishes  wrench (compensated), wrench_external (without the payload, too),
+           ~/drift, /diagnostics
+serves     ~/record, ~/calibrate, ~/identify_payload, ~/tare, ~/reset_tare,
+           ~/rollback, ~/adopt
+
+Without a model wrenches pass as they are: record a warm-up with ~/record, then
+call ~/calibrate. docs/tutorial.md of the package goes through it, and
+wrist_ft_comp --help shows what works on files.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a node per sensor until a signal ends them; returns the exit code."""
+    explained = usage('compensator', _USAGE, PARAMETERS)
+    return run_nodes(partial(node_per_sensor, CompensatorNode), argv, explained)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

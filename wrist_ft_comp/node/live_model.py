@@ -1,0 +1,235 @@
+"""Which model is live: choosing the first, swapping, rolling back, remembering."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from std_srvs.srv import Trigger
+
+from wrist_ft_comp.drift.drift_model import check_fits, check_sensor, DriftModel, StoredModel
+from wrist_ft_comp.errors import SettingsError, WristFtCompError
+from wrist_ft_comp.ros.hub import Hub, Part, Service
+from wrist_ft_comp.ros.node_log import ERROR, NodeLog, OK, Status, WARN
+from wrist_ft_comp.signals import SensorNames
+from wrist_ft_comp.stored.model_file import load_model
+from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.state_file import StateWriter
+
+
+@dataclass(eq=False)
+class LiveModel(Part):
+    """Owns the live model and those before it; ``swap`` makes one live, or raises and does not."""
+
+    # It begins with the newest decision. A model_file that differs from the one of the last start,
+    # in name or in content, is a new decision of the operator's, and must be usable. One that does
+    # not is as old as that start, an empty one is none: what a calibration or a rollback made live
+    # since goes on.
+
+    _store: ModelStore
+    _model_file: str
+    #: Tells what the sensor is called here.
+    _sensor: Callable[[], SensorNames]
+    _swap: Callable[[DriftModel | None], None]
+    _writer: StateWriter
+    _log: NodeLog
+    #: Why the model that should be live is not, or will not be after a restart.
+    problem: str = ''
+    #: What is live; None is no compensation.
+    stored: StoredModel | None = None
+    #: Newest last, the live one included; None stands for no compensation.
+    _history: list[Path | None] = field(default_factory=list)
+    #: Kept, because it goes live next, and reading it takes tens of milliseconds.
+    _validated: StoredModel | None = None
+    #: Why the live model may be of another sensor, as it was logged.
+    _doubt: str = ''
+
+    title = 'model'
+
+    def services(self) -> Sequence[Service]:
+        """Offer ~/rollback."""
+        return (Service(Trigger, '~/rollback', self.roll_back),)
+
+    def start(self, _hub: Hub) -> None:
+        """Choose the first."""
+        model_file = self._model_file
+        self._store.sweep()
+        given = self.load(self._store.locate(model_file)) if model_file else None
+        self.stored = self._last()
+        if given is not None:
+            self._prefer(given)
+        if self.stored is None:
+            self._log.warning(
+                'no model: wrenches are not compensated. Record a warm-up (~/record), then call '
+                '~/calibrate.'
+            )
+        else:
+            self._swap(self.stored.model)
+            self._announce(self.stored)
+
+    def end(self) -> bool:
+        """Leave the folder to other nodes."""
+        self._store.release()
+        return False
+
+    def statuses(self) -> Iterator[Status]:
+        """Tell which model is live."""
+        stored, saved = self.stored, self._writer
+        numbers = {
+            'state_saves': str(saved.written),
+            'state_save_took_ms': f'{1e3 * saved.took_s:.1f}',
+        }
+        if stored is None:
+            why = self.problem or 'no model; record a warm-up and call ~/calibrate'
+            why = f'{why}; {saved.problem}' if saved.problem else why
+            yield Status(self.title, ERROR if self.problem else WARN, why, numbers)
+            return
+        numbers |= {
+            'file': str(stored.path),
+            'sha256': stored.sha256,
+            'created': str(stored.document['provenance'].get('created', '')),
+            'axes': ', '.join(stored.model.axes) or 'none',
+            'period_s': f'{stored.model.period_ns / 1e9:g}',
+        }
+        for j, entry in enumerate(stored.document['thermometers'], start=1):
+            numbers[f'thermometer_{j}_calibrated_c'] = '{:.1f} to {:.1f}'.format(*entry['range_c'])
+        numbers |= {f'learnt_from_{fact}': ', '.join(n) for fact, n in stored.sensor.items()}
+        doubt, before = ''.join(check_sensor(stored, self._sensor())), self._doubt
+        self._doubt = doubt
+        if doubt and doubt != before:
+            self._log.warning(doubt)
+        trouble = self.problem or saved.problem or doubt
+        yield Status(self.title, WARN if trouble else OK, trouble or summary(stored), numbers)
+
+    def _last(self) -> StoredModel | None:
+        """Load the model that was live last; one that cannot be used leaves none live."""
+        try:
+            self._history = self._store.history()
+            last = self._history[-1] if self._history else None
+            return None if last is None else self.load(last)
+        except WristFtCompError as error:
+            self.problem = f'The last model cannot be used: {error}'
+            self._log.error(self.problem)
+            self._history = [*self._history[:-1], None]
+            return None
+
+    def _prefer(self, given: StoredModel) -> None:
+        """Take the operator's model, unless what was live last is a newer decision."""
+        if given.sha256 == self._store.given() and self._history and not self.problem:
+            if self.sha256 != given.sha256:
+                now = 'no model' if self.stored is None else self.stored.path
+                self._log.warning(
+                    f'model_file is {given.path} as at the last start, and {now} was made live '
+                    'after that: the latter goes on. Call ~/rollback, or set model_file while '
+                    'running, to go back.'
+                )
+            return
+        self.stored = given
+        again = self._history[-1:] == [given.path]
+        self._remember(self._history if again else [*self._history, given.path], given.sha256)
+
+    def _announce(self, stored: StoredModel) -> None:
+        """Log what is live."""
+        self._log.info(f'{summary(stored)} with {stored.path} ({stored.sha256[:12]})')
+
+    @property
+    def sha256(self) -> str | None:
+        """Hash of the live model's file."""
+        return None if self.stored is None else self.stored.sha256
+
+    def load(self, path: Path) -> StoredModel:
+        """Load a model; refuse other thermometers, another order of them, or other units."""
+        stored, sensor = load_model(path), self._sensor()
+        check_fits(stored.model, len(sensor['temperature_topics']), name=path)
+        check_sensor(stored, sensor)
+        return stored
+
+    def take(self, stored: StoredModel) -> str:
+        """Make a new model live; return why it could not be remembered, or nothing."""
+        self._make_live(stored)
+        return self._remember([*(self._history or [None]), stored.path])
+
+    def _make_live(self, stored: StoredModel | None) -> None:
+        """Swap a model in and say so."""
+        self._swap(None if stored is None else stored.model)
+        self.stored = stored
+        if stored is not None:
+            self._announce(stored)
+
+    def _remember(self, history: list[Path | None], given: str | None = None) -> str:
+        """Keep the history over a restart; return what went wrong, if anything did."""
+        self._history, self.problem = history, ''
+        try:
+            self._store.activate(history, given)
+        except WristFtCompError as error:
+            self.problem = str(error)
+            self._log.error(self.problem)
+        return self.problem
+
+    def check_parameters(self, parameters: Sequence[Any]) -> None:
+        """Refuse files outside data_directory and unusable models; changes nothing that runs."""
+        for parameter in parameters:
+            if parameter.name in {'model_file', 'calibration.recordings'}:
+                self._validate(parameter.name, parameter.value)
+
+    def _validate(self, name: str, value: Any) -> None:
+        """Refuse one of these parameters, if there is a reason."""
+        store = self._store
+        for given in [value] if name == 'model_file' else value or []:
+            if given and not store.contains(store.locate(given)):
+                raise SettingsError(
+                    f'{name} set at run time must lie inside data_directory ({store.directory}); '
+                    f'got {given}. Copy the file there, or give it at start-up.'
+                )
+        if name == 'model_file' and value:
+            self._validated = self.load(store.locate(value))
+
+    def apply_parameters(self, parameters: Sequence[Any]) -> None:
+        """Make the model of a changed model_file live."""
+        for parameter in parameters:
+            if parameter.name == 'model_file' and parameter.value:
+                self.use_file(parameter.value)
+
+    def use_file(self, given: str) -> None:
+        """Make the model of a file live and remember it; it was validated before."""
+        try:
+            path, stored = self._store.locate(given), self._validated
+            self._validated = None
+            if stored is None or stored.path != path:
+                stored = self.load(path)
+            self._make_live(stored)
+        except WristFtCompError as error:
+            self._log.error(str(error))
+            return
+        before = self._history or [None]
+        again = before[-1] == stored.path
+        self._remember(before if again else [*before, stored.path])
+
+    def roll_back(self, *_: Any) -> str:
+        """Go back to the model before the live one; say which."""
+        if len(self._history) < 2:
+            raise SettingsError(
+                'There is no earlier model to go back to; the running model stays.'
+            )
+        *earlier, before, live = self._history
+        try:
+            self._make_live(None if before is None else self.load(before))
+        except WristFtCompError as error:
+            # Taken off the list, or it would bar the way to those before it.
+            self._remember([*earlier, live])
+            raise SettingsError(
+                f'{error} The running model stays; call again for the model before that one.'
+            ) from error
+        problem = self._remember([*earlier, before])
+        now = (
+            'no model was live before: wrenches pass uncompensated'
+            if before is None
+            else f'compensating with {before} again'
+        )
+        return f'{now}\nwarning: {problem}' if problem else now
+
+
+def summary(stored: StoredModel) -> str:
+    """Say what a live model compensates, in a few words."""
+    count = len(stored.model.axes)
+    return f'compensating {count} {"axis" if count == 1 else "axes"}'

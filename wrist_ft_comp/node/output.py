@@ -1,0 +1,79 @@
+"""The part that says what is subtracted: ~/drift, and the diagnostics of the output."""
+
+from collections.abc import Callable, Iterator, Sequence
+import time
+
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+
+from wrist_ft_comp.node.input_health import Counts
+from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros.node_log import ERROR, OK, Status, WARN
+from wrist_ft_comp.signals import AXES, axis_unit, FloatArray
+from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.stream_grid import CompletedCells
+
+
+class Output(Part):
+    """Publishes the zero drift once per thermal cell; ``frame`` tells the sensor's frame."""
+
+    title = 'output'
+
+    def __init__(self, compensator: Compensator, counts: Counts, frame: Callable[[], str]) -> None:
+        self._compensator, self._counts, self._frame = compensator, counts, frame
+        self._reported = time.monotonic(), 0
+
+    def start(self, hub: Hub) -> None:
+        """Offer the topic."""
+        self._hub = hub
+        self.drift = hub.advertise(WrenchStamped, '~/drift')
+
+    def on_cells(self, _cells: Sequence[CompletedCells], stamp_ns: int) -> None:
+        """Publish what is subtracted at the end of cells."""
+        if self._compensator.compensating:
+            zero = self._compensator.compensation.zero
+            self.drift.publish(wrench_message(stamp_ns, self._frame(), zero))
+
+    def statuses(self) -> Iterator[Status]:
+        """Report what is subtracted, and whether it hits a limit."""
+        stream, published, now_s = self._compensator, self._counts.published, time.monotonic()
+        reported_s, before = self._reported
+        self._reported = now_s, published
+        numbers = {
+            'rate_hz': f'{(published - before) / max(now_s - reported_s, 1e-9):.1f}',
+            'published': str(published),
+            'tare': 'active' if stream.tare.any() else 'none',
+            'origin': stream.tracker.origin,
+            **_axis_numbers(stream),
+        }
+        large, fast = map(', '.join, (stream.limits.too_large, stream.limits.too_fast))
+        level, why = WARN, 'not compensated: no model or no temperature yet'
+        if large:
+            level, why = ERROR, f'drift of {large} is at its limit'
+        elif fast:
+            why = f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
+        elif stream.compensating and (policy := self._hub.incompatible.get('wrench')):
+            why = f'a subscriber of wrench asks for more {policy} than is offered and gets nothing'
+        elif stream.compensating:
+            level, why = OK, 'compensated'
+        yield Status(self.title, level, why, numbers)
+
+
+def _axis_numbers(stream: Compensator) -> dict[str, str]:
+    """Give drift, its deviation and the tare of every axis."""
+    numbers: dict[str, str] = {}
+    model, temperature_c = stream.model, stream.tracker.temperature_c
+    deviations: FloatArray = np.full(len(AXES), np.nan)
+    if model is not None and temperature_c is not None:
+        deviations = model.uncertainty(temperature_c)
+    for axis, zero, sensitivity, tare, deviation in zip(
+        AXES, *stream.compensation, stream.tare, deviations, strict=True
+    ):
+        unit = axis_unit(axis)
+        numbers[f'{axis}_drift'] = f'{zero:.4g} {unit}'
+        if np.isfinite(deviation):
+            numbers[f'{axis}_drift_deviation'] = f'{deviation:.4g} {unit}'
+        numbers[f'{axis}_sensitivity'] = f'{100 * sensitivity:.3g} %'
+        numbers[f'{axis}_tare'] = f'{tare:.4g} {unit}'
+    return numbers

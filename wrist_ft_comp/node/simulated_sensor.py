@@ -1,0 +1,291 @@
+"""
+The executable ``simulated_sensor``: a wrist sensor that warms up, as a driver's node.
+
+Simulated time runs ``speed`` times as fast as the wall clock and shows in the stamps only, so
+hours of warm-up pass in seconds. A run is the same for the same parameters, message by message.
+Where the machine stalls or is too slow, the run falls behind the wall clock: messages of at most
+LONGEST_WAKE_S are made up for at once, and no message is left out.
+"""
+
+from collections.abc import Sequence
+from copy import copy
+from functools import partial
+import sys
+import time
+from typing import Any, cast
+
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import Temperature
+
+from wrist_ft_comp.node.robot import SimulatedRobot
+from wrist_ft_comp.ros.messages import opening, overridable, SLOW_SENSOR
+from wrist_ft_comp.ros.parameters import declare, EXECUTOR_PARAMETER, Parameter, values
+from wrist_ft_comp.ros.running import run_nodes
+from wrist_ft_comp.ros.unknown_arguments import tell_unknown
+from wrist_ft_comp.ros.usage import usage
+from wrist_ft_comp.signals import FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.simulation import ft_sensor
+from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
+from wrist_ft_comp.simulation.run import (
+    draw_run,
+    drive,
+    room_temperature,
+    RunSettings,
+    true_wrench,
+)
+from wrist_ft_comp.simulation.work import WorkSettings
+
+_RUN, _WORK = RunSettings(), WorkSettings()
+#: All rows are read at start-up only: a run is fixed when it begins.
+_row = partial(Parameter, read_only=True)
+PARAMETERS = (
+    EXECUTOR_PARAMETER,
+    _row('seed', 1, 'Draws the specimen of the sensor, its gauges and their places.', minimum=0),
+    _row('run', 0, 'Draws noise, loads and room of this run, for the same sensor.', minimum=0),
+    _row('speed', 1.0, 'Simulated seconds per wall second.', minimum=0.01, maximum=10000.0),
+    _row('wrench_rate', 100.0, 'Wrenches per wall second.', 'Hz', 0.1, 8000.0),
+    _row('temperature_rate', 10.0, 'Temperatures per wall second, of each thermometer.',
+         'Hz', 0.1, 1000.0),
+    _row('frame_id', 'wrist_ft', 'Frame of the messages.'),
+    _row('start_stamp_s', 0.0, 'First stamp; 0 means the time of the start.',
+         's', 0.0, 2.0**31 - 1),
+    _row('wait_for_subscriber', True,
+         'Whether the run waits for a subscriber of one of its topics, and for a second in which '
+         'no other comes.'),
+    _row('room_temperature_c', _RUN.room_c, 'Mean room temperature.', '°C', -40.0, 85.0),
+    _row('room_swing_k', _RUN.room_swing_k, 'Amplitude of the slow swing of the room temperature.',
+         'K', 0.0, 20.0),
+    _row('room_swing_period_s', _RUN.room_swing_period_s, 'Period of that swing.',
+         'simulated s', 1.0),
+    _row('load.force_n', _RUN.force_n, 'Largest force of an axis; 0 is unloaded.',
+         'N', 0.0, 1000.0),
+    _row('load.torque_nm', _RUN.torque_nm, 'Largest torque of an axis; 0 is unloaded.',
+         'N m', 0.0, 100.0),
+    _row('load.period_s', _RUN.load_period_s, 'About the time from one peak of load to the next.',
+         'simulated s', 0.1),
+    _row('work.tool_mass', 0.0,
+         'Mass of a tool on a robot at work: it moves, and publishes imu, /tf (where tf2_msgs is '
+         'installed) and wrench_external_reference; 0 is a robot that stands still.',
+         'kg', 0.0, 100.0),
+    _row('work.part_mass', _WORK.part_kg, 'Mass of the part that it picks up and puts down.',
+         'kg', 0.0, 100.0),
+    _row('work.contacts', _WORK.contacts,
+         'Share of the time in which it presses on something.', minimum=0.0, maximum=0.6),
+    _row('work.speed', _WORK.speed_rad_s, 'Its largest speed of rotation.',
+         'rad/s', 0.01, 10.0),
+    _row('duty_cycle.start_s', _RUN.duty_start_s,
+         'Ascending times at which the duty cycle of the motor changes.', 'simulated s', 0.0),
+    _row('duty_cycle.level', _RUN.duty_level, 'Duty cycle from each of these times on.',
+         minimum=0.0, maximum=1.0),
+)  # fmt: skip
+
+
+def run_settings(chosen: dict[str, Any]) -> RunSettings:
+    """Translate the parameters of a run; SettingsError when its duty cannot be followed."""
+    names = (
+        'duty_cycle.start_s', 'duty_cycle.level', 'room_temperature_c', 'room_swing_k',
+        'room_swing_period_s', 'load.force_n', 'load.torque_nm', 'load.period_s',
+    )  # fmt: skip
+    return RunSettings(*(chosen[name] for name in names))
+
+
+def work_settings(chosen: dict[str, Any]) -> WorkSettings | None:
+    """Translate the parameters of work; None for a robot that stands still."""
+    if chosen['work.tool_mass'] == 0:
+        return None
+    names = ('tool_mass', 'part_mass', 'contacts', 'speed')
+    return WorkSettings(*(chosen[f'work.{name}'] for name in names))
+
+
+#: Messages due within this time leave in one wake-up, which costs less than a wake-up for each.
+SHORTEST_WAKE_S = 0.004
+#: The longest pause that is made up for.
+LONGEST_WAKE_S = 0.05
+#: The run begins when no subscriber has come for so long: a node's topics are not found at once,
+#: and at a high speed a second without a thermometer is the beginning of a warm-up.
+SETTLE_S = 1.0
+
+
+class SimulatedSensor(Node):
+    """Publishes what the sensor reads, what its thermometers read, and the true wrench."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('simulated_sensor', **options)
+        declare(self, PARAMETERS)
+        chosen = values(self, PARAMETERS)
+        seeds = [chosen['seed'], chosen['run']]
+        random = np.random.SeedSequence(seeds).spawn(3)
+        draws, self._wrench_rng, self._temperature_rng = map(np.random.default_rng, random)
+        self._run = draw_run(run_settings(chosen), draws)
+        self._sensor = ft_sensor.build_sensor(FtSensorSettings(), chosen['seed'])
+        self._state = ft_sensor.start(self._sensor, float(room_temperature(self._run, 0.0)))
+        self._step = 0
+        self._wrenches = _Ticks(chosen['wrench_rate'], chosen['speed'])
+        self._temperatures = _Ticks(chosen['temperature_rate'], chosen['speed'])
+        self._start_ns = round(chosen['start_stamp_s'] * NANOSECONDS)
+        self._ran_s = 0.0
+        self._woken_s: float | None = None
+        self._waits: bool = chosen['wait_for_subscriber']
+        self._subscribers: list[int] = []
+        self._subscribed_s = 0.0
+        self._make_messages(chosen['frame_id'])
+        work = work_settings(chosen)
+        self._robot = None
+        if work is not None:
+            self._robot = SimulatedRobot(work, seeds, self._raw, self._advertise)
+        self._to_raw = self._advertise(WrenchStamped, 'wrench_raw')
+        self._to_reference = self._advertise(WrenchStamped, 'wrench_reference')
+        self._to_temperatures = [
+            self._advertise(Temperature, topic) for topic in ('temperature', 'temperature_2')
+        ]
+        logger = cast('Any', self).get_logger()
+        tell_unknown(self, (), logger)
+        if self._waits:
+            logger.info('Waiting for subscribers; the run begins when the last of them has come.')
+        wake_s = max(SHORTEST_WAKE_S, 1.0 / max(self._wrenches.rate, self._temperatures.rate))
+        # A steady clock: neither a simulated nor a stepped clock changes the rate.
+        self.create_timer(wake_s, self._wake, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _make_messages(self, frame_id: str) -> None:
+        """Make the messages once; only stamps and readings change."""
+        self._reference, self._raw = WrenchStamped(), WrenchStamped()
+        self._readings = [Temperature(), Temperature()]
+        for message in (self._reference, self._raw, *self._readings):
+            message.header.frame_id = frame_id
+        for message in self._readings:
+            message.variance = self._sensor.settings.thermometer_noise_k**2
+
+    def _advertise(self, message_type: Any, topic: str) -> Any:
+        """Make a publisher, best effort as real drivers' and deep enough for one wake-up."""
+        with opening(topic):
+            return self.create_publisher(
+                message_type, topic, copy(SLOW_SENSOR), qos_overriding_options=overridable()
+            )
+
+    def _wake(self) -> None:
+        """Publish what has become due since the last wake-up, in the order of the stamps."""
+        now_s = time.monotonic()
+        if self._woken_s is None:
+            if self._waits and not self._may_begin(now_s):
+                return
+            self._start_ns = self._start_ns or self.get_clock().now().nanoseconds
+            self._woken_s = now_s
+        self._ran_s += min(now_s - self._woken_s, LONGEST_WAKE_S)
+        self._woken_s = now_s
+        self._publish_due()
+
+    def _may_begin(self, now_s: float) -> bool:
+        """Whether somebody listens to one of the topics, and nobody has come or gone lately."""
+        subscribers = [
+            publisher.get_subscription_count()
+            for publisher in (self._to_raw, self._to_reference, *self._to_temperatures)
+        ]
+        if subscribers != self._subscribers:
+            self._subscribers, self._subscribed_s = subscribers, now_s
+        return any(subscribers) and now_s - self._subscribed_s >= SETTLE_S
+
+    def _publish_due(self) -> None:
+        """Take the heat to the present, read the sensor, and send the readings."""
+        wrench_ns = self._wrenches.due(self._ran_s)
+        temperature_ns = self._temperatures.due(self._ran_s)
+        wrench_nodes_c, temperature_nodes_c = self._warm_up(wrench_ns, temperature_ns)
+        elapsed_s = wrench_ns / NANOSECONDS
+        true = true_wrench(self._run, elapsed_s)
+        if self._robot is not None:
+            near_c = ft_sensor.thermometer_temperatures(self._sensor, wrench_nodes_c)[:, 0]
+            true = self._robot.move(elapsed_s, near_c, true)
+        ideal = ft_sensor.measured_wrench(self._sensor, wrench_nodes_c, true)
+        raw = ft_sensor.digitised_wrench(self._sensor, ideal, self._wrench_rng)
+        read = ft_sensor.digitised_temperatures(
+            self._sensor, temperature_nodes_c, self._temperature_rng
+        )
+        waiting = list(zip(temperature_ns.tolist(), read.tolist(), strict=True))[::-1]
+        wrenches = zip(wrench_ns.tolist(), true.tolist(), raw.tolist(), strict=True)
+        for number, (elapsed_ns, load, reading) in enumerate(wrenches):
+            while waiting and waiting[-1][0] <= elapsed_ns:
+                self._send_temperatures(*waiting.pop())
+            self._send_wrench(self._to_reference, self._reference, elapsed_ns, load)
+            if self._robot is not None:
+                self._stamp(self._raw, elapsed_ns)
+                self._robot.send(number)
+            self._send_wrench(self._to_raw, self._raw, elapsed_ns, reading)
+        while waiting:
+            self._send_temperatures(*waiting.pop())
+
+    def _warm_up(self, *streams_ns: IntArray) -> list[FloatArray]:
+        """Advance the heat to the latest of some times; node temperatures at each of them."""
+        step_s = self._sensor.settings.step_s
+        steps = [elapsed_ns // round(step_s * NANOSECONDS) for elapsed_ns in streams_ns]
+        first = self._step
+        self._step = max(first, *(int(each[-1]) for each in steps if len(each)), first)
+        begins_s: FloatArray = np.arange(first, self._step, dtype=np.float64) * step_s
+        passed = drive(self._run, begins_s)
+        nodes_c = ft_sensor.trajectory(self._sensor, self._state, passed)
+        self._state = nodes_c[-1]
+        return [nodes_c[np.maximum(each - first, 0)] for each in steps]
+
+    def _stamp(self, message: Any, elapsed_ns: int) -> None:
+        """Write the stamp of a simulated time."""
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(self._start_ns + elapsed_ns, NANOSECONDS)
+
+    def _send_wrench(
+        self, publisher: Any, message: Any, elapsed_ns: int, wrench: list[float]
+    ) -> None:
+        """Send a wrench, N and N m in the order of AXES."""
+        self._stamp(message, elapsed_ns)
+        force, torque = message.wrench.force, message.wrench.torque
+        force.x, force.y, force.z, torque.x, torque.y, torque.z = wrench
+        publisher.publish(message)
+
+    def _send_temperatures(self, elapsed_ns: int, temperature_c: list[float]) -> None:
+        """Send the readings of both thermometers, °C."""
+        outputs = zip(self._to_temperatures, self._readings, temperature_c, strict=True)
+        for publisher, message, value in outputs:
+            self._stamp(message, elapsed_ns)
+            message.temperature = value
+            publisher.publish(message)
+
+
+class _Ticks:
+    """Counts the messages of one stream: which are due, and their simulated times."""
+
+    def __init__(self, rate: float, speed: float) -> None:
+        self.rate = rate
+        self._step_ns = speed / rate * NANOSECONDS
+        self._sent = 0
+
+    def due(self, ran_s: float) -> IntArray:
+        """Give the simulated times of the messages due after ran_s of wall time, ns, and count."""
+        total = int(ran_s * self.rate) + 1
+        ticks = np.arange(self._sent, total)
+        self._sent = max(total, self._sent)
+        return np.asarray(np.rint(ticks * self._step_ns).astype(np.int64))
+
+
+#: What --help says, between the first line and the parameters.
+_USAGE = """\
+Simulates a wrist force/torque sensor that warms up, as a driver's node, to try
+the compensator on:
+
+  simulated_sensor --ros-args -p speed:=100.0 -p temperature_rate:=100.0 \\
+    -p load.force_n:=0.0 -p load.torque_nm:=0.0
+
+publishes  wrench_raw, wrench_reference (the true wrench), temperature, and
+           temperature_2; with -p work.tool_mass:=1.4 also imu, /tf, and
+           wrench_external_reference (what pushes on the tool)
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node until a signal ends it; returns the exit code."""
+    explained = usage('simulated_sensor', _USAGE, PARAMETERS)
+    return run_nodes(lambda **options: [SimulatedSensor(**options)], argv, explained)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

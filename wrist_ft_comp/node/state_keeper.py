@@ -1,0 +1,152 @@
+"""Warm restarts of the node: saving thermal state and tare, and going on from them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+import time
+from typing import Any
+
+from wrist_ft_comp.errors import StateFileError
+from wrist_ft_comp.ros.hub import Part
+from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.signals import NANOSECONDS
+from wrist_ft_comp.stored.state_file import load_state, SavedState, StateWriter
+from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.gap import doubt, longest_gap_s
+from wrist_ft_comp.stream.warm_restart import belongs_to, ThermalMemory
+
+#: How long the node waits for the disk when it ends, s.
+_END_TIMEOUT_S = 2.0
+#: A system clock that was set back by less than this is no reason to forget, s.
+_SET_BACK_S = 1.0
+_SOAKED = 'the drift starts at the steady state of the first temperatures'
+
+
+@dataclass(eq=False)
+class StateKeeper(Part):
+    """Goes on from the state of the node before, and saves this one's."""
+
+    # Settings are save_period, and use_sim_time, with which the system's clock tells no gaps.
+
+    _compensator: Compensator
+    _live_sha256: Callable[[], str | None]
+    writer: StateWriter
+    _settings: Mapping[str, Any]
+    _log: NodeLog
+    #: What became of the saved state, a sentence.
+    outcome: str = 'there was no saved state'
+    _complained: str = ''
+    #: The saved state, until the first thermal cell tells what is made of it.
+    _loaded: SavedState | None = None
+
+    title = 'state'
+    _due: float | None = None
+
+    def on_model(self) -> None:
+        """Go on from the saved state when the first model is live, and begin to save."""
+        if self._due is None:
+            self._due = time.monotonic() + self._settings['save_period']
+            self._told = self._compensator.tracker.origin
+            self._restore()
+            self._saved, self._saved_end_ns = self._key(), self._end_ns()
+
+    def _restore(self) -> None:
+        """Go on from the saved state, if it is of use."""
+        try:
+            state = load_state(self.writer.path)
+        except StateFileError as error:
+            self._begin_anew(str(error))
+            return
+        if state is None:
+            return
+        if state.model_sha256 != self._live_sha256():
+            self._begin_anew('the saved state belongs to another model, and so does its tare')
+            return
+        if state.tare.any() or state.external_tare.any():
+            self._compensator.restore_tare(state.tare, state.external_tare)
+            self._log.info('the tare from before the restart is active')
+        self.outcome = 'the saved state holds no thermal state'
+        if state.thermal is not None and self._compensator.model is not None:
+            self._resume(state, state.thermal, self._compensator.model)
+
+    def _resume(self, state: SavedState, memory: ThermalMemory, model: Any) -> None:
+        """Go on from a thermal state, unless it makes no sense."""
+        simulated = self._settings['use_sim_time']
+        gap_s = 0.0 if simulated else (time.time_ns() - state.saved_ns) / NANOSECONDS
+        if not belongs_to(model, memory):
+            self._begin_anew(f'{self.writer.path} does not fit the model it names')
+        elif gap_s < -_SET_BACK_S:
+            self._begin_anew(f'the saved state is from {-gap_s:.0f} s in the future')
+        elif problem := doubt(gap_s, longest_gap_s(model)):
+            self._begin_anew(problem)
+        else:
+            self._loaded = state
+            self._compensator.resume(memory, max(gap_s, 0.0))
+            self.outcome = self._compensator.tracker.origin
+
+    def _begin_anew(self, why: str) -> None:
+        """Say that the saved state is of no use."""
+        self.outcome = f'{why}; {_SOAKED}'
+        self._log.warning(self.outcome)
+
+    def _key(self) -> tuple[str | None, bytes, bytes]:
+        """Return what is worth a save at once when it changes."""
+        compensator = self._compensator
+        tare, external = compensator.tare.tobytes(), compensator.external_tare.tobytes()
+        return self._live_sha256(), tare, external
+
+    def _end_ns(self) -> int | None:
+        """Tell up to when the thermal state reaches; None without one."""
+        tracker = self._compensator.tracker
+        return tracker.end_ns if tracker.following else None
+
+    def poll(self) -> None:
+        """Tell what became of the saved state, and save what changed or is due."""
+        self._tell_origin()
+        if self.writer.problem != self._complained:
+            self._complained = self.writer.problem
+            if self.writer.problem:
+                self._log.error(self.writer.problem)
+        if self._due is None:
+            return
+        due = time.monotonic() >= self._due and self._end_ns() != self._saved_end_ns
+        if due or self._key() != self._saved:
+            self.save()
+
+    def _tell_origin(self) -> None:
+        """Log how the drift started, when that is known."""
+        tracker = self._compensator.tracker
+        if tracker.origin == self._told:
+            return
+        self._told = tracker.origin
+        if self._loaded is not None:
+            self.outcome = self._told
+            if not tracker.awaiting_gap:
+                self._loaded = None
+        # One call site each: rclpy insists that a call site keeps its severity.
+        if tracker.forgot:
+            self._log.warning(self._told)
+        else:
+            self._log.info(self._told)
+
+    def save(self) -> None:
+        """Have the present state saved; returns at once."""
+        compensator = self._compensator
+        self._due = time.monotonic() + self._settings['save_period']
+        self._saved, self._saved_end_ns = self._key(), self._end_ns()
+        saved_ns = time.time_ns()
+        if self._loaded is not None and compensator.tracker.awaiting_gap:
+            saved_ns = self._loaded.saved_ns  # what is not yet in use is as old as it was
+        known = self._live_sha256(), compensator.tare, compensator.memory()
+        self.writer.put(SavedState(saved_ns, *known, compensator.external_tare))
+
+    def end(self) -> bool:
+        """Save once more, and wait for the disk."""
+        if self._due is None:
+            return False
+        if self._end_ns() != self._saved_end_ns or self._key() != self._saved:
+            self.save()
+        if not self.writer.end(_END_TIMEOUT_S):
+            self._log.error(f'{self.writer.path} was not saved: the disk does not answer.')
+        elif self.writer.problem not in {'', self._complained}:
+            self._log.error(self.writer.problem)
+        return False

@@ -1,0 +1,109 @@
+"""The services ~/tare and ~/reset_tare."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+import time
+from typing import Any
+
+import numpy as np
+from std_srvs.srv import Trigger
+
+from wrist_ft_comp.errors import TareRefusedError
+from wrist_ft_comp.node.external_wrench import ExternalWrench
+from wrist_ft_comp.payload.live_weight import LivePayload
+from wrist_ft_comp.ros.hub import Hub, Service
+from wrist_ft_comp.ros.long_service import LongService, Work
+from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.signals import AXES, axis_unit, FloatArray
+from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.tare import TareCollector
+
+#: A tare that gets no wrenches is answered this long after it should have been done, s.
+_GRACE_S = 2.0
+
+
+@dataclass(eq=False)
+class TareService(LongService):
+    """Takes a tare from the wrenches that are pushed to it; ``save`` keeps it over a restart."""
+
+    # Where a payload is held, the external wrench is tared, too.
+
+    _compensator: Compensator
+    _external: ExternalWrench
+    _settings: Callable[[], Mapping[str, Any]]
+    _save: Callable[[], None]
+    _log: NodeLog
+    #: None when there are enough wrenches, or none are wanted.
+    _collector: TareCollector | None = None
+    #: Of the payload, N and N m; None where nobody knew.
+    _weights: list[list[float] | None] = field(default_factory=list)
+    _hub: Hub = field(init=False)
+
+    name, title = '~/tare', 'tare'
+    not_done, unchanged = 'not tared: ', '; the tare is unchanged'
+
+    def _busy(self) -> str:
+        """Say that one runs."""
+        return 'A tare is running'
+
+    def services(self) -> Sequence[Service]:
+        """Offer ~/tare and ~/reset_tare."""
+        return (*super().services(), Service(Trigger, '~/reset_tare', self.reset))
+
+    def start(self, hub: Hub) -> None:
+        """Keep what hands out wrenches."""
+        self._hub = hub
+
+    def reset(self, *_: Any) -> str:
+        """Forget the tare."""
+        self._compensator.reset_tare()
+        self._save()
+        return 'the tare is zero again'
+
+    def on_wrench(self, stamp_ns: int, raw: Sequence[float], *_: Any) -> None:
+        """Take one wrench, N and N m; answer when there are enough."""
+        if self._collector is None:
+            return
+        self._weights.append(self._external.weight_at(stamp_ns))
+        if self._collector.add(stamp_ns, raw):
+            self._collector = None
+            self.poll()
+
+    def _work(self) -> Work:
+        """Wait for enough wrenches, or until they stay away, and tare with what there is."""
+        chosen, held = self._settings(), self._external.payload
+        collector = TareCollector(chosen['tare.duration'], chosen['tare.max_deviation'])
+        deadline = time.monotonic() + chosen['tare.duration'] + _GRACE_S
+        self._collector, self._weights = collector, []
+        self._hub.listen(self, wanted=True)
+        try:
+            while self._collector is not None and time.monotonic() <= deadline:
+                yield
+        finally:
+            self._collector = None
+            self._hub.listen(self, wanted=False)
+        mean, stamp_ns = collector.result()
+        weight = self._weight(held)
+        tare = self._compensator.set_tare(mean, stamp_ns, weight)
+        self._save()
+        offsets = ', '.join(
+            f'{axis} {value:.4g} {axis_unit(axis)}' for axis, value in zip(AXES, tare, strict=True)
+        )
+        also = '' if weight is None else '; wrench_external is tared, too'
+        return f'tared: {offsets}{also}'
+
+    def _weight(self, held: LivePayload | None) -> FloatArray | None:
+        """Give the mean weight of what is held; refuse where it is not what was held all along."""
+        active, waiting = self._external.payload, self._external.waiting
+        if active is None and held is None and not waiting:
+            return None
+        known = [weight for weight in self._weights if weight is not None]
+        if active is None or active is not held or len(known) < len(self._weights):
+            fresh = f'specific force was fresh for {len(known)} of {len(self._weights)} wrenches'
+            why = waiting or (fresh if active is held else 'payload.active changed meanwhile')
+            raise TareRefusedError(
+                f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look at '
+                'the status payload and call again; with payload.active empty, wrench is tared '
+                'alone.'
+            )
+        return np.asarray(np.mean(known, axis=0))

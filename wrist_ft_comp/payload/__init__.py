@@ -1,0 +1,1 @@
+"""Weight on the flange: fitted, separated from drift, taken off; read ``weight`` first."""

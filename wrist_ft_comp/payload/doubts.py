@@ -1,0 +1,149 @@
+"""What to doubt of recordings at work, in sentences with numbers; nothing is wrong silently."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.payload.accelerometer import FROZEN_S, known_force, set_right
+from wrist_ft_comp.payload.cells import axes_of, cut
+from wrist_ft_comp.payload.gains import (
+    contrast,
+    COUNTS,
+    Fit,
+    leveled,
+    solve,
+    unexplained_contrast,
+    weight_of,
+)
+from wrist_ft_comp.payload.rigid_body import CONTRAST, LIGHTEST_KG, RigidBodies
+from wrist_ft_comp.payload.separation import Separation
+from wrist_ft_comp.signals import FloatArray, Recording, Reference
+
+#: Cells by which clocks may be apart.
+_LAGS = 20
+#: Shares that are doubted: of time in contact, and without specific force.
+_CONTACT, _MISSING = 0.5, 0.1
+#: Share of the contrast between poses that does not turn with the specific force, from which on
+#: no payload is told, and nothing is learnt at all.
+_UNEXPLAINED, _NOTHING_LEARNT = 0.2, 0.6
+#: Share of the contrast that turns with gravity and is no chance.
+_FOLLOWS = 0.5
+
+
+def doubts(separation: Separation, bodies: RigidBodies | None) -> tuple[list[str], bool]:
+    """Say all that is to be doubted, and whether payloads can be told; or refuse."""
+    recordings = separation.recordings
+    lag = list(_lag(recordings))
+    said = [*_missing(recordings), *_contact(separation), *lag, *_tool_change(separation)]
+    no_axes = ['A payload is told only where all six axes were recorded.']
+    why_not = [*_unexplained(separation, lag), *(bodies.doubts() if bodies else no_axes)]
+    return said + why_not, not why_not
+
+
+def _missing(recordings: Sequence[Recording]) -> Iterator[str]:
+    """Doubt where there is no specific force for much of the time."""
+    lost = ~np.isfinite(np.concatenate([known_force(each) for each in recordings])).all(axis=1)
+    if lost.mean() > _MISSING:
+        yield (
+            f'The specific force is missing or stands still for {FROZEN_S} s and more in '
+            f'{lost.mean():.0%} of the time, from which nothing was learnt.'
+        )
+
+
+def _contact(separation: Separation) -> Iterator[str]:
+    """Doubt where more than half of the time something pushed."""
+    usable = separation.cells.usable
+    share = float(np.mean(separation.fit.weights[usable] < COUNTS))
+    if share > _CONTACT:
+        yield (
+            f'In {share:.0%} of the time something else than a payload pushed, or the specific '
+            "force is not the sensor's: contacts may be taken for drift. Let the robot move "
+            'freely for more of the time.'
+        )
+
+
+def _unexplained(separation: Separation, lag: Sequence[str]) -> Iterator[str]:
+    """Doubt or refuse where the wrench does not turn with the specific force."""
+    cells, fit = separation.cells, separation.fit
+    share = unexplained_contrast(cells, fit)
+    if contrast(cells, fit.weights) < CONTRAST or share <= _UNEXPLAINED:
+        return
+    what = (
+        f'{share:.0%} of what changes between poses does not turn with the specific force, of '
+        f'which {_UNEXPLAINED:.0%} are allowed: it is of another frame or another time, or a '
+        'cable pulls.'
+    )
+    if share > _NOTHING_LEARNT:
+        remedy = 'Record the specific force of a frame fixed to the sensor, by its clock.'
+        nothing = f'{what} Neither payload nor drift can be learnt.'
+        raise CalibrationRefusedError(' '.join((nothing, *lag, remedy)))
+    yield f'{what} No payload is told.'
+
+
+def _lag(recordings: Sequence[Recording]) -> Iterator[str]:
+    """Doubt clocks where changes of the wrench follow those of the specific force, or precede."""
+    total = np.zeros(2 * _LAGS + 1)
+    axes = axes_of(recordings)[:3]
+    for recording in recordings:
+        if len(recording) < 4 * _LAGS:
+            continue
+        moved, pushed = (
+            _changes(each) for each in (known_force(recording), recording.wrench[:, axes])
+        )
+        inner, last = pushed[_LAGS:-_LAGS], len(moved) - _LAGS
+        total += [moved[_LAGS - k : last - k] @ inner for k in range(-_LAGS, _LAGS + 1)]
+    lag = int(total.argmax()) - _LAGS
+    # A peak that stands out of what is far from it, or they do not belong together at all; and
+    # on one side alone: presses while a robot rests follow one motion and precede another.
+    alone = min(total[:_LAGS].max(), total[_LAGS + 1 :].max()) < 0.7 * total.max()
+    if lag and alone and total.max() > 5 * np.median(np.abs(total)):
+        yield (
+            f'The wrench lags the specific force by {lag * recordings[0].period_s:g} s: their '
+            'clocks differ. Record both by one clock.'
+        )
+
+
+def _changes(values: FloatArray) -> FloatArray:
+    """Sizes of the changes between neighbours, cut at their largest twentieth, mean taken off."""
+    sizes = np.nan_to_num(np.linalg.norm(np.diff(values, axis=0), axis=1))
+    sizes = np.minimum(sizes, np.quantile(sizes, 0.95))
+    return np.asarray(sizes - sizes.mean())
+
+
+def _tool_change(separation: Separation) -> Iterator[str]:
+    """Say where payloads before and after a time have nothing in common."""
+    states = np.concatenate(separation.states)
+    ends = [np.flatnonzero(states == k)[[0, -1]] for k in np.unique(states[states >= 0])]
+    later = [first for first, _ in ends if first > min(end for _, end in ends)]
+    if later:
+        hours = later[0] * separation.recordings[0].period_s / 3600
+        yield (
+            f'The tool was changed after {hours:.1f} h: payloads before are not seen again. '
+            'If it was not, the sensor or its mounting has changed.'
+        )
+
+
+def follows_gravity(recordings: Sequence[Recording], reference: Reference) -> Iterator[str]:
+    """Doubt a wrench that was declared to have no load, but turns with the specific force."""
+    for recording in recordings:
+        axes = axes_of([recording])
+        if recording.specific_force is None or not axes:
+            continue
+        cells = cut([recording], set_right([recording]).forces)
+        weights, states = cells.usable.astype(float), np.zeros(cells.usable.shape, dtype=np.int64)
+        fit = Fit(
+            solve(cells, states, weights, 1), states, weights, cells.wrench, np.ones(len(axes))
+        )
+        parts = (cells.wrench, cells.wrench - weight_of(cells, fit))
+        before, after = (
+            np.einsum('nb,nbi->', weights, (each - leveled(each, weights)) ** 2) for each in parts
+        )
+        mass_kg = float(np.linalg.norm(fit.gains[0]) / np.sqrt(3))
+        if before > 0 and 1 - after / before > _FOLLOWS and mass_kg > LIGHTEST_KG:
+            yield (
+                f'The wrench of {recording.name} follows gravity: {1 - after / before:.0%} of '
+                f'what changes within minutes turns with the specific force, as about '
+                f'{mass_kg:.2g} kg would, but it was declared {reference}. Use the reference '
+                'payload.'
+            )

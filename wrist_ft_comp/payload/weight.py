@@ -1,0 +1,100 @@
+"""
+A payload and what it pushes with: F = -m f, τ = c × F, at specific force f (design, section 7).
+
+Specific force is that of sensor_msgs/Imu (REP 145): +9.81 m/s² upwards at rest.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.ranges import check_range
+from wrist_ft_comp.signals import FloatArray, Topics
+
+#: Heaviest that is believed, kg, and farthest centre of mass, m.
+MOST_KG, FARTHEST_M = 1000.0, 10.0
+#: A frame that turns by less, deg, and whose bias, m/s², and scale are smaller, does nothing.
+_NO_TURN_DEG, _NO_BIAS, _NO_SCALE = 3.0, 0.02, 0.002
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """Everything that is mounted on the sensor; standard errors are NaN where nobody knows."""
+
+    #: Mass, and centre of mass in the wrench's frame, shape (3,).
+    mass_kg: float
+    center_m: FloatArray
+    mass_error_kg: float = np.nan
+    center_error_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    #: Share of the time in which it was on, where it was learnt.
+    share: float = np.nan
+
+    def __post_init__(self) -> None:
+        """Check shapes and ranges."""
+        if np.shape(self.center_m) != (3,) or np.shape(self.center_error_m) != (3,):
+            raise SettingsError(
+                f'A centre of mass is three numbers in m; got {np.shape(self.center_m)}.'
+            )
+        check_range('mass_kg', self.mass_kg, 0.0, MOST_KG)
+        for each in self.center_m:
+            check_range('center_of_mass_m', each, -FARTHEST_M, FARTHEST_M)
+
+    def weight(self, specific_force: FloatArray) -> FloatArray:
+        """Push at specific forces in the wrench's frame, m/s² (…, 3): N and N m, (…, 6)."""
+        force = -self.mass_kg * specific_force
+        return np.concatenate((force, np.cross(self.center_m, force)), axis=-1)
+
+
+class FrameIds(NamedTuple):
+    """The frame_id of a specific force, and that of the wrench; empty where nobody knows."""
+
+    force_frame: str = ''
+    wrench_frame: str = ''
+
+
+@dataclass(frozen=True, eq=False)
+class ForceFrame:
+    """How measured specific force leads to that of the wrench's frame: R ((f - bias) / scale)."""
+
+    #: From the frame of the specific force into the wrench's, shape (3, 3).
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    #: Of the accelerometer along its own axes, m/s² and 1, shape (3,).
+    bias: FloatArray = field(default_factory=lambda: np.zeros(3))
+    scale: FloatArray = field(default_factory=lambda: np.ones(3))
+    #: What tells specific force, imu or tf; empty where nobody knows.
+    source: str = ''
+    #: As those of FrameIds, when it was learnt.
+    force_frame: str = ''
+    wrench_frame: str = ''
+
+    def turn(self, specific_force: FloatArray) -> FloatArray:
+        """Turn measured specific forces (…, 3) into the wrench's frame."""
+        return np.asarray(((specific_force - self.bias) / self.scale) @ self.rotation.T)
+
+    def learnt_by(self, source: str, topics: Topics) -> 'ForceFrame':
+        """Say what told it, and of which sensor."""
+        return replace(
+            self, source=source, force_frame=topics.force_frame, wrench_frame=topics.wrench_frame
+        )
+
+    def apart_deg(self, other: 'ForceFrame') -> float:
+        """Tell by which angle its rotation and another one differ, degrees."""
+        cosine = (np.sum(self.rotation * other.rotation) - 1) / 2
+        return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+    @property
+    def does_nothing(self) -> bool:
+        """Whether specific force is gravity in the wrench's frame as it comes, as by TF."""
+        turned = self.apart_deg(ForceFrame()) > _NO_TURN_DEG
+        biased = np.abs(self.bias).max() > _NO_BIAS
+        return not (turned or biased or np.abs(self.scale - 1).max() > _NO_SCALE)
+
+    def __str__(self) -> str:
+        """Say how it turns."""
+        r = self.rotation
+        roll, yaw = np.arctan2((r[2, 1], r[1, 0]), (r[2, 2], r[0, 0]))
+        angles = np.degrees([roll, -np.arcsin(np.clip(r[2, 0], -1, 1)), yaw])
+        said = ', '.join(f'{angle:.1f}' for angle in np.round(angles, 1) + 0.0)
+        return f'turned by roll, pitch, yaw of {said} degrees'

@@ -1,0 +1,1 @@
+"""Recordings in files: CSV, bags, chamber tables; read ``recordings`` first."""

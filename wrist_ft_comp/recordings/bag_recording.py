@@ -1,0 +1,272 @@
+"""
+Recordings as rosbag2: their topics as samples, and copies with the corrected wrench added.
+
+Times are the messages' header stamps; the time at which the recorder got a message counts only
+where a temperature is a field of messages without a stamp.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+import pathlib
+
+import numpy as np
+
+from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.recordings.bag import Bag, Connection, SUFFIXES
+from wrist_ft_comp.recordings.bag_gravity import gravity_samples
+from wrist_ft_comp.recordings.bag_opening import backend
+from wrist_ft_comp.signals import (
+    AXES,
+    Correction,
+    FloatArray,
+    FORCE_CHANNELS,
+    IntArray,
+    NANOSECONDS,
+    Progress,
+    REFERENCE_CHANNELS,
+    ROTATION_CHANNEL,
+    Samples,
+    temperature_channel,
+    Topics,
+)
+from wrist_ft_comp.stream.sample_checks import NO_TIME
+from wrist_ft_comp.wire import cdr
+from wrist_ft_comp.wire.cdr_fields import decode, Decoded, Definitions, read_numbers
+from wrist_ft_comp.wire.temperature_source import (
+    numbers_in,
+    parse_sources,
+    Path,
+    path_text,
+    temperatures_in,
+    TemperatureSource,
+)
+
+#: Wrenches that arrive later than this after their stamp are stamped by another clock.
+_APART_NS = 10 * NANOSECONDS
+_ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
+
+
+@dataclass(frozen=True, eq=False)
+class _Stream:
+    """What a topic's messages are: a header and doubles, or anything with numbers in it."""
+
+    connection: Connection
+    #: Of the first doubles, or of each source.
+    channels: tuple[str, ...]
+    sources: tuple[TemperatureSource, ...] = ()
+    definitions: Definitions = field(default_factory=dict)
+
+
+def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
+    """Read wrench, temperatures and, where they are, reference and specific force; by batch."""
+    streams = {stream.connection.id: stream for stream in _streams(bag, topics)}
+    unstamped = {stream for stream in streams.values() if not stream.sources}
+    unread = {stream for stream in streams.values() if stream.sources}
+    ahead_ns = 0
+    if topics.gravity_frame:
+        yield from gravity_samples(bag, topics)
+    for stream, times_ns, messages in bag.grouped(streams, progress):
+        stamps_ns, values = _decode(bag, stream, messages)
+        if not stream.sources:
+            if stamps_ns.any():
+                unstamped.discard(stream)
+                ahead_ns = int(stamps_ns[-1]) - times_ns[-1]
+            yield from _samples(stream, np.where(stamps_ns, stamps_ns, NO_TIME), values)
+            continue
+        if stream in unread:
+            _check_first(bag, stream, messages, values)
+            unread.discard(stream)
+        if abs(ahead_ns) > _APART_NS and not stamps_ns.all():
+            raise RecordingError(
+                f'Messages on {stream.connection.topic} of {bag.name} have no stamp, and their '
+                'time of arrival says nothing: wrenches are stamped '
+                f'{abs(ahead_ns) / NANOSECONDS:.0f} s {"after" if ahead_ns > 0 else "before"} '
+                "they arrived, by another clock than the recorder's. Let the wrench's driver "
+                'stamp by the clock of ROS, and record again.'
+            )
+        if stamps_ns.any():
+            stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
+        else:  # in simulated time, many may arrive at once
+            stamps_ns, first = np.unique(times_ns, return_index=True)
+            values = values[first]
+        for channel, source, column in zip(stream.channels, stream.sources, values.T, strict=True):
+            yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
+    _refuse_unstamped(bag, [stream.connection for stream in unstamped])
+
+
+def _refuse_unstamped(bag: Bag, connections: Sequence[Connection]) -> None:
+    """Refuse topics of which no message has a stamp."""
+    for connection in connections:
+        remedy = 'and record again'
+        if connection.msgtype == cdr.TEMPERATURE:
+            remedy = f'or name it {connection.topic}:temperature, which takes the times of arrival'
+        raise RecordingError(
+            f'Every message on {connection.topic} of {bag.name} has the header stamp 0; expected '
+            f'the time of measurement. Let the driver fill header.stamp, {remedy}.'
+        )
+
+
+def _samples(stream: _Stream, stamps_ns: IntArray, values: FloatArray) -> Iterator[Samples]:
+    """Name what a topic of doubles holds."""
+    if stream.connection.msgtype != cdr.IMU:
+        yield Samples(stream.channels, stamps_ns, values[:, : len(stream.channels)])
+        return
+    yield Samples(FORCE_CHANNELS, stamps_ns, values[:, cdr.ACCELERATION])
+    speed = np.linalg.norm(values[:, cdr.ROTATION], axis=1, keepdims=True)
+    measured = speed[:, 0] > 0  # an accelerometer alone leaves it empty
+    yield Samples((ROTATION_CHANNEL,), stamps_ns[measured], speed[measured])
+
+
+def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
+    """Find the topics; one stream for each connection."""
+    for connection in bag.named(topics.wrench):
+        for sentence in wrenches_inside(bag, connection):
+            raise RecordingError(sentence)
+    wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
+    streams = [_Stream(connection, AXES) for connection in wrenches]
+    inside: defaultdict[str, list[tuple[str, TemperatureSource]]] = defaultdict(list)
+    sources = parse_sources(topics.temperatures, lambda topic: topic.strip('/'))
+    for number, source in enumerate(sources):
+        channel = temperature_channel(number)
+        if source.path:
+            inside[source.topic.strip('/')].append((channel, source))
+            continue
+        _check_plain(bag, source)
+        found = bag.find(source.topic, cdr.TEMPERATURE, 'temperature')
+        streams += [_Stream(connection, (channel,)) for connection in found]
+    for topic, parts in inside.items():
+        channels, named = zip(*parts, strict=True)
+        found = bag.find(topic, None, 'temperature')
+        streams += [_Stream(each, channels, named, bag.define(each)) for each in found]
+    holds_reference = any(connection.msgcount for connection in bag.named(topics.reference))
+    if holds_reference or topics.reference != Topics().reference:
+        found = bag.find(topics.reference, cdr.WRENCH, 'reference')
+        streams += [_Stream(connection, REFERENCE_CHANNELS) for connection in found]
+    if topics.imu:
+        found = bag.find(topics.imu, cdr.IMU, 'IMU')
+        streams += [_Stream(connection, FORCE_CHANNELS) for connection in found]
+    numbers = Counter(stream.connection.id for stream in streams)
+    for stream in streams:
+        if numbers[stream.connection.id] > 1:
+            raise RecordingError(
+                f'Topic {stream.connection.topic} is named twice; each must be another one.'
+            )
+    return streams
+
+
+def _check_plain(bag: Bag, source: TemperatureSource) -> None:
+    """Refuse a topic of another type than sensor_msgs/Temperature that has temperatures inside."""
+    for connection in bag.named(source.topic):
+        if connection.msgtype != cdr.TEMPERATURE:
+            for path in temperatures_inside(bag, connection)[:1]:
+                raise RecordingError(
+                    f'{connection.topic} of {bag.name} is {connection.msgtype}; the temperature '
+                    f'must be {cdr.TEMPERATURE}, or a number inside. Did you mean '
+                    f'{source.topic}:{path_text(path)}?'
+                )
+
+
+def temperatures_inside(bag: Bag, connection: Connection) -> list[Path]:
+    """Find the numbers of a topic's first message that are named like temperatures."""
+    message = _first_message(bag, connection)
+    return [] if message is None else temperatures_in(message, connection.topic)
+
+
+def wrenches_inside(bag: Bag, connection: Connection) -> list[str]:
+    """Say of wrenches inside a topic's messages of another type what to do to use them."""
+    message = None if connection.msgtype == cdr.WRENCH else _first_message(bag, connection)
+    found = [path for path, _ in numbers_in(message)] if message else []
+    return [
+        f'{connection.topic} of {bag.name} is {connection.msgtype} and holds a wrench inside '
+        f'({path_text(path[:-1])}); a raw wrench is read from {cdr.WRENCH} only. Play the bag, '
+        'publish it as that, too (ros2 run topic_tools transform), and record the result.'
+        for path in found
+        if path[-2:] in {('force', 'x'), ('force', 0)}
+    ]
+
+
+def _first_message(bag: Bag, connection: Connection) -> Decoded | None:
+    """Decode the first message of a topic; None where there is none, or it cannot be decoded."""
+    content = bag.first(connection)
+    try:
+        return decode(bag.define(connection), connection.msgtype, content) if content else None
+    except RecordingError:
+        return None
+
+
+def _check_first(bag: Bag, stream: _Stream, messages: list[bytes], values: FloatArray) -> None:
+    """Refuse a source of which the first messages have no number, saying what they have."""
+    for column, source in enumerate(stream.sources):
+        if np.isfinite(values[:, column]).any():
+            continue
+        try:
+            source.read(decode(stream.definitions, stream.connection.msgtype, messages[0]))
+        except SettingsError as error:
+            raise RecordingError(f'{bag.name}: {error}') from error
+
+
+def _decode(bag: Bag, stream: _Stream, messages: list[bytes]) -> tuple[IntArray, FloatArray]:
+    """Read stamps and numbers, naming bag and topic where a message is none of this form."""
+    topic, kind = stream.connection.topic, stream.connection.msgtype
+    try:
+        if stream.sources:
+            paths = [source.path for source in stream.sources]
+            return read_numbers(stream.definitions, kind, messages, paths)
+        return cdr.decode_many(messages, cdr.DOUBLES[kind])
+    except RecordingError as error:
+        if messages[0].startswith(_ZSTD_MAGIC):
+            raise RecordingError(
+                f'Messages on {topic} of {bag.name} are compressed one by one, which only '
+                "metadata.yaml tells. Name the bag's folder, after 'ros2 bag reindex' if need be."
+            ) from error
+        raise RecordingError(f'A message on {topic} of {bag.name} is damaged. {error}') from error
+
+
+def rewrite_bag(
+    bag: Bag,
+    target: pathlib.Path,
+    outputs: Mapping[str, Correction],
+    topics: Topics,
+    progress: Progress | None = None,
+) -> tuple[str, ...]:
+    """Copy a bag with every message, and add wrenches by topic at the raw one's times."""
+    # Storage and compression are those of the source. The target is a folder or, where it is named
+    # like one, the bare storage file. Where a raw one has none, none is added. Says what was lost.
+    bare = target.suffix in SUFFIXES
+    folder = target.with_name(f'{target.stem}_bag') if bare else target
+    compression = '' if bare else bag.compression
+    wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
+    stream, raw = _Stream(wrenches[0], AXES), {connection.id for connection in wrenches}
+    with backend().write_bag(folder, bag, compression) as (add, write):
+        copies = {c.id: add(c, c.topic) for c in bag.connections}
+        added = [add(wrenches[0], f'/{topic.strip("/")}') for topic in outputs]
+        for batch in bag.batches(bag.connections, progress):
+            messages = [data for connection, _, data in batch if connection.id in raw]
+            corrected = iter(_corrected(bag, stream, messages, outputs.values()))
+            for connection, stamp, data in batch:
+                write(copies[connection.id], stamp, data)
+                if connection.id in raw:
+                    for output, message in zip(added, next(corrected), strict=True):
+                        if message is not None:
+                            write(output, stamp, message)
+    if bare:
+        (made,) = folder.glob(f'*{target.suffix}')
+        made.rename(target)
+    return bag.warnings
+
+
+def _corrected(
+    bag: Bag, stream: _Stream, messages: list[bytes], corrections: Iterable[Correction]
+) -> list[tuple[bytes | None, ...]]:
+    """Correct messages in several ways; None where one does not know what the raw one does."""
+    if not messages:
+        return []
+    stamps_ns, raw = _decode(bag, stream, messages)
+    columns = []
+    for correct in corrections:
+        wrench = correct(stamps_ns, raw)
+        lost = np.isnan(wrench).any(axis=1) & np.isfinite(raw).all(axis=1)
+        pairs = zip(cdr.encode_many(messages, wrench), np.asarray(lost).tolist(), strict=True)
+        columns.append([None if is_lost else message for message, is_lost in pairs])
+    return list(zip(*columns, strict=True))

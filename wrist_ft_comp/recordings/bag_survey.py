@@ -1,0 +1,207 @@
+"""What a bag's topics may be good for (wrench, temperature, IMU, TF), and which to name."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import takewhile
+import re
+
+import numpy as np
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.payload.directions import describe_force, ForceSummary, moments_of
+from wrist_ft_comp.recordings.bag import Bag, Connection
+from wrist_ft_comp.recordings.bag_recording import temperatures_inside
+from wrist_ft_comp.signals import (
+    FloatArray,
+    IntArray,
+    is_plausible,
+    NANOSECONDS,
+    Progress,
+    Topics,
+)
+from wrist_ft_comp.wire import cdr
+from wrist_ft_comp.wire.cdr_fields import Definitions, read_numbers
+from wrist_ft_comp.wire.temperature_source import Path, path_text
+
+RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
+_ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}
+#: Wrenches that something was done to already are named like this.
+_TREATED = re.compile(r'compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE)
+#: Temperatures of the sensor, or beside it, are named like this.
+_NEAR = re.compile(r'sensor|force|wrench|torque|tool|flange|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
+#: Temperatures of what heats the sensor, or of what is around, are named like this.
+_FAR = re.compile(r'motor|drive(?!r)|joint|cabinet|ambient|room|cpu|battery', re.IGNORECASE)
+#: A thermometer that moves by less sees no warm-up.
+_MOVES_K = 0.5
+#: As many thermometers are suggested: one inside the sensor, and one at the motor's side.
+_SUGGESTED = 2
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What a topic, or a number in its messages, may be used as, and how good it is."""
+
+    #: RAW_WRENCH, TEMPERATURE, IMU or TF.
+    role: str
+    #: As an option takes it: a topic, or ``topic:field``.
+    entry: str
+    samples: int
+    #: Between the first and the last sample, s, and the longest time without one.
+    span_s: float
+    longest_gap_s: float
+    #: Whether the stamps are the headers'; else times of arrival.
+    stamped: bool
+    #: Lowest and highest reading, in the driver's unit; None but for temperatures.
+    reads: tuple[float, float] | None = None
+    #: Of an IMU.
+    force: ForceSummary | None = None
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Samples per second, on average."""
+        return (self.samples - 1) / self.span_s if self.span_s > 0 else None
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is a temperature that moved."""
+        return self.reads is not None and self.reads[1] - self.reads[0] >= _MOVES_K
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is a temperature that moved, in °C as far as one can tell."""
+        return self.moves and all(map(is_plausible, self.reads or ()))
+
+
+@dataclass(eq=False)
+class _Tally:
+    """What a connection delivered so far."""
+
+    connection: Connection
+    role: str
+    #: Temperatures in messages of any type.
+    paths: list[Path] = field(default_factory=list)
+    definitions: Definitions = field(default_factory=dict)
+    samples: int = 0
+    stamped: bool = False
+    first_ns: int | None = None
+    last_ns: int = 0
+    gap_ns: int = 0
+    #: Of each temperature.
+    low: FloatArray = field(default_factory=lambda: np.array([np.nan]))
+    high: FloatArray = field(default_factory=lambda: np.array([np.nan]))
+    #: Of specific force.
+    moments: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
+
+    def add(self, times_ns: list[int], messages: list[bytes]) -> None:
+        """Take messages into account."""
+        stamps_ns, values = self._read(messages)
+        self.stamped |= bool(stamps_ns.any())
+        stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
+        self.samples += len(messages)
+        if self.first_ns is None:
+            self.first_ns = self.last_ns = int(stamps_ns[0])
+        steps = np.diff(stamps_ns, prepend=self.last_ns)
+        self.gap_ns = max(self.gap_ns, int(steps.max()))
+        self.last_ns = int(stamps_ns[-1])
+        self.low = np.fmin(self.low, np.fmin.reduce(values))
+        self.high = np.fmax(self.high, np.fmax.reduce(values))
+
+    def _read(self, messages: list[bytes]) -> tuple[IntArray, FloatArray]:
+        """Read stamps, 0 where there are none, and temperatures, shape (n, P)."""
+        if self.role == TF:
+            return np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
+        if self.paths:
+            return read_numbers(self.definitions, self.connection.msgtype, messages, self.paths)
+        stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[self.connection.msgtype])
+        if self.role == IMU:
+            self.moments += moments_of(values[:, cdr.ACCELERATION])
+        return stamps_ns, values[:, : self.role == TEMPERATURE]
+
+    def candidates(self) -> Iterator[Candidate]:
+        """Say what came of it."""
+        span_ns = self.last_ns - (self.first_ns or 0)
+        known = self.samples, span_ns / NANOSECONDS, self.gap_ns / NANOSECONDS, self.stamped
+        topic = self.connection.topic
+        if self.role != TEMPERATURE:
+            yield Candidate(self.role, topic, *known, force=describe_force(self.moments))
+            return
+        # What has no stamp counts at its time of arrival where it is read as a field.
+        plain: list[Path] = [()] if self.stamped else [('temperature',)]
+        for path, low, high in zip(self.paths or plain, self.low, self.high, strict=True):
+            entry = f'{topic}:{path_text(path)}' if path else topic
+            yield Candidate(self.role, entry, *known, (float(low), float(high)))
+
+
+def survey_bag(
+    bag: Bag, progress: Progress | None = None
+) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
+    """Tell how good what may be used of a bag is, by role and topic, and what is not known."""
+    warnings: list[str] = []
+    filled = [each for each in bag.connections if each.msgcount]
+    tallies = {each.id: tally for each in filled if (tally := _tally(bag, each, warnings))}
+    for tally, times_ns, messages in bag.grouped(tallies, progress):
+        try:
+            tally.add(times_ns, messages)
+        except RecordingError as error:  # noqa: PERF203 -- others are whole
+            del tallies[tally.connection.id]
+            warnings.append(f'{tally.connection.topic} cannot be used: {error}')
+    found = (each for tally in tallies.values() if tally.samples for each in tally.candidates())
+    order = list(_ROLES.values())
+    return (
+        tuple(sorted(found, key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))),
+        tuple(warnings),
+    )
+
+
+def _tally(bag: Bag, connection: Connection, warnings: list[str]) -> _Tally | None:
+    """Decide what to look for in a connection's messages."""
+    if role := _ROLES.get(connection.msgtype):
+        return _Tally(connection, role)
+    try:
+        definitions = bag.define(connection)
+    except RecordingError as error:
+        warnings.append(f'Whether it holds temperatures is not known: {error}')
+        return None
+    paths = temperatures_inside(bag, connection)
+    return _Tally(connection, TEMPERATURE, paths, definitions) if paths else None
+
+
+def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
+    """Decide what to use of a bag: what was named and is there, else what looks right."""
+    # The raw wrench is one that nothing was done to. What is named after the sensor of another one
+    # is not used with it. The thermometer that is not named like a motor's, has most of its name
+    # in common with the wrench, or is named like something at the tool, is most probably inside
+    # the sensor and comes first, and so it is with IMUs; of an array, the last element counts as
+    # nearest to the tool. Where there is none, the wrench is empty, or there are no temperatures.
+    wrenches = [each for each in candidates if each.role == RAW_WRENCH]
+    wrenches.sort(key=lambda each: (bool(_TREATED.search(each.entry)), -each.samples))
+    wrenches.sort(key=lambda each: each.entry.strip('/') != topics.wrench.strip('/'))
+    wrench = wrenches[0].entry if wrenches else ''
+
+    def is_others(each: Candidate) -> bool:
+        names, ours = _names(each.entry), _names(wrench)
+        others = (_names(other.entry) for other in wrenches[1:])
+        return any(names & (other - ours) and not names & (ours - other) for other in others)
+
+    def distance(each: Candidate) -> tuple[bool, int, bool, int]:
+        pairs = zip(each.entry.split('/'), wrench.split('/'), strict=False)
+        common = list(takewhile(lambda pair: pair[0] == pair[1], pairs))
+        indices = re.findall(r'\[(\d+)\]', each.entry)
+        far, near = _FAR.search(each.entry), _NEAR.search(each.entry)
+        return far is not None, -len(common), near is None, -int(indices[-1] if indices else -1)
+
+    topics = replace(topics, wrench=wrench)
+    candidates = [each for each in candidates if not is_others(each)]
+    imus = sorted((c for c in candidates if c.role == IMU and c.stamped), key=distance)
+    if imus and not topics.imu and not topics.gravity_frame:
+        topics = replace(topics, imu=imus[0].entry)
+    if topics.temperatures != Topics().temperatures:
+        return topics
+    found = [each for each in candidates if each.role == TEMPERATURE]
+    found = sorted([each for each in found if each.usable] or found[:1], key=distance)
+    return replace(topics, temperatures=tuple(each.entry for each in found[:_SUGGESTED]))
+
+
+def _names(entry: str) -> set[str]:
+    """Split a topic into the names between its slashes, and these into words."""
+    return {*entry.lower().split('/'), *re.findall(r'[a-z]+', entry.lower())}

@@ -1,0 +1,298 @@
+"""
+Tables of named columns: which channels they hold, and a recording made of ones in memory.
+
+A table is what has ``keys`` and columns by name, a stamp and channels (``signals``): a dict of
+arrays, or a pandas DataFrame. A column's name tells its unit where there are several.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+import difflib
+import re
+from typing import Any, Protocol
+
+import numpy as np
+
+from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.signals import (
+    AXES,
+    axis_unit,
+    BoolArray,
+    FloatArray,
+    FORCE_CHANNELS,
+    IntArray,
+    NANOSECONDS,
+    Recording,
+    REFERENCE_CHANNELS,
+    ROTATION_CHANNEL,
+    Samples,
+    temperature_channel,
+)
+from wrist_ft_comp.stream.batch_grid import grid_samples
+from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
+from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
+
+#: Columns of stamps, and how many nanoseconds their unit has.
+STAMPS = {'stamp_ns': 1, 'stamp_us': 1_000, 'stamp_ms': 1_000_000, 'stamp_s': NANOSECONDS}
+#: Channels with one name; thermometers have a number and a unit.
+_CHANNELS = (*AXES, *REFERENCE_CHANNELS, *FORCE_CHANNELS, ROTATION_CHANNEL)
+_THERMOMETER = re.compile(r'(temperature_(?:(?:[2-9]|[1-9]\d+)_)?)([ckf])')
+#: What other loggers call a column: in small letters, without signs and a unit in brackets.
+_ALIASES = {
+    **dict.fromkeys(('t', 'time', 'timestamp', 'date', 'datetime'), 'stamp_s'),
+    **{f'{short}{axis}': f'force_{axis}' for short in ('f', 'f_') for axis in 'xyz'},
+    **{f'{short}{axis}': f'torque_{axis}' for short in ('t', 't_', 'm', 'm_') for axis in 'xyz'},
+    **{
+        f'{short}{axis}': f'linear_acceleration_{axis}'
+        for short in ('a', 'acc_')
+        for axis in 'xyz'
+    },
+}
+#: How much a name looks like that of a column that is probably meant, 0 to 1.
+_ALIKE = 0.7
+#: As many columns are listed in a sentence, and as many letters of a name.
+_LISTED, _SHOWN = 30, 40
+#: Beginning of the name of an empty column, which goes on with what the sensor is called; and the
+#: name of the empty column of a recording from which drift was removed.
+ORIGIN, COMPENSATED = 'recorded_from?', 'compensated_by_wrist_ft_comp'
+
+
+class Columns(Protocol):
+    """Columns of equal length by name; NaN where a channel has no sample at a stamp."""
+
+    def keys(self) -> Iterable[Any]:
+        """Give the names."""
+
+    def __getitem__(self, name: str, /) -> Any:
+        """Give what numpy makes an array of."""
+
+
+def channel_of(column: str) -> str:
+    """Name the channel that a column holds, in whatever unit; empty where it is none."""
+    thermometer = _THERMOMETER.fullmatch(column)
+    return f'{thermometer[1]}c' if thermometer else column if column in _CHANNELS else ''
+
+
+def in_channel_unit(column: str, values: FloatArray) -> FloatArray:
+    """Convert the values of a channel's column from the unit in its name to the channel's."""
+    thermometer = _THERMOMETER.fullmatch(column)
+    return to_celsius(values, thermometer[2].upper()) if thermometer else values
+
+
+def channels_in(source: str, columns: Sequence[str]) -> dict[str, str]:
+    """Find the column of every channel; RecordingError where two columns hold the same."""
+    found: dict[str, str] = {}
+    for column in columns:
+        name = channel_of(column) or column
+        if name in found and (channel_of(column) or column in STAMPS):
+            same = 'twice' if found[name] == column else f'and {found[name]}, which is the same'
+            raise RecordingError(f'{source} has the column {column} {same}; remove or rename one.')
+        found[name] = column
+    return {name: column for name, column in found.items() if channel_of(name)}
+
+
+def require_column(source: str, columns: Sequence[str], kind: str, names: Iterable[str]) -> None:
+    """Refuse when no column is one of the names, saying which one may be meant for it."""
+    names = list(names)
+    if {channel_of(column) or column for column in columns} & set(names):
+        return
+    meant = {column: name for column, name in _meant(columns).items() if name in names}
+    guesses = [f'Is {c[:_SHOWN]!r} meant to be {n!r}{_unit(n)}?' for c, n in meant.items()]
+    remedy = (
+        'Then name it so, with its values in that unit.' if meant else 'Rename or add the column.'
+    )
+    raise RecordingError(
+        f'{source} has no {kind} column; expected {" or ".join(names)}, got '
+        f'{_listed(columns)}. {" ".join([*guesses, remedy])}'
+    )
+
+
+def require_channels(source: str, columns: Sequence[str]) -> None:
+    """Refuse a table without a raw wrench or a temperature."""
+    require_column(source, columns, 'raw wrench', AXES)
+    require_column(source, columns, 'temperature', ('temperature_c',))
+
+
+def unknown_columns(source: str, columns: Sequence[str]) -> list[str]:
+    """Name in one warning the columns that are not understood, and what may be meant by them."""
+    meant = _meant(columns)
+    if not meant:
+        return []
+    guesses = [f' Is {c[:_SHOWN]} meant to be {n}{_unit(n)}?' for c, n in meant.items() if n]
+    remedy = ' Then name it so, with its values in that unit.' if guesses else ''
+    sentence = f'{source} has columns that are not understood and not used: {_listed([*meant])}.'
+    return [f'{sentence}{"".join(guesses[:_LISTED])}{remedy}']
+
+
+def _meant(columns: Sequence[str]) -> dict[str, str]:
+    """Find the columns that are not understood, and the absent one that each may be, or empty."""
+    used = {channel_of(column) or column for column in columns}
+    absent = [name for name in _CHANNELS if name not in used]
+    absent += [] if used & set(STAMPS) else ['stamp_s']
+    thermometers = (name for j in range(100) if (name := temperature_channel(j)) not in used)
+    meant: dict[str, str] = {}
+    for column in columns:
+        if channel_of(column) or column in STAMPS or column.startswith((ORIGIN, COMPENSATED)):
+            continue
+        plain = re.sub(r'[\[(].*|\W', '', column.lower())
+        near = difflib.get_close_matches(plain[:_SHOWN], absent, 1, _ALIKE)
+        name = _ALIASES.get(plain, near[0] if near else '')
+        meant[column] = name if name in absent and not plain.startswith('external_') else ''
+        if may_be_temperature((plain,)):
+            meant[column] = next(thermometers, '')
+    return meant
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Enumerate names for people, the first of many."""
+    more = f' and {len(names) - _LISTED} more' if len(names) > _LISTED else ''
+    return f'{", ".join(name[:_SHOWN] for name in names[:_LISTED])}{more}'
+
+
+def _unit(name: str) -> str:
+    """Say in which unit a column is, and how it is named in others."""
+    if name in STAMPS:
+        return f' (or {", ".join(STAMPS)})'
+    thermometer = _THERMOMETER.fullmatch(name)
+    if thermometer:
+        return f' (or {thermometer[1]}k, {thermometer[1]}f)'
+    return f' ({axis_unit(name.removeprefix("reference_"))})'
+
+
+def channel_groups(channels: Iterable[str]) -> list[tuple[str, ...]]:
+    """List channels that share samples: raw wrench, thermometers, reference, specific force."""
+    channels = list(channels)
+    groups = (
+        tuple(axis for axis in AXES if axis in channels),
+        *((channel,) for channel in channels if _THERMOMETER.fullmatch(channel)),
+        tuple(channel for channel in REFERENCE_CHANNELS if channel in channels),
+        tuple(channel for channel in FORCE_CHANNELS if channel in channels),
+        (ROTATION_CHANNEL,) if ROTATION_CHANNEL in channels else (),
+    )
+    return [group for group in groups if group]
+
+
+def samples_of(
+    stamps_ns: IntArray, values: Mapping[str, FloatArray], filled: Mapping[str, BoolArray]
+) -> Iterator[Samples]:
+    """Make blocks of a table's rows; a group that some rows fill in part comes one by one."""
+    for group in channel_groups(values):
+        rows = np.stack([filled[channel] for channel in group])
+        together = (rows == rows[0]).all()
+        for channels in [group] if together else [(channel,) for channel in group]:
+            at = filled[channels[0]]
+            block = np.stack([values[channel][at] for channel in channels], 1)
+            yield Samples(channels, stamps_ns[at], block)
+
+
+def recording_from_columns(
+    *tables: Columns, name: str = 'table', period_s: float = 1.0, max_bad_share: float = 0.01
+) -> Recording:
+    """
+    Make a recording of columns in memory, as read_recording does of a CSV file.
+
+    Parameters
+    ----------
+    *tables : mapping of str to array, or DataFrame
+        Each with a column ``stamp_s``, ``stamp_ms``, ``stamp_us`` or ``stamp_ns`` (whole ns, or
+        datetime64), ascending, and any channels (N, N m, °C, or as ``temperature_k`` says); NaN
+        is no sample. Channels of different rates may come in tables of their own.
+    name : str
+        What messages and reports call it.
+    period_s : float
+        Length of a thermal cell, s.
+    max_bad_share : float
+        Largest share of unusable samples per channel, 0 to 1.
+
+    Returns
+    -------
+    Recording
+        Its warnings say what was left out.
+
+    Raises
+    ------
+    RecordingError
+        When a table cannot be read, or they do not hold what a recording must.
+
+    """
+    blocks: list[Samples] = []
+    names: list[str] = []
+    for table in tables:
+        stamps_ns, values = _read(table, name)
+        filled = {channel: ~np.isnan(column) for channel, column in values.items()}
+        blocks += samples_of(stamps_ns, values, filled)
+        names += [each for each in map(str, table.keys()) if each not in STAMPS]
+    require_channels(name, names)
+    channels_in(name, names)
+    recording = grid_samples(blocks, name=name, period_s=period_s, max_bad_share=max_bad_share)
+    unknown = unknown_columns(name, [*STAMPS, *names])
+    return replace(recording, warnings=(*recording.warnings, *unknown))
+
+
+def compensate(
+    model: DriftModel, table: Columns, *others: Columns, tare_s: float = 0.0
+) -> dict[str, FloatArray]:
+    """
+    Remove the drift from the wrench of a table, as the command ``compensate`` does from a file.
+
+    Parameters
+    ----------
+    model : DriftModel
+        The model.
+    table, *others : mapping of str to array, or DataFrame
+        As for recording_from_columns; the wrench of the first one is compensated.
+    tare_s : float
+        Tare on the first seconds, which must be unloaded, s; 0 gives no tare.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Compensated columns, N and N m, by axis; those that the first table holds.
+
+    Raises
+    ------
+    RecordingError
+        As recording_from_columns, or when the thermometers are not those of the model.
+
+    """
+    recording = recording_from_columns(table, *others, period_s=model.period_ns / NANOSECONDS)
+    stamps_ns, values = _read(table, recording.name)
+    absent = np.full(len(stamps_ns), np.nan)
+    raw = np.stack([values.get(axis, absent) for axis in AXES], axis=1)
+    tare = initial_tare(model, recording, tare_s)
+    corrected = correct_many(track_drift(model, recording), stamps_ns, raw, tare)
+    return {axis: corrected[:, i] for i, axis in enumerate(AXES) if axis in values}
+
+
+def _read(table: Columns, name: str) -> tuple[IntArray, dict[str, FloatArray]]:
+    """Take stamps, ns, and the channels out of a table, all of shape (n,)."""
+    columns = list(map(str, table.keys()))
+    require_column(name, columns, 'stamp', STAMPS)
+    stamp = next(column for column in STAMPS if column in columns)
+    stamps = np.asarray(table[stamp])
+    is_date = stamps.dtype.kind == 'M'
+    if not is_date and (stamp != 'stamp_ns' or stamps.dtype.kind not in 'iu'):
+        stamps = np.rint(_numbers(stamps, stamp, name, (stamps.size,)) * STAMPS[stamp])
+    if stamps.ndim != 1 or not np.isfinite(stamps).all():
+        raise RecordingError(
+            f'{stamp} of {name} must be one time per row; leave out rows without it.'
+        )
+    stamps = stamps.astype('datetime64[ns]') if is_date else stamps
+    return stamps.astype(np.int64), {
+        channel: in_channel_unit(column, _numbers(table[column], column, name, stamps.shape))
+        for channel, column in channels_in(name, columns).items()
+    }
+
+
+def _numbers(column: Any, channel: str, name: str, shape: tuple[int, ...]) -> FloatArray:
+    """Turn a column into numbers of a given shape."""
+    try:
+        values = np.asarray(column, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f'{channel} of {name} must hold numbers: {error}.') from error
+    if values.shape != shape:
+        raise RecordingError(
+            f'{channel} of {name} must have shape {shape}, as its stamps; got {values.shape}.'
+        )
+    return values

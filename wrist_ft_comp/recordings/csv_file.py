@@ -1,0 +1,353 @@
+"""
+Recordings as CSV: read, and copied with the wrench corrected, piece by piece; and the node's own.
+
+Stamps become integer nanoseconds exactly. An empty cell is no sample. A last line without a line
+end may be only the beginning of what was to be written: if it is incomplete it is left out.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+import csv
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import partial
+import io
+from math import isnan, nan
+import os
+from pathlib import Path
+import re
+from urllib.parse import parse_qs, urlencode
+
+import numpy as np
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recordings.columns import (
+    channels_in,
+    COMPENSATED,
+    in_channel_unit,
+    ORIGIN,
+    require_column,
+    samples_of,
+    STAMPS,
+    unknown_columns,
+)
+from wrist_ft_comp.signals import (
+    AXES,
+    BoolArray,
+    Correction,
+    FloatArray,
+    IntArray,
+    NANOSECONDS,
+    Progress,
+    Samples,
+    SensorNames,
+)
+from wrist_ft_comp.stored.documents import writing
+
+#: Characters per piece, the bound of what is in memory: some 10 000 rows; and of a line.
+CHUNK = LONGEST_LINE = 1_000_000
+
+
+def origin_column(sensor: SensorNames) -> str:
+    """Name the column that says what the sensor is called."""
+    return ORIGIN + urlencode(sensor, doseq=True, safe='/:[]')
+
+
+def sensor_in(columns: Sequence[str]) -> SensorNames:
+    """Read what the sensor is called from the names of columns."""
+    return parse_qs(''.join(each[len(ORIGIN) :] for each in columns if each.startswith(ORIGIN)))
+
+
+def nanoseconds(text: str, unit_ns: int = NANOSECONDS) -> int:
+    """Convert a decimal number of seconds, or of another unit, to nanoseconds exactly."""
+    return round(Decimal(text) * unit_ns)
+
+
+@dataclass(frozen=True, eq=False)
+class CsvPiece:
+    """Consecutive rows: every column's cells, verbatim, and what the known channels say."""
+
+    cells: list[tuple[str, ...]]
+    stamps_ns: IntArray
+    #: By channel, shape (n,): NaN where the cell is empty, and whether it is filled.
+    values: dict[str, FloatArray]
+    filled: dict[str, BoolArray]
+
+
+class CsvRecording:
+    """A CSV file with a header, read by ``pieces``."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        #: What was left out; complete when the pieces are through.
+        self.warnings: list[str] = []
+        with self._open() as text:
+            first = self._lines(text, 1)
+        if not first or not first[0].strip():
+            raise RecordingError(
+                f'{path.name} is empty; expected a header such as '
+                'stamp_s,force_z,temperature_c and rows below it.'
+            )
+        #: The first line, verbatim.
+        self.header = first[0].rstrip('\n')
+        self.delimiter = max(',;\t', key=self.header.count)
+        (cells,) = self._split([self.header.strip()])
+        self.columns = tuple(cell.strip() for cell in cells)
+        if all(re.fullmatch(r'[-+.\deE]*', column) for column in self.columns):
+            raise RecordingError(
+                f'Line 1 of {path.name} must be a header naming the columns, such as '
+                f'stamp_s,force_z,temperature_c; got {self.header.strip()[:60]!r}.'
+            )
+        #: The column of every channel.
+        self.channels = channels_in(path.name, self.columns)
+        require_column(path.name, self.columns, 'stamp', STAMPS)
+        self._stamp = next(column for column in STAMPS if column in self.columns)
+        unit_ns = STAMPS[self._stamp]
+        #: How the columns that are used are converted, and what they are expected to hold.
+        self._expected: dict[str, tuple[Callable[[str], float], str]] = {
+            self._stamp: (
+                partial(nanoseconds, unit_ns=unit_ns) if unit_ns > 1 else int,
+                'a decimal number' if unit_ns > 1 else 'a whole number of nanoseconds',
+            ),
+            **dict.fromkeys(self.channels.values(), (_number, 'a number with a decimal point')),
+        }
+        self.warnings += unknown_columns(path.name, self.columns)
+
+    def pieces(self, progress: Progress | None = None) -> Iterator[CsvPiece]:
+        """Read rows piece by piece, never an empty one; refuse bad ones, naming the line."""
+        rows = 0
+        with self._open() as text:
+            size = os.fstat(text.fileno()).st_size
+            self._lines(text, 1)
+            line = 2
+            while lines := self._lines(text, CHUNK):
+                last = None if lines[-1].endswith('\n') else lines.pop()
+                complete = self._piece(lines, line)
+                line += len(lines)
+                for piece in (complete, last and self._last_piece(last, line)):
+                    if piece:
+                        yield piece
+                        rows += len(piece.stamps_ns)
+                if progress:
+                    progress(os.lseek(text.fileno(), 0, os.SEEK_CUR) / size)
+        if not rows:
+            raise RecordingError(
+                f'{self.path.name} holds a header and no complete row; nothing was recorded.'
+            )
+
+    def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
+        """Read as pieces do; a group that some rows fill in part comes channel by channel."""
+        for piece in self.pieces(progress):
+            yield from samples_of(piece.stamps_ns, piece.values, piece.filled)
+
+    @contextmanager
+    def _open(self) -> Iterator[io.TextIOWrapper]:
+        """Open the file to be read as text; a byte order mark at its start is skipped."""
+        try:
+            with self.path.open(encoding='utf-8-sig') as text:
+                yield text
+        except UnicodeDecodeError as error:
+            raise RecordingError(
+                f'{self.path.name} is no UTF-8 text (byte {error.object[error.start]:#04x}); '
+                'expected a CSV recording. Save it as UTF-8.'
+            ) from error
+        except OSError as error:
+            raise RecordingError(f'{self.path} cannot be read: {error.strerror}.') from error
+
+    def _lines(self, text: io.TextIOWrapper, size: int) -> list[str]:
+        """Read the next lines, some characters in all; refuse one that no recording has."""
+        part = text.read(size)
+        rest = text.readline(LONGEST_LINE)
+        if len(rest) == LONGEST_LINE:
+            raise RecordingError(
+                f'{self.path.name} has a line of more than {LONGEST_LINE} characters; expected a '
+                'CSV recording, a row on each line.'
+            )
+        return io.StringIO(part + rest).readlines()
+
+    def _split(self, lines: Sequence[str]) -> list[list[str]]:
+        """Cut lines into cells."""
+        try:
+            return list(csv.reader(lines, delimiter=self.delimiter))
+        except csv.Error as error:
+            raise RecordingError(f'{self.path.name} is no CSV recording: {error}.') from error
+
+    def _piece(self, lines: list[str], first: int) -> CsvPiece | None:
+        """Convert lines; None where all are blank."""
+        rows, width = self._split(lines), len(self.columns)
+        if set(map(len, rows)) != {width}:
+            rows = [row for row in rows if not _is_blank(row)]
+        if not rows:
+            return None
+        if set(map(len, rows)) == {width}:
+            with suppress(ValueError, ArithmeticError):
+                return self._converted(list(zip(*rows, strict=True)))
+        raise self._refusal(lines, first)
+
+    def _converted(self, cells: list[tuple[str, ...]]) -> CsvPiece:
+        """Convert columns of cells, whatever refuses."""
+        convert, _ = self._expected[self._stamp]
+        stamps = cells[self.columns.index(self._stamp)]
+        stamps_ns = np.fromiter(map(convert, stamps), np.int64, len(stamps))
+        values, filled = {}, {}
+        for channel, column in self.channels.items():
+            numbers, filled[channel] = _numbers(cells[self.columns.index(column)])
+            values[channel] = in_channel_unit(column, numbers)
+        return CsvPiece(cells, stamps_ns, values, filled)
+
+    def _refusal(self, lines: list[str], first: int) -> RecordingError:
+        """Say which row is the first bad one, and why; a row may have several lines."""
+        reader = csv.reader(lines, delimiter=self.delimiter)
+        problem = next(filter(None, map(self._problem, reader)))
+        where = f'Line {first - 1 + reader.line_num} of {self.path.name}'
+        return RecordingError(f'{where}{problem}. Repair or remove the line.')
+
+    def _problem(self, row: list[str]) -> str:
+        """Say what is wrong with a row, if anything; a blank line is none."""
+        if _is_blank(row):
+            return ''
+        if len(row) != len(self.columns):
+            return f' has {len(row)} cells; the header names {len(self.columns)} columns'
+        for column, (convert, expected) in self._expected.items():
+            cell = row[self.columns.index(column)]
+            try:
+                np.array(convert(cell), np.int64 if column == self._stamp else float)
+            except (ValueError, ArithmeticError):
+                return f', column {column}: expected {expected}, got {cell[:60]!r}'
+        return ''
+
+    def _last_piece(self, last: str, line: int) -> CsvPiece | None:
+        """Convert a last line without line end; None where it is what a power failure left."""
+        try:
+            piece = self._piece([last], line)
+        except RecordingError:
+            self.warnings.append(
+                f'Line {line} of {self.path.name} is cut off in its middle; it was left out.'
+            )
+            return None
+        if piece:
+            self.warnings.append(
+                f'Line {line} of {self.path.name} has no line end; if it was cut off, its last '
+                f'value ({self.columns[-1]} = {piece.cells[-1][0]!r}) is incomplete.'
+            )
+        return piece
+
+
+def _is_blank(row: Sequence[str]) -> bool:
+    """Tell whether nothing stands on a line."""
+    return len(row) < 2 and not ''.join(row).strip()
+
+
+def _number(cell: str) -> float:
+    """Convert a cell; an empty one is NaN."""
+    return float(cell) if cell.strip() else nan
+
+
+def _numbers(cells: Sequence[str]) -> tuple[FloatArray, BoolArray]:
+    """Convert a channel's cells, and tell which are filled."""
+    count = len(cells)
+    try:
+        return np.fromiter(map(float, cells), float, count), np.ones(count, bool)
+    except ValueError:  # a cell is empty, or worse
+        filled = np.fromiter((bool(cell.strip()) for cell in cells), bool, count)
+    return np.fromiter(map(_number, cells), float, count), filled
+
+
+def rewrite_csv(
+    source: Path,
+    target: Path,
+    correct: Correction,
+    external: Correction | None = None,
+    progress: Progress | None = None,
+) -> tuple[str, ...]:
+    """Copy a recording, its wrench corrected and all else verbatim; says what was left out."""
+    # An empty column says that it is compensated; what ``external`` makes of the raw wrench comes
+    # in columns of its own.
+    recording = CsvRecording(source)
+    require_column(source.name, recording.columns, 'raw wrench', AXES)
+    added = [f'external_{axis}' for axis in AXES if external and axis in recording.columns]
+    if twice := set(added) & set(recording.columns):
+        raise RecordingError(f'{source.name} holds {min(twice)} already; remove that column.')
+    with target.open('x', encoding='utf-8', newline='') as file:
+        file.write(f'{recording.delimiter.join((recording.header, COMPENSATED, *added))}\n')
+        writer = csv.writer(file, delimiter=recording.delimiter, lineterminator='\n')
+        for piece in recording.pieces(progress):
+            corrected = _corrected(piece, correct)
+            columns = zip(recording.columns, piece.cells, strict=True)
+            cells = [corrected.get(column, verbatim) for column, verbatim in columns]
+            cells.append([''] * len(piece.stamps_ns))
+            if external:
+                made = _corrected(piece, external).values()
+                cells += [['' if cell == 'nan' else cell for cell in each] for each in made]
+            writer.writerows(zip(*cells, strict=True))
+    return tuple(recording.warnings)
+
+
+def _corrected(piece: CsvPiece, correct: Correction) -> dict[str, list[str]]:
+    """Correct the wrench of the rows that have one; cells by channel, the empty ones empty."""
+    absent = np.full(len(piece.stamps_ns), np.nan)
+    wrench = np.stack([piece.values.get(axis, absent) for axis in AXES], 1)
+    present = [axis for axis in AXES if axis in piece.values]
+    rows = np.any([piece.filled[axis] for axis in present], axis=0)
+    if rows.any():
+        wrench[rows] = correct(piece.stamps_ns[rows], wrench[rows])
+    return {
+        axis: [
+            repr(value) if is_filled else ''
+            for value, is_filled in zip(
+                wrench[:, AXES.index(axis)].tolist(), piece.filled[axis].tolist(), strict=True
+            )
+        ]
+        for axis in present
+    }
+
+
+class CsvRecordingWriter:
+    """Writes a CSV recording of channels, which survives a crash; RecordingError if it cannot."""
+
+    #: Column of the stamps.
+    stamp = 'stamp_ns'
+
+    def __init__(self, path: Path, channels: Sequence[str], *, go_on: bool = False) -> None:
+        self._path, self._width = path, len(channels)
+        with writing(self._path):
+            self._file = path.open('a' if go_on else 'x', encoding='utf-8', newline='')
+        self._rows = csv.writer(self._file, lineterminator='\n')
+        if go_on:
+            return
+        try:
+            self._write((self.stamp, *channels))
+        except RecordingError:
+            with suppress(OSError):
+                self._file.close()
+            raise
+
+    def append(self, stamp_ns: int, values: Sequence[float]) -> None:
+        """Write a row, ns and a value per channel, to the operating system; NaN is no sample."""
+        filled = *values, *[nan] * (self._width - len(values))
+        self._write(self._cells(stamp_ns, filled))
+
+    def _cells(self, stamp_ns: int, values: Sequence[float]) -> tuple[object, ...]:
+        """Lay out a row."""
+        return (int(stamp_ns), *('' if isnan(value) else float(value) for value in values))
+
+    def sync(self) -> None:
+        """Wait until the disk holds everything, so that a power failure takes nothing of it."""
+        with writing(self._path):
+            os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        """Sync and close; a second call does nothing."""
+        if self._file.closed:
+            return
+        try:
+            self.sync()
+        finally:
+            with writing(self._path):
+                self._file.close()
+
+    def _write(self, row: Sequence[object]) -> None:
+        """Write a row through to the operating system."""
+        with writing(self._path):
+            self._rows.writerow(row)
+            self._file.flush()

@@ -1,0 +1,395 @@
+"""The front door to recordings of every kind: read, rewritten with another wrench, described."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+import hashlib
+from itertools import chain
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from wrist_ft_comp.drift.drift_model import order_problem
+from wrist_ft_comp.errors import OutputError, RecordingError
+from wrist_ft_comp.payload.directions import describe_force, ForceSummary, moments_of
+from wrist_ft_comp.recordings.bag import Bag, SUFFIXES
+from wrist_ft_comp.recordings.bag_gravity import gravity_samples, sensor_of, uppermost_frame
+from wrist_ft_comp.recordings.bag_opening import open_bag
+from wrist_ft_comp.recordings.bag_recording import read_bag, rewrite_bag, wrenches_inside
+from wrist_ft_comp.recordings.bag_survey import (
+    Candidate,
+    RAW_WRENCH,
+    suggested_topics,
+    survey_bag,
+    TEMPERATURE,
+    TF,
+)
+from wrist_ft_comp.recordings.chamber import OUTPUT_UNIT
+from wrist_ft_comp.recordings.chamber_table import (
+    is_chamber_table,
+    read_chamber_table,
+    rewrite_table,
+)
+from wrist_ft_comp.recordings.columns import COMPENSATED, require_channels
+from wrist_ft_comp.recordings.csv_file import CsvRecording, rewrite_csv, sensor_in
+from wrist_ft_comp.signals import (
+    AXES,
+    axis_unit,
+    Correction,
+    FORCE_CHANNELS,
+    Progress,
+    Recording,
+    REFERENCE_CHANNELS,
+    ROTATION_CHANNEL,
+    Samples,
+    SensorNames,
+    Topics,
+)
+from wrist_ft_comp.stored.documents import beginning, Output, writing
+from wrist_ft_comp.stream.batch_grid import grid_samples
+from wrist_ft_comp.stream.sample_checks import SampleChecks
+from wrist_ft_comp.wire.temperature_source import parse_source, parse_sources, TemperatureSource
+
+BAG, CSV, TABLE = 'rosbag2', 'CSV recording', 'chamber table'
+REFERENCE = 'reference'
+SPECIFIC_FORCE = 'specific force'
+EXTERNAL_TOPIC = '/wrench_external'
+#: Of channels that are no temperatures.
+_ROLES = {
+    **dict.fromkeys(AXES, RAW_WRENCH),
+    **dict.fromkeys(REFERENCE_CHANNELS, REFERENCE),
+    **dict.fromkeys((*FORCE_CHANNELS, ROTATION_CHANNEL), SPECIFIC_FORCE),
+}
+_HASHED_AT_ONCE = 1 << 20
+
+
+def kind_of(path: Path) -> str:
+    """Tell what kind of recording a path is, from its name and its first line; CSV if in doubt."""
+    if not path.exists():
+        raise RecordingError(
+            f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file.'
+        )
+    if path.is_char_device() or path.is_block_device():
+        raise RecordingError(
+            f'{path} is a device, which may never end; expected a file or a folder. Write what '
+            'it gives into a file first.'
+        )
+    if path.is_dir() or path.suffix in SUFFIXES:
+        return BAG
+    if path.suffix in {'.bag', '.zstd', '.zst'}:
+        raise RecordingError(
+            f'{path.name} cannot be read alone. Of a compressed bag, name the folder; convert a '
+            "ROS 1 bag with 'rosbags-convert'."
+        )
+    return TABLE if is_chamber_table(path) else CSV
+
+
+def read_recording(  # noqa: PLR0913 - settings by keyword, each with its default
+    path: Path | str,
+    *,
+    period_s: float = 1.0,
+    topics: Topics | None = None,
+    max_bad_share: float = 0.01,
+    keep_copied_columns: bool = False,
+    progress: Progress | None = None,
+) -> Recording:
+    """
+    Read a recording of any kind onto the thermal grid, in memory independent of its length.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file or folder.
+    period_s : float
+        Length of a thermal cell, s.
+    topics : Topics, optional
+        Where a bag holds what; the node's own names by default.
+    max_bad_share : float
+        Largest share of unusable samples per channel, 0 to 1.
+    keep_copied_columns : bool
+        As in read_chamber_table.
+    progress : callable, optional
+        Given the fraction done, 0 to 1.
+
+    Returns
+    -------
+    Recording
+        Its warnings say what was left out.
+
+    Raises
+    ------
+    RecordingError
+        When it cannot be read, or does not hold what a recording must.
+
+    """
+    path = Path(path)
+    kind = kind_of(path)
+    blocks: Iterable[Samples]
+    warnings: Iterable[str]
+    topics = topics or Topics()
+    sensor: SensorNames = {}
+    sources: Sequence[TemperatureSource] = ()
+    with ExitStack() as stack:
+        if kind == BAG:
+            bag = stack.enter_context(open_bag(path))
+            blocks, warnings = read_bag(bag, topics, progress), bag.warnings
+            sources = parse_sources(topics.temperatures)
+        elif kind == CSV:
+            text = CsvRecording(path)
+            require_channels(path.name, text.columns)
+            sensor = sensor_in(text.columns)
+            blocks, warnings = text.samples(progress), text.warnings
+        else:
+            table = read_chamber_table(path, keep_copied_columns=keep_copied_columns)
+            blocks = table.samples()
+            warnings = [f'{reason} It was left out.' for _, reason in table.left_out]
+        recording = grid_samples(
+            blocks,
+            name=path.name,
+            period_s=period_s,
+            max_bad_share=max_bad_share,
+            temperatures=sources,
+        )
+        if kind == BAG:
+            sensor = sensor_of(bag, topics)
+    if problem := order_problem({'temperature_topics': topics.temperatures}, sensor):
+        raise RecordingError(f'{path.name} has its thermometers in another order: {problem}')
+    unit = OUTPUT_UNIT if kind == TABLE else ''
+    done = filter(None, [_compensated(path)])
+    warnings = *done, *recording.warnings, *warnings
+    return replace(recording, warnings=warnings, unit=unit, sensor=sensor)
+
+
+def rewrite_recording(  # noqa: PLR0913 - as read_recording
+    source: Path | str,
+    target: Path | str,
+    correct: Correction,
+    *,
+    topics: Topics | None = None,
+    output_topic: str = '/wrench',
+    external: Correction | None = None,
+    progress: Progress | None = None,
+) -> tuple[str, ...]:
+    """Copy a recording with its wrench corrected, into the same kind of file."""
+    # A CSV recording and a chamber table get their wrench columns replaced; a bag gets the
+    # corrected wrench on a topic of its own, ``output_topic``. What ``external`` makes of the raw
+    # wrench comes beside it, in columns ``external_force_x`` … or on EXTERNAL_TOPIC. The target
+    # must not exist; for a bag it is a folder, or, with the suffix of the source's storage, one
+    # file. ``correct`` gets consecutive pieces, NaN for absent axes. Says what was left out;
+    # RecordingError when the source cannot be read or the target cannot be made, and a failure
+    # leaves nothing behind.
+    source, target = Path(source), Path(target)
+    kind = kind_of(source)
+    outputs = {output_topic: correct, **({EXTERNAL_TOPIC: external} if external else {})}
+    copy = check_copy(source, target, list(outputs))
+    with writing(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+    with (
+        writing(target),
+        TemporaryDirectory(prefix=f'.{target.name}.', dir=target.parent) as folder,
+    ):
+        made = Path(folder) / target.name
+        if kind == BAG:
+            with open_bag(source) as bag:
+                warnings = rewrite_bag(bag, made, outputs, topics or Topics(), progress)
+        elif kind == CSV:
+            warnings = rewrite_csv(source, made, correct, external, progress)
+        else:
+            warnings = rewrite_table(source, made, correct)
+        copy.check_target(target)
+        made.rename(target)
+    return warnings
+
+
+def check_copy(
+    source: Path, target: Path, topics: Sequence[str] = (), others: Sequence[Path] = ()
+) -> Output:
+    """Refuse a target of a copy, or topics that are added to it, before anything is read."""
+    copy = Output(name='copy', says='', endings='.csv')
+    if done := _compensated(source):
+        raise RecordingError(done)
+    if kind_of(source) == BAG:
+        with open_bag(source) as bag:
+            taken = {connection.topic.strip('/') for connection in bag.connections}
+            for topic in topics:
+                if topic.strip('/') in taken:
+                    raise OutputError(
+                        f'{bag.name} holds {topic} already; name another topic for the output.'
+                    )
+                taken.add(topic.strip('/'))
+            (ending,) = (end for end, storage in SUFFIXES.items() if storage == bag.storage)
+        copy = replace(copy, endings=ending)
+    copy.check_target(target, [source, *others])
+    return copy
+
+
+def _compensated(path: Path) -> str:
+    """Say that a file's drift was removed, as its header tells; empty where it was not."""
+    done = COMPENSATED in beginning(path).partition('\n')[0]
+    return f'{path.name} was compensated already. Name the raw recording.' if done else ''
+
+
+def hash_recording(path: Path) -> str:
+    """Hash a file's bytes, or those of a bag's storage files in order: SHA-256, hexadecimal."""
+    # What else lies in the folder may change: metadata.yaml, notes, a database's journal.
+    digest, files = hashlib.sha256(), [path]
+    if path.is_dir():
+        files = sorted(each for each in path.iterdir() if {*SUFFIXES} & {*each.suffixes})
+    for file in filter(Path.is_file, files):
+        with file.open('rb') as content:
+            while part := content.read(_HASHED_AT_ONCE):
+                digest.update(part)
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class ChannelSummary:
+    """One topic of a bag, or one channel of a file."""
+
+    name: str
+    #: Message type or unit.
+    kind: str
+    samples: int
+    #: RAW_WRENCH, TEMPERATURE, REFERENCE, SPECIFIC_FORCE, or '' where it is not used.
+    role: str
+    #: Lowest and highest usable reading of a temperature in a file, °C.
+    reads: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class RecordingSummary:
+    """What a file or folder holds."""
+
+    name: str
+    #: Such as ``rosbag2, sqlite3``.
+    kind: str
+    #: In the file's order.
+    channels: tuple[ChannelSummary, ...]
+    #: Earliest and latest stamp, ns; of a bag, the times of recording. None without samples.
+    first_ns: int | None
+    last_ns: int | None
+    #: What could not be read, in sentences.
+    warnings: tuple[str, ...] = ()
+    #: What may be used, of a bag only, and what is used.
+    candidates: tuple[Candidate, ...] = ()
+    topics: Topics | None = None
+    #: None where no specific force was recorded.
+    specific_force: ForceSummary | None = None
+
+
+def describe_recording(
+    path: Path | str, topics: Topics | None = None, progress: Progress | None = None
+) -> RecordingSummary:
+    """Describe a recording of any kind; it need not hold all that a calibration wants."""
+    # Of a bag, the topics say which role which one has; what they don't name is chosen.
+    # RecordingError when it cannot be read.
+    path = Path(path)
+    kind = kind_of(path)
+    if kind == BAG:
+        return _describe_bag(path, topics or Topics(), progress)
+    if kind == CSV:
+        text = CsvRecording(path)
+        return _describe_samples(path.name, CSV, text.samples(progress), text.warnings)
+    table = read_chamber_table(path)
+    left_out = [f'{reason} It is left out.' for _, reason in table.left_out]
+    return _describe_samples(path.name, TABLE, table.samples(), left_out)
+
+
+def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> RecordingSummary:
+    """Take topics, counts and times from the bag's own index, and survey what may be used."""
+    with open_bag(path) as bag:
+        candidates, warnings = survey_bag(bag, progress)
+        topics = suggested_topics(candidates, topics)
+        topics, force, doubts = _survey_gravity(bag, candidates, topics)
+        roles = {
+            (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
+            topics.reference.strip('/'): REFERENCE,
+            **{parse_source(entry).topic.strip('/'): TEMPERATURE for entry in topics.temperatures},
+            topics.wrench.strip('/'): RAW_WRENCH,
+        }
+        counts: Counter[tuple[str, str]] = Counter()
+        for connection in bag.connections:
+            counts[connection.topic, connection.msgtype] += connection.msgcount
+        first, last = bag.span_ns if sum(counts.values()) else (None, None)
+        compressed = f', {bag.compression} compression' if bag.compression else ''
+        channels = tuple(
+            ChannelSummary(topic, kind, count, roles.get(topic.strip('/'), ''))
+            for (topic, kind), count in sorted(counts.items())
+        )
+        kind = f'{BAG}, {bag.storage}{compressed}'
+        warnings = *bag.warnings, *warnings, *doubts, *_judge_samples(bag, topics)
+        if not topics.wrench:
+            inside = (wrenches_inside(bag, each) for each in bag.connections)
+            warnings += tuple(chain.from_iterable(inside))
+        known = first, last, warnings, candidates, topics, force
+        return RecordingSummary(path.name, kind, channels, *known)
+
+
+def _survey_gravity(
+    bag: Bag, candidates: Sequence[Candidate], topics: Topics
+) -> tuple[Topics, ForceSummary | None, tuple[str, ...]]:
+    """Tell what the specific force of a bag saw, of an IMU or, without one, by TF, and why not."""
+    if topics.imu:
+        named = (each for each in candidates if each.entry.strip('/') == topics.imu.strip('/'))
+        return topics, next((each.force for each in named), None), ()
+    asked, moments = topics.gravity_frame, np.zeros((4, 4))
+    if not topics.wrench or not (asked or any(each.role == TF for each in candidates)):
+        return topics, None, ()
+    try:
+        topics = replace(topics, gravity_frame=asked or uppermost_frame(bag, topics))
+        for block in gravity_samples(bag, topics):
+            moments += moments_of(block.values) if block.channels == FORCE_CHANNELS else 0
+    except RecordingError as error:
+        return replace(topics, gravity_frame=''), None, (str(error),) if asked else ()
+    return topics, describe_force(moments), ()
+
+
+def _judge_samples(bag: Bag, topics: Topics) -> tuple[str, ...]:
+    """Say what of a bag's wrench and temperatures cannot be used, as read_recording would."""
+    sources = parse_sources(topics.temperatures)
+    if not all(map(bag.named, (topics.wrench, *(source.topic for source in sources)))):
+        return ()
+    checks = SampleChecks(bag.name, sources)
+    try:
+        for block in read_bag(bag, replace(topics, imu='', gravity_frame='')):
+            checks.admit(block)
+    except RecordingError as error:
+        return (str(error),)
+    return tuple(sentence for sentence, _ in checks.judge())
+
+
+def _describe_samples(
+    name: str, kind: str, blocks: Iterable[Samples], warnings: Iterable[str]
+) -> RecordingSummary:
+    """Count samples and find their time span."""
+    checks = SampleChecks(name)
+    ends: list[int] = []
+    moments = np.zeros((4, 4))
+    for block in blocks:
+        if block.channels == FORCE_CHANNELS:
+            moments += moments_of(block.values)
+        if len(block.stamps_ns):
+            ends += [int(block.stamps_ns.min()), int(block.stamps_ns.max())]
+            ends = [min(ends), max(ends)]
+        checks.admit(block)
+    channels = _describe_channels(checks, kind)
+    first, last = ends or (None, None)
+    force = describe_force(moments)
+    said = *warnings, *(sentence for sentence, _ in checks.judge())
+    return RecordingSummary(name, kind, channels, first, last, said, specific_force=force)
+
+
+def _describe_channels(checks: SampleChecks, kind: str) -> tuple[ChannelSummary, ...]:
+    """Name unit, role and, of temperatures, the range of every channel."""
+    found: dict[str, ChannelSummary] = {}
+    for channels, tally in checks.tallies.items():
+        for channel in channels:
+            role = _ROLES.get(channel, TEMPERATURE)
+            unit = OUTPUT_UNIT if kind == TABLE else axis_unit(channel.removeprefix('reference_'))
+            reads = (tally.least, tally.largest) if role == TEMPERATURE else None
+            unit = '°C' if reads else unit
+            samples = tally.samples + (found[channel].samples if channel in found else 0)
+            found[channel] = ChannelSummary(channel, unit, samples, role, reads)
+    return tuple(found.values())

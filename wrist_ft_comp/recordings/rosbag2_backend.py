@@ -1,0 +1,114 @@
+"""Bags by rosbag2_py of a system ROS; definitions come from the packages that are installed."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, ExitStack
+import errno
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import rosbag2_py
+import yaml
+
+from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, Message
+from wrist_ft_comp.recordings.bag_installed import define_installed
+
+#: rosbag2 drops messages that wait for compression when there are more than this.
+_QUEUE = 1 << 40
+
+
+def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
+    """Open a bag folder or a storage file; the stack closes it."""
+    compression = _compression(chosen)
+    reader = _reader(chosen, compression)
+    stack.callback(_close, reader)
+    metadata = reader.get_metadata()
+    counts = {
+        each.topic_metadata.name: each.message_count for each in metadata.topics_with_message_count
+    }
+    topics = {
+        each.name: Connection(number, each.name, each.type, counts.get(each.name, 0), each)
+        for number, each in enumerate(reader.get_all_topics_and_types())
+    }
+    begin_ns = metadata.starting_time.nanoseconds
+    return Bag(
+        name=name, storage=metadata.storage_identifier, compression=compression,
+        connections=tuple(topics.values()),
+        span_ns=(begin_ns, begin_ns + metadata.duration.nanoseconds),
+        read=partial(_read, chosen, compression, topics), define=define_installed)  # fmt: skip
+
+
+def _compression(chosen: Path) -> str:
+    """Tell how a bag folder is compressed: ``file``, ``message`` or ''."""
+    if not chosen.is_dir():
+        return ''
+    text = (chosen / 'metadata.yaml').read_text(encoding='utf-8')
+    mode = yaml.safe_load(text)['rosbag2_bagfile_information'].get('compression_mode') or ''
+    return '' if mode.lower() == 'none' else mode.lower()
+
+
+def _reader(chosen: Path, compression: str) -> Any:
+    """Open a reader."""
+    kind = rosbag2_py.SequentialCompressionReader if compression else rosbag2_py.SequentialReader
+    reader = kind()
+    reader.open(rosbag2_py.StorageOptions(uri=str(chosen)), rosbag2_py.ConverterOptions('', ''))
+    return reader
+
+
+def _close(reader_or_writer: Any) -> None:
+    """Close what has no ``close`` in some versions: there, the last one to hold it closes it."""
+    if hasattr(reader_or_writer, 'close'):
+        reader_or_writer.close()
+
+
+def _read(
+    chosen: Path, compression: str, topics: dict[str, Connection], wanted: Sequence[Connection]
+) -> Iterator[Message]:
+    """Read the messages of some topics, from the beginning."""
+    if not wanted:
+        return
+    reader = _reader(chosen, compression)
+    try:
+        names = [topic.topic for topic in wanted]
+        reader.set_filter(rosbag2_py.StorageFilter(topics=names))
+        has_next, read_next = reader.has_next, reader.read_next
+        while has_next():
+            name, data, time_ns = read_next()
+            yield topics[name], time_ns, data
+    finally:
+        _close(reader)
+
+
+@contextmanager
+def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
+    """Make a bag of another's storage in a new folder; an OSError if it cannot be written."""
+    if compression:
+        mode = rosbag2_py.compression_mode_from_string(compression.upper())
+        # One thread, or messages would change places.
+        options = rosbag2_py.CompressionOptions('zstd', mode, _QUEUE, 1)
+        writers = [rosbag2_py.SequentialCompressionWriter(options)]
+    else:
+        writers = [rosbag2_py.SequentialWriter()]
+    try:
+        writers[0].open(
+            rosbag2_py.StorageOptions(uri=str(folder), storage_id=like.storage),
+            rosbag2_py.ConverterOptions('', ''),
+        )
+        yield (
+            lambda like, topic: _add_topic(writers[0], like, topic),
+            lambda topic, time_ns, data: writers[0].write(topic, data, time_ns),
+        )
+        _close(writers[0])
+    except RuntimeError as error:
+        raise OSError(errno.EIO, str(error)) from error
+    finally:
+        writers.clear()
+
+
+def _add_topic(writer: Any, like: Connection, topic: str) -> str:
+    """Add a topic with the type, hash and quality of service of another."""
+    known = like.native
+    kept = 'type', 'serialization_format', 'offered_qos_profiles', 'type_description_hash'
+    same = {name: getattr(known, name) for name in kept}
+    writer.create_topic(rosbag2_py.TopicMetadata(id=0, name=topic, **same))
+    return topic

@@ -1,0 +1,176 @@
+"""Bags by rosbags, which needs no ROS and takes definitions from the bag itself."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, ExitStack, suppress
+import errno
+from functools import partial
+from pathlib import Path
+import sqlite3
+from typing import Any, BinaryIO
+
+from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat, Nodetype
+from rosbags.interfaces.typing import FieldDesc, Typesdict
+from rosbags.rosbag2 import (
+    CompressionFormat,
+    CompressionMode,
+    Reader,
+    StoragePlugin,
+    Writer,
+    WriterError,
+)
+from rosbags.rosbag2.storage_mcap import McapReader
+from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, Message
+from wrist_ft_comp.recordings.bag_installed import define_installed
+from wrist_ft_comp.wire.cdr_fields import Definitions, FieldType, SEQUENCE
+
+_MCAP_MAGIC = b'\x89MCAP0\r\n'
+_MCAP_DATA_END = 0x0F
+
+
+def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
+    """Let rosbags open it; fall back on scanning an .mcap file that lost its end."""
+    try:
+        reader = stack.enter_context(Reader(chosen))
+    except Exception:
+        cut = _cut_mcap(chosen)
+        if cut is None:
+            raise
+        return _salvage(name, cut, stack)
+    storages = getattr(reader.storage, 'storages', [reader.storage])
+    # rosbags' end is exclusive
+    return Bag(
+        name=name, storage='mcap' if isinstance(storages[0], McapReader) else 'sqlite3',
+        compression=reader.compression_mode or '', connections=_connections(reader.connections),
+        span_ns=(reader.start_time, reader.end_time - 1), read=partial(_read, reader.messages),
+        define=_define)  # fmt: skip
+
+
+def _connections(found: Iterable[Any]) -> tuple[Connection, ...]:
+    """Describe connections as this package does."""
+    return tuple(Connection(c.id, c.topic, c.msgtype, c.msgcount, c) for c in found)
+
+
+def _read(messages: Callable[[Any], Any], wanted: Sequence[Connection]) -> Iterator[Message]:
+    """Read the messages of some connections."""
+    return iter(messages([each.native for each in wanted]))
+
+
+def _cut_mcap(chosen: Path) -> Path | None:
+    """Return the .mcap file if there is one, it begins as one and does not end as one."""
+    files = sorted(chosen.glob('*.mcap')) if chosen.is_dir() else [chosen]
+    if len(files) != 1 or files[0].suffix != '.mcap':
+        return None
+    with files[0].open('rb') as file:
+        begins = file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC
+        file.seek(-min(len(_MCAP_MAGIC), file.seek(0, 2)), 2)
+        ends = file.read() == _MCAP_MAGIC and file.tell() > len(_MCAP_MAGIC)
+    return files[0] if begins and not ends else None
+
+
+def _salvage(name: str, path: Path, stack: ExitStack) -> Bag:
+    """Scan a cut-off .mcap file without its index, up to the last complete record."""
+    reader = McapReader(path)
+    reader.bio = stack.enter_context(path.open('rb'))
+    reader.data_start = len(_MCAP_MAGIC)
+    reader.data_end = _end_of_last_record(reader.bio)
+    reader.meta_scan()
+    statistics = reader.statistics
+    if statistics is None or not statistics.message_count:
+        raise RecordingError(
+            f'{name} is cut off before its first complete chunk of messages; nothing can be read. '
+            "Record again, or try 'mcap recover'."
+        )
+    counts = statistics.channel_message_counts
+    counted = [c._replace(msgcount=counts.get(c.id, 0)) for c in reader.connections]
+    lost = (
+        f'{name} is cut off: {statistics.message_count} messages could be read, and the last '
+        f'{path.stat().st_size - reader.data_end} bytes could not. The recorder was probably '
+        'killed.'
+    )
+    return Bag(
+        name=name, storage='mcap', compression='', connections=_connections(counted),
+        span_ns=(statistics.start_time, statistics.end_time),
+        read=partial(_read, reader.messages_scan), define=_define, warnings=(lost,))  # fmt: skip
+
+
+def _end_of_last_record(file: BinaryIO) -> int:
+    """Hop over complete records (opcode, 8-byte length, content) up to the end of the data."""
+    size = file.seek(0, 2)
+    end = len(_MCAP_MAGIC)
+    while True:
+        file.seek(end)
+        head = file.read(9)
+        following = end + 9 + int.from_bytes(head[1:], 'little')
+        if len(head) < 9 or head[0] == _MCAP_DATA_END or following > size:
+            return end
+        end = following
+
+
+@contextmanager
+def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
+    """Make a bag of another's storage in a new folder; an OSError if it cannot be written."""
+    try:
+        writer = Writer(folder, version=9, storage_plugin=StoragePlugin[like.storage.upper()])
+        mode = CompressionMode[compression.upper() or 'NONE']
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+        with writer:
+            yield partial(_add_topic, writer), writer.write
+    except (WriterError, sqlite3.Error) as error:
+        raise OSError(errno.EIO, str(error)) from error
+
+
+def _add_topic(writer: Writer, like: Connection, topic: str) -> Any:
+    """Add a topic with the type, definition and quality of service of another."""
+    text, digest = _described(like.native)
+    extra = like.native.ext
+    qos = extra.offered_qos_profiles if isinstance(extra, ConnectionExtRosbag2) else []
+    return writer.add_connection(
+        topic, like.msgtype, msgdef=text, rihs01=digest, offered_qos_profiles=qos
+    )
+
+
+def _described(connection: Any) -> tuple[str, str]:
+    """Find a topic's message definition and its hash, which older and bare bags lack."""
+    kind, text = connection.msgtype, connection.msgdef.data
+    digest = connection.digest
+    if text and digest:
+        return text, digest
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with suppress(Exception):  # a type that nobody can describe is copied without description
+        if kind not in store.types:
+            store.register(_parse(connection))
+        digest = digest or store.hash_rihs01(kind)
+        text = text or store.generate_msgdef(kind, ros_version=2)[0]
+    return text, digest or f'RIHS01_{0:064}'
+
+
+def _parse(connection: Any) -> Typesdict:
+    """Parse the definition that the bag carries of a topic's type; empty where it has none."""
+    text = connection.msgdef.data
+    if connection.msgdef.format is MessageDefinitionFormat.IDL:
+        return get_types_from_idl(text)
+    return get_types_from_msg(text, connection.msgtype) if text else {}
+
+
+def _define(connection: Connection) -> Definitions:
+    """Collect definitions: the bag's own, and else those of ROS 2 Jazzy, or what is installed."""
+    types = dict(get_typestore(Stores.ROS2_JAZZY).fielddefs)
+    with suppress(Exception):  # a text that is no definition is none
+        types.update(_parse(connection.native))
+    if connection.msgtype not in types:
+        return define_installed(connection)
+    return {
+        name: [(field, _field_type(what)) for field, what in fields]
+        for name, (_, fields) in types.items()
+    }
+
+
+def _field_type(what: FieldDesc) -> FieldType:
+    """Say in this package's words what rosbags says of a field."""
+    if what[0] is Nodetype.ARRAY or what[0] is Nodetype.SEQUENCE:
+        element, size = what[1]
+        return _field_type(element)[0], SEQUENCE if what[0] is Nodetype.SEQUENCE else size
+    return (what[1] if what[0] is Nodetype.NAME else what[1][0]), None

@@ -1,1 +1,0 @@
-"""What stands on a node's command line besides the values of its parameters."""

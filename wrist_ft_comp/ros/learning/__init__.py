@@ -1,1 +1,0 @@
-"""The node that learns by itself: the diary that it keeps, and what becomes of a better model."""

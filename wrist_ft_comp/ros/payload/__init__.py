@@ -1,1 +1,0 @@
-"""The payload in operation: ``wrench_external``, and learning what is mounted."""

@@ -1,1 +1,0 @@
-"""What a simulated robot at work publishes beside its sensor."""

@@ -1,0 +1,89 @@
+"""What a topic carries: asked of the graph, which knows it once there is a publisher."""
+
+from importlib import import_module
+import re
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.wire.cdr import TEMPERATURE
+from wrist_ft_comp.wire.temperature_source import may_be_temperature, numbers_in, path_text
+
+_NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
+#: Numbers of a message that are proposed.
+_PROPOSED = 3
+#: Letters of a type's hash in a sentence: RIHS01_ and some that tell versions apart.
+_HASH = 15
+
+
+def types_on(node: Node, topic: str) -> list[str]:
+    """List the types that the publishers of a topic, by its full name, have."""
+    return sorted({each.topic_type for each in node.get_publishers_info_by_topic(topic)})
+
+
+def short(name: str) -> str:
+    """Write a type as people do, package/Type."""
+    return name.replace('/msg/', '/')
+
+
+def load_type(topic: str, name: str) -> Any:
+    """Import the class of a type that a topic carries; SettingsError when it cannot be used."""
+    parts = _NAME.fullmatch(name)  # it comes from the network, and names what is imported
+    if parts is None:
+        raise SettingsError(f'{topic} carries {name}, which is no message of ROS')
+    package, kind = parts.groups()
+    try:
+        found = getattr(import_module(f'{package}.msg'), kind)
+        serialize_message(found())  # loads its libraries
+    except Exception as error:  # others' code: it may raise anything
+        reason = str(error).split('\n')[0].split(', at /')[0].rstrip(':.')
+        raise SettingsError(
+            f'{topic} carries {short(name)}, but the Python package {package} with this type is '
+            f'not installed here, or not sourced, or its libraries cannot be loaded ({reason}). '
+            f'Install it, such as by apt install ros-$ROS_DISTRO-{package.replace("_", "-")}, '
+            'source the workspace that it is in, and start the node again'
+        ) from error
+    return found
+
+
+def other_version(node: Node, topic: str) -> str:
+    """Say that a publisher's message is defined otherwise than ours, which the node subscribed."""
+    us = node.get_name(), node.get_namespace()
+    ours = {
+        str(end.topic_type_hash)
+        for end in node.get_subscriptions_info_by_topic(topic)
+        if (end.node_name, end.node_namespace) == us and end.topic_type_hash.version > 0
+    }
+    for publisher in node.get_publishers_info_by_topic(topic):
+        theirs = publisher.topic_type_hash
+        if ours and theirs.version > 0 and str(theirs) not in ours:
+            return (
+                f'{topic} carries {short(publisher.topic_type)} of another version, which is not '
+                f'read: its hash is {str(theirs)[:_HASH]}…, that of the package installed here '
+                f'{min(ours)[:_HASH]}…. Install the version that the driver uses'
+            )
+    return ''
+
+
+def wrong_type(node: Node, topic: str, wanted: str) -> str:
+    """Say that a topic's publishers, if there are any, are not of the type that is wanted."""
+    types = types_on(node, topic)
+    if not types or wanted in types:
+        return ''
+    return f'{topic} carries {short(types[0])}, not {short(wanted)}'
+
+
+def no_temperature(node: Node, topic: str) -> str:
+    """Say that a topic carries no sensor_msgs/Temperature, and what to write; empty if it does."""
+    said = wrong_type(node, topic, TEMPERATURE)
+    if not said:
+        return ''
+    try:
+        paths = [path for path, _ in numbers_in(load_type(topic, types_on(node, topic)[0])())]
+    except SettingsError:
+        paths = []
+    likely = [path for path in paths if may_be_temperature(path)] or paths
+    entries = ' or '.join(f'{topic}:{path_text(path)}' for path in likely[:_PROPOSED])
+    return f'{said}; write {entries or f"{topic}:FIELD"} to take a number in it'

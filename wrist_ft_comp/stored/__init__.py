@@ -1,0 +1,1 @@
+"""Our own files; read ``documents`` first, then ``model_file``."""

@@ -1,0 +1,211 @@
+"""
+Where a node keeps what it made: models, own recordings, and which model is active.
+
+    <directory>/models/*.yaml        every calibration's result
+    <directory>/recordings/*.csv     the node's own recordings
+    <directory>/active.json          the active model, the ones before it, newest last, and
+                                     which model the operator gave at the last start
+    <directory>/state.json           thermal state and tare, for a restart (state_file.py)
+    <directory>/days/, learning.json  of a node that learns by itself (days/)
+    <directory>/lock                 held by the node that keeps its files here
+"""
+
+from contextlib import suppress
+from datetime import datetime, timezone
+import fcntl
+import json
+import os
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any
+from weakref import finalize
+
+from wrist_ft_comp.errors import ModelFileError, SettingsError
+from wrist_ft_comp.stored.documents import Output, parse_json, remove_leftovers
+
+#: How many steps back ``previous`` can go.
+MAX_HISTORY = 20
+#: How many of the node's own recordings a calibration uses.
+MAX_RECORDINGS = 10
+#: Most bytes that are quoted of who holds the folder.
+_HOLDER = 200
+#: A list of MAX_HISTORY paths is shorter.
+_MAX_LIST_CHARACTERS = 200_000
+_LIST = Output(
+    name='list of models', says=r'"history"|\A\s*\[\s*(null|".*\.ya?ml"|\])', endings='.json',
+    keeps=True, error=ModelFileError,
+    unwritable='{path} cannot be written: {reason}. Make room, or choose another '
+    'data_directory; the model is active until the node ends.')  # fmt: skip
+
+
+class ModelStore:
+    """A node's folder, which is made when something is first written."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self._lock: finalize[..., ModelStore] | None = None
+
+    def new_model_path(self) -> Path:
+        """Name a new model file after the present time (UTC)."""
+        return _unused(self.directory / 'models', 'model', '.yaml')
+
+    def discard(self, model: Path) -> None:
+        """Remove a model that was never live, and its report, where the disk lets us."""
+        for path in (model, model.with_suffix('.html')):
+            with suppress(OSError):
+                path.unlink()
+
+    def new_recording_path(self) -> Path:
+        """Name a new recording after the present time (UTC); its folder exists afterwards."""
+        path = _unused(self.directory / 'recordings', 'recording', '.csv')
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def recordings(self) -> list[Path]:
+        """List the newest of the node's own recordings, oldest first."""
+        return sorted((self.directory / 'recordings').glob('*.csv'))[-MAX_RECORDINGS:]
+
+    def locate(self, given: str) -> Path:
+        """Find a file that a person named: absolute, below ``~``, in this folder, or from here."""
+        path = _expanded(given)
+        inside = self.directory / path
+        try:
+            return inside if inside.exists() else path
+        except (OSError, ValueError):
+            return path  # no possible name, or nothing that may be looked at
+
+    def contains(self, path: Path) -> bool:
+        """Tell whether a path lies inside the folder, symbolic links resolved."""
+        try:
+            end = path.resolve()
+            # Python 3.13 gives back a loop of links as it is, older ones raise.
+            return end.is_relative_to(self.directory.resolve()) and not end.is_symlink()
+        except (OSError, RuntimeError, ValueError):
+            return False  # a loop of links, or no possible name, leads nowhere
+
+    def history(self) -> list[Path | None]:
+        """List the models that were active, newest last; None stands for "no model"."""
+        entries = self._read()['history']
+        return [None if entry is None else self.directory / entry for entry in entries]
+
+    def given(self) -> str:
+        """Tell the SHA-256 of the model given at the last start; empty where none is known."""
+        try:
+            return str(self._read()['given'])
+        except ModelFileError:
+            return ''
+
+    def _read(self) -> dict[str, Any]:
+        """Read the list; a bare one was written before there was a ``given``."""
+        path = self.directory / 'active.json'
+        try:
+            pipe = path.exists() and not path.is_file()  # it would never be read
+            with (Path(os.devnull) if pipe else path).open(encoding='utf-8') as file:
+                content = parse_json(file.read(_MAX_LIST_CHARACTERS))
+        except FileNotFoundError:
+            return {'history': [], 'given': ''}
+        except (OSError, ValueError) as error:
+            raise ModelFileError(
+                f'{path} cannot be read ({error}). Remove it and set model_file.'
+            ) from error
+        document = {'history': content} if isinstance(content, list) else content
+        entries = document.get('history') if isinstance(document, dict) else None
+        if not isinstance(entries, list) or not all(
+            entry is None or isinstance(entry, str) for entry in entries
+        ):
+            raise ModelFileError(
+                f'{path} must hold a list of model files. Remove it and set model_file.'
+            )
+        return {'given': '', **document}
+
+    def activate(self, history: list[Path | None], given: str | None = None) -> None:
+        """Remember models that were active, newest last; paths in the folder stay relative."""
+        # Which model the operator gave, a SHA-256, stays as it was when left out.
+        entries = [None if entry is None else self._written(entry) for entry in history]
+        document = {
+            'history': entries[-MAX_HISTORY:],
+            'given': self.given() if given is None else given,
+        }
+        _LIST.write(self.directory / 'active.json', json.dumps(document, indent=1))
+
+    def check_writable(self) -> str:
+        """Say why nothing can be kept here, without leaving a trace; empty when something can."""
+        try:
+            above = (self.directory, *self.directory.absolute().parents)
+            with TemporaryFile(dir=next(each for each in above if each.exists())):
+                return ''
+        except OSError as error:
+            return (
+                f'{self.directory} cannot be written: {error.strerror}. Mend its rights, or '
+                'choose another data_directory; until then no recording, calibration or thermal '
+                'state is kept.'
+            )
+
+    def sweep(self) -> int:
+        """Take the folder, and remove what killed processes left half-written: how many files."""
+        if self._lock is None:
+            self._take()
+        folders = (self.directory, self.directory / 'models', self.directory / 'days')
+        return sum(remove_leftovers(folder) for folder in folders)
+
+    def release(self) -> None:
+        """Leave the folder to others."""
+        if self._lock is not None:
+            self._lock()
+
+    def _take(self) -> None:
+        """Keep other nodes out until the release or the end of the process, or SettingsError."""
+        # A disk that cannot be written or locked is no hindrance; check_writable speaks of it.
+        with suppress(OSError):
+            self.directory.mkdir(parents=True, exist_ok=True)
+            lock = os.open(self.directory / 'lock', os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o644)
+            self._lock = finalize(self, os.close, lock)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                holder = os.read(lock, _HOLDER).decode(errors='replace').strip()
+                raise SettingsError(
+                    f'{self.directory} is in use by another node ({holder}). Give this one a '
+                    'data_directory of its own, or end the other one.'
+                ) from error
+            os.truncate(lock, 0)
+            os.write(lock, f'process {os.getpid()} on {os.uname().nodename}\n'.encode())
+
+    def _written(self, path: Path) -> str:
+        """Spell a path so that the folder can be moved."""
+        resolved, base = path.resolve(), self.directory.resolve()
+        return str(resolved.relative_to(base) if resolved.is_relative_to(base) else resolved)
+
+
+def node_directory(shared: str, sensor: str = '', node_name: str = '') -> Path:
+    """Choose the folder of a node; SettingsError without a home for ``~``."""
+    # For a sensor, in one that a person named; else by its full name below ROS_HOME or ``~/.ros``.
+    if not shared:
+        home = _expanded(os.environ.get('ROS_HOME') or '~/.ros')
+        return home / 'wrist_ft_comp' / node_name.strip('/').replace('/', '__')
+    try:
+        return Path(shared, sensor).expanduser().absolute()
+    except RuntimeError as error:
+        raise SettingsError(
+            f'data_directory is {shared}, but nobody here has a home of that name. Give an '
+            'absolute path.'
+        ) from error
+
+
+def _expanded(given: str) -> Path:
+    """Resolve ``~`` where there is a home to resolve it to."""
+    try:
+        return Path(given).expanduser()
+    except RuntimeError:
+        return Path(given)
+
+
+def _unused(folder: Path, stem: str, suffix: str) -> Path:
+    """Name a file after the present time, numbered when several fall into a second."""
+    now = datetime.now(timezone.utc).strftime('%Y%m%dT%H%M%SZ')
+    path = folder / f'{stem}_{now}{suffix}'
+    number = 2
+    while path.exists():
+        path = folder / f'{stem}_{now}_{number}{suffix}'
+        number += 1
+    return path

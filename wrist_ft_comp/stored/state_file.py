@@ -1,0 +1,180 @@
+"""What a restart goes on from, as JSON, and a thread that saves it while callbacks go on."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+import threading
+import time
+from typing import Any
+
+import numpy as np
+
+from wrist_ft_comp.drift.drift_model import Drift
+from wrist_ft_comp.errors import StateFileError
+from wrist_ft_comp.signals import AXES, FloatArray
+from wrist_ft_comp.stored.documents import Document, Kind, plain
+from wrist_ft_comp.stream.warm_restart import Block, OpenCells, ThermalMemory
+
+# The state of six axes with banks of filters takes a few kilobytes.
+KIND = Kind(
+    name='state file', says='wrist_ft_comp state', version=1, schema='state.schema.json',
+    max_bytes=1_000_000, keeps=True, error=StateFileError, made_by='A running node makes one.',
+    renewed_by='Remove it',
+    unwritable='{path} cannot be written: {reason}. Make room, or choose another '
+    'data_directory; until then a restart loses the thermal state and the tare.')  # fmt: skip
+
+#: The schema has no room for larger numbers, nor for NaN and infinities.
+_LARGEST = 1e100
+
+
+@dataclass(frozen=True, eq=False)
+class SavedState:
+    """What a node remembers."""
+
+    #: System time of the save, UTC, ns.
+    saved_ns: int
+    #: Of the model that was live; None when there was none.
+    model_sha256: str | None
+    #: Shape (6,), N and N m, axis order AXES.
+    tare: FloatArray
+    #: None when no temperature had come.
+    thermal: ThermalMemory | None
+    #: As the tare, of the external wrench.
+    external_tare: FloatArray = field(default_factory=lambda: np.zeros(len(AXES)))
+
+
+def save_state(path: Path, state: SavedState) -> None:
+    """Write a state file, and its folder; an existing one is replaced in one step."""
+    KIND.write_json(path, _document(state), indent=None)
+
+
+def load_state(path: Path) -> SavedState | None:
+    """Read a state file, of this version and whole; None when there is none."""
+    document = KIND.load_json(path)
+    return None if document is None else _state(document)
+
+
+def _document(state: SavedState) -> Document:
+    """Turn a state into plain values; what could not be read again is left out."""
+    memory, nothing = state.thermal, np.zeros(len(AXES))
+    if memory is not None:
+        later = memory.open_cells
+        means = (mean for mean, _ in (*memory.history, *(later.blocks if later else ())))
+        filters = memory.filters.values()
+        if not _readable(memory.temperature_c, *filters, *memory.compensation, *means):
+            memory = None
+    tare, external_tare = (
+        each if _readable(each) else nothing for each in (state.tare, state.external_tare)
+    )
+    thermal = memory and {
+        'end_ns': memory.end_ns,
+        'period_ns': memory.period_ns,
+        'temperature_c': memory.temperature_c,
+        'filters': memory.filters,
+        **memory.compensation._asdict(),
+        'history': _block_list(memory.history),
+    }
+    if thermal and memory and memory.open_cells:
+        later = memory.open_cells
+        blocks = _block_list(later.blocks)
+        thermal['open_cells'] = {
+            'from_rest': later.from_rest, 'silent': later.silent, 'blocks': blocks}  # fmt: skip
+    external = {'external_tare': external_tare} if external_tare.any() else {}
+    known = {'saved_ns': state.saved_ns, 'model_sha256': state.model_sha256, 'tare': tare}
+    document: Document = plain({**known, **external, 'thermal': thermal})
+    return document
+
+
+def _block_list(blocks: Sequence[Block]) -> list[Document]:
+    """Turn blocks of cells into plain values."""
+    return [{'cells': cells, 'temperature_c': mean} for mean, cells in blocks]
+
+
+def _readable(*arrays: FloatArray) -> bool:
+    """Tell whether all numbers can be read again."""
+    return all((np.abs(each) <= _LARGEST).all() for each in arrays)
+
+
+def _state(document: Document) -> SavedState:
+    """Build a state from a document that was checked."""
+    thermal = document['thermal']
+    later = thermal and thermal.get('open_cells')
+    memory = thermal and ThermalMemory(
+        thermal['end_ns'],
+        thermal['period_ns'],
+        _array(thermal['temperature_c']),
+        {axis: _array(values) for axis, values in thermal['filters'].items()},
+        Drift(_array(thermal['zero']), _array(thermal['sensitivity'])),
+        _blocks(thermal['history']),
+        later and OpenCells(later['from_rest'], tuple(later['silent']), _blocks(later['blocks'])),
+    )
+    external = _array(document.get('external_tare', [0.0] * len(AXES)))
+    known = document['saved_ns'], document['model_sha256'], _array(document['tare'])
+    return SavedState(*known, memory, external)
+
+
+def _blocks(listed: Sequence[Document]) -> tuple[Block, ...]:
+    """Build blocks of cells from checked ones."""
+    return tuple((_array(block['temperature_c']), block['cells']) for block in listed)
+
+
+def _array(values: Any) -> FloatArray:
+    """Turn checked lists into an array."""
+    return np.array(values, dtype=float)
+
+
+class StateWriter:
+    """Writes the newest state it was given; those that were overtaken are left out."""
+
+    def __init__(self, path: Path) -> None:
+        #: Why the last save failed; empty when it did not.
+        self.problem = ''
+        #: How many states were written.
+        self.written = 0
+        #: How long the last save took, s.
+        self.took_s = 0.0
+        self.path = path
+        self._newest: SavedState | None = None
+        self._ended = False
+        self._changed = threading.Condition()
+        self._thread: threading.Thread | None = None
+
+    def put(self, state: SavedState) -> None:
+        """Have a state saved soon; returns at once."""
+        with self._changed:
+            self._newest = state
+            self._changed.notify()
+        if self._thread is None:
+            # A daemon: a disk that never answers must not keep the process.
+            self._thread = threading.Thread(target=self._run, name='state writer', daemon=True)
+            self._thread.start()
+
+    def end(self, timeout_s: float) -> bool:
+        """Save what was put, and stop; says whether the disk did everything in time."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+        if self._thread is None:
+            return True
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        """Write until the end."""
+        while (state := self._take()) is not None:
+            before = time.monotonic()
+            try:
+                save_state(self.path, state)
+            except StateFileError as error:
+                self.problem = str(error)
+            else:
+                self.problem = ''
+                self.written += 1
+            self.took_s = time.monotonic() - before
+
+    def _take(self) -> SavedState | None:
+        """Wait for a state; None at the end."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._newest is not None or self._ended)
+            state, self._newest = self._newest, None
+            return state

@@ -1,0 +1,85 @@
+"""The drift of a whole recording at once, offline, and the correction of its wrenches."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from wrist_ft_comp.drift import drift_model
+from wrist_ft_comp.drift.drift_model import Drift, DriftModel
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.signals import AXES, FloatArray, IntArray, Recording
+from wrist_ft_comp.stream.gap import simulate
+
+
+class DriftTrack(NamedTuple):
+    """Drift over a recording, known at the ends of thermal cells and linear between them."""
+
+    #: Ends of the cells, and of the one after the last, shape (N + 1,).
+    stamps_ns: IntArray
+    #: At these stamps, arrays of shape (N + 1, 6).
+    drift: Drift
+
+
+def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
+    """Run the model freely over a recording, from rest and over gaps (``gap``): (N, 6)."""
+    # RecordingError when thermometers or thermal period differ, ModelFileError when the unit does.
+    if recording.thermometers != model.thermometers:
+        raise RecordingError(
+            f'{recording.name} has {recording.thermometers} thermometers, the model expects '
+            f'{model.thermometers}. Name the topics, or keep the columns, that it was calibrated '
+            'with.'
+        )
+    if recording.period_ns != model.period_ns:
+        raise RecordingError(
+            f'{recording.name} is on thermal cells of {recording.period_s} s, the model runs on '
+            f'{model.period_ns / 1e9} s. Read it with the period of the model.'
+        )
+    drift_model.check_unit(model, recording.unit)
+    return simulate(model, recording.temperature_c, recording.measured)
+
+
+def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:
+    """Lay ``simulate_drift`` out over time as the stream does: a cell's drift comes one later."""
+    simulated = simulate_drift(model, recording)
+    cells = recording.first_cell + 1 + np.arange(len(recording) + 1)
+    first_twice = np.concatenate(([0], np.arange(len(recording))))
+    return DriftTrack(
+        cells * recording.period_ns,
+        Drift(simulated.zero[first_twice], simulated.sensitivity[first_twice]),
+    )
+
+
+def correct_many(
+    track: DriftTrack, stamps_ns: IntArray, raw: FloatArray, tare: FloatArray | float = 0.0
+) -> FloatArray:
+    """Correct a block of wrenches, N and N m, (n, 6), of stamps, ns, (n,), by drift and tare."""
+    # Relative to the first stamp, so that nanoseconds since 1970 keep their precision as floats.
+    origin = track.stamps_ns[0]
+    at, knots = stamps_ns - origin, track.stamps_ns - origin
+    zero, sensitivity = (
+        np.stack([np.interp(at, knots, column) for column in part.T], axis=1)
+        for part in track.drift
+    )
+    return drift_model.correct(raw, Drift(zero, sensitivity), tare)
+
+
+def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> FloatArray:
+    """Tare on the first, unloaded seconds of each axis, N and N m, (6,); 0 s gives no tare."""
+    if tare_s == 0:
+        return np.zeros(len(AXES))
+    unloaded = np.zeros_like(recording.wrench)
+    return tare_at_start(recording, unloaded, simulate_drift(model, recording), tare_s)
+
+
+def tare_at_start(
+    recording: Recording, true: FloatArray, drift: Drift, tare_s: float
+) -> FloatArray:
+    """Tare as a robot does under the load w: r - o - (1 + s) w, shape (6,)."""
+    offset = recording.wrench - drift.zero - (1.0 + drift.sensitivity) * true
+    tare = np.zeros(len(AXES))
+    for column, values in enumerate(offset.T):
+        cells = np.flatnonzero(np.isfinite(values))
+        if len(cells):
+            tared = (cells - cells[0]) * recording.period_s < max(tare_s, recording.period_s)
+            tare[column] = values[cells[tared]].mean()
+    return tare

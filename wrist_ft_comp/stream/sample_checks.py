@@ -1,0 +1,153 @@
+"""Which samples a sensor can have measured: one set of limits for files and for the node."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from wrist_ft_comp.signals import (
+    BoolArray,
+    IntArray,
+    LARGEST,
+    NANOSECONDS,
+    PLAUSIBLE_C,
+    Samples,
+    temperature_channel,
+)
+from wrist_ft_comp.wire.temperature_source import TemperatureSource, unit_remedy
+
+#: The stamp of a sample that came without one.
+NO_TIME = int(np.iinfo(np.int64).min)
+#: No force/torque sensor samples faster: the fastest that robots carry do 8 kHz, Hz.
+_FASTEST_HZ = 50_000.0
+#: Fewer samples than this may lie close together by chance.
+_BURST = 100
+#: A wrist that is never colder than 59 °C nor hotter than 140 °C is one of 15 to 60 °C in °F.
+_HOT_C = (59.0, 140.0)
+
+
+@dataclass
+class Tally:
+    """What a group of channels delivered, how many samples were dropped, and why."""
+
+    samples: int = 0
+    not_finite: int = 0
+    out_of_order: int = 0
+    #: Readings beyond what any sensor reads; and the first of them.
+    implausible: int = 0
+    strange: float = math.nan
+    #: Of the samples that can be used: first and last stamp, ns, least and largest reading.
+    first_ns: int = NO_TIME
+    last_ns: int = NO_TIME
+    least: float = math.inf
+    largest: float = -math.inf
+
+
+class SampleChecks:
+    """Drops samples that no sensor can have measured, and counts them; sources are a bag's."""
+
+    def __init__(self, name: str, sources: Sequence[TemperatureSource] = ()) -> None:
+        self._name = name
+        self._sources = {temperature_channel(j): source for j, source in enumerate(sources)}
+        #: By the channels that share their samples.
+        self.tallies: defaultdict[tuple[str, ...], Tally] = defaultdict(Tally)
+
+    def admit(self, samples: Samples) -> Samples:
+        """Take a block, in order of time; returns the part of it that can be used."""
+        stamps_ns, values = samples.stamps_ns, samples.values
+        tally = self.tallies[samples.channels]
+        low, high = np.array([_limits(channel) for channel in samples.channels]).T
+        finite = np.isfinite(values).all(axis=1)
+        plausible = ((values > low) & (values < high)).all(axis=1)
+        in_order = _in_order(stamps_ns, tally.last_ns)
+        tally.samples += len(values)
+        tally.out_of_order += int(np.count_nonzero(~in_order))
+        tally.not_finite += int(np.count_nonzero(in_order & ~finite))
+        strange = values[in_order & finite & ~plausible]
+        if len(strange) and not tally.implausible:
+            tally.strange = float(strange[0][np.argmax(np.abs(strange[0]))])
+        tally.implausible += len(strange)
+        usable = in_order & plausible
+        if not usable.all():
+            stamps_ns, values = stamps_ns[usable], values[usable]
+        if len(values):
+            tally.first_ns = int(stamps_ns[0]) if tally.first_ns == NO_TIME else tally.first_ns
+            tally.last_ns = int(stamps_ns[-1])
+            tally.least = min(tally.least, float(values.min()))
+            tally.largest = max(tally.largest, float(values.max()))
+        return Samples(samples.channels, stamps_ns, values)
+
+    def judge(self, max_bad_share: float = 0.01) -> Iterator[tuple[str, bool]]:
+        """Say what was dropped and what is doubtful, and of each whether it is too much."""
+        for channels, tally in self.tallies.items():
+            dropped = tally.not_finite + tally.out_of_order + tally.implausible
+            if dropped:
+                yield self._describe_dropped(channels, tally, dropped, max_bad_share)
+            used, span_ns = tally.samples - dropped, tally.last_ns - tally.first_ns
+            if used > _BURST and span_ns * _FASTEST_HZ < used * NANOSECONDS:
+                sentence = (
+                    f'{_title(channels)} of {self._name}: {used} samples within '
+                    f'{span_ns / NANOSECONDS:.3g} s; no sensor makes more than {_FASTEST_HZ:g} a '
+                    'second. Check the unit of the stamps: stamp_s, stamp_ms, stamp_us, stamp_ns.'
+                )
+                yield sentence, True
+            if _is_temperature(channels) and _HOT_C[0] < tally.least <= tally.largest < _HOT_C[1]:
+                sentence = (
+                    f'{_title(channels)} of {self._name} is hot throughout: {tally.least:.1f} to '
+                    f'{tally.largest:.1f} °C. {self._remedy(channels, tally.least)}'
+                )
+                yield sentence, False
+
+    def _describe_dropped(
+        self, channels: tuple[str, ...], tally: Tally, dropped: int, max_bad_share: float
+    ) -> tuple[str, bool]:
+        """Say what was dropped of a group, and whether it is too much."""
+        low, high = _limits(channels[0])
+        unit = ' °C' if _is_temperature(channels) else ''
+        reasons = {
+            'are not finite': tally.not_finite,
+            'have a stamp that does not increase': tally.out_of_order,
+            f'are outside {low:g} to {high:g}{unit}, which no sensor reads, such as '
+            f'{tally.strange:.4g}{unit}': tally.implausible,
+        }
+        first, *others = [(count, reason) for reason, count in reasons.items() if count]
+        sentence = f'{_title(channels)} of {self._name}: {first[0]} of {tally.samples} samples '
+        sentence += ' and '.join([first[1], *(f'{count} {reason}' for count, reason in others)])
+        if dropped <= max_bad_share * tally.samples:
+            return f'{sentence}; they were dropped.', False
+        remedy = 'Record again, or remove those samples.'
+        if _is_temperature(channels) and 2 * tally.implausible > dropped:
+            remedy = self._remedy(channels, tally.strange)
+        return f'{sentence}; at most {max_bad_share:.1%} may be unusable. {remedy}', True
+
+    def _remedy(self, channels: tuple[str, ...], value: float) -> str:
+        """Say how to name a temperature that is probably in another unit."""
+        source = self._sources.get(channels[0])
+        column = channels[0].removesuffix('c')
+        return unit_remedy(value, source.in_unit if source else lambda u: column + u.lower())
+
+
+def _in_order(stamps_ns: IntArray, last_ns: int) -> BoolArray:
+    """Tell which stamps are later than all before them that count, shape (n,)."""
+    before = np.concatenate(([last_ns], stamps_ns))
+    this, following, second = stamps_ns[:-2], stamps_ns[1:-1], stamps_ns[2:]
+    ahead = (this > following) & (this > second) & (following > before[:-3])
+    before[1:-2][ahead] = NO_TIME
+    return np.asarray(before[1:] > np.maximum.accumulate(before)[:-1])
+
+
+def _limits(channel: str) -> tuple[float, float]:
+    """Return what a channel can read, exclusive."""
+    return PLAUSIBLE_C if _is_temperature((channel,)) else (-LARGEST, LARGEST)
+
+
+def _is_temperature(channels: tuple[str, ...]) -> bool:
+    """Tell whether a group is a thermometer."""
+    return channels[0].startswith('temperature')
+
+
+def _title(channels: tuple[str, ...]) -> str:
+    """Name a group of channels."""
+    return channels[0] if len(channels) == 1 else f'{channels[0]} … {channels[-1]}'

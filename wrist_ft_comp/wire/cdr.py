@@ -1,0 +1,157 @@
+"""
+The codec of messages that are a header, then doubles: one by one, or many at once.
+
+``geometry_msgs/WrenchStamped`` (6 doubles), ``sensor_msgs/Temperature`` (2) and
+``sensor_msgs/Imu`` (37) share it::
+
+    byte   0        1      2..3     4..7   8..11     12..15     16..        o
+           0   1=little  options     sec  nanosec  frame length  frame_id   doubles
+               0=big                int32  uint32     uint32     with NUL   float64 …
+
+Alignment counts from byte 4, so ``o = 4 + 8 ceil((12 + frame length) / 8)``. Bytes before ``o``
+are never changed.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+import struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.signals import FloatArray, IntArray, NANOSECONDS
+
+#: Doubles in a message of these types: force and torque; temperature and its variance.
+WRENCH_DOUBLES = 6
+TEMPERATURE_DOUBLES = 2
+#: Orientation, rotation and acceleration with their covariances; where two of them are.
+IMU_DOUBLES = 37
+ROTATION, ACCELERATION = slice(13, 16), slice(25, 28)
+WRENCH, TEMPERATURE = 'geometry_msgs/msg/WrenchStamped', 'sensor_msgs/msg/Temperature'
+IMU, TF = 'sensor_msgs/msg/Imu', 'tf2_msgs/msg/TFMessage'
+DOUBLES = {WRENCH: WRENCH_DOUBLES, TEMPERATURE: TEMPERATURE_DOUBLES, IMU: IMU_DOUBLES}
+#: Byte at which frame_id begins.
+_FRAME = 16
+#: A frame name longer than this is not a frame name.
+_MAX_FRAME_BYTES = 65536
+#: As much of a frame's name is shown, bytes; no sensor's is longer.
+_SHOWN = 255
+#: Layouts that are remembered: a topic has one, but a sender may vary its frame names.
+_MAX_LAYOUTS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the parts lie in every message of one size, byte order and length of frame_id."""
+
+    #: First byte behind frame_id, and first byte of the doubles.
+    frame_end: int
+    offset: int
+    #: Of the doubles, and of a whole message: seconds, nanoseconds, doubles.
+    _doubles: struct.Struct
+    _numbers: struct.Struct
+    #: A whole message as numpy sees it.
+    record: np.dtype[np.void]
+
+    def decode(self, data: bytes) -> tuple[int, tuple[float, ...]]:
+        """Read the header's stamp, ns, and the doubles."""
+        numbers = self._numbers.unpack(data)
+        return numbers[0] * NANOSECONDS + numbers[1], numbers[2:]
+
+    def encode(self, data: bytes, doubles: Sequence[float]) -> bytes:
+        """Write other doubles behind the same header."""
+        return data[: self.offset] + self._doubles.pack(*doubles)
+
+    def frame_id(self, data: bytes) -> str:
+        """Read the frame's name, its first 255 bytes only."""
+        end = min(self.frame_end, _FRAME + _SHOWN)
+        return data[_FRAME:end].rstrip(b'\0').decode(errors='replace')
+
+
+def locate(data: bytes, count: int) -> Layout:
+    """Find out where the parts of a message lie, checking that it is such a message."""
+    # It is serialized, with its 4-byte encapsulation header, and so many doubles follow its
+    # header. All that are laid out alike share one layout. RecordingError, which names neither
+    # file nor topic, when the bytes are no such message.
+    return _layout(len(data), data[:2], data[12:_FRAME], count)
+
+
+@lru_cache(_MAX_LAYOUTS)
+def _layout(size: int, encapsulation: bytes, frame_length: bytes, count: int) -> Layout:
+    """Lay out messages of some size that begin like this."""
+    if size < _FRAME:
+        raise RecordingError(
+            f'Expected a CDR message with a header and {count} doubles; got {size} bytes.'
+        )
+    if encapsulation not in {b'\0\0', b'\0\1'}:
+        raise RecordingError(
+            'Expected CDR encapsulation 00 00 or 00 01 at the start of the message; '
+            f'got {encapsulation.hex(" ")}.'
+        )
+    order = '<' if encapsulation[1] else '>'
+    (frame_bytes,) = struct.unpack(f'{order}I', frame_length)
+    if frame_bytes > min(size - _FRAME, _MAX_FRAME_BYTES):
+        raise RecordingError(
+            f'Expected a frame_id that fits into the message of {size} bytes; '
+            f'its length is given as {frame_bytes} bytes.'
+        )
+    offset = 4 + -(-(12 + frame_bytes) // 8) * 8
+    if size != offset + 8 * count:
+        raise RecordingError(
+            f'Expected {offset + 8 * count} bytes for a message with a header and {count} '
+            f'doubles; got {size}.'
+        )
+    record = np.dtype(
+        {
+            'names': ['encapsulation', 'seconds', 'nanoseconds', 'frame_bytes', 'doubles'],
+            'formats': ['u2', f'{order}i4', f'{order}u4', f'{order}u4', f'({count},){order}f8'],
+            'offsets': [0, 4, 8, 12, offset],
+            'itemsize': size,
+        }
+    )
+    doubles = struct.Struct(f'{order}{count}d')
+    numbers = struct.Struct(f'{order}4xiI{offset - 12}x{count}d')
+    return Layout(_FRAME + frame_bytes, offset, doubles, numbers, record)
+
+
+def decode_many(messages: Sequence[bytes], count: int) -> tuple[IntArray, FloatArray]:
+    """Read stamps, ns, shape (n,), and doubles, shape (n, count), of n messages at once."""
+    stamps_ns = np.empty(len(messages), np.int64)
+    values = np.empty((len(messages), count))
+    for places, records in _records(messages, count):
+        seconds = records['seconds'].astype(np.int64)
+        stamps_ns[places] = seconds * NANOSECONDS + records['nanoseconds']
+        values[places] = records['doubles']
+    return stamps_ns, values
+
+
+def encode_many(messages: Sequence[bytes], values: FloatArray) -> list[bytes]:
+    """Write other doubles, shape (n, count), behind the headers of n messages at once."""
+    encoded = list(messages)
+    for places, records in _records(messages, values.shape[1]):
+        records['doubles'] = values[places]
+        whole, size = records.tobytes(), records.itemsize
+        for begin, place in zip(range(0, len(whole), size), places.tolist(), strict=True):
+            encoded[place] = whole[begin : begin + size]
+    return encoded
+
+
+def _records(messages: Sequence[bytes], count: int) -> Iterator[tuple[IntArray, NDArray[np.void]]]:
+    """Yield the places of messages that share a layout, and a writable copy of these messages."""
+    if not messages:
+        return
+    layout = locate(messages[0], count)
+    if set(map(len, messages)) == {layout.record.itemsize}:
+        records = np.frombuffer(bytearray().join(messages), layout.record)
+        if all((records[n] == records[n][0]).all() for n in ('encapsulation', 'frame_bytes')):
+            yield np.arange(len(messages)), records
+            return
+    alike: defaultdict[Layout, list[int]] = defaultdict(list)
+    for place, message in enumerate(messages):
+        alike[locate(message, count)].append(place)
+    for layout, places in alike.items():
+        copied = bytearray().join(messages[place] for place in places)
+        yield np.array(places), np.frombuffer(copied, layout.record)

@@ -1,0 +1,276 @@
+"""
+Where a temperature comes from: a topic, or a number inside the messages of a topic.
+
+An entry of ``temperature_topics``, or of ``--temperature-topic``, is one of::
+
+    /ft_sensor/temperature                    sensor_msgs/Temperature, °C
+    /bota/bota_frame:temperature              a field of any message, °C
+    /joint_states_extra:data[5]:K             an element of an array, in kelvin
+    /drives:joints[2].motor.temperature:F     any depth, in degrees Fahrenheit
+
+An index may also be written like a field: ``data.5``. Units are never guessed.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+import difflib
+from functools import reduce
+from itertools import islice
+import math
+from numbers import Real
+import re
+from typing import Any, TypeVar
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.signals import FloatArray, NANOSECONDS
+
+_Number = TypeVar('_Number', float, FloatArray)
+#: Factor and offset to °C of every unit.
+_UNITS = {'C': (1.0, 0.0), 'K': (1.0, -273.15), 'F': (5 / 9, -160 / 9)}
+#: What a reading may be in that is no temperature in °C.
+_OTHER_UNITS = {'degrees Fahrenheit': 'F', 'kelvins': 'K'}
+#: Temperatures that a robot's wrist works at: a reading that lies here in one of these units is
+#: probably in that unit, °C.
+_LIKELY_C = (-40.0, 85.0)
+_NAME_PART = r'(?![0-9])(?:[A-Za-z0-9_]|\{(?:node|ns|namespace)\})+'
+#: What ROS allows in the name of a topic.
+_TOPIC = re.compile(rf'(?:~?/)?{_NAME_PART}(?:/{_NAME_PART})*')
+#: One step of a path: the name of a field, or an index.
+_STEP = re.compile(r'[A-Za-z][A-Za-z0-9_]*|[0-9]+')
+#: A field with one of these in its name is probably a temperature; no template, no attempt.
+_TELLING = re.compile(r'(?<!at)temp(?!la|o)|thermo|celsius|kelvin', re.IGNORECASE)
+#: As many numbers of a message are named in a sentence, and looked for in one array.
+_NAMED, _LOOKED_FOR = 8, 100
+_FORM = (
+    'expected TOPIC of sensor_msgs/Temperature, or TOPIC:FIELD or TOPIC:FIELD:UNIT, such as '
+    '/driver/state:joints[2].temperature:K'
+)
+
+Path = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class TemperatureSource:
+    """One thermometer: a topic, and where in its messages the temperature is."""
+
+    topic: str
+    #: Names of fields, and indices; empty for a topic of sensor_msgs/Temperature.
+    path: Path = ()
+    #: ``C``, ``K`` or ``F``.
+    unit: str = 'C'
+    #: As it was written.
+    entry: str = field(default='', compare=False)
+
+    def celsius(self, numbers: _Number) -> _Number:
+        """Convert a number, or an array of numbers, in this source's unit to °C."""
+        return to_celsius(numbers, self.unit)
+
+    def in_unit(self, unit: str) -> str:
+        """Write the entry that reads the same number in another unit."""
+        return f'{self.topic}:{path_text(self.path or ("temperature",))}:{unit}'
+
+    def read(self, message: Any) -> float:
+        """Read the temperature, °C, from a message; SettingsError, with why, if there is none."""
+        return self.celsius(_number_at(message, self.path or ('temperature',), self.entry))
+
+
+def to_celsius(numbers: _Number, unit: str) -> _Number:
+    """Convert a number, or an array of numbers, from C, K or F to °C."""
+    factor, offset = _UNITS[unit]
+    return numbers if unit == 'C' else numbers * factor + offset
+
+
+def other_unit(value: float, lower_c: float, upper_c: float) -> str:
+    """Guess the unit in which a temperature that is far off would lie as expected, or empty."""
+    names = _OTHER_UNITS.items()
+    return next((n for n, unit in names if lower_c <= to_celsius(value, unit) <= upper_c), '')
+
+
+def unit_remedy(value: float, in_unit: Callable[[str], str]) -> str:
+    """Say how to name a temperature, °C, that is probably in another unit, or to check it."""
+    # in_unit gives the name, a column or an entry, that reads the same number in unit K or F.
+    if not (name := other_unit(value, *_LIKELY_C)):
+        return 'Check it and its unit.'
+    unit = _OTHER_UNITS[name]
+    return f'In {name} it would be {to_celsius(value, unit):.1f} °C: then name it {in_unit(unit)}.'
+
+
+def parse_source(entry: str) -> TemperatureSource:
+    """Parse one entry; SettingsError when it is none, with what was expected."""
+    entry = entry.strip()
+    topic, *rest = entry.split(':')
+    if not topic or not _TOPIC.fullmatch(topic):
+        name, dot, inside = topic.partition('.')
+        meant = f' Did you mean {name}:{inside}?' if dot and _TOPIC.fullmatch(name) else ''
+        raise SettingsError(
+            f'The temperature {entry!r} does not begin with the name of a topic; {_FORM}.{meant}'
+        )
+    if not rest:
+        return TemperatureSource(topic, entry=entry)
+    if len(rest) > 2 or not rest[0]:
+        raise SettingsError(f'The temperature {entry!r} cannot be understood; {_FORM}.')
+    inside, unit = rest[0], (rest[1:] or ['C'])[0]
+    if unit not in _UNITS:
+        raise SettingsError(
+            f'The temperature {entry!r} is in the unit {unit!r}; expected C, K or F, or nothing '
+            'for °C.'
+        )
+    if inside in _UNITS:
+        raise SettingsError(
+            f'The temperature {entry!r} names a unit and no field; {_FORM}. Of a '
+            f'sensor_msgs/Temperature that is not in °C, name {topic}:temperature:{inside}.'
+        )
+    return TemperatureSource(topic, _parse_path(inside, entry), unit, entry)
+
+
+def _parse_path(text: str, entry: str) -> Path:
+    """Parse fields and indices."""
+    steps = re.sub(r'\[([0-9]+)\]', r'.\1', text).split('.')
+    for place, step in enumerate(steps):
+        if not _STEP.fullmatch(step) or (place == 0 and step.isdecimal()):
+            raise SettingsError(
+                f'The temperature {entry!r} holds {step!r} where the name of a field'
+                f'{" or an index from 0 on" if place else ""} is expected; write a path such as '
+                'joints[2].temperature.'
+            )
+    return tuple(int(step) if step.isdecimal() else step for step in steps)
+
+
+def parse_sources(
+    entries: Sequence[str], resolve: Callable[[str], str] = str
+) -> tuple[TemperatureSource, ...]:
+    """Parse all entries; SettingsError when one is none, or two mean one number once resolved."""
+    sources = tuple(parse_source(entry) for entry in entries)
+    seen: dict[tuple[str, Path], str] = {}
+    for source in sources:
+        key = resolve(source.topic), source.path or ('temperature',)
+        if key in seen:
+            raise SettingsError(
+                f'The temperatures {seen[key]!r} and {source.entry!r} are one and the same, '
+                'named twice; each must be another thermometer. Leave one out.'
+            )
+        seen[key] = source.entry
+    return sources
+
+
+def header_stamp_ns(message: Any) -> int | None:
+    """Read the stamp of a message's header, ns, 0 if it was not filled; None without a header."""
+    stamp = getattr(getattr(message, 'header', None), 'stamp', None)
+    if stamp is None:
+        return None
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def path_text(path: Path) -> str:
+    """Write a path as in an entry, such as ``joints[2].temperature``."""
+    steps = (f'[{step}]' if isinstance(step, int) else f'.{step}' for step in path)
+    return ''.join(steps).lstrip('.')
+
+
+def may_be_temperature(path: Path) -> bool:
+    """Tell whether a field's name says that it is a temperature."""
+    return any(_TELLING.search(step) for step in path if isinstance(step, str))
+
+
+def numbers_in(message: Any, path: Path = ()) -> Iterator[tuple[Path, float]]:
+    """Find the numbers of a message, but for its header and what is far back in long arrays."""
+    if _is_number(message):
+        yield path, float(message)
+    elif _is_array(message):
+        for index, element in enumerate(islice(message, _LOOKED_FOR)):
+            yield from numbers_in(element, (*path, index))
+    else:
+        for name in _fields_of(message):
+            if name != 'header':
+                yield from numbers_in(getattr(message, name), (*path, name))
+
+
+def temperatures_in(message: Any, topic: str = '') -> list[Path]:
+    """Find the numbers of a message that are probably temperatures, in its order."""
+    # By their fields' names; in an array, by a text at the same place of an array beside it, as in
+    # control_msgs/DynamicJointState; else all, where the topic is named like a temperature.
+    paths = [path for path, _ in numbers_in(message) if path[:1] != ('layout',)]
+    named = [path for path in paths if may_be_temperature(path) or _named_beside(message, path)]
+    return named or (paths if _TELLING.search(topic) else [])
+
+
+def _named_beside(message: Any, path: Path) -> bool:
+    """Tell whether an array of texts beside the one that a path ends in names a temperature."""
+    index = path[-1]
+    if isinstance(index, str):
+        return False
+    part = reduce(_part, path[:-2], message)
+    size = len(_part(part, path[-2]))
+    return any(
+        isinstance(texts, (list, tuple))
+        and len(texts) == size
+        and isinstance(texts[index], str)
+        and _TELLING.search(texts[index]) is not None
+        for texts in (getattr(part, name) for name in _fields_of(part))
+    )
+
+
+def _part(value: Any, step: str | int) -> Any:
+    """Take an element or a field; LookupError where there is none."""
+    if _is_array(value) if isinstance(step, int) else step in _fields_of(value):
+        return value[step] if isinstance(step, int) else getattr(value, step)
+    raise LookupError(step)
+
+
+def _number_at(message: Any, path: Path, entry: str) -> float:
+    """Follow a path to a finite number."""
+    value = message
+    for place, step in enumerate(path):
+        try:
+            value = _part(value, step)
+        except LookupError:  # noqa: PERF203 -- once, and it is over
+            raise SettingsError(_nothing_there(message, value, path, place, entry)) from None
+    if not _is_number(value):
+        raise SettingsError(_nothing_there(message, value, path, len(path), entry))
+    number = float(value)
+    if not math.isfinite(number):
+        raise SettingsError(f'The temperature {entry!r} is {number}; expected a finite number.')
+    return number
+
+
+def _nothing_there(message: Any, value: Any, path: Path, followed: int, entry: str) -> str:
+    """Say why a path cannot be followed beyond the value at some depth, and what there is."""
+    there = path_text(path[:followed]) or 'the message'
+    step = path[followed] if followed < len(path) else None
+    if _is_array(value):
+        size = len(value)
+        asked = 'no index is named' if step is None else f'there is no element {step}'
+        found = f'{there} is an array of {size}, and {asked}'
+        found += f'; expected an index from 0 to {size - 1}' if size else ''
+    elif step is None:
+        found = f'{there} is no number'
+    else:
+        found = f'{there} has no {"field" if isinstance(step, str) else "element"} {step}'
+    return f'The temperature {entry!r} is not there: {found}. {_what_there_is(message, path)}'
+
+
+def _what_there_is(message: Any, wanted: Path) -> str:
+    """Name numbers of a message: those that may be temperatures, else those named most alike."""
+    shown = {path_text(path): path for path, _ in numbers_in(message)}
+    telling = [text for text, path in shown.items() if may_be_temperature(path)]
+    near = difflib.get_close_matches(path_text(wanted), shown, _NAMED, 0.5)
+    named = list(dict.fromkeys([*near[:1], *telling, *near, *shown]))
+    if not named:
+        return 'The message holds no number at all; name another topic.'
+    more = f' and {len(named) - _NAMED} more' if len(named) > _NAMED else ''
+    return f'Its numbers are {", ".join(named[:_NAMED])}{more}.'
+
+
+def _is_number(value: Any) -> bool:
+    """Tell whether a value is a number; true and false are none."""
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def _is_array(value: Any) -> bool:
+    """Tell whether a value is an array, of whatever type; a text is none."""
+    return hasattr(value, '__len__') and not isinstance(value, (str, bytes))
+
+
+def _fields_of(value: Any) -> list[str]:
+    """List the fields of a message as rclpy makes it; empty for any other value."""
+    return list(getattr(value, 'get_fields_and_field_types', dict)())

@@ -1,0 +1,259 @@
+"""
+Orientations between frames by their transforms, and what gravity makes of them.
+
+Bags and the running node ask the same: ``GravityByTf`` takes transforms as they come and gives
+specific force in the lower of two frames, where z of the upper one is up. Between the transforms
+of a frame orientations are interpolated; nothing is known where these are too far apart, or have
+ended. Quaternions are x, y, z, w as in messages.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from wrist_ft_comp.signals import FloatArray, GRAVITY, IntArray, NANOSECONDS
+
+#: Transforms that are further apart than this leave a gap.
+GAP_NS = NANOSECONDS // 2
+#: As much of every frame is kept behind its newest transform; a jump further back is a new start.
+_KEPT_NS = 3 * NANOSECONDS
+#: A frame whose transforms are this far behind others' is waited for no longer.
+_PATIENCE_NS = 2 * NANOSECONDS
+#: Different static transforms of one frame that are kept.
+_STATIC = 100
+#: Frames that are remembered of what a node hears, and twice as many if they hang together with
+#: the two of interest. Robots have tens; a sender that makes up names for ever fills no memory.
+_MOST_FRAMES = 1000
+#: Names of frames in a sentence.
+_NAMED = 20
+
+#: Of transforms in order of time: stamps, ns, numbers of the parents, quaternions, shape (n, 4).
+_Columns = tuple[IntArray, IntArray, FloatArray]
+_NONE: _Columns = np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 4))
+
+
+class Transforms(NamedTuple):
+    """Transforms of a frame in another: stamps, ns, shape (n,), and rotations, shape (n, 4)."""
+
+    parent: str
+    child: str
+    stamps_ns: IntArray
+    quaternions: FloatArray
+
+
+def _matrices(quaternions: FloatArray) -> FloatArray:
+    """Turn quaternions, shape (n, 4), of any norm into rotations, shape (n, 3, 3)."""
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+class _Link:
+    """The transforms of one frame, also of one whose parent changes; static ones hold."""
+
+    def __init__(self, *, static: bool) -> None:
+        self.static = static
+        #: Of the newest transform.
+        self.newest_ns, self.parent, self._newest = -_KEPT_NS, -1, np.zeros(4)
+        self._columns, self._new = _NONE, list[tuple[IntArray, int, FloatArray]]()
+
+    def add(self, parent: int, stamps_ns: IntArray, quaternions: FloatArray) -> None:
+        """Take transforms to a parent; a jump of the stamps back begins anew."""
+        if not self.static and stamps_ns[-1] < self.newest_ns - _KEPT_NS:
+            self._new, self._columns, self.newest_ns = [], _NONE, -_KEPT_NS
+        if self.static and parent == self.parent and (quaternions == self._newest).all():
+            return  # sent again
+        self._new.append((stamps_ns, parent, quaternions))
+        if stamps_ns.max() >= self.newest_ns:
+            newest = int(stamps_ns.argmax())
+            self.newest_ns, self.parent = int(stamps_ns[newest]), parent
+            self._newest = quaternions[newest]
+
+    def _sorted(self) -> _Columns:
+        """Sort in what came; of transforms with one stamp the newest counts."""
+        if self._new:
+            stamps_ns, parents, quaternions = zip(*self._new, strict=True)
+            new = np.repeat(parents, [len(each) for each in stamps_ns])
+            news = stamps_ns, (new,), quaternions
+            every = [
+                np.concatenate((old, *some)) for old, some in zip(self._columns, news, strict=True)
+            ]
+            if (np.diff(every[0]) <= 0).any():
+                _, backwards = np.unique(every[0][::-1], return_index=True)
+                every = [each[::-1][backwards] for each in every]
+            self._columns, self._new = (every[0], every[1], every[2]), []
+        return self._columns
+
+    def forget(self) -> None:
+        """Drop what is too old."""
+        stamps_ns, parents, quaternions = self._sorted()
+        begin = int(np.searchsorted(stamps_ns, self.newest_ns - _KEPT_NS))
+        keep = slice(-_STATIC, None) if self.static else slice(begin, None)
+        self._columns = stamps_ns[keep], parents[keep], quaternions[keep]
+
+    def at(self, times_ns: IntArray) -> tuple[IntArray, FloatArray]:
+        """Tell parents, -1 where there is none, and rotations, shape (n, 3, 3), at some times."""
+        stamps_ns, parents, quaternions = self._sorted()
+        before = np.searchsorted(stamps_ns, times_ns, 'right') - 1
+        if self.static:  # the first one holds from the beginning, however late it came
+            before = np.maximum(before, 0)
+            return parents[before], _matrices(quaternions[before])
+        after = np.minimum(before + (stamps_ns[before] != times_ns), len(stamps_ns) - 1)
+        gap_ns = stamps_ns[after] - stamps_ns[before]
+        known = (before >= 0) & (times_ns <= stamps_ns[-1]) & (gap_ns <= GAP_NS)
+        known &= parents[before] == parents[after]
+        share = ((times_ns - stamps_ns[before]) / np.maximum(gap_ns, 1))[:, np.newaxis]
+        begin, end = quaternions[before], quaternions[after]
+        end = end * np.where((begin * end).sum(axis=1, keepdims=True) < 0, -1, 1)
+        return np.where(known, parents[before], -1), _matrices(begin + share * (end - begin))
+
+
+class GravityByTf:
+    """Specific force in a frame that is turned in a known way against one with z upwards."""
+
+    # Names of frames count without leading slashes; the lower one may be set only later.
+
+    def __init__(self, upper: str, lower: str = '') -> None:
+        self.upper, self.lower = upper, lower
+        self._numbers: dict[str, int] = {}
+        self._links: dict[int, _Link] = {}
+        #: Frames of which no transform was needed.
+        self._others: set[str] = set()
+        #: Time and rotation that were told last.
+        self._last: tuple[IntArray, FloatArray] = np.empty(0, np.int64), np.empty((0, 3, 3))
+
+    def _number(self, frame: str) -> int:
+        """Find a frame's number."""
+        return self._numbers.setdefault(frame.strip('/'), len(self._numbers))
+
+    def add(self, transforms: Transforms, *, static: bool) -> None:
+        """Take transforms of a frame; where some of it moved, static ones do not count."""
+        if not len(transforms.stamps_ns):
+            return
+        child, parent = self._number(transforms.child), self._number(transforms.parent)
+        link = self._links.get(child)
+        if link is not None and static and not link.static:
+            return
+        if link is None or link.static != static:
+            link = self._links[child] = _Link(static=static)
+        link.add(parent, transforms.stamps_ns, transforms.quaternions)
+
+    def needed(self, frames: Sequence[tuple[str, str]], *, static: bool) -> list[int]:
+        """
+        Choose the transforms of a message that may link the two frames, so that work is bounded.
+
+        Parameters
+        ----------
+        frames : sequence of (str, str)
+            Parent and child of every transform, without leading slashes.
+        static : bool
+            Whether they are sent once: those are kept though they may be needed only later.
+
+        Returns
+        -------
+        list of int
+            Places in ``frames``.
+
+        """
+        ways = {*self._way(self.lower), *self._way(self.upper)}
+        names, parents = list(self._numbers), {child: parent for parent, child in frames}
+        linking = {names[number] for number in ways}
+        for frame in tuple(linking):
+            above = parents.get(frame)
+            while above is not None and above not in linking:
+                linking.add(above)
+                above = parents.get(above)
+        if len(self._others) < _MOST_FRAMES:
+            self._others.update(parents)
+        room = len(names) < _MOST_FRAMES, len(names) < 2 * _MOST_FRAMES
+        return [
+            place
+            for place, (parent, child) in enumerate(frames)
+            if (static or child in linking)
+            and (room[child in linking] or {parent, child} <= self._numbers.keys())
+        ]
+
+    def forget(self) -> None:
+        """Drop what is too old, so that memory is bounded."""
+        for link in self._links.values():
+            link.forget()
+
+    def settled_ns(self) -> int | None:
+        """Tell up to when all is there that is to come; None where nothing moves."""
+        lower, upper = self._way(self.lower), self._way(self.upper)
+        if lower[-1] != upper[-1]:
+            return None
+        links = [self._links[frame] for frame in set(lower) ^ set(upper)]
+        newest = [link.newest_ns for link in links if not link.static]
+        return min((n for n in newest if n > max(newest) - _PATIENCE_NS), default=None)
+
+    def root(self) -> str:
+        """Tell the uppermost frame above the lower one."""
+        top = self._way(self.lower)[-1]  # which may number the lower one
+        return list(self._numbers)[top]
+
+    def _way(self, frame: str) -> list[int]:
+        """Climb from a frame as far as possible, as frames hang now."""
+        way = [self._number(frame)]
+        while (link := self._links.get(way[-1])) and link.parent not in way:
+            way.append(link.parent)
+        return way
+
+    def _climb(
+        self, frame: int, times_ns: IntArray, below: tuple[int, ...] = ()
+    ) -> tuple[IntArray, FloatArray]:
+        """Climb as far as is known at each time: frames (n,), and turns to them, (n, 3, 3)."""
+        tops, turns = np.full(len(times_ns), frame), np.tile(np.eye(3), (len(times_ns), 1, 1))
+        if link := self._links.get(frame):
+            parents, rotations = link.at(times_ns)
+            for parent in set(parents.tolist()) - {-1, frame, *below}:
+                here = parents == parent
+                tops[here], above = self._climb(parent, times_ns[here], (*below, frame))
+                turns[here] = above @ rotations[here]
+        return tops, turns
+
+    def rotations(self, times_ns: IntArray) -> FloatArray:
+        """Turn from the lower frame to the upper one, (n, 3, 3), NaN where it is not known."""
+        (tops, lower), (others, upper) = (
+            self._climb(self._number(frame), times_ns) for frame in (self.lower, self.upper)
+        )
+        known = (tops == others)[:, np.newaxis, np.newaxis]
+        return np.where(known, np.swapaxes(upper, 1, 2) @ lower, np.nan)
+
+    def read(self, times_ns: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Tell specific force, m/s², (n, 3), and speed of rotation, rad/s, at ascending times."""
+        # The speed is the mean since the time before, also of the last call. NaN where not known.
+        rotations = self.rotations(times_ns)
+        known = np.isfinite(rotations[:, 0, 0])
+        at = np.concatenate((self._last[0], times_ns[known]))
+        turned = np.concatenate((self._last[1], rotations[known]))
+        self._last = at[-1:], turned[-1:]
+        # Of a turn by θ, |R' - R| = √8 sin θ/2.
+        change = np.linalg.norm(np.diff(turned, axis=0), axis=(1, 2)) / np.sqrt(8)
+        steps_ns = np.diff(at).astype(float)
+        steps_ns[(steps_ns <= 0) | (steps_ns > GAP_NS)] = np.nan
+        speed = 2 * np.arcsin(np.minimum(change, 1)) * NANOSECONDS / steps_ns
+        speeds = np.full(len(times_ns), np.nan)
+        speeds[known] = np.concatenate(([np.nan], speed))[len(speed) + 1 - known.sum() :]
+        return GRAVITY * rotations[:, 2], speeds
+
+    def missing(self) -> str:
+        """Say that nothing came of it, and which frames there are."""
+        names = list(self._numbers)
+        ends = {end for child, link in self._links.items() for end in (child, link.parent)}
+        there = sorted(self._others | {names[end] for end in ends})
+        upper, lower = self.upper.strip('/'), self.lower.strip('/')
+        what = 'no chain of transforms, without a loop or a gap of half a second, links them'
+        if absent := [name for name in (upper, lower) if name not in there]:
+            what = f'{" and ".join(absent)} {"are" if len(absent) > 1 else "is"} missing'
+        listed = ', '.join(there[:_NAMED]) or 'none'
+        more = f' and {len(there) - _NAMED} more' if len(there) > _NAMED else ''
+        return (
+            f'TF does not say how {lower} is turned against {upper}: {what}. The frames there '
+            f'are: {listed}{more}.'
+        )
