@@ -1,5 +1,6 @@
 """The commands of a document: every line of every ``sh`` block, run as it is written."""
 
+from itertools import chain
 import os
 from pathlib import Path
 import queue
@@ -109,15 +110,15 @@ class Player:
         self._bench = bench
         self._terminal = terminal
 
-    def play(self, document, enough):
+    def play(self, enough, *documents):
         """
-        Run a document; a recording is ended when a temperature message is enough.
+        Run documents; a recording is ended when a temperature message is enough.
 
         What works on files is run when all programs have ended, as the documents say.
-        Returned is how many times the drift of force z fell, by the document's first evaluation.
+        Returned is how many times the drift of force z fell, by the first evaluation.
         """
         evaluated = []
-        for words in read_commands(document):
+        for words in chain.from_iterable(map(read_commands, documents)):
             if words[:2] == ['ros2', 'run']:
                 self._start(words)
                 continue

@@ -1,4 +1,4 @@
-"""The commands of the README, run as they are written, in their order, on bags of a robot."""
+"""The commands of README and of what lies behind it, run as they are written, on bags."""
 
 from pathlib import Path
 import re
@@ -54,10 +54,11 @@ def day(messages, number, duty):
 def test_the_readme_s_commands_run_and_give_its_figures(terminal, play, messages):
     for number, (name, duty) in enumerate(DAYS.items(), start=1):
         messages.write(terminal.folder / name, day(messages, number, duty), 'mcap')
-    assert play('README.md', lambda each: each.temperature > 28.0) >= 10.0
-    readme = (ROOT / 'README.md').read_text('utf-8')
+    documents = 'README.md', 'docs/running.md', 'docs/files.md'
+    assert play(lambda heat: heat.temperature > 28.0, *documents) >= 10.0
+    files = (ROOT / 'docs/files.md').read_text('utf-8')
     for title in TITLES:
-        figures = re.search(re.escape(f'| {title} |') + r'(.*)\|', readme)
+        figures = re.search(re.escape(f'| {title} |') + r'(.*)\|', files)
         shown = re.search(re.escape(title.replace('\\', '')) + r'(.*)', terminal.printed)
         assert figures is not None, title
         assert shown is not None, title
