@@ -43,9 +43,10 @@ class Decoded(SimpleNamespace):
 
 
 @dataclass(frozen=True)
-class _Place:
+class Place:
     """Where a number lies, or an array of numbers."""
 
+    #: Byte of the message, counted from its beginning.
     offset: int
     code: np.dtype[Any]
     #: None for a single number.
@@ -59,8 +60,8 @@ class _Place:
 
 
 @dataclass
-class _Layout:
-    """One message, followed by its definition, and what was found on the way."""
+class MessageLayout:
+    """One message, followed by its definition, and where its parts were found."""
 
     data: bytes
     definitions: Definitions
@@ -69,14 +70,15 @@ class _Layout:
     #: Counted from byte 4, as alignment is.
     at: int = 0
     parts: int = 0
-    #: So many bytes may be left behind the last field: senders fill up to a multiple of four, and
+    #: Bytes that may be left behind the last field: senders fill up to a multiple of four, and
     #: ROS 2's own serialize_message sizes empty arrays of 8-byte numbers as if they were aligned.
     slack: int = 3
-    places: dict[Path, _Place] = field(default_factory=dict)
-    #: Bytes at which lengths stand.
+    places: dict[Path, Place] = field(default_factory=dict)
+    #: First bytes of the lengths of arrays and texts; first and last byte of the texts.
     lengths: list[int] = field(default_factory=list)
+    texts: list[tuple[int, int]] = field(default_factory=list)
 
-    def find(self, path: Path) -> _Place | None:
+    def find(self, path: Path) -> Place | None:
         """Find a number, which may be an element of an array."""
         place = self.places.get(path)
         if place is not None:
@@ -84,13 +86,13 @@ class _Layout:
         array, index = self.places.get(path[:-1]), path[-1]
         if array is None or array.size is None or isinstance(index, str) or index >= array.size:
             return None
-        return _Place(array.offset + index * array.code.itemsize, array.code, None)
+        return Place(array.offset + index * array.code.itemsize, array.code, None)
 
     def alike(self, rows: NDArray[np.uint8]) -> BoolArray:
         """Tell which messages of this one's size, one per row, are laid out like it."""
         at = [0, 1, *(place + k for place in self.lengths for k in range(4))]
-        own = np.frombuffer(self.data, np.uint8)
-        return np.asarray((rows[:, at] == own[at]).all(axis=1))
+        expected = np.frombuffer(self.data, np.uint8)[at]
+        return np.asarray((rows[:, at] == expected).all(axis=1))
 
     def message(self, kind: str, path: Path) -> Decoded:
         """Follow the fields of a message."""
@@ -98,7 +100,7 @@ class _Layout:
         if fields is None:
             raise RecordingError(f'The definition of {kind} is missing.')
         if not fields:
-            self._take(1, 1)  # so much is sent of a message without fields
+            self._take(1, 1)  # a message without fields is sent as one byte
         return Decoded(**{name: self._field(*what, (*path, name)) for name, what in fields})
 
     def _field(self, kind: str, times: int | None, path: Path) -> Any:
@@ -114,6 +116,7 @@ class _Layout:
         if kind == 'string':
             length = self._length()
             begin = self._take(length, 1)
+            self.texts.append((begin, begin + length))
             return self.data[begin : begin + length].rstrip(b'\0').decode(errors='replace')
         return self.message(kind, path)
 
@@ -123,12 +126,12 @@ class _Layout:
         self.slack += 8 if size == 0 and code.itemsize == 8 else 0
         offset = self._take(count * code.itemsize, code.itemsize if count else 1)
         if code.kind != 'b':
-            self.places[path] = _Place(offset, code, size)
+            self.places[path] = Place(offset, code, size)
         values = np.frombuffer(self.data, code, count, offset)
         return values.item() if size is None else values
 
     def _length(self) -> int:
-        """Read how long what follows is."""
+        """Read the length of the array or text that follows."""
         offset = self._take(4, 4)
         self.lengths.append(offset)
         return int(np.frombuffer(self.data, f'{self.order}u4', 1, offset)[0])
@@ -144,17 +147,17 @@ class _Layout:
 
 def decode(definitions: Definitions, kind: str, data: bytes) -> Decoded:
     """Decode one message; RecordingError, which names no topic, when it is none of this type."""
-    return _follow(definitions, kind, data)[1]
+    return follow(definitions, kind, data)[1]
 
 
-def _follow(definitions: Definitions, kind: str, data: bytes) -> tuple[_Layout, Decoded]:
+def follow(definitions: Definitions, kind: str, data: bytes) -> tuple[MessageLayout, Decoded]:
     """Follow a message through, checking that the definition fits it."""
     if data[:2] not in {b'\0\0', b'\0\1'}:
         raise RecordingError(
             'Expected CDR encapsulation 00 00 or 00 01 at the start of the message; '
             f'got {data[:2].hex(" ") or "nothing"}.'
         )
-    layout = _Layout(data, definitions, '<' if data[1] else '>')
+    layout = MessageLayout(data, definitions, '<' if data[1] else '>')
     message = layout.message(kind, ())
     left = len(data) - 4 - layout.at
     if left > layout.slack:
@@ -165,10 +168,22 @@ def _follow(definitions: Definitions, kind: str, data: bytes) -> tuple[_Layout, 
 def read_numbers(
     definitions: Definitions, kind: str, messages: Sequence[bytes], paths: Sequence[Path]
 ) -> tuple[IntArray, FloatArray]:
-    """Read P numbers out of n messages of some type."""
-    # Gives the stamps of their headers, ns, shape (n,), 0 where there is none, and the numbers,
-    # shape (n, P), NaN where a message has no number at a path. RecordingError, which names
-    # neither file nor topic, when a message is none of this type.
+    """
+    Read P numbers out of n messages of some type.
+
+    Returns
+    -------
+    stamps_ns : ndarray, shape (n,)
+        Stamps of their headers; 0 where there is none.
+    values : ndarray, shape (n, P)
+        NaN where a message has no number at a path.
+
+    Raises
+    ------
+    RecordingError
+        When a message is none of this type; names neither file nor topic.
+
+    """
     stamps_ns = np.zeros(len(messages), np.int64)
     values = np.full((len(messages), len(paths)), np.nan)
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
@@ -177,7 +192,7 @@ def read_numbers(
         joined = b''.join(messages[place] for place in places)
         rows: NDArray[np.uint8] = np.frombuffer(joined, np.uint8).reshape(len(places), size)
         while len(places):
-            layout, _ = _follow(definitions, kind, rows[0].tobytes())
+            layout, _ = follow(definitions, kind, rows[0].tobytes())
             alike = layout.alike(rows)
             some, at = rows[alike], places[alike]
             for column, path in enumerate(paths):

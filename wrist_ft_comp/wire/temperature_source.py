@@ -25,28 +25,31 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.signals import FloatArray, NANOSECONDS
 
 _Number = TypeVar('_Number', float, FloatArray)
+Path = tuple[str | int, ...]
+#: The field of a sensor_msgs/Temperature.
+_PLAIN: Path = ('temperature',)
 #: Factor and offset to °C of every unit.
 _UNITS = {'C': (1.0, 0.0), 'K': (1.0, -273.15), 'F': (5 / 9, -160 / 9)}
-#: What a reading may be in that is no temperature in °C.
+#: Units in which a reading may be that is no temperature in °C.
 _OTHER_UNITS = {'degrees Fahrenheit': 'F', 'kelvins': 'K'}
-#: Temperatures that a robot's wrist works at: a reading that lies here in one of these units is
-#: probably in that unit, °C.
+#: Temperatures that a robot's wrist works at, °C: a reading that lies here when it is converted
+#: from another unit is probably in that unit.
 _LIKELY_C = (-40.0, 85.0)
 _NAME_PART = r'(?![0-9])(?:[A-Za-z0-9_]|\{(?:node|ns|namespace)\})+'
-#: What ROS allows in the name of a topic.
+#: Names of topics as ROS allows them.
 _TOPIC = re.compile(rf'(?:~?/)?{_NAME_PART}(?:/{_NAME_PART})*')
 #: One step of a path: the name of a field, or an index.
 _STEP = re.compile(r'[A-Za-z][A-Za-z0-9_]*|[0-9]+')
 #: A field with one of these in its name is probably a temperature; no template, no attempt.
-_TELLING = re.compile(r'(?<!at)temp(?!la|o)|thermo|celsius|kelvin', re.IGNORECASE)
-#: As many numbers of a message are named in a sentence, and looked for in one array.
-_NAMED, _LOOKED_FOR = 8, 100
+_TEMPERATURE_NAME = re.compile(r'(?<!at)temp(?!la|o)|thermo|celsius|kelvin', re.IGNORECASE)
+#: Numbers of a message that are named in a sentence.
+_NAMED = 8
+#: Elements of one array that are looked at.
+_LOOKED_AT = 100
 _FORM = (
     'expected TOPIC of sensor_msgs/Temperature, or TOPIC:FIELD or TOPIC:FIELD:UNIT, such as '
     '/driver/state:joints[2].temperature:K'
 )
-
-Path = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
@@ -67,11 +70,38 @@ class TemperatureSource:
 
     def in_unit(self, unit: str) -> str:
         """Write the entry that reads the same number in another unit."""
-        return f'{self.topic}:{path_text(self.path or ("temperature",))}:{unit}'
+        return f'{self.topic}:{path_text(self.path or _PLAIN)}:{unit}'
 
     def read(self, message: Any) -> float:
         """Read the temperature, °C, from a message; SettingsError, with why, if there is none."""
-        return self.celsius(_number_at(message, self.path or ('temperature',), self.entry))
+        path, value = self.path or _PLAIN, message
+        for depth, step in enumerate(path):
+            if not _has(value, step):
+                raise self._refusal(message, value, path[:depth], step)
+            value = _part(value, step)
+        if not _is_number(value):
+            raise self._refusal(message, value, path)
+        if not math.isfinite(value):
+            raise SettingsError(
+                f'The temperature {self.entry!r} is {float(value)}; expected a finite number.'
+            )
+        return self.celsius(float(value))
+
+    def _refusal(
+        self, message: Any, value: Any, path: Path, step: str | int | None = None
+    ) -> SettingsError:
+        """Say that the value at a path is no number, or lacks the next step of the path."""
+        name = path_text(path) or 'the message'
+        if _is_array(value):
+            missing = 'no index is named' if step is None else f'there is no element {step}'
+            found = f'{name} is an array of {len(value)}, and {missing}'
+            found += f'; expected an index from 0 to {len(value) - 1}' if len(value) else ''
+        elif step is None:
+            found = f'{name} is no number'
+        else:
+            found = f'{name} has no {"field" if isinstance(step, str) else "element"} {step}'
+        present = _numbers_of(message, self.path or _PLAIN)
+        return SettingsError(f'The temperature {self.entry!r} is not there: {found}. {present}')
 
 
 def to_celsius(numbers: _Number, unit: str) -> _Number:
@@ -87,8 +117,11 @@ def other_unit(value: float, lower_c: float, upper_c: float) -> str:
 
 
 def unit_remedy(value: float, in_unit: Callable[[str], str]) -> str:
-    """Say how to name a temperature, °C, that is probably in another unit, or to check it."""
-    # in_unit gives the name, a column or an entry, that reads the same number in unit K or F.
+    """
+    Say what to do about a temperature, °C, that is probably in another unit.
+
+    ``in_unit`` writes the name, a column or an entry, that reads the same number in unit K or F.
+    """
     if not (name := other_unit(value, *_LIKELY_C)):
         return 'Check it and its unit.'
     unit = _OTHER_UNITS[name]
@@ -99,7 +132,7 @@ def parse_source(entry: str) -> TemperatureSource:
     """Parse one entry; SettingsError when it is none, with what was expected."""
     entry = entry.strip()
     topic, *rest = entry.split(':')
-    if not topic or not _TOPIC.fullmatch(topic):
+    if not _TOPIC.fullmatch(topic):
         name, dot, inside = topic.partition('.')
         meant = f' Did you mean {name}:{inside}?' if dot and _TOPIC.fullmatch(name) else ''
         raise SettingsError(
@@ -107,9 +140,9 @@ def parse_source(entry: str) -> TemperatureSource:
         )
     if not rest:
         return TemperatureSource(topic, entry=entry)
-    if len(rest) > 2 or not rest[0]:
-        raise SettingsError(f'The temperature {entry!r} cannot be understood; {_FORM}.')
     inside, unit = rest[0], (rest[1:] or ['C'])[0]
+    if len(rest) > 2 or not inside:
+        raise SettingsError(f'The temperature {entry!r} cannot be understood; {_FORM}.')
     if unit not in _UNITS:
         raise SettingsError(
             f'The temperature {entry!r} is in the unit {unit!r}; expected C, K or F, or nothing '
@@ -120,12 +153,7 @@ def parse_source(entry: str) -> TemperatureSource:
             f'The temperature {entry!r} names a unit and no field; {_FORM}. Of a '
             f'sensor_msgs/Temperature that is not in °C, name {topic}:temperature:{inside}.'
         )
-    return TemperatureSource(topic, _parse_path(inside, entry), unit, entry)
-
-
-def _parse_path(text: str, entry: str) -> Path:
-    """Parse fields and indices."""
-    steps = re.sub(r'\[([0-9]+)\]', r'.\1', text).split('.')
+    steps = re.sub(r'\[([0-9]+)\]', r'.\1', inside).split('.')
     for place, step in enumerate(steps):
         if not _STEP.fullmatch(step) or (place == 0 and step.isdecimal()):
             raise SettingsError(
@@ -133,7 +161,8 @@ def _parse_path(text: str, entry: str) -> Path:
                 f'{" or an index from 0 on" if place else ""} is expected; write a path such as '
                 'joints[2].temperature.'
             )
-    return tuple(int(step) if step.isdecimal() else step for step in steps)
+    path = tuple(int(step) if step.isdecimal() else step for step in steps)
+    return TemperatureSource(topic, path, unit, entry)
 
 
 def parse_sources(
@@ -143,7 +172,7 @@ def parse_sources(
     sources = tuple(parse_source(entry) for entry in entries)
     seen: dict[tuple[str, Path], str] = {}
     for source in sources:
-        key = resolve(source.topic), source.path or ('temperature',)
+        key = resolve(source.topic), source.path or _PLAIN
         if key in seen:
             raise SettingsError(
                 f'The temperatures {seen[key]!r} and {source.entry!r} are one and the same, '
@@ -156,9 +185,7 @@ def parse_sources(
 def header_stamp_ns(message: Any) -> int | None:
     """Read the stamp of a message's header, ns, 0 if it was not filled; None without a header."""
     stamp = getattr(getattr(message, 'header', None), 'stamp', None)
-    if stamp is None:
-        return None
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+    return None if stamp is None else int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
 def path_text(path: Path) -> str:
@@ -169,7 +196,7 @@ def path_text(path: Path) -> str:
 
 def may_be_temperature(path: Path) -> bool:
     """Tell whether a field's name says that it is a temperature."""
-    return any(_TELLING.search(step) for step in path if isinstance(step, str))
+    return any(_TEMPERATURE_NAME.search(step) for step in path if isinstance(step, str))
 
 
 def numbers_in(message: Any, path: Path = ()) -> Iterator[tuple[Path, float]]:
@@ -177,7 +204,7 @@ def numbers_in(message: Any, path: Path = ()) -> Iterator[tuple[Path, float]]:
     if _is_number(message):
         yield path, float(message)
     elif _is_array(message):
-        for index, element in enumerate(islice(message, _LOOKED_FOR)):
+        for index, element in enumerate(islice(message, _LOOKED_AT)):
             yield from numbers_in(element, (*path, index))
     else:
         for name in _fields_of(message):
@@ -186,75 +213,52 @@ def numbers_in(message: Any, path: Path = ()) -> Iterator[tuple[Path, float]]:
 
 
 def temperatures_in(message: Any, topic: str = '') -> list[Path]:
-    """Find the numbers of a message that are probably temperatures, in its order."""
-    # By their fields' names; in an array, by a text at the same place of an array beside it, as in
-    # control_msgs/DynamicJointState; else all, where the topic is named like a temperature.
+    """
+    Find the numbers of a message that are probably temperatures, in its order.
+
+    Their fields are named like one; or they are elements of an array, and a text at the same place
+    of an array beside it is, as in control_msgs/DynamicJointState. Where there are none, all
+    numbers count if the topic is named like a temperature.
+    """
     paths = [path for path, _ in numbers_in(message) if path[:1] != ('layout',)]
     named = [path for path in paths if may_be_temperature(path) or _named_beside(message, path)]
-    return named or (paths if _TELLING.search(topic) else [])
+    return named or (paths if _TEMPERATURE_NAME.search(topic) else [])
 
 
 def _named_beside(message: Any, path: Path) -> bool:
     """Tell whether an array of texts beside the one that a path ends in names a temperature."""
-    index = path[-1]
+    *above, array, index = ('', *path)
     if isinstance(index, str):
         return False
-    part = reduce(_part, path[:-2], message)
-    size = len(_part(part, path[-2]))
+    part = reduce(_part, above[1:], message)
+    size = len(_part(part, array))
     return any(
         isinstance(texts, (list, tuple))
         and len(texts) == size
         and isinstance(texts[index], str)
-        and _TELLING.search(texts[index]) is not None
+        and _TEMPERATURE_NAME.search(texts[index]) is not None
         for texts in (getattr(part, name) for name in _fields_of(part))
     )
 
 
+def _has(value: Any, step: str | int) -> bool:
+    """Tell whether a value has an element or a field."""
+    if isinstance(step, int):
+        return _is_array(value) and step < len(value)
+    return step in _fields_of(value)
+
+
 def _part(value: Any, step: str | int) -> Any:
-    """Take an element or a field; LookupError where there is none."""
-    if _is_array(value) if isinstance(step, int) else step in _fields_of(value):
-        return value[step] if isinstance(step, int) else getattr(value, step)
-    raise LookupError(step)
+    """Take an element or a field."""
+    return value[step] if isinstance(step, int) else getattr(value, step)
 
 
-def _number_at(message: Any, path: Path, entry: str) -> float:
-    """Follow a path to a finite number."""
-    value = message
-    for place, step in enumerate(path):
-        try:
-            value = _part(value, step)
-        except LookupError:  # noqa: PERF203 -- once, and it is over
-            raise SettingsError(_nothing_there(message, value, path, place, entry)) from None
-    if not _is_number(value):
-        raise SettingsError(_nothing_there(message, value, path, len(path), entry))
-    number = float(value)
-    if not math.isfinite(number):
-        raise SettingsError(f'The temperature {entry!r} is {number}; expected a finite number.')
-    return number
-
-
-def _nothing_there(message: Any, value: Any, path: Path, followed: int, entry: str) -> str:
-    """Say why a path cannot be followed beyond the value at some depth, and what there is."""
-    there = path_text(path[:followed]) or 'the message'
-    step = path[followed] if followed < len(path) else None
-    if _is_array(value):
-        size = len(value)
-        asked = 'no index is named' if step is None else f'there is no element {step}'
-        found = f'{there} is an array of {size}, and {asked}'
-        found += f'; expected an index from 0 to {size - 1}' if size else ''
-    elif step is None:
-        found = f'{there} is no number'
-    else:
-        found = f'{there} has no {"field" if isinstance(step, str) else "element"} {step}'
-    return f'The temperature {entry!r} is not there: {found}. {_what_there_is(message, path)}'
-
-
-def _what_there_is(message: Any, wanted: Path) -> str:
+def _numbers_of(message: Any, wanted: Path) -> str:
     """Name numbers of a message: those that may be temperatures, else those named most alike."""
-    shown = {path_text(path): path for path, _ in numbers_in(message)}
-    telling = [text for text, path in shown.items() if may_be_temperature(path)]
-    near = difflib.get_close_matches(path_text(wanted), shown, _NAMED, 0.5)
-    named = list(dict.fromkeys([*near[:1], *telling, *near, *shown]))
+    paths = {path_text(path): path for path, _ in numbers_in(message)}
+    temperatures = [text for text, path in paths.items() if may_be_temperature(path)]
+    alike = difflib.get_close_matches(path_text(wanted), paths, _NAMED, 0.5)
+    named = list(dict.fromkeys([*alike[:1], *temperatures, *alike, *paths]))
     if not named:
         return 'The message holds no number at all; name another topic.'
     more = f' and {len(named) - _NAMED} more' if len(named) > _NAMED else ''

@@ -1,11 +1,8 @@
 """
-The codec of ``tf2_msgs/TFMessage``: stamps and rotations, of many messages at once.
+``tf2_msgs/TFMessage``: stamps and rotations, out of many messages at once.
 
-Messages of a publisher differ in numbers only: one is followed, and what it says of where the
-numbers lie holds for all with the same texts at the same places::
-
-    byte 4  how many transforms, and of each, aligned by its type, counted from byte 4:
-            sec, nanosec, frame_id, child_frame_id, 3 doubles translation, 4 doubles rotation
+Messages of a publisher differ in numbers only. The first one is followed by its definition; where
+its numbers lie holds for all messages with the same lengths and texts at the same places.
 """
 
 from collections import defaultdict
@@ -18,11 +15,24 @@ from numpy.typing import NDArray
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.signals import IntArray, NANOSECONDS
+from wrist_ft_comp.wire.cdr import TF
+from wrist_ft_comp.wire.cdr_fields import Definitions, follow, SEQUENCE
 from wrist_ft_comp.wire.tf_tree import Transforms
 
+_DEFINITIONS: Definitions = {
+    TF: [('transforms', ('TransformStamped', SEQUENCE))],
+    'TransformStamped': [
+        ('header', ('Header', None)),
+        ('child_frame_id', ('string', None)),
+        ('translation', ('float64', 3)),
+        ('rotation', ('float64', 4)),
+    ],
+    'Header': [('stamp', ('uint32', 2)), ('frame_id', ('string', None))],
+}
+#: Bytes of a stamp and of a quaternion.
+_STAMP, _ROTATION = 8, 32
 #: The squared norm of a rotation is off from 1 by less.
 _NORM_ERROR = 0.1
-_STAMP, _TRANSLATION, _ROTATION = 8, 24, 32
 #: Sizes of messages whose layouts are remembered, and layouts of one size. Robots have a publisher
 #: or two; names that are new in every message must not fill the memory.
 _MOST_SIZES, _MOST_OF_A_SIZE = 100, 4
@@ -36,7 +46,7 @@ class Layout:
     frames: tuple[tuple[str, str], ...]
     #: Bytes at which stamp and rotation of every transform lie, shape (k, 40).
     _numbers: IntArray
-    #: Reads what is no number, and what that is.
+    #: Reads lengths and texts, and what they are in every message.
     _texts: struct.Struct
     _expected: tuple[bytes, ...]
 
@@ -54,12 +64,12 @@ class Layout:
         stamps = np.ascontiguousarray(parts[..., :_STAMP]).view(f'{order}u4')
         stamps_ns = stamps[..., 0].astype(np.int64) * NANOSECONDS + stamps[..., 1]
         rotations = np.ascontiguousarray(parts[..., _STAMP:]).view(f'{order}f8').astype(float)
-        known = np.abs((rotations**2).sum(axis=-1) - 1) < _NORM_ERROR
-        well = bool(known.all())
+        usable = np.abs((rotations**2).sum(axis=-1) - 1) < _NORM_ERROR
+        all_usable = bool(usable.all())
         for column, place in enumerate(places):
-            some = slice(None) if well else known[:, column]
+            kept = slice(None) if all_usable else usable[:, column]
             frames = self.frames[place]
-            yield Transforms(*frames, stamps_ns[some, column], rotations[some, column])
+            yield Transforms(*frames, stamps_ns[kept, column], rotations[kept, column])
 
 
 class Layouts:
@@ -74,10 +84,7 @@ class Layouts:
         for layout in layouts:
             if layout.fits(data):
                 return layout
-        try:
-            found = _follow(data)
-        except (struct.error, UnicodeDecodeError) as error:
-            raise RecordingError(f'Expected a tf2_msgs/TFMessage; {error}.') from error
+        found = _lay_out(data)
         if len(self._of_size) >= _MOST_SIZES:
             self._of_size.clear()
         self._of_size[len(data)] = [found, *layouts][:_MOST_OF_A_SIZE]
@@ -89,33 +96,30 @@ def decode_transforms(messages: Sequence[bytes]) -> Iterator[Transforms]:
     layouts, alike = Layouts(), defaultdict[Layout, list[bytes]](list)
     for data in messages:
         alike[layouts.find(data)].append(data)
-    for layout, some in alike.items():
-        yield from layout.decode(some, range(len(layout.frames)))
+    for layout, fitting in alike.items():
+        yield from layout.decode(fitting, range(len(layout.frames)))
 
 
-def _follow(data: bytes) -> Layout:
-    """Find names, stamps and rotations, transform by transform."""
-    number = struct.Struct('<I' if data[1:2] == b'\1' else '>I')
-    code, at, end, frames, numbers = '=8s', 8, 8, [], []
-    for _ in range(*number.unpack_from(data, 4)):
-        stamp, names = _aligned(at, 4), []
-        at = stamp + _STAMP
-        for _ in range(2):
-            begin = _aligned(at, 4)
-            at = begin + 4 + sum(number.unpack_from(data, begin))
-            code += f'{begin - end}x{at - begin}s'
-            end = at
-            names.append(data[begin + 4 : at].rstrip(b'\0').decode().strip('/'))
-        rotation = _aligned(at, 8) + _TRANSLATION
-        at = rotation + _ROTATION
-        struct.unpack_from('4d', data, rotation)
-        frames.append((names[0], names[1]))
-        numbers.append([*range(stamp, stamp + _STAMP), *range(rotation, at)])
+def _lay_out(data: bytes) -> Layout:
+    """Follow a message, and note what all that are laid out like it have in common."""
+    try:
+        layout, message = follow(_DEFINITIONS, TF, data)
+    except RecordingError as error:
+        raise RecordingError(f'Expected a tf2_msgs/TFMessage. {error}') from error
+    frames = [(each.header.frame_id, each.child_frame_id) for each in message.transforms]
+    numbers = []
+    for number in range(len(frames)):
+        stamp = layout.places['transforms', number, 'header', 'stamp'].offset
+        rotation = layout.places['transforms', number, 'rotation'].offset
+        numbers.append([*range(stamp, stamp + _STAMP), *range(rotation, rotation + _ROTATION)])
+    code, end = '=4s', 4
+    for begin, stop in sorted([*((at, at + 4) for at in layout.lengths), *layout.texts]):
+        code += f'{begin - end}x{stop - begin}s'
+        end = stop
     texts = struct.Struct(f'{code}{len(data) - end}x')
-    places = np.array(numbers, np.int64).reshape(-1, _STAMP + _ROTATION)
-    return Layout(tuple(frames), places, texts, texts.unpack(data))
-
-
-def _aligned(at: int, size: int) -> int:
-    """Step to where a number of some bytes may begin."""
-    return 4 + -(-(at - 4) // size) * size
+    return Layout(
+        tuple((parent.strip('/'), child.strip('/')) for parent, child in frames),
+        np.array(numbers, np.int64).reshape(-1, _STAMP + _ROTATION),
+        texts,
+        texts.unpack(data),
+    )
