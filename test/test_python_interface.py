@@ -63,7 +63,7 @@ SETTINGS = {
     },
 }
 #: Neither of these is for a loop on a robot.
-HEAVY = r'scipy|matplotlib|rosbags|jinja2|tqdm|wrist_ft_comp[.](cli|identification|report|ros)'
+HEAVY = r'scipy|matplotlib|rosbags|jinja2|tqdm|wrist_ft_comp[.](cli|fit|report|ros)'
 
 
 def bare(function):
@@ -79,26 +79,19 @@ def test_the_names_are_these():
     assert set(wrist_ft_comp.__all__) <= set(dir(wrist_ft_comp))
 
 
-@pytest.mark.parametrize('name', SIGNATURES)
-def test_what_a_name_takes_stays(name):
-    assert bare(getattr(wrist_ft_comp, name)) == SIGNATURES[name]
+def test_what_names_and_methods_take_stays():
+    now = {name: bare(getattr(wrist_ft_comp, name)) for name in SIGNATURES}
+    assert now == SIGNATURES
+    assert {method: bare(method) for method in METHODS} == METHODS
 
 
-@pytest.mark.parametrize('method', METHODS, ids=lambda method: method.__qualname__)
-def test_what_a_method_takes_stays(method):
-    assert bare(method) == METHODS[method]
-
-
-@pytest.mark.parametrize('record', ATTRIBUTES, ids=lambda record: record.__name__)
-def test_what_a_result_holds_stays(record):
-    held = record._fields if hasattr(record, '_fields') else [f.name for f in fields(record)]
-    assert ATTRIBUTES[record] <= set(held)
-
-
-@pytest.mark.parametrize('name', SETTINGS)
-def test_settings_and_their_defaults_stay(name):
-    made = getattr(wrist_ft_comp, name)()
-    assert {each: getattr(made, each) for each in SETTINGS[name]} == SETTINGS[name]
+def test_what_results_hold_and_settings_default_to_stays():
+    for record, attributes in ATTRIBUTES.items():
+        held = record._fields if hasattr(record, '_fields') else [f.name for f in fields(record)]
+        assert attributes <= set(held), record
+    for name, defaults in SETTINGS.items():
+        made = getattr(wrist_ft_comp, name)()
+        assert {setting: getattr(made, setting) for setting in defaults} == defaults
 
 
 def test_type_checkers_see_what_is_loaded():

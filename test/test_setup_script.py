@@ -1,4 +1,4 @@
-"""Which way requirements/setup.sh goes: around a sourced ROS 2, or with ROS from wheels."""
+"""requirements/setup.sh builds around a sourced ROS 2, or takes ROS from wheels."""
 
 import os
 from pathlib import Path
@@ -9,8 +9,7 @@ import sys
 import pytest
 
 ROOT = Path(__file__).parents[1]
-TIMEOUT_S = 60.0
-#: Does not make environments nor install, but tells what it was asked for.
+#: A Python that neither makes environments nor installs, but writes down what it was asked for.
 STAND_IN = """#!/bin/sh
 case "$*" in
     '-m venv '*)
@@ -24,68 +23,51 @@ esac
 
 
 @pytest.fixture
-def clone(tmp_path):
-    """A clone with the script, and a Python that tells what it was asked for."""
+def setup(tmp_path):
+    """Run the script in a clone, ROS 2 sourced whose rclpy is some text, or not at all."""
     shutil.copytree(ROOT / 'requirements', tmp_path / 'requirements')
-    stand_in = tmp_path / 'python'
+    stand_in, package = tmp_path / 'python', tmp_path / 'opt/rclpy'
     stand_in.write_text(STAND_IN.format(python=sys.executable))
     stand_in.chmod(0o755)
-    return tmp_path
+
+    def run(rclpy):
+        if rclpy is not None:
+            package.mkdir(parents=True)
+            (package / '__init__.py').write_text(rclpy)
+        return subprocess.run(
+            ['/bin/sh', 'requirements/setup.sh', str(stand_in)],
+            cwd=tmp_path,
+            env={**os.environ, 'PYTHONPATH': '' if rclpy is None else str(package.parent)},
+            capture_output=True,
+            text=True,
+            timeout=60.0,
+            check=False,
+        )
+
+    return run
 
 
-def source_ros(clone, content):
-    """Lay out what a sourced installation puts on PYTHONPATH."""
-    package = clone / 'opt/ros/jazzy/lib/python3/site-packages/rclpy'
-    package.mkdir(parents=True)
-    (package / '__init__.py').write_text(content)
-    return str(package.parent)
-
-
-def run(clone, path=''):
-    return subprocess.run(
-        ['/bin/sh', 'requirements/setup.sh', str(clone / 'python')],
-        cwd=clone,
-        env={**os.environ, 'PYTHONPATH': path},
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT_S,
-        check=False,
-    )
-
-
-def calls(clone):
-    return (clone / 'calls').read_text().splitlines()
-
-
-def test_around_a_sourced_ros_its_packages_and_the_versions_of_ubuntu_are_used(
-    clone,
+@pytest.mark.parametrize(
+    ('rclpy', 'options', 'versions', 'extras'),
+    [
+        ('', '--system-site-packages ', 'noble.txt', 'test,lint'),
+        (None, '', 'lock.txt', 'ros,test,lint'),
+    ],
+)
+def test_the_environment_fits_the_ros_that_is_there(
+    setup, tmp_path, rclpy, options, versions, extras
 ):
-    done = run(clone, source_ros(clone, ''))
+    done = setup(rclpy)
     assert done.returncode == 0, done.stderr
-    venv, pip = calls(clone)
-    assert venv == '-m venv --system-site-packages .venv'
-    assert 'noble.txt' in pip
-    assert 'lock.txt' not in pip
-    assert pip.endswith('-e .[test,lint]')
+    venv, pip = (tmp_path / 'calls').read_text().splitlines()
+    assert venv == f'-m venv {options}.venv'
+    assert [name for name in ('noble.txt', 'lock.txt') if name in pip] == [versions]
+    assert pip.endswith(f'-e .[{extras}]')
 
 
-def test_without_one_ros_comes_from_wheels_in_the_locked_versions(clone):
-    done = run(clone)
-    assert done.returncode == 0, done.stderr
-    venv, pip = calls(clone)
-    assert venv == '-m venv .venv'
-    assert 'lock.txt' in pip
-    assert 'noble.txt' not in pip
-    assert pip.endswith('-e .[ros,test,lint]')
-
-
-def test_a_ros_for_another_python_is_a_sentence_and_changes_nothing(clone):
-    (clone / '.venv').mkdir()
-    (clone / '.venv/kept').touch()
-    done = run(clone, source_ros(clone, 'raise ImportError("built for another one")'))
+def test_a_ros_for_another_python_is_a_sentence_and_changes_nothing(setup, tmp_path):
+    done = setup('raise ImportError("built for another one")')
     assert done.returncode == 1
     assert 'cannot import: built for another one' in done.stderr
     assert 'make PYTHON=/usr/bin/python3 setup' in done.stderr
-    assert 'Traceback' not in done.stderr
-    assert (clone / '.venv/kept').exists()
-    assert not (clone / 'calls').exists()
+    assert not (tmp_path / '.venv').exists()
