@@ -212,9 +212,7 @@ def test_the_list_of_models_is_read_where_it_was_moved_to_and_rolled_back(store)
 
 @pytest.mark.parametrize('then', RECORDINGS, ids=lambda r: f'{r["path"]} {r["wrench_topic"]}')
 def test_a_recording_is_read_to_the_same_cells(then, printed):
-    assert 'temperature' in printed(
-        'show', then['path'], '--wrench-topic', then['wrench_topic']
-    )
+    assert 'temperature' in printed('show', then['path'], '--wrench-topic', then['wrench_topic'])
     topics = Topics(wrench=then['wrench_topic'])
     recording = read_recording(HERE / then['path'], period_s=then['period_s'], topics=topics)
     channels = np.hstack([recording.temperature_c, recording.wrench, recording.reference])

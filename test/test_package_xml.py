@@ -22,7 +22,7 @@ PLUGINS = {'rosbag2_compression_zstd', 'rosbag2_storage_mcap', 'rosbag2_storage_
 
 
 def imported(folder):
-    """rosdep's keys of what a folder's modules import from elsewhere."""
+    """Keys of rosdep of what a folder's modules import from elsewhere."""
     roots: set[str] = set()
     for path in (ROOT / folder).rglob('*.py'):
         for node in ast.walk(ast.parse(path.read_text('utf-8'))):

@@ -63,7 +63,10 @@ SETTINGS = {
     },
 }
 #: Neither of these is for a loop on a robot.
-HEAVY = r'scipy|matplotlib|rosbags|jinja2|tqdm|wrist_ft_comp[.](cli|fit|report|ros)'
+HEAVY = (
+    'scipy|matplotlib|rosbags|jinja2|tqdm|'
+    r'wrist_ft_comp[.](cli|report|ros|fit[.](auto|calibrate))'
+)
 
 
 def bare(function):

@@ -48,15 +48,14 @@ def setup(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('rclpy', 'options', 'versions', 'extras'),
+    ('rclpy', 'expected'),
     [
-        ('', '--system-site-packages ', 'noble.txt', 'test,lint'),
-        (None, '', 'lock.txt', 'ros,test,lint'),
+        ('', ('--system-site-packages ', 'noble.txt', 'test,lint')),
+        (None, ('', 'lock.txt', 'ros,test,lint')),
     ],
 )
-def test_the_environment_fits_the_ros_that_is_there(
-    setup, tmp_path, rclpy, options, versions, extras
-):
+def test_the_environment_fits_the_ros_that_is_there(setup, tmp_path, rclpy, expected):
+    options, versions, extras = expected
     done = setup(rclpy)
     assert done.returncode == 0, done.stderr
     venv, pip = (tmp_path / 'calls').read_text().splitlines()

@@ -99,7 +99,7 @@ def test_chunks_of_any_size_give_the_same_samples(make_csv, monkeypatch):
     rows = [f'{k},{k % 5},{20 + k if k % 3 == 0 else ""}' for k in range(200)]
     path = make_csv('\n'.join(('stamp_ns,force_z,temperature_c', *rows, '')))
     whole, _ = all_samples(path)
-    monkeypatch.setattr(csv_text, 'CHUNK', 50)
+    monkeypatch.setattr(csv_text, 'ROWS', 7)
     assert all_samples(path)[0] == whole
     assert len(whole['force_z'][0]) == 200
     assert len(whole['temperature_c'][0]) == 67

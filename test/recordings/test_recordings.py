@@ -130,7 +130,7 @@ def test_random_damage_raises_nothing_but_recording_errors(make_bag, make_csv):
 
 
 def test_a_rewritten_csv_differs_in_its_wrench_cells_only(make_csv, monkeypatch):
-    monkeypatch.setattr(csv_text, 'CHUNK', 20)
+    monkeypatch.setattr(csv_text, 'ROWS', 2)
     source = make_csv(CSV)
     target = source.with_name('out.csv')
     (warning,) = rewrite_recording(source, target, halve)

@@ -11,8 +11,7 @@ import pytest
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings import bag as bag_file
-from wrist_ft_comp.recordings.bag import Connection
-from wrist_ft_comp.recordings.bag_installed import define_installed
+from wrist_ft_comp.recordings.bag import Connection, define_installed
 from wrist_ft_comp.recordings.bag_opening import backend as chosen_backend
 from wrist_ft_comp.recordings.bag_opening import open_bag
 from wrist_ft_comp.recordings.bag_recording import read_bag

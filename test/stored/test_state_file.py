@@ -20,7 +20,7 @@ from wrist_ft_comp.stored.state_file import (
     SavedState,
     StateWriter,
 )
-from wrist_ft_comp.stream.warm_restart import ThermalMemory
+from wrist_ft_comp.stream.warm_restart import Block, ThermalMemory
 
 TIMEOUT_S = 20.0
 number = st.floats(-1e99, 1e99)
@@ -35,7 +35,8 @@ memories = st.builds(
     st.dictionaries(st.sampled_from(['force_x', 'force_z', 'torque_y']), filters),
     st.builds(Drift, six, six),
     st.lists(
-        st.tuples(st.lists(number, max_size=3).map(np.array), st.integers(1, 1000)), max_size=9
+        st.builds(Block, st.lists(number, max_size=3).map(np.array), st.integers(1, 1000)),
+        max_size=9,
     ).map(tuple),
 )
 states = st.builds(
@@ -50,7 +51,7 @@ def example(end_ns=5, saved_ns=7):
         np.array([20.0]),
         {'force_z': np.ones(2)},
         Drift(np.ones(6), np.zeros(6)),
-        ((np.array([20.0]), 1), (np.array([21.0]), 60)),
+        (Block(np.array([20.0]), 1), Block(np.array([21.0]), 60)),
     )
     return SavedState(saved_ns, 'a' * 64, np.arange(6.0), memory)
 

@@ -2,19 +2,21 @@
 Recordings as rosbag2: their topics as samples, and copies with the corrected wrench added.
 
 Times are the messages' header stamps; the time at which the recorder got a message counts only
-where a temperature is a field of messages without a stamp.
+where a temperature is a field of messages without a stamp. Specific force is an IMU's, or what
+/tf and /tf_static say of gravity in the frame of the wrench.
 """
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import chain, islice
 import pathlib
 
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.recordings.bag import Bag, Connection, SUFFIXES
-from wrist_ft_comp.recordings.bag_gravity import gravity_samples
+from wrist_ft_comp.recordings.bag import Bag, Connection, Message, SUFFIXES
 from wrist_ft_comp.recordings.bag_opening import backend
 from wrist_ft_comp.signals import (
     AXES,
@@ -27,6 +29,7 @@ from wrist_ft_comp.signals import (
     REFERENCE_CHANNELS,
     ROTATION_CHANNEL,
     Samples,
+    SensorNames,
     temperature_channel,
     Topics,
 )
@@ -41,10 +44,16 @@ from wrist_ft_comp.wire.temperature_source import (
     temperatures_in,
     TemperatureSource,
 )
+from wrist_ft_comp.wire.tf_messages import decode_transforms
+from wrist_ft_comp.wire.tf_tree import GAP_NS, GravityByTf
 
 #: Wrenches that arrive later than this after their stamp are stamped by another clock.
 _APART_NS = 10 * NANOSECONDS
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
+#: Gravity by TF is computed once a step; a transform is good for the steps until where a gap would
+#: begin.
+_STEP_NS = NANOSECONDS // 50
+_STEPS = np.arange(GAP_NS // _STEP_NS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +107,12 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
 def _refuse_unstamped(bag: Bag, connections: Sequence[Connection]) -> None:
     """Refuse topics of which no message has a stamp."""
     for connection in connections:
-        remedy = 'and record again'
+        topic, remedy = connection.topic, 'and record again'
         if connection.msgtype == cdr.TEMPERATURE:
-            remedy = f'or name it {connection.topic}:temperature, which takes the times of arrival'
+            remedy = f'or name it {topic}:temperature, which takes the times of arrival'
         raise RecordingError(
-            f'Every message on {connection.topic} of {bag.name} has the header stamp 0; expected '
-            f'the time of measurement. Let the driver fill header.stamp, {remedy}.'
+            f'Every message on {topic} of {bag.name} has the header stamp 0; expected the time of '
+            f'measurement. Let the driver fill header.stamp, {remedy}.'
         )
 
 
@@ -120,38 +129,39 @@ def _samples(stream: _Stream, stamps_ns: IntArray, values: FloatArray) -> Iterat
 
 def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
     """Find the topics; one stream for each connection."""
-    for connection in bag.named(topics.wrench):
-        for sentence in wrenches_inside(bag, connection):
-            raise RecordingError(sentence)
-    wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
-    streams = [_Stream(connection, AXES) for connection in wrenches]
-    inside: defaultdict[str, list[tuple[str, TemperatureSource]]] = defaultdict(list)
+    for sentence in chain(*(wrenches_inside(bag, c) for c in bag.named(topics.wrench))):
+        raise RecordingError(sentence)
+    plain = [(topics.wrench, cdr.WRENCH, 'raw wrench', AXES)]
+    fields: defaultdict[str, list[tuple[str, TemperatureSource]]] = defaultdict(list)
     sources = parse_sources(topics.temperatures, lambda topic: topic.strip('/'))
     for number, source in enumerate(sources):
         channel = temperature_channel(number)
         if source.path:
-            inside[source.topic.strip('/')].append((channel, source))
-            continue
-        _check_plain(bag, source)
-        found = bag.find(source.topic, cdr.TEMPERATURE, 'temperature')
-        streams += [_Stream(connection, (channel,)) for connection in found]
-    for topic, parts in inside.items():
-        channels, named = zip(*parts, strict=True)
-        found = bag.find(topic, None, 'temperature')
-        streams += [_Stream(each, channels, named, bag.define(each)) for each in found]
+            fields[source.topic.strip('/')].append((channel, source))
+        else:
+            _check_plain(bag, source)
+            plain.append((source.topic, cdr.TEMPERATURE, 'temperature', (channel,)))
     holds_reference = any(connection.msgcount for connection in bag.named(topics.reference))
     if holds_reference or topics.reference != Topics().reference:
-        found = bag.find(topics.reference, cdr.WRENCH, 'reference')
-        streams += [_Stream(connection, REFERENCE_CHANNELS) for connection in found]
+        plain.append((topics.reference, cdr.WRENCH, 'reference', REFERENCE_CHANNELS))
     if topics.imu:
-        found = bag.find(topics.imu, cdr.IMU, 'IMU')
-        streams += [_Stream(connection, FORCE_CHANNELS) for connection in found]
-    numbers = Counter(stream.connection.id for stream in streams)
-    for stream in streams:
-        if numbers[stream.connection.id] > 1:
+        plain.append((topics.imu, cdr.IMU, 'IMU', FORCE_CHANNELS))
+    streams = [
+        _Stream(connection, channels)
+        for topic, message_type, role, channels in plain
+        for connection in bag.find(topic, message_type, role)
+    ]
+    for topic, parts in fields.items():
+        channels, named = zip(*parts, strict=True)
+        found = bag.find(topic, None, 'temperature')
+        streams += [_Stream(c, channels, named, bag.define(c)) for c in found]
+    seen: set[int] = set()
+    for connection in (stream.connection for stream in streams):
+        if connection.id in seen:
             raise RecordingError(
-                f'Topic {stream.connection.topic} is named twice; each must be another one.'
+                f'Topic {connection.topic} is named twice; each must be another one.'
             )
+        seen.add(connection.id)
     return streams
 
 
@@ -223,6 +233,89 @@ def _decode(bag: Bag, stream: _Stream, messages: list[bytes]) -> tuple[IntArray,
         raise RecordingError(f'A message on {topic} of {bag.name} is damaged. {error}') from error
 
 
+def sensor_of(bag: Bag, topics: Topics) -> SensorNames:
+    """Tell what the sensor of a bag is called."""
+    wrench = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')[0]
+    temperatures = [f'/{entry.strip("/")}' for entry in topics.temperatures]
+    names = {'wrench_topic': [wrench.topic], 'temperature_topics': temperatures}
+    data = bag.first(wrench) or b''
+    with suppress(RecordingError):  # who decodes the wrench says what is wrong with it
+        if frame_id := cdr.locate(data, cdr.WRENCH_DOUBLES).frame_id(data):
+            names['frame_id'] = [frame_id]
+    return names
+
+
+def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
+    """Tell specific force in the wrench's frame 50 times a second; refused where TF tells none."""
+    moving = bag.find(_tf_topic(bag, '/tf'), cdr.TF, 'gravity')
+    gravity = _static_gravity(bag, topics)
+    due: IntArray = np.empty(0, np.int64)
+    last_step, found = 0, False
+    for batch in chain(bag.batches(moving), [[]]):
+        stamps = _add_transforms(bag, gravity, batch)
+        steps = np.unique(np.concatenate([due[:0], *(part // _STEP_NS for part in stamps)]))
+        due = np.union1d(due, np.add.outer(steps, _STEPS))
+        settled_ns = gravity.settled_ns() if batch else None
+        now = due * _STEP_NS <= (settled_ns or np.iinfo(np.int64).max) - _STEP_NS // 2
+        steps, due = due[now & (due > last_step)], due[~now]
+        last_step = max([last_step, *steps[-1:].tolist()])
+        times_ns = steps * _STEP_NS + _STEP_NS // 2
+        force, speed = gravity.read(times_ns)
+        gravity.forget()
+        known, turned = np.isfinite(force[:, 0]), np.isfinite(speed)
+        found |= bool(known.any())
+        yield Samples(FORCE_CHANNELS, times_ns[known], force[known])
+        yield Samples((ROTATION_CHANNEL,), times_ns[turned], speed[turned, np.newaxis])
+    if not found:
+        raise RecordingError(
+            f'{bag.name}: {gravity.missing()} Name another --gravity-frame; of a split bag, name '
+            'the folder: /tf_static is in its first file.'
+        )
+
+
+def uppermost_frame(bag: Bag, topics: Topics) -> str:
+    """Find the frame that most probably has z upwards: the one above all that hold the sensor."""
+    gravity = _static_gravity(bag, topics)
+    for batch in islice(bag.batches(bag.named(_tf_topic(bag, '/tf'))), 1):
+        _add_transforms(bag, gravity, batch)
+    return gravity.root()
+
+
+def _static_gravity(bag: Bag, topics: Topics) -> GravityByTf:
+    """Begin with the frame of the raw wrench and the static transforms of all of the bag."""
+    sensor = sensor_of(bag, topics)
+    if 'frame_id' not in sensor:
+        raise RecordingError(
+            f'{sensor["wrench_topic"][0]} of {bag.name} has no frame_id, so TF cannot say how the '
+            'sensor is turned. Let the driver fill header.frame_id, or use an IMU.'
+        )
+    gravity = GravityByTf(topics.gravity_frame, sensor['frame_id'][0])
+    static = bag.named(_tf_topic(bag, '/tf_static'))
+    for batch in bag.batches(static) if static else ():
+        _add_transforms(bag, gravity, batch, static=True)
+    return gravity
+
+
+def _tf_topic(bag: Bag, name: str) -> str:
+    """Find a topic of TF, also in a namespace if there is one only."""
+    found = {c.topic for c in bag.connections if c.topic.endswith(name)}
+    return found.pop() if len(found) == 1 else name
+
+
+def _add_transforms(
+    bag: Bag, gravity: GravityByTf, batch: Sequence[Message], *, static: bool = False
+) -> list[IntArray]:
+    """Take the transforms of messages in; returns their stamps, ns."""
+    stamps = []
+    try:
+        for transforms in decode_transforms([data for _, _, data in batch]):
+            gravity.add(transforms, static=static)
+            stamps.append(transforms.stamps_ns)
+    except RecordingError as error:
+        raise RecordingError(f'A transform of {bag.name} is damaged. {error}') from error
+    return stamps
+
+
 def rewrite_bag(
     bag: Bag,
     target: pathlib.Path,
@@ -230,9 +323,13 @@ def rewrite_bag(
     topics: Topics,
     progress: Progress | None = None,
 ) -> tuple[str, ...]:
-    """Copy a bag with every message, and add wrenches by topic at the raw one's times."""
-    # Storage and compression are those of the source. The target is a folder or, where it is named
-    # like one, the bare storage file. Where a raw one has none, none is added. Says what was lost.
+    """
+    Copy a bag with every message, and add wrenches by topic at the raw one's times.
+
+    Storage and compression are those of the source. The target is a folder or, where it is named
+    like one, the bare storage file. Where a correction gives NaN for a finite wrench, none is
+    added. Says what was lost.
+    """
     bare = target.suffix in SUFFIXES
     folder = target.with_name(f'{target.stem}_bag') if bare else target
     compression = '' if bare else bag.compression

@@ -167,12 +167,21 @@ def _tally(bag: Bag, connection: Connection, warnings: list[str]) -> _Tally | No
 
 
 def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
-    """Decide what to use of a bag: what was named and is there, else what looks right."""
-    # The raw wrench is one that nothing was done to. What is named after the sensor of another one
-    # is not used with it. The thermometer that is not named like a motor's, has most of its name
-    # in common with the wrench, or is named like something at the tool, is most probably inside
-    # the sensor and comes first, and so it is with IMUs; of an array, the last element counts as
-    # nearest to the tool. Where there is none, the wrench is empty, or there are no temperatures.
+    """
+    Decide what to use of a bag: what was named and is there, else what looks right.
+
+    The raw wrench is one that nothing was done to. What is named after the sensor of another
+    wrench is not used with it. The thermometer inside the sensor, which comes first, is most
+    probably the one that is not named like a motor's, has most of its name in common with the
+    wrench, or is named like something at the tool; so it is with IMUs. Of an array, the last
+    element counts as nearest to the tool.
+
+    Returns
+    -------
+    Topics
+        Without a raw wrench, its topic is empty; without thermometers, there are none.
+
+    """
     wrenches = [each for each in candidates if each.role == RAW_WRENCH]
     wrenches.sort(key=lambda each: (bool(_TREATED.search(each.entry)), -each.samples))
     wrenches.sort(key=lambda each: each.entry.strip('/') != topics.wrench.strip('/'))

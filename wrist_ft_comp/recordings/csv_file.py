@@ -1,21 +1,23 @@
 """
-Recordings as CSV: read, and copied with the wrench corrected, piece by piece; and the node's own.
+Recordings as CSV: read, and copied with the wrench corrected, row by row; and the node's own.
 
 Stamps become integer nanoseconds exactly. An empty cell is no sample. A last line without a line
 end may be only the beginning of what was to be written: if it is incomplete it is left out.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 import csv
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import partial
-import io
+from io import TextIOWrapper
+from itertools import islice
 from math import isnan, nan
 import os
 from pathlib import Path
 import re
+from typing import Any
 from urllib.parse import parse_qs, urlencode
 
 import numpy as np
@@ -44,8 +46,10 @@ from wrist_ft_comp.signals import (
 )
 from wrist_ft_comp.stored.documents import writing
 
-#: Characters per piece, the bound of what is in memory: some 10 000 rows; and of a line.
-CHUNK = LONGEST_LINE = 1_000_000
+#: Rows in memory at once.
+ROWS = 10_000
+#: Characters of the longest line that a recording may have.
+LONGEST_LINE = 1_000_000
 
 
 def origin_column(sensor: SensorNames) -> str:
@@ -55,7 +59,7 @@ def origin_column(sensor: SensorNames) -> str:
 
 def sensor_in(columns: Sequence[str]) -> SensorNames:
     """Read what the sensor is called from the names of columns."""
-    return parse_qs(''.join(each[len(ORIGIN) :] for each in columns if each.startswith(ORIGIN)))
+    return parse_qs(''.join(c.removeprefix(ORIGIN) for c in columns if c.startswith(ORIGIN)))
 
 
 def nanoseconds(text: str, unit_ns: int = NANOSECONDS) -> int:
@@ -81,17 +85,19 @@ class CsvRecording:
         self.path = path
         #: What was left out; complete when the pieces are through.
         self.warnings: list[str] = []
+        #: A last line without line end.
+        self._cut = ''
         with self._open() as text:
-            first = self._lines(text, 1)
-        if not first or not first[0].strip():
+            first = next(self._lines(text), '') or self._cut
+        if not first.strip():
             raise RecordingError(
                 f'{path.name} is empty; expected a header such as '
                 'stamp_s,force_z,temperature_c and rows below it.'
             )
         #: The first line, verbatim.
-        self.header = first[0].rstrip('\n')
+        self.header = first.rstrip('\n')
         self.delimiter = max(',;\t', key=self.header.count)
-        (cells,) = self._split([self.header.strip()])
+        (cells,) = self._rows([self.header.strip()])
         self.columns = tuple(cell.strip() for cell in cells)
         if all(re.fullmatch(r'[-+.\deE]*', column) for column in self.columns):
             raise RecordingError(
@@ -114,23 +120,25 @@ class CsvRecording:
         self.warnings += unknown_columns(path.name, self.columns)
 
     def pieces(self, progress: Progress | None = None) -> Iterator[CsvPiece]:
-        """Read rows piece by piece, never an empty one; refuse bad ones, naming the line."""
-        rows = 0
+        """Read ROWS rows at a time; RecordingError, naming the line, where one is bad."""
+        width, is_empty = len(self.columns), True
         with self._open() as text:
             size = os.fstat(text.fileno()).st_size
-            self._lines(text, 1)
-            line = 2
-            while lines := self._lines(text, CHUNK):
-                last = None if lines[-1].endswith('\n') else lines.pop()
-                complete = self._piece(lines, line)
-                line += len(lines)
-                for piece in (complete, last and self._last_piece(last, line)):
-                    if piece:
-                        yield piece
-                        rows += len(piece.stamps_ns)
+            lines = self._lines(text)
+            next(lines, None)
+            reader = self._rows(lines)
+            while rows := list(islice(reader, ROWS)):
+                if set(map(len, rows)) != {width}:
+                    rows = [row for row in rows if not _is_blank(row)]
+                if rows:
+                    is_empty = False
+                    yield self._converted(rows)
                 if progress:
                     progress(os.lseek(text.fileno(), 0, os.SEEK_CUR) / size)
-        if not rows:
+            if self._cut and (last := self._last(reader.line_num + 2)):
+                is_empty = False
+                yield last
+        if is_empty:
             raise RecordingError(
                 f'{self.path.name} holds a header and no complete row; nothing was recorded.'
             )
@@ -141,7 +149,7 @@ class CsvRecording:
             yield from samples_of(piece.stamps_ns, piece.values, piece.filled)
 
     @contextmanager
-    def _open(self) -> Iterator[io.TextIOWrapper]:
+    def _open(self) -> Iterator[TextIOWrapper]:
         """Open the file to be read as text; a byte order mark at its start is skipped."""
         try:
             with self.path.open(encoding='utf-8-sig') as text:
@@ -153,53 +161,52 @@ class CsvRecording:
             ) from error
         except OSError as error:
             raise RecordingError(f'{self.path} cannot be read: {error.strerror}.') from error
-
-    def _lines(self, text: io.TextIOWrapper, size: int) -> list[str]:
-        """Read the next lines, some characters in all; refuse one that no recording has."""
-        part = text.read(size)
-        rest = text.readline(LONGEST_LINE)
-        if len(rest) == LONGEST_LINE:
-            raise RecordingError(
-                f'{self.path.name} has a line of more than {LONGEST_LINE} characters; expected a '
-                'CSV recording, a row on each line.'
-            )
-        return io.StringIO(part + rest).readlines()
-
-    def _split(self, lines: Sequence[str]) -> list[list[str]]:
-        """Cut lines into cells."""
-        try:
-            return list(csv.reader(lines, delimiter=self.delimiter))
         except csv.Error as error:
             raise RecordingError(f'{self.path.name} is no CSV recording: {error}.') from error
 
-    def _piece(self, lines: list[str], first: int) -> CsvPiece | None:
-        """Convert lines; None where all are blank."""
-        rows, width = self._split(lines), len(self.columns)
-        if set(map(len, rows)) != {width}:
-            rows = [row for row in rows if not _is_blank(row)]
-        if not rows:
-            return None
-        if set(map(len, rows)) == {width}:
-            with suppress(ValueError, ArithmeticError):
-                return self._converted(list(zip(*rows, strict=True)))
-        raise self._refusal(lines, first)
+    def _lines(self, text: TextIOWrapper) -> Iterator[str]:
+        """Read whole lines; a last one without line end is only noted."""
+        self._cut = ''
+        while line := text.readline(LONGEST_LINE):
+            if len(line) == LONGEST_LINE:
+                raise RecordingError(
+                    f'{self.path.name} has a line of more than {LONGEST_LINE} characters; '
+                    'expected a CSV recording, a row on each line.'
+                )
+            if not line.endswith('\n'):
+                self._cut = line
+                return
+            yield line
 
-    def _converted(self, cells: list[tuple[str, ...]]) -> CsvPiece:
-        """Convert columns of cells, whatever refuses."""
-        convert, _ = self._expected[self._stamp]
-        stamps = cells[self.columns.index(self._stamp)]
-        stamps_ns = np.fromiter(map(convert, stamps), np.int64, len(stamps))
-        values, filled = {}, {}
-        for channel, column in self.channels.items():
-            numbers, filled[channel] = _numbers(cells[self.columns.index(column)])
-            values[channel] = in_channel_unit(column, numbers)
+    def _rows(self, lines: Iterable[str]) -> Any:
+        """Cut lines into cells."""
+        return csv.reader(lines, delimiter=self.delimiter)
+
+    def _converted(self, rows: list[list[str]]) -> CsvPiece:
+        """Convert rows, none of which is blank."""
+        try:
+            cells = list(zip(*rows, strict=True))
+            if len(cells) != len(self.columns):
+                raise self._refusal()
+            convert, _ = self._expected[self._stamp]
+            stamps = cells[self.columns.index(self._stamp)]
+            stamps_ns = np.fromiter(map(convert, stamps), np.int64, len(stamps))
+            values, filled = {}, {}
+            for channel, column in self.channels.items():
+                numbers, filled[channel] = _numbers(cells[self.columns.index(column)])
+                values[channel] = in_channel_unit(column, numbers)
+        except (ValueError, ArithmeticError) as error:
+            raise self._refusal() from error
         return CsvPiece(cells, stamps_ns, values, filled)
 
-    def _refusal(self, lines: list[str], first: int) -> RecordingError:
-        """Say which row is the first bad one, and why; a row may have several lines."""
-        reader = csv.reader(lines, delimiter=self.delimiter)
-        problem = next(filter(None, map(self._problem, reader)))
-        where = f'Line {first - 1 + reader.line_num} of {self.path.name}'
+    def _refusal(self) -> RecordingError:
+        """Read anew up to the first bad row, and say where it is and what is wrong with it."""
+        with self._open() as text:
+            lines = self._lines(text)
+            next(lines)
+            reader = self._rows(lines)
+            problem = next(filter(None, map(self._problem, reader)), ' changed while it was read')
+            where = f'Line {reader.line_num + 1} of {self.path.name}'
         return RecordingError(f'{where}{problem}. Repair or remove the line.')
 
     def _problem(self, row: list[str]) -> str:
@@ -216,21 +223,20 @@ class CsvRecording:
                 return f', column {column}: expected {expected}, got {cell[:60]!r}'
         return ''
 
-    def _last_piece(self, last: str, line: int) -> CsvPiece | None:
+    def _last(self, line: int) -> CsvPiece | None:
         """Convert a last line without line end; None where it is what a power failure left."""
-        try:
-            piece = self._piece([last], line)
-        except RecordingError:
-            self.warnings.append(
-                f'Line {line} of {self.path.name} is cut off in its middle; it was left out.'
-            )
+        (row,) = self._rows([self._cut])
+        where = f'Line {line} of {self.path.name}'
+        if _is_blank(row):
             return None
-        if piece:
-            self.warnings.append(
-                f'Line {line} of {self.path.name} has no line end; if it was cut off, its last '
-                f'value ({self.columns[-1]} = {piece.cells[-1][0]!r}) is incomplete.'
-            )
-        return piece
+        if self._problem(row):
+            self.warnings.append(f'{where} is cut off in its middle; it was left out.')
+            return None
+        self.warnings.append(
+            f'{where} has no line end; if it was cut off, its last value ({self.columns[-1]} = '
+            f'{row[-1]!r}) is incomplete.'
+        )
+        return self._converted([row])
 
 
 def _is_blank(row: Sequence[str]) -> bool:
@@ -260,26 +266,29 @@ def rewrite_csv(
     external: Correction | None = None,
     progress: Progress | None = None,
 ) -> tuple[str, ...]:
-    """Copy a recording, its wrench corrected and all else verbatim; says what was left out."""
-    # An empty column says that it is compensated; what ``external`` makes of the raw wrench comes
-    # in columns of its own.
+    """
+    Copy a recording, its wrench corrected and all else verbatim; says what was left out.
+
+    An empty column says that it is compensated. What ``external`` makes of the raw wrench comes in
+    columns of its own.
+    """
     recording = CsvRecording(source)
-    require_column(source.name, recording.columns, 'raw wrench', AXES)
-    added = [f'external_{axis}' for axis in AXES if external and axis in recording.columns]
-    if twice := set(added) & set(recording.columns):
+    columns = recording.columns
+    require_column(source.name, columns, 'raw wrench', AXES)
+    added = [f'external_{axis}' for axis in AXES if external and axis in columns]
+    if twice := set(added) & set(columns):
         raise RecordingError(f'{source.name} holds {min(twice)} already; remove that column.')
     with target.open('x', encoding='utf-8', newline='') as file:
         file.write(f'{recording.delimiter.join((recording.header, COMPENSATED, *added))}\n')
         writer = csv.writer(file, delimiter=recording.delimiter, lineterminator='\n')
         for piece in recording.pieces(progress):
-            corrected = _corrected(piece, correct)
-            columns = zip(recording.columns, piece.cells, strict=True)
-            cells = [corrected.get(column, verbatim) for column, verbatim in columns]
-            cells.append([''] * len(piece.stamps_ns))
+            cells = dict(zip(columns, piece.cells, strict=True))
+            cells.update(_corrected(piece, correct))
+            more = [[''] * len(piece.stamps_ns)]
             if external:
                 made = _corrected(piece, external).values()
-                cells += [['' if cell == 'nan' else cell for cell in each] for each in made]
-            writer.writerows(zip(*cells, strict=True))
+                more += [['' if cell == 'nan' else cell for cell in column] for column in made]
+            writer.writerows(zip(*(cells[column] for column in columns), *more, strict=True))
     return tuple(recording.warnings)
 
 
@@ -292,13 +301,9 @@ def _corrected(piece: CsvPiece, correct: Correction) -> dict[str, list[str]]:
     if rows.any():
         wrench[rows] = correct(piece.stamps_ns[rows], wrench[rows])
     return {
-        axis: [
-            repr(value) if is_filled else ''
-            for value, is_filled in zip(
-                wrench[:, AXES.index(axis)].tolist(), piece.filled[axis].tolist(), strict=True
-            )
-        ]
+        axis: [repr(value) if filled else '' for value, filled in zip(*columns, strict=True)]
         for axis in present
+        for columns in [(wrench[:, AXES.index(axis)].tolist(), piece.filled[axis].tolist())]
     }
 
 

@@ -15,9 +15,15 @@ from wrist_ft_comp.drift.drift_model import order_problem
 from wrist_ft_comp.errors import OutputError, RecordingError
 from wrist_ft_comp.payload.directions import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.recordings.bag import Bag, SUFFIXES
-from wrist_ft_comp.recordings.bag_gravity import gravity_samples, sensor_of, uppermost_frame
 from wrist_ft_comp.recordings.bag_opening import open_bag
-from wrist_ft_comp.recordings.bag_recording import read_bag, rewrite_bag, wrenches_inside
+from wrist_ft_comp.recordings.bag_recording import (
+    gravity_samples,
+    read_bag,
+    rewrite_bag,
+    sensor_of,
+    uppermost_frame,
+    wrenches_inside,
+)
 from wrist_ft_comp.recordings.bag_survey import (
     Candidate,
     RAW_WRENCH,
@@ -172,14 +178,21 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
     external: Correction | None = None,
     progress: Progress | None = None,
 ) -> tuple[str, ...]:
-    """Copy a recording with its wrench corrected, into the same kind of file."""
-    # A CSV recording and a chamber table get their wrench columns replaced; a bag gets the
-    # corrected wrench on a topic of its own, ``output_topic``. What ``external`` makes of the raw
-    # wrench comes beside it, in columns ``external_force_x`` … or on EXTERNAL_TOPIC. The target
-    # must not exist; for a bag it is a folder, or, with the suffix of the source's storage, one
-    # file. ``correct`` gets consecutive pieces, NaN for absent axes. Says what was left out;
-    # RecordingError when the source cannot be read or the target cannot be made, and a failure
-    # leaves nothing behind.
+    """
+    Copy a recording with its wrench corrected, into the same kind of file; says what was left out.
+
+    A CSV recording and a chamber table get their wrench columns replaced; a bag gets the corrected
+    wrench on a topic of its own, ``output_topic``. What ``external`` makes of the raw wrench comes
+    beside it, in columns ``external_force_x`` … or on EXTERNAL_TOPIC. The target must not exist;
+    for a bag it is a folder, or, with the suffix of the source's storage, one file. ``correct``
+    gets consecutive pieces, NaN for absent axes.
+
+    Raises
+    ------
+    RecordingError
+        When the source cannot be read or the target cannot be made; nothing is left behind.
+
+    """
     source, target = Path(source), Path(target)
     kind = kind_of(source)
     outputs = {output_topic: correct, **({EXTERNAL_TOPIC: external} if external else {})}
@@ -232,8 +245,11 @@ def _compensated(path: Path) -> str:
 
 
 def hash_recording(path: Path) -> str:
-    """Hash a file's bytes, or those of a bag's storage files in order: SHA-256, hexadecimal."""
-    # What else lies in the folder may change: metadata.yaml, notes, a database's journal.
+    """
+    Hash a file's bytes, or those of a bag's storage files in order: SHA-256, hexadecimal.
+
+    What else lies in the folder may change: metadata.yaml, notes, a database's journal.
+    """
     digest, files = hashlib.sha256(), [path]
     if path.is_dir():
         files = sorted(each for each in path.iterdir() if {*SUFFIXES} & {*each.suffixes})
@@ -282,9 +298,12 @@ class RecordingSummary:
 def describe_recording(
     path: Path | str, topics: Topics | None = None, progress: Progress | None = None
 ) -> RecordingSummary:
-    """Describe a recording of any kind; it need not hold all that a calibration wants."""
-    # Of a bag, the topics say which role which one has; what they don't name is chosen.
-    # RecordingError when it cannot be read.
+    """
+    Describe a recording of any kind; it need not hold all that a calibration wants.
+
+    Of a bag, the topics say which role which one has; what they don't name is chosen.
+    RecordingError when it cannot be read.
+    """
     path = Path(path)
     kind = kind_of(path)
     if kind == BAG:

@@ -10,8 +10,7 @@ from typing import Any
 import rosbag2_py
 import yaml
 
-from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, Message
-from wrist_ft_comp.recordings.bag_installed import define_installed
+from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, define_installed, Message
 
 #: rosbag2 drops messages that wait for compression when there are more than this.
 _QUEUE = 1 << 40

@@ -22,8 +22,7 @@ from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, Message
-from wrist_ft_comp.recordings.bag_installed import define_installed
+from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, define_installed, Message
 from wrist_ft_comp.wire.cdr_fields import Definitions, FieldType, SEQUENCE
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'

@@ -85,11 +85,11 @@ def writing(path: Path) -> Iterator[None]:
 def plain(value: Any) -> Any:
     """Turn records and arrays into plain values; an unknown number is none, for want of a NaN."""
     if is_dataclass(value):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, Mapping):
-        return {key: plain(each) for key, each in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
-        return [plain(each) for each in value]
+        return [plain(item) for item in value]
     value = value.item() if isinstance(value, np.generic) else value
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
@@ -97,8 +97,8 @@ def plain(value: Any) -> Any:
 def tuples(value: Any) -> Any:
     """Turn the lists of a JSON value back into the tuples they were."""
     if isinstance(value, dict):
-        return {key: tuples(each) for key, each in value.items()}
-    return tuple(tuples(each) for each in value) if isinstance(value, list) else value
+        return {key: tuples(item) for key, item in value.items()}
+    return tuple(tuples(item) for item in value) if isinstance(value, list) else value
 
 
 def parse_json(text: str | bytes) -> Any:

@@ -56,66 +56,67 @@ def load_state(path: Path) -> SavedState | None:
 
 def _document(state: SavedState) -> Document:
     """Turn a state into plain values; what could not be read again is left out."""
-    memory, nothing = state.thermal, np.zeros(len(AXES))
+    memory = state.thermal
     if memory is not None:
-        later = memory.open_cells
-        means = (mean for mean, _ in (*memory.history, *(later.blocks if later else ())))
-        filters = memory.filters.values()
+        blocks = (*memory.history, *(memory.open_cells.blocks if memory.open_cells else ()))
+        means, filters = (block.temperature_c for block in blocks), memory.filters.values()
         if not _readable(memory.temperature_c, *filters, *memory.compensation, *means):
             memory = None
+    thermal: Document | None = None
+    if memory is not None:
+        thermal = {**vars(memory), **memory.compensation._asdict()}
+        del thermal['compensation'], thermal['open_cells']
+        thermal['history'] = [block._asdict() for block in memory.history]
+        if cells := memory.open_cells:
+            listed = [block._asdict() for block in cells.blocks]
+            thermal['open_cells'] = {**vars(cells), 'blocks': listed}
     tare, external_tare = (
-        each if _readable(each) else nothing for each in (state.tare, state.external_tare)
+        wrench.tolist() if _readable(wrench) else [0.0] * len(AXES)
+        for wrench in (state.tare, state.external_tare)
     )
-    thermal = memory and {
-        'end_ns': memory.end_ns,
-        'period_ns': memory.period_ns,
-        'temperature_c': memory.temperature_c,
-        'filters': memory.filters,
-        **memory.compensation._asdict(),
-        'history': _block_list(memory.history),
+    return {
+        'saved_ns': state.saved_ns,
+        'model_sha256': state.model_sha256,
+        'tare': tare,
+        **({'external_tare': external_tare} if any(external_tare) else {}),
+        'thermal': plain(thermal),
     }
-    if thermal and memory and memory.open_cells:
-        later = memory.open_cells
-        blocks = _block_list(later.blocks)
-        thermal['open_cells'] = {
-            'from_rest': later.from_rest, 'silent': later.silent, 'blocks': blocks}  # fmt: skip
-    external = {'external_tare': external_tare} if external_tare.any() else {}
-    known = {'saved_ns': state.saved_ns, 'model_sha256': state.model_sha256, 'tare': tare}
-    document: Document = plain({**known, **external, 'thermal': thermal})
-    return document
-
-
-def _block_list(blocks: Sequence[Block]) -> list[Document]:
-    """Turn blocks of cells into plain values."""
-    return [{'cells': cells, 'temperature_c': mean} for mean, cells in blocks]
 
 
 def _readable(*arrays: FloatArray) -> bool:
     """Tell whether all numbers can be read again."""
-    return all((np.abs(each) <= _LARGEST).all() for each in arrays)
+    return all((np.abs(array) <= _LARGEST).all() for array in arrays)
 
 
 def _state(document: Document) -> SavedState:
     """Build a state from a document that was checked."""
-    thermal = document['thermal']
-    later = thermal and thermal.get('open_cells')
-    memory = thermal and ThermalMemory(
-        thermal['end_ns'],
-        thermal['period_ns'],
-        _array(thermal['temperature_c']),
-        {axis: _array(values) for axis, values in thermal['filters'].items()},
-        Drift(_array(thermal['zero']), _array(thermal['sensitivity'])),
-        _blocks(thermal['history']),
-        later and OpenCells(later['from_rest'], tuple(later['silent']), _blocks(later['blocks'])),
+    thermal, memory = document['thermal'], None
+    if thermal is not None:
+        open_cells = None
+        if later := thermal.get('open_cells'):
+            blocks = _blocks(later['blocks'])
+            open_cells = OpenCells(later['from_rest'], tuple(later['silent']), blocks)
+        memory = ThermalMemory(
+            thermal['end_ns'],
+            thermal['period_ns'],
+            _array(thermal['temperature_c']),
+            {axis: _array(values) for axis, values in thermal['filters'].items()},
+            Drift(_array(thermal['zero']), _array(thermal['sensitivity'])),
+            _blocks(thermal['history']),
+            open_cells,
+        )
+    return SavedState(
+        document['saved_ns'],
+        document['model_sha256'],
+        _array(document['tare']),
+        memory,
+        _array(document.get('external_tare', [0.0] * len(AXES))),
     )
-    external = _array(document.get('external_tare', [0.0] * len(AXES)))
-    known = document['saved_ns'], document['model_sha256'], _array(document['tare'])
-    return SavedState(*known, memory, external)
 
 
 def _blocks(listed: Sequence[Document]) -> tuple[Block, ...]:
     """Build blocks of cells from checked ones."""
-    return tuple((_array(block['temperature_c']), block['cells']) for block in listed)
+    return tuple(Block(_array(block['temperature_c']), block['cells']) for block in listed)
 
 
 def _array(values: Any) -> FloatArray:

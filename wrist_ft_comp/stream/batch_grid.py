@@ -25,22 +25,25 @@ from wrist_ft_comp.stream.gap import straight_lines
 from wrist_ft_comp.stream.sample_checks import SampleChecks
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
 
-#: Cells times one more than the thermometers, at most: 24 days at 1 s with one, 10 with four. A
-#: calibration from as many takes 1 GB.
+#: Largest number of cells times one more than the thermometers: 24 days at 1 s with one
+#: thermometer, 10 days with four. A calibration from that many takes 1 GB.
 MAX_NUMBERS = 4_200_000
-#: Longer recordings are doubted: an hour of milliseconds, read as seconds, lasts 42 days, s.
+#: Longer recordings are doubted, s: an hour of milliseconds, read as seconds, lasts 42 days.
 _LONG_S = 7 * 86_400
 #: Stamps of wrenches and temperatures that lie farther apart come from two clocks, s.
 _SAME_CLOCK_S = 3600.0
-#: Losing more than this of a recording's beginning, where a warm-up moves most, is said, s.
+#: A warning is due when a thermometer comes later than this, s: a warm-up moves most at first.
 _LATE_S = 60
-#: Neighbouring cells at rest differ by less, m/s²; a norm at rest is doubted that is off by this
-#: share, and is no gravity below this, in whatever unit (gravity is 1 in g).
-_STILL, _GRAVITY_DOUBT, _LEAST_GRAVITY = 0.1, 0.1, 0.5
+#: Specific force of neighbouring cells differs by less at rest, m/s².
+_STILL = 0.1
+#: A norm at rest is doubted that is off gravity by a larger share.
+_GRAVITY_DOUBT = 0.1
+#: A smaller norm at rest is no gravity in any unit; gravity is 1 in g.
+_LEAST_GRAVITY = 0.5
 
 
 class GridBuilder:
-    """Reduces blocks of samples to means per cell while they are read; as ``grid_samples``."""
+    """Averages blocks of samples per cell while they are read; settings as in grid_samples."""
 
     def __init__(
         self,
@@ -59,6 +62,7 @@ class GridBuilder:
         self._period_ns = round(period_s * NANOSECONDS)
         self._max_bad_share = max_bad_share
         self._checks = SampleChecks(name, temperatures)
+        #: By channel, for each block: numbers of its cells, ascending, sums and counts in them.
         self._cells: defaultdict[str, list[IntArray]] = defaultdict(list)
         self._sums: defaultdict[str, list[FloatArray]] = defaultdict(list)
         self._counts: defaultdict[str, list[IntArray]] = defaultdict(list)
@@ -66,13 +70,13 @@ class GridBuilder:
     def add(self, samples: Samples) -> None:
         """Add a block of samples; blocks of the same channels must come in order of time."""
         samples = self._checks.admit(samples)
-        stamps_ns, values = samples.stamps_ns, samples.values
+        values = samples.values
         if not len(values):
             return
-        cells = stamps_ns // self._period_ns
+        cells = samples.stamps_ns // self._period_ns
         starts = np.flatnonzero(np.diff(cells, prepend=cells[0] - 1))
         if samples.channels == (ROTATION_CHANNEL,):
-            values = values**2  # its mean of a motion to and fro says nothing
+            values = values**2  # the mean speed of a motion to and fro says nothing
         sums = np.add.reduceat(values, starts, axis=0)
         counts = np.diff(starts, append=len(cells))
         for column, channel in enumerate(samples.channels):
@@ -82,19 +86,18 @@ class GridBuilder:
 
     def build(self) -> Recording:
         """Make the recording from everything that was added; raises as ``grid_samples``."""
-        warnings = self._judge_samples()
-        thermometers = self._count_thermometers()
-        wanted = [temperature_channel(j) for j in range(thermometers)]
+        warnings = list(self._judge_samples())
+        thermometers = self._thermometers()
         if not any(axis in self._cells for axis in AXES):
             raise RecordingError(
                 f'{self._name} holds no wrench. Expected at least one of {", ".join(AXES)}; '
                 f'got {", ".join(sorted(self._cells))}.'
             )
-        first = max(int(self._cells[channel][0][0]) for channel in wanted)
-        last = max(int(parts[-1][-1]) for parts in self._cells.values())
-        warnings += tuple(self._judge_span(last + 1 - first, wanted))
-        warnings += tuple(self._late_thermometer(wanted, first))
-        temperature_c = self._table(wanted, first, last)
+        first = max(int(self._cells[channel][0][0]) for channel in thermometers)
+        last = max(int(blocks[-1][-1]) for blocks in self._cells.values())
+        warnings += self._judge_span(last + 1 - first, thermometers)
+        warnings += self._late_thermometer(thermometers, first)
+        temperature_c = self._table(thermometers, first, last)
         force, speed = None, None
         if any(channel in self._cells for channel in FORCE_CHANNELS):
             force = self._table(FORCE_CHANNELS, first, last)
@@ -104,11 +107,11 @@ class GridBuilder:
             speed = np.sqrt(self._dense(ROTATION_CHANNEL, first, last))
         return Recording(
             name=self._name, period_ns=self._period_ns, first_cell=first,
-            temperature_c=self._bridge(temperature_c, wanted, first),
+            temperature_c=self._bridge(temperature_c, thermometers, first),
             measured=np.isfinite(temperature_c),
             wrench=self._table(AXES, first, last),
             reference=self._table(REFERENCE_CHANNELS, first, last),
-            warnings=warnings, specific_force=force, rotation_speed=speed)  # fmt: skip
+            warnings=tuple(warnings), specific_force=force, rotation_speed=speed)  # fmt: skip
 
     def _judge_span(self, cells: int, thermometers: Sequence[str]) -> Iterator[str]:
         """Refuse stamps that are no times of one recording; doubt a long one."""
@@ -118,8 +121,8 @@ class GridBuilder:
         ) * self._is_table
         span_s, period_s = cells * self._period_ns / NANOSECONDS, self._period_ns / NANOSECONDS
         for thermometer, axis in product(thermometers, filter(self._cells.__contains__, AXES)):
-            parts = self._cells[thermometer], self._cells[axis]
-            apart = max(int(part[0][0]) for part in parts) - min(int(p[-1][-1]) for p in parts)
+            blocks = self._cells[thermometer], self._cells[axis]
+            apart = max(int(b[0][0]) for b in blocks) - min(int(b[-1][-1]) for b in blocks)
             if apart * period_s > _SAME_CLOCK_S:
                 raise RecordingError(
                     f'Stamps of {axis} and {thermometer} of {self._name} are '
@@ -136,16 +139,14 @@ class GridBuilder:
         if remedy and span_s > _LONG_S:
             yield f'{self._name} lasts {span_s / 86_400:.1f} days. {remedy}'
 
-    def _judge_samples(self) -> tuple[str, ...]:
+    def _judge_samples(self) -> Iterator[str]:
         """Report what was dropped; refuse when it is too much."""
-        warnings = []
         for sentence, is_too_much in self._checks.judge(self._max_bad_share):
             if is_too_much:
                 raise RecordingError(sentence)
-            warnings.append(sentence)
-        return tuple(warnings)
+            yield sentence
 
-    def _late_thermometer(self, channels: list[str], first: int) -> Iterator[str]:
+    def _late_thermometer(self, channels: Sequence[str], first: int) -> Iterator[str]:
         """Name the thermometer that the recording had to wait for, where it waited for long."""
         wrenches = [cells for axis in AXES for cells in self._cells.get(axis, [])]
         lost = np.unique(np.concatenate([cells[cells < first] for cells in wrenches]))
@@ -158,22 +159,23 @@ class GridBuilder:
                 'warming up by then, record again, with all thermometers from the beginning.'
             )
 
-    def _count_thermometers(self) -> int:
-        """Count thermometers that delivered, refusing a gap in their numbering."""
-        numbers = [j for j in range(100) if temperature_channel(j) in self._cells]
-        if numbers != list(range(len(numbers))) or not numbers:
-            missing = temperature_channel(next(j for j in range(101) if j not in numbers))
-            raise RecordingError(
-                f'{self._name} holds no usable {missing}. Expected a sample in at least one '
-                'thermal cell; record the temperature beside the wrench. A node keeps none before '
-                'all of its thermometers have reported.'
-            )
-        return len(numbers)
+    def _thermometers(self) -> list[str]:
+        """List the channels of the thermometers, refusing a gap in their numbering."""
+        found = [name for j in range(100) if (name := temperature_channel(j)) in self._cells]
+        expected = [temperature_channel(j) for j in range(len(found) or 1)]
+        for channel in expected:
+            if channel not in found:
+                raise RecordingError(
+                    f'{self._name} holds no usable {channel}. Expected a sample in at least one '
+                    'thermal cell; record the temperature beside the wrench. A node keeps none '
+                    'before all of its thermometers have reported.'
+                )
+        return found
 
     def _table(self, channels: Sequence[str], first: int, last: int) -> FloatArray:
-        """Means of channels, shape (n, C); where none was recorded, one NaN seen n C times."""
+        """Lay out means of channels, shape (n, C), NaN where none; read-only if all are NaN."""
         shape = last - first + 1, len(channels)
-        if not any(channel in self._cells for channel in channels):
+        if self._cells.keys().isdisjoint(channels):
             return np.broadcast_to(np.nan, shape)
         table = np.full(shape, np.nan)
         for column, channel in enumerate(channels):
@@ -202,35 +204,43 @@ class GridBuilder:
             begin = int(cells[cells <= first].max())
             means = np.append(self._dense(channel, begin, begin), temperature_c[:, j])
             at = np.append(begin, first + np.arange(len(bridged)))
-            there = np.isfinite(means)
-            there[1] &= begin < first
-            bridged[:, j] = straight_lines(at[there], means[there], first, len(bridged))
+            measured = np.isfinite(means)
+            measured[1] &= begin < first
+            bridged[:, j] = straight_lines(at[measured], means[measured], first, len(bridged))
         return bridged
 
 
 def _doubt_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, tuple[str, ...]]:
-    """Doubt specific force whose norm at rest is not gravity's; its numbers stay as measured."""
-    # Shape (N, 3), NaN in cells without a sample of all three; None where it can't be gravity. The
-    # sentences are doubts.
+    """
+    Doubt specific force, shape (N, 3), whose norm at rest is not gravity's.
+
+    Returns
+    -------
+    force : ndarray, shape (N, 3), or None
+        As measured, NaN in cells without a sample of all three; None where it can't be gravity.
+    doubts : tuple of str
+        Sentences.
+
+    """
     # At rest a cell is like its neighbour; where it hardly ever is, the quietest half has to do.
     change = np.linalg.norm(np.diff(force, axis=0, prepend=force[:1]), axis=1)
     steps = change[np.isfinite(change)]
-    its = f'The specific force of {name} has'
+    subject = f'The specific force of {name} has'
     if not len(steps):
         missing = 'no cell with linear_acceleration_x, _y and _z; it counts as absent.'
-        return None, (f'{its} {missing}',)
+        return None, (f'{subject} {missing}',)
     at_rest = change <= max(_STILL, float(np.median(steps)))
     norm = float(np.median(np.linalg.norm(force[at_rest], axis=1)))
     if norm < _LEAST_GRAVITY:
         doubt = (
-            f'{its} a norm of {norm:.3g} at rest, where gravity makes {GRAVITY}; it counts as '
+            f'{subject} a norm of {norm:.3g} at rest, where gravity makes {GRAVITY}; it counts as '
             'absent. Record an accelerometer that feels gravity (sensor_msgs/Imu, '
             'linear_acceleration), not the motion alone.'
         )
         return None, (doubt,)
     off = norm / GRAVITY - 1
     doubt = (
-        f'{its} a norm of {norm:.4g} at rest, {off:+.0%} off {GRAVITY} m/s², which a payload '
+        f'{subject} a norm of {norm:.4g} at rest, {off:+.0%} off {GRAVITY} m/s², which a payload '
         'takes for its scale. If it is in another unit, that is all; if not, calibrate the '
         'accelerometer, because a payload is as wrong as it is.'
     )
@@ -246,11 +256,34 @@ def grid_samples(
     max_bad_share: float = 0.01,
     temperatures: Sequence[TemperatureSource] = (),
 ) -> Recording:
-    """Average blocks of samples, those of a channel in order of time, onto the thermal grid."""
-    # Cells last period_s. Up to a share of a channel's samples may be unusable, as SampleChecks
-    # say: they are dropped and reported. Temperatures say where those of a bag come from.
-    # RecordingError when there are more, a thermometer or every axis is missing, or the stamps are
-    # no times of one recording.
+    """
+    Average blocks of samples, those of a channel in order of time, onto the thermal grid.
+
+    Parameters
+    ----------
+    blocks : iterable of Samples
+        What was recorded.
+    name : str
+        What messages call the recording.
+    period_s : float
+        Length of a cell, s.
+    max_bad_share : float
+        Share of a channel's samples that may be unusable; they are dropped and reported.
+    temperatures : sequence of TemperatureSource
+        Where those of a bag come from.
+
+    Returns
+    -------
+    Recording
+        Its warnings say what was dropped.
+
+    Raises
+    ------
+    RecordingError
+        When too many samples are unusable, a thermometer or every axis is missing, or the stamps
+        are no times of one recording.
+
+    """
     builder = GridBuilder(name, period_s, max_bad_share, temperatures)
     for block in blocks:
         builder.add(block)

@@ -5,8 +5,8 @@ Thermal memory is an hour long, a restart takes seconds. To the stream that goes
 between is a gap in the temperatures like any other (``stream/gap.py``).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,12 @@ from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState
 from wrist_ft_comp.signals import FloatArray
 
-#: Mean temperatures of consecutive cells, °C, shape (J,), and how many cells they are of.
-Block = tuple[FloatArray, int]
+
+class Block(NamedTuple):
+    """Mean temperatures, °C, shape (J,), of a number of consecutive cells."""
+
+    temperature_c: FloatArray
+    cells: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,39 +47,41 @@ class ThermalMemory:
     filters: DriftState
     #: What was being subtracted, arrays of shape (6,).
     compensation: Drift
-    #: Blocks, oldest first, up to what the filter state is of. For another model that goes live
-    #: after the restart.
+    #: The cells up to the filter state, oldest first, for another model that goes live after the
+    #: restart.
     history: tuple[Block, ...]
     #: The cells at the end that are not settled; None when all are.
     open_cells: OpenCells | None = None
 
 
 def blocks_of(temperature_c: FloatArray, cells: int) -> tuple[Block, ...]:
-    """Average temperatures, °C, (N, J), over blocks of so many cells; the first cell is alone."""
-    # It is where a model starts from.
+    """
+    Average temperatures, °C, shape (N, J), over blocks of some cells.
+
+    The first cell is a block of its own, because a model starts from it.
+    """
     if not len(temperature_c):
         return ()
     begins = np.array([0, *range(1, len(temperature_c), cells)])
     counts = np.diff(begins, append=len(temperature_c))
     means = np.add.reduceat(temperature_c, begins, axis=0) / counts[:, np.newaxis]
-    return tuple(zip(means, counts.tolist(), strict=True))
+    return tuple(map(Block, means, counts.tolist()))
 
 
 def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
     """Tell whether a memory, perhaps from a file, has a model's form, so that it can go on."""
-    blocks: Sequence[Block] = memory.history
+    shape, blocks = (model.thermometers,), memory.history
     if memory.open_cells is not None:
         blocks = (*blocks, *memory.open_cells.blocks)
         if len(memory.open_cells.silent) != model.thermometers:
             return False
-    seen = (memory.temperature_c, *(mean for mean, _ in blocks))
-    if any(each.shape != (model.thermometers,) for each in seen):
+    if any(c.shape != shape for c in (memory.temperature_c, *(mean for mean, _ in blocks))):
         return False
-    form = drift_model.start(model, memory.temperature_c)
+    start = drift_model.start(model, memory.temperature_c)
     if (
         memory.period_ns != model.period_ns
-        or memory.filters.keys() != form.keys()
-        or any(memory.filters[axis].shape != form[axis].shape for axis in form)
+        or memory.filters.keys() != start.keys()
+        or any(memory.filters[axis].shape != start[axis].shape for axis in start)
     ):
         return False
     with np.errstate(all='ignore'):
