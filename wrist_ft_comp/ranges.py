@@ -11,7 +11,7 @@ PERIODS_S = (0.1, 600.0)
 
 
 def rounded(value: float, count: int = 3) -> str:
-    """Write a number with so many figures that count, and never with an exponent."""
+    """Write a number with some significant figures, and never with an exponent."""
     return np.format_float_positional(value, count, unique=False, fractional=False, trim='-')
 
 

@@ -222,12 +222,12 @@ class Recording:
     def axes_present(self) -> tuple[str, ...]:
         """Axes that have at least one wrench sample."""
         present = np.any(np.isfinite(self.wrench), axis=0)
-        return tuple(axis for axis, here in zip(AXES, present, strict=True) if here)
+        return tuple(axis for axis, found in zip(AXES, present, strict=True) if found)
 
 
 def require_recordings(given: object) -> None:
     """Refuse what is no list of recordings, such as a single one, with a SettingsError."""
-    if not isinstance(given, Sequence) or not all(isinstance(each, Recording) for each in given):
+    if not isinstance(given, Sequence) or not all(isinstance(item, Recording) for item in given):
         raise SettingsError(
             f'Expected a list of recordings; got {type(given).__name__}. Read a file with '
             'read_recording, and put what it gives into a list: [day].'
@@ -255,5 +255,5 @@ def stretches(present: BoolArray, period_s: float) -> IntArray:
 
 
 def part_of(report: Progress, number: int, count: int) -> Progress:
-    """Make of the progress of one of so many parts the progress of the whole."""
+    """Turn the progress of part ``number`` of ``count`` into the progress of the whole."""
     return lambda done: report((number + done) / count)

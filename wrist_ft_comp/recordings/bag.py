@@ -190,4 +190,5 @@ def _field_type(text: str) -> FieldType:
     if match is None:
         return text, None
     element = match['element'].replace('/', '/msg/')
-    return element, SEQUENCE if match['sequence'] else match['size'] and int(match['size'])
+    size = int(match['size']) if match['size'] else None
+    return element, SEQUENCE if match['sequence'] else size

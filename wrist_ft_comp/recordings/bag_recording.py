@@ -131,6 +131,7 @@ def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
     """Find the topics; one stream for each connection."""
     for sentence in chain(*(wrenches_inside(bag, c) for c in bag.named(topics.wrench))):
         raise RecordingError(sentence)
+    plain: list[tuple[str, str, str, tuple[str, ...]]]
     plain = [(topics.wrench, cdr.WRENCH, 'raw wrench', AXES)]
     fields: defaultdict[str, list[tuple[str, TemperatureSource]]] = defaultdict(list)
     sources = parse_sources(topics.temperatures, lambda topic: topic.strip('/'))

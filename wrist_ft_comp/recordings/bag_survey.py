@@ -137,15 +137,15 @@ def survey_bag(
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
     """Tell how good what may be used of a bag is, by role and topic, and what is not known."""
     warnings: list[str] = []
-    filled = [each for each in bag.connections if each.msgcount]
-    tallies = {each.id: tally for each in filled if (tally := _tally(bag, each, warnings))}
+    filled = [c for c in bag.connections if c.msgcount]
+    tallies = {c.id: tally for c in filled if (tally := _tally(bag, c, warnings))}
     for tally, times_ns, messages in bag.grouped(tallies, progress):
         try:
             tally.add(times_ns, messages)
         except RecordingError as error:  # noqa: PERF203 -- others are whole
             del tallies[tally.connection.id]
             warnings.append(f'{tally.connection.topic} cannot be used: {error}')
-    found = (each for tally in tallies.values() if tally.samples for each in tally.candidates())
+    found = (c for tally in tallies.values() if tally.samples for c in tally.candidates())
     order = list(_ROLES.values())
     return (
         tuple(sorted(found, key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))),
@@ -182,33 +182,33 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
         Without a raw wrench, its topic is empty; without thermometers, there are none.
 
     """
-    wrenches = [each for each in candidates if each.role == RAW_WRENCH]
-    wrenches.sort(key=lambda each: (bool(_TREATED.search(each.entry)), -each.samples))
-    wrenches.sort(key=lambda each: each.entry.strip('/') != topics.wrench.strip('/'))
+    wrenches = [c for c in candidates if c.role == RAW_WRENCH]
+    wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), -c.samples))
+    wrenches.sort(key=lambda c: c.entry.strip('/') != topics.wrench.strip('/'))
     wrench = wrenches[0].entry if wrenches else ''
 
-    def is_others(each: Candidate) -> bool:
-        names, ours = _names(each.entry), _names(wrench)
+    def is_of_another_sensor(candidate: Candidate) -> bool:
+        names, ours = _names(candidate.entry), _names(wrench)
         others = (_names(other.entry) for other in wrenches[1:])
         return any(names & (other - ours) and not names & (ours - other) for other in others)
 
-    def distance(each: Candidate) -> tuple[bool, int, bool, int]:
-        pairs = zip(each.entry.split('/'), wrench.split('/'), strict=False)
+    def distance(candidate: Candidate) -> tuple[bool, int, bool, int]:
+        pairs = zip(candidate.entry.split('/'), wrench.split('/'), strict=False)
         common = list(takewhile(lambda pair: pair[0] == pair[1], pairs))
-        indices = re.findall(r'\[(\d+)\]', each.entry)
-        far, near = _FAR.search(each.entry), _NEAR.search(each.entry)
+        indices = re.findall(r'\[(\d+)\]', candidate.entry)
+        far, near = _FAR.search(candidate.entry), _NEAR.search(candidate.entry)
         return far is not None, -len(common), near is None, -int(indices[-1] if indices else -1)
 
     topics = replace(topics, wrench=wrench)
-    candidates = [each for each in candidates if not is_others(each)]
+    candidates = [c for c in candidates if not is_of_another_sensor(c)]
     imus = sorted((c for c in candidates if c.role == IMU and c.stamped), key=distance)
     if imus and not topics.imu and not topics.gravity_frame:
         topics = replace(topics, imu=imus[0].entry)
     if topics.temperatures != Topics().temperatures:
         return topics
-    found = [each for each in candidates if each.role == TEMPERATURE]
-    found = sorted([each for each in found if each.usable] or found[:1], key=distance)
-    return replace(topics, temperatures=tuple(each.entry for each in found[:_SUGGESTED]))
+    found = [c for c in candidates if c.role == TEMPERATURE]
+    found = sorted([c for c in found if c.usable] or found[:1], key=distance)
+    return replace(topics, temperatures=tuple(c.entry for c in found[:_SUGGESTED]))
 
 
 def _names(entry: str) -> set[str]:

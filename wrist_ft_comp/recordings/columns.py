@@ -222,7 +222,7 @@ def recording_from_columns(
         stamps_ns, values = _read(table, name)
         filled = {channel: ~np.isnan(column) for channel, column in values.items()}
         blocks += samples_of(stamps_ns, values, filled)
-        names += [each for each in map(str, table.keys()) if each not in STAMPS]
+        names += [column for column in map(str, table.keys()) if column not in STAMPS]
     require_channels(name, names)
     channels_in(name, names)
     recording = grid_samples(blocks, name=name, period_s=period_s, max_bad_share=max_bad_share)

@@ -252,7 +252,7 @@ def hash_recording(path: Path) -> str:
     """
     digest, files = hashlib.sha256(), [path]
     if path.is_dir():
-        files = sorted(each for each in path.iterdir() if {*SUFFIXES} & {*each.suffixes})
+        files = sorted(file for file in path.iterdir() if {*SUFFIXES} & {*file.suffixes})
     for file in filter(Path.is_file, files):
         with file.open('rb') as content:
             while part := content.read(_HASHED_AT_ONCE):
@@ -340,7 +340,7 @@ def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> Reco
         kind = f'{BAG}, {bag.storage}{compressed}'
         warnings = *bag.warnings, *warnings, *doubts, *_judge_samples(bag, topics)
         if not topics.wrench:
-            inside = (wrenches_inside(bag, each) for each in bag.connections)
+            inside = (wrenches_inside(bag, connection) for connection in bag.connections)
             warnings += tuple(chain.from_iterable(inside))
         known = first, last, warnings, candidates, topics, force
         return RecordingSummary(path.name, kind, channels, *known)
@@ -351,10 +351,10 @@ def _survey_gravity(
 ) -> tuple[Topics, ForceSummary | None, tuple[str, ...]]:
     """Tell what the specific force of a bag saw, of an IMU or, without one, by TF, and why not."""
     if topics.imu:
-        named = (each for each in candidates if each.entry.strip('/') == topics.imu.strip('/'))
-        return topics, next((each.force for each in named), None), ()
+        imus = (c.force for c in candidates if c.entry.strip('/') == topics.imu.strip('/'))
+        return topics, next(imus, None), ()
     asked, moments = topics.gravity_frame, np.zeros((4, 4))
-    if not topics.wrench or not (asked or any(each.role == TF for each in candidates)):
+    if not topics.wrench or not (asked or any(c.role == TF for c in candidates)):
         return topics, None, ()
     try:
         topics = replace(topics, gravity_frame=asked or uppermost_frame(bag, topics))

@@ -23,11 +23,12 @@ def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
     stack.callback(_close, reader)
     metadata = reader.get_metadata()
     counts = {
-        each.topic_metadata.name: each.message_count for each in metadata.topics_with_message_count
+        topic.topic_metadata.name: topic.message_count
+        for topic in metadata.topics_with_message_count
     }
     topics = {
-        each.name: Connection(number, each.name, each.type, counts.get(each.name, 0), each)
-        for number, each in enumerate(reader.get_all_topics_and_types())
+        topic.name: Connection(number, topic.name, topic.type, counts.get(topic.name, 0), topic)
+        for number, topic in enumerate(reader.get_all_topics_and_types())
     }
     begin_ns = metadata.starting_time.nanoseconds
     return Bag(

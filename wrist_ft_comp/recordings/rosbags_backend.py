@@ -54,7 +54,7 @@ def _connections(found: Iterable[Any]) -> tuple[Connection, ...]:
 
 def _read(messages: Callable[[Any], Any], wanted: Sequence[Connection]) -> Iterator[Message]:
     """Read the messages of some connections."""
-    return iter(messages([each.native for each in wanted]))
+    return iter(messages([connection.native for connection in wanted]))
 
 
 def _cut_mcap(chosen: Path) -> Path | None:

@@ -130,7 +130,7 @@ def _build_axis(entry: Document, thermometers: int) -> AxisModel:
     """Build one axis from a checked document."""
     features, dynamics = entry['features'], entry['dynamics']
     filtered = (thermometers * max(len(entry['filters']), 1),)
-    blocks = [each.name for each in fields(ArxPls) if each.name != 'latents']
+    blocks = [block.name for block in fields(ArxPls) if block.name != 'latents']
     return AxisModel(
         Features(
             kind=features['kind'],
@@ -140,10 +140,10 @@ def _build_axis(entry: Document, thermometers: int) -> AxisModel:
             **{k: _array(k, features[k], filtered) for k in ('reference_c', 'lower_c', 'upper_c')},
         ),
         ArxPls(
-            latents=tuple(_build_arx(latent) for latent in dynamics['latents']),
+            latents=tuple(map(_build_arx, dynamics['latents'])),
             **{key: _array(key, dynamics[key]) for key in blocks},
         ),
-        tuple(_build_arx(each) for each in entry['filters']),
+        tuple(map(_build_arx, entry['filters'])),
     )
 
 

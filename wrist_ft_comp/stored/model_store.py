@@ -132,7 +132,7 @@ class ModelStore:
         """Say why nothing can be kept here, without leaving a trace; empty when something can."""
         try:
             above = (self.directory, *self.directory.absolute().parents)
-            with TemporaryFile(dir=next(each for each in above if each.exists())):
+            with TemporaryFile(dir=next(folder for folder in above if folder.exists())):
                 return ''
         except OSError as error:
             return (

@@ -41,11 +41,11 @@ def add_payloads(
     with _alone(path.parent):
         entries = _entries(path)
         taken = [re.fullmatch(rf'{re.escape(stem)}-(\d+)', name) for name in (*entries, *more)]
-        first = 1 + max((int(each[1]) for each in taken if each), default=0)
-        turned = {key: np.asarray(value).tolist() for key, value in vars(frame).items()}
+        first = 1 + max((int(match[1]) for match in taken if match), default=0)
+        placed = {key: np.asarray(value).tolist() for key, value in vars(frame).items()}
         added = {
-            f'{stem}-{n}': {**payload_figures(each), **turned}
-            for n, each in enumerate(payloads, first)
+            f'{stem}-{number}': {**payload_figures(payload), **placed}
+            for number, payload in enumerate(payloads, first)
         }
         KIND.write_json(path, {'payloads': {**entries, **added}})
     return list(added)

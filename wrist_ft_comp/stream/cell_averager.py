@@ -13,12 +13,13 @@ from wrist_ft_comp.signals import (
 from wrist_ft_comp.stream.stream_grid import CompletedCells
 
 _NAN = float('nan')
-#: Rows wait at most this many cells for wrenches that are late.
+#: Cells that a row waits for wrenches that are late.
 _PATIENCE_CELLS = 50
-#: So many cells of wrenches wait for temperatures.
+#: Cells of wrenches that wait for temperatures.
 _HELD_CELLS = 600
 
-#: What comes, and how many numbers that is; of the speed of rotation it is the square.
+#: What is averaged besides temperatures, and how many numbers it has; the speed of rotation is
+#: averaged as its square.
 RAW, REFERENCE, FORCE, SPEED = range(4)
 _WIDTHS = (len(AXES), len(AXES), 3, 1)
 
@@ -34,19 +35,20 @@ def row_channels(thermometers: int, *, with_force: bool = False) -> tuple[str, .
 
 
 class CellAverager:
-    """Collects wrenches and completed thermal cells, h = period_ns, into rows."""
+    """Averages wrenches and completed thermal cells, h = period_ns, into rows."""
 
     def __init__(self, period_ns: int, thermometers: int, *, with_force: bool = False) -> None:
         self._period_ns, self._thermometers = period_ns, thermometers
         self._with_force = with_force
-        #: Per cell: count and sums of everything that comes.
+        #: By cell: of RAW, REFERENCE, FORCE and SPEED, the count and the sums.
         self._cells: dict[int, list[list[float]]] = {}
-        #: The cell of the last one of everything that comes; -1 before the first.
+        #: Cells of the last RAW, REFERENCE, FORCE and SPEED; -1 before the first.
         self._latest = [-1] * len(_WIDTHS)
-        #: Cells before it have their row; what comes for them is too late, unless time ran back.
+        #: Cells before it have their row; their samples come too late, unless time ran back.
         self._begin = -inf
-        #: Temperatures, °C, of cells that have no row yet, and the end of the last of all these.
+        #: Temperatures, °C, of cells that have no row yet.
         self._temperatures: dict[int, list[float]] = {}
+        #: The end of the last cell with temperatures.
         self._end = -inf
         #: Whether wrenches got rows of their own since the last temperature.
         self._silent = False
@@ -65,13 +67,13 @@ class CellAverager:
         if speed is not None:
             self._add(SPEED, stamp_ns, (speed * speed,))
 
-    def _add(self, what: int, stamp_ns: int, values: Sequence[float]) -> None:
+    def _add(self, channel: int, stamp_ns: int, values: Sequence[float]) -> None:
         """Add to the sums of a cell."""
         cell = stamp_ns // self._period_ns
-        self._latest[what] = cell
+        self._latest[channel] = cell
         if cell not in self._cells:
             self._cells[cell] = _no_sums()
-        sums = self._cells[cell][what]
+        sums = self._cells[cell][channel]
         sums[0] += 1.0
         for i, value in enumerate(values, start=1):
             sums[i] += value
@@ -86,7 +88,7 @@ class CellAverager:
             self._end, self._silent = cells.first_cell + cells.count, False
             if not -inf < self._begin <= self._end:  # at first, and when time ran back
                 self._begin = cells.first_cell
-            self._cells = {cell: each for cell, each in self._cells.items() if cell >= self._begin}
+            self._cells = {at: sums for at, sums in self._cells.items() if at >= self._begin}
             self._temperatures[cells.first_cell] = [
                 float(value) if measured else _NAN
                 for value, measured in zip(cells.temperature_c, cells.measured, strict=True)
@@ -95,8 +97,8 @@ class CellAverager:
     def rows(self, *, final: bool = False) -> list[Row]:
         """Take rows that are complete or overdue, but not empty; all, when nothing more comes."""
         rows = []
-        known = {*self._cells, *self._temperatures}
-        waiting = sorted(cell for cell in known if cell >= self._begin)
+        cells = {*self._cells, *self._temperatures}
+        waiting = sorted(cell for cell in cells if cell >= self._begin)
         for place, cell in enumerate(waiting):
             if not self._is_due(cell, len(waiting) - place, final=final):
                 break
@@ -105,7 +107,7 @@ class CellAverager:
         return [row for row in rows if not all(map(isnan, row[1]))]
 
     def _is_due(self, cell: int, held: int, *, final: bool) -> bool:
-        """Tell whether a cell, of so many from it on, is complete or has waited long enough."""
+        """Tell whether a cell is complete or has waited long enough; held counts it and later."""
         if cell >= self._end:
             return held > (0 if final and self._silent else _HELD_CELLS)
         # A reference is waited for when there is one at all, and so is specific force.
@@ -117,8 +119,8 @@ class CellAverager:
         """Make a cell's row of its temperatures, °C, and its means."""
         temperatures = self._temperatures.pop(cell, [_NAN] * self._thermometers)
         raw, reference, force, (square,) = map(_mean, self._cells.pop(cell, _no_sums()))
-        felt = [*force, sqrt(square)] if self._with_force else []
-        values = [*raw, *reference, *temperatures, *felt]
+        motion = [*force, sqrt(square)] if self._with_force else []
+        values = [*raw, *reference, *temperatures, *motion]
         return cell * self._period_ns + self._period_ns // 2, values
 
 

@@ -142,8 +142,11 @@ class Compensator:
     def correct(
         self, stamp_ns: int, raw: Sequence[float], *, external: bool = False
     ) -> list[float]:
-        """Correct one wrench: ŵ = (r - o - tare) / (1 + s); without a model, r - tare."""
-        # The external one has a tare of its own, and still the payload's weight in it.
+        """
+        Correct one wrench: ŵ = (r - o - tare) / (1 + s); without a model, r - tare.
+
+        The external one has a tare of its own, and still the payload's weight in it.
+        """
         share = self._share(stamp_ns)
         return [
             (r - offset - share * step) / (gain + share * gain_step)
@@ -188,8 +191,11 @@ class Compensator:
     def set_tare(
         self, raw: FloatArray, stamp_ns: int, weight: FloatArray | None = None
     ) -> FloatArray:
-        """Make a mean raw wrench, shape (6,), of a time read zero; give raw minus zero drift."""
-        # Where the payload's mean weight is known, the external wrench reads zero, too.
+        """
+        Make a mean raw wrench, shape (6,), of a time read zero; give raw minus zero drift.
+
+        Where the payload's mean weight is known, the external wrench reads zero, too.
+        """
         drift = self.compensation_at(stamp_ns)
         self.tare = raw - drift.zero
         if weight is not None:
@@ -239,7 +245,7 @@ class Compensator:
         if reading is not None:
             raw, *corrected = reading
             self.tare, self.external_tare = (
-                raw - target.zero - (1.0 + target.sensitivity) * each for each in corrected
+                raw - target.zero - (1.0 + target.sensitivity) * wrench for wrench in corrected
             )
         self._refresh_correction()
 

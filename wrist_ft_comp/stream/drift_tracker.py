@@ -13,20 +13,21 @@ from wrist_ft_comp.stream.stream_grid import CompletedCells, ThermalGrid
 from wrist_ft_comp.stream.timestamp_filter import TimestampFilter
 from wrist_ft_comp.stream.warm_restart import blocks_of, OpenCells, ThermalMemory
 
-#: A saved history consists of means over this, s; it takes a few kilobytes then.
+#: Time over which a saved history is averaged, s; it takes a few kilobytes then.
 SPAN_S = 60.0
-#: Open cells are saved one by one up to this many, which takes some ten kilobytes; of more, means.
+#: Blocks into which open cells are saved, which takes some ten kilobytes; fewer are saved one by
+#: one.
 _MOST_OPEN_BLOCKS = 600
-#: The model runs through at most this many cells per temperature, so that no temperature holds the
+#: Cells that the model runs through per temperature at most, so that no temperature holds the
 #: stream up for long; after an outage of six hours it has caught up with the 12th.
 _CELLS_AT_ONCE = 1800
-#: Up to this many cells are faster one by one: beginning a run costs as much as so many steps.
+#: Up to this many cells are stepped one by one, which is faster than to begin a run.
 _STEPS = 6
-
-
-#: A gap longer than the model remembers is told from this on, s: one that remembers a minute may
-#: have a thermometer that is read every five.
-_NEWS_S = 600.0
+#: A gap longer than the model remembers is reported from this length on, s: a model that remembers
+#: a minute may have a thermometer that is read every five.
+_REPORTED_GAP_S = 600.0
+#: Origin of the drift of a model that has seen no temperature.
+_NOT_YET = 'no temperatures yet'
 
 
 class History:
@@ -81,9 +82,6 @@ class History:
             column = self.temperature_c[-silent - 1 :, thermometer]
             ends = np.array([0, silent + 1]), column[-2:].copy()
             column[:-1] = straight_lines(*ends, silent + 2 - len(column), len(column) - 1)
-
-
-_NOT_YET = 'no temperatures yet'
 
 
 class DriftTracker:
@@ -163,7 +161,7 @@ class DriftTracker:
         """Add completed cells, and judge the gap that they end."""
         gap = 0 if self._next is None else cells.first_cell - self._next
         if gap > 0 and self.temperature_c is not None:
-            silent = tuple(each + gap for each in self._silent)
+            silent = tuple(cells_silent + gap for cells_silent in self._silent)
             held = self.temperature_c
             self._append(CompletedCells(cells.first_cell - gap, gap, held, silent))
         gap = min(gap, 0) or min(self._silent)
@@ -181,7 +179,7 @@ class DriftTracker:
             self._soak()
         elif problem:  # what came before is of another time
             self._forget()
-        if self.model is None or (0 <= gap * period_s < _NEWS_S and not memory):
+        if self.model is None or (0 <= gap * period_s < _REPORTED_GAP_S and not memory):
             return
         if problem:
             start = 'the drift starts at the steady state of the present temperatures'
@@ -207,7 +205,7 @@ class DriftTracker:
             self._run_open = max(self._run_open - too_old, 0)
 
     def _follow(self, most: int) -> None:
-        """Run the model up to the last cell, or through some of those before it."""
+        """Run the model up to the last cell, or through the next ``most`` cells."""
         model = self.model
         if model is None or not self._open or min(self._silent) > most:
             return
@@ -219,8 +217,8 @@ class DriftTracker:
         if self._settled is None and self._open <= model.start_cells:
             self._run_open = 0  # the mean that it started at has changed
         if can_settle or not self._run_open:
-            rest = self._settled is None
-            self._state = drift_model.at_rest(model, cells) if rest else self._settled
+            from_rest = self._settled is None
+            self._state = drift_model.at_rest(model, cells) if from_rest else self._settled
         drift = None
         if can_settle:
             settled = min(settled, most)
@@ -291,10 +289,13 @@ class DriftTracker:
         )
 
     def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
-        """Go on from what another stream left, as if its last temperature had been held."""
-        # The memory is of the model that is followed (``belongs_to``); by another clock the gap is
-        # ``at_least_s`` long, 0 without one. The first completed cell tells how long it was, and
-        # what the temperature did.
+        """
+        Go on from what another stream left, as if its last temperature had been held.
+
+        The memory is of the model that is followed (``belongs_to``). By another clock the gap is
+        ``at_least_s`` long, 0 without one; the first completed cell tells how long it was, and
+        what the temperature did.
+        """
         if self.model is None:
             return
         self._awaited = memory, at_least_s
@@ -302,7 +303,7 @@ class DriftTracker:
         later = memory.open_cells or OpenCells(False, self._silent, ())
         for temperature_c, count in (*memory.history, *later.blocks):
             self.history.add(temperature_c, (True,) * self._thermometers, count)
-        self._open = min(sum(count for _, count in later.blocks), len(self.history))
+        self._open = min(sum(block.cells for block in later.blocks), len(self.history))
         self._settled = None if later.from_rest else memory.filters
         self._silent, self._since_soaked = later.silent, len(self.history)
         self._next = memory.end_ns // memory.period_ns

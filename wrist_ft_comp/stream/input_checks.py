@@ -7,14 +7,18 @@ import numpy as np
 from wrist_ft_comp.signals import AXES, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.stream_grid import CompletedCells
 
-#: Looks in a row with the same reading after which it counts as frozen.
+#: A reading is frozen after this many looks in a row with the same value.
 LOOKS = 50
-#: Looks in a row at one stamp after which the stamps count as standing still.
+#: Stamps stand still after this many looks in a row at the same one.
 _STAMP_LOOKS = 5
-#: Stamps that move by more between two looks have leapt, unless they move that fast always.
-_LEAP_NS, _STEPS = 60 * NANOSECONDS, 10
-#: No thermometer in a piece of metal moves by more between two cells: this, K, and this, K/s.
-_JUMP_K, _JUMP_K_S = 2.0, 0.2
+#: Stamps that move by more between two looks have leapt, ...
+_LEAP_NS = 60 * NANOSECONDS
+#: ... if they also move by more than this many times their usual step.
+_LEAP_STEPS = 10
+#: No thermometer in a piece of metal moves by more than this between two cells, K, ...
+_JUMP_K = 2.0
+#: ... and this for every second between them, K/s.
+_JUMP_K_S = 0.2
 
 
 class SensorWatch:
@@ -51,7 +55,8 @@ class SensorWatch:
             step_ns = stamp_ns - self._stamp_ns
             self._same_stamps = self._same_stamps + 1 if step_ns == 0 else 0
             self.ran_back += step_ns < 0
-            self.leapt += step_ns > max(_LEAP_NS, _STEPS * self._step_ns) and self._step_ns > 0
+            usual_ns = self._step_ns
+            self.leapt += step_ns > max(_LEAP_NS, _LEAP_STEPS * usual_ns) and usual_ns > 0
             self._step_ns = max(step_ns, 1)
         self._stamp_ns = stamp_ns
 

@@ -41,9 +41,9 @@ class Limits:
         self.too_large = _differing(wanted, allowed)
         return Drift(*allowed)
 
-    def rate_limit(self, target: Drift, here: Drift, seconds: float) -> Drift:
-        """Keep a drift from moving too fast: the nearest to the target within some seconds."""
-        wanted, start, reach = np.stack(target), np.stack(here), self._rates * seconds
+    def rate_limit(self, target: Drift, present: Drift, seconds: float) -> Drift:
+        """Keep a drift from moving too fast: the nearest to the target after some seconds."""
+        wanted, start, reach = np.stack(target), np.stack(present), self._rates * seconds
         allowed = np.clip(wanted, start - reach, start + reach)
         self.too_fast = _differing(wanted, allowed)
         return Drift(*allowed)

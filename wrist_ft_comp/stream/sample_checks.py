@@ -24,20 +24,20 @@ NO_TIME = int(np.iinfo(np.int64).min)
 _FASTEST_HZ = 50_000.0
 #: Fewer samples than this may lie close together by chance.
 _BURST = 100
-#: A wrist that is never colder than 59 °C nor hotter than 140 °C is one of 15 to 60 °C in °F.
+#: A thermometer that always reads between these, °C, is probably one of 15 to 60 °C in °F.
 _HOT_C = (59.0, 140.0)
 
 
 @dataclass
 class Tally:
-    """What a group of channels delivered, how many samples were dropped, and why."""
+    """Samples of a group of channels: how many came, how many were dropped, and why."""
 
     samples: int = 0
     not_finite: int = 0
     out_of_order: int = 0
-    #: Readings beyond what any sensor reads; and the first of them.
+    #: Readings that no sensor makes, and the first of them.
     implausible: int = 0
-    strange: float = math.nan
+    first_implausible: float = math.nan
     #: Of the samples that can be used: first and last stamp, ns, least and largest reading.
     first_ns: int = NO_TIME
     last_ns: int = NO_TIME
@@ -67,7 +67,7 @@ class SampleChecks:
         tally.not_finite += int(np.count_nonzero(in_order & ~finite))
         strange = values[in_order & finite & ~plausible]
         if len(strange) and not tally.implausible:
-            tally.strange = float(strange[0][np.argmax(np.abs(strange[0]))])
+            tally.first_implausible = float(strange[0][np.argmax(np.abs(strange[0]))])
         tally.implausible += len(strange)
         usable = in_order & plausible
         if not usable.all():
@@ -110,7 +110,7 @@ class SampleChecks:
             'are not finite': tally.not_finite,
             'have a stamp that does not increase': tally.out_of_order,
             f'are outside {low:g} to {high:g}{unit}, which no sensor reads, such as '
-            f'{tally.strange:.4g}{unit}': tally.implausible,
+            f'{tally.first_implausible:.4g}{unit}': tally.implausible,
         }
         first, *others = [(count, reason) for reason, count in reasons.items() if count]
         sentence = f'{_title(channels)} of {self._name}: {first[0]} of {tally.samples} samples '
@@ -119,7 +119,7 @@ class SampleChecks:
             return f'{sentence}; they were dropped.', False
         remedy = 'Record again, or remove those samples.'
         if _is_temperature(channels) and 2 * tally.implausible > dropped:
-            remedy = self._remedy(channels, tally.strange)
+            remedy = self._remedy(channels, tally.first_implausible)
         return f'{sentence}; at most {max_bad_share:.1%} may be unusable. {remedy}', True
 
     def _remedy(self, channels: tuple[str, ...], value: float) -> str:

@@ -35,12 +35,14 @@ class CompletedCells:
 
 
 class ThermalGrid:
-    """Averages temperatures per cell as they come; a silent one may hold others up patience_s."""
+    """Averages temperatures per cell as they come; waits for a silent one for patience_s."""
 
     def __init__(self, period_ns: int, thermometers: int, patience_s: float) -> None:
         self.period_ns = period_ns
-        #: Samples that were dropped, and how often time ran back.
-        self.rejected = self.restarts = 0
+        #: Samples that were dropped, ...
+        self.rejected = 0
+        #: ... and how often time ran back.
+        self.restarts = 0
         self._thermometers = thermometers
         self._patience = max(1, math.ceil(patience_s * 1e9 / period_ns))
         self._held: list[float] = [math.nan] * thermometers
@@ -53,14 +55,15 @@ class ThermalGrid:
         self._first: list[int | None] = [None] * self._thermometers
         self._latest: list[int | None] = [None] * self._thermometers
         self._last_stamp_ns: list[int | None] = [None] * self._thermometers
-        #: The cell that is emitted next, and while there is none, before which nothing is kept.
+        #: The cell that is emitted next; None before the first.
         self._next: int | None = None
+        #: Before the first one is emitted: no cells before this one are kept.
         self._forgotten: int | None = None
         #: Sums and counts by cell.
         self._open: dict[int, tuple[list[float], list[int]]] = {}
 
     def go_on(self, cell: int, held_c: Sequence[float], silent: Sequence[int]) -> None:
-        """Go on at a cell, with J held temperatures, °C, that many cells after they were taken."""
+        """Go on at a cell with J held temperatures, °C, and the cells since each was measured."""
         self._begin()
         self._next, self._held = cell, list(held_c)
         self._held_from = [cell - 1 - cells for cells in silent]
@@ -99,11 +102,11 @@ class ThermalGrid:
 
     def _complete(self) -> list[CompletedCells]:
         """Emit all cells that no sample can be expected for any more."""
-        known = [cell for cell in self._latest if cell is not None]
-        end = max(min(known), max(known) - self._patience)
-        if len(known) < self._thermometers:
+        latest = [cell for cell in self._latest if cell is not None]
+        end = max(min(latest), max(latest) - self._patience)
+        if len(latest) < self._thermometers:
             # One never reported: what is older than the patience is only held, not kept.
-            self._forget_before(max(known) - self._patience)
+            self._forget_before(max(latest) - self._patience)
             return []
         if self._next is None:
             # As in a batch: begin with the first cell by whose end all have reported.

@@ -106,7 +106,7 @@ def _lay_out(data: bytes) -> Layout:
         layout, message = follow(_DEFINITIONS, TF, data)
     except RecordingError as error:
         raise RecordingError(f'Expected a tf2_msgs/TFMessage. {error}') from error
-    frames = [(each.header.frame_id, each.child_frame_id) for each in message.transforms]
+    frames = [(link.header.frame_id, link.child_frame_id) for link in message.transforms]
     numbers = []
     for number in range(len(frames)):
         stamp = layout.places['transforms', number, 'header', 'stamp'].offset

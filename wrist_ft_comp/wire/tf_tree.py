@@ -78,15 +78,13 @@ class _Link:
         """Sort in what came; of transforms with one stamp the newest counts."""
         if self._new:
             stamps_ns, parents, quaternions = zip(*self._new, strict=True)
-            new = np.repeat(parents, [len(each) for each in stamps_ns])
-            news = stamps_ns, (new,), quaternions
-            every = [
-                np.concatenate((old, *some)) for old, some in zip(self._columns, news, strict=True)
-            ]
-            if (np.diff(every[0]) <= 0).any():
-                _, backwards = np.unique(every[0][::-1], return_index=True)
-                every = [each[::-1][backwards] for each in every]
-            self._columns, self._new = (every[0], every[1], every[2]), []
+            repeated = np.repeat(parents, list(map(len, stamps_ns)))
+            parts = zip(self._columns, (stamps_ns, (repeated,), quaternions), strict=True)
+            columns = [np.concatenate((old, *new)) for old, new in parts]
+            if (np.diff(columns[0]) <= 0).any():
+                _, backwards = np.unique(columns[0][::-1], return_index=True)
+                columns = [column[::-1][backwards] for column in columns]
+            self._columns, self._new = (columns[0], columns[1], columns[2]), []
         return self._columns
 
     def forget(self) -> None:
