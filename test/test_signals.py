@@ -20,16 +20,13 @@ def test_samples_refuse_values_that_do_not_fit_their_channels():
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
-        ({'period_ns': 0}, r'^A thermal cell must last longer than 0 ns; got 0\.$'),
-        ({'temperature_c': np.zeros((0, 1))}, r'^run holds no temperature\. .* one cell\.$'),
-        ({'temperature_c': np.zeros((3, 0))}, r'^run holds no temperature\. .* one cell\.$'),
-        (
-            {'temperature_c': np.full((3, 1), np.nan)},
-            r'^Temp.* of run must lie between -100 .* got nan',
-        ),
-        ({'measured': np.ones((3, 2))}, r'^measured of run must have shape \(3, 1\)'),
-        ({'wrench': np.zeros((3, 5))}, r'^wrench of run must have shape \(3, 6\)'),
-        ({'reference': np.zeros((2, 6))}, r'^reference of run must have shape \(3, 6\)'),
+        ({'period_ns': 0}, 'longer than 0 ns; got 0'),
+        ({'temperature_c': np.zeros((0, 1))}, 'run holds no temperature'),
+        ({'temperature_c': np.zeros((3, 0))}, 'run holds no temperature'),
+        ({'temperature_c': np.full((3, 1), np.nan)}, 'between -100 .* got nan'),
+        ({'measured': np.ones((3, 2))}, r'measured of run must have shape \(3, 1\)'),
+        ({'wrench': np.zeros((3, 5))}, r'wrench of run must have shape \(3, 6\)'),
+        ({'reference': np.zeros((2, 6))}, r'reference of run must have shape \(3, 6\)'),
     ],
 )
 def test_a_recording_refuses_what_does_not_fit(change, sentence):
@@ -81,18 +78,14 @@ def test_a_number_outside_its_range_is_told_with_the_range(bounds, right, wrong,
             check_range('it', value, **bounds)
 
 
-@pytest.mark.parametrize(
-    ('name', 'least'), [('latents', 1), ('outputs', 0), ('inputs', 1), ('first_lag', 0)]
-)
-def test_orders_below_the_least_are_refused(name, least):
-    Orders(**{name: least})
-    with pytest.raises(SettingsError, match=f'{name} must be'):
-        Orders(**{name: least - 1})
-    with pytest.raises(SettingsError, match=r'^time_constants_s must .* one filter; got none\.$'):
-        Orders(time_constants_s=())
-    with pytest.raises(SettingsError, match=r'^Each of time_constants_s must'):
-        Orders(time_constants_s=(-1.0,))
-    Orders(time_constants_s=(0.0,))
+def test_orders_below_the_least_are_refused():
+    least = {'latents': 1, 'outputs': 0, 'inputs': 1, 'first_lag': 0}
+    Orders(**least, time_constants_s=(0.0,))
+    wrong = [{name: number - 1} for name, number in least.items()]
+    for orders in (*wrong, {'time_constants_s': ()}, {'time_constants_s': (-1.0,)}):
+        (name,) = orders
+        with pytest.raises(SettingsError, match=f'{name} must'):
+            Orders(**orders)
 
 
 def test_one_name_in_the_place_of_several_topics_is_refused():

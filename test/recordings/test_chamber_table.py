@@ -73,18 +73,9 @@ def test_the_compensated_tables_are_no_function_of_output_and_temperature():
         (tables[1].output, tables[3].output),
     ):
         contradictions = 0
-        for column in range(raw.shape[1]):
-            seen = {}
-            for output, result in zip(raw[:, column], compensated[:, column], strict=True):
-                contradictions += seen.setdefault(output, result) != result
+        for outputs, results in zip(raw.T.tolist(), compensated.T.tolist(), strict=True):
+            contradictions += len(set(zip(outputs, results, strict=True))) - len(set(outputs))
         assert contradictions > 0
-
-
-def test_sensor_a_reads_the_same_twice_and_the_paper_compensates_it_to_two_values():
-    raw = read_chamber_table(DATA / 'table1_sensor_a_raw.csv').output
-    compensated = read_chamber_table(DATA / 'table3_sensor_a_compensated.csv').output
-    assert raw[0, 0] == raw[-1, 0] == -5.6
-    assert (compensated[0, 0], compensated[-1, 0]) == (3.949, 3.918)
 
 
 HEADER = 'step,load_kpa,output_at_20_c,output_at_50_c\n'

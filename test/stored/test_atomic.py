@@ -76,6 +76,8 @@ def test_what_cannot_be_written_is_a_sentence(content, target):
     assert target.read_bytes() in {b'text', b'PNG'}
     with pytest.raises(OutputError, match=r'file\.txt is no folder'):
         kind.write(target / 'a.out', content)
+    with pytest.raises(OutputError, match='it is a folder'):
+        kind.write(target.parent, content)
 
 
 @pytest.mark.parametrize(

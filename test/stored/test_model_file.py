@@ -353,6 +353,8 @@ def test_a_huge_file_is_refused_unread(tmp_path):
         file.truncate(50 * KIND.max_bytes)
     with pytest.raises(ModelFileError, match=f'larger than {KIND.max_bytes} bytes'):
         load_model(path)
+    with pytest.raises(ModelFileError, match='cannot be read: Is a directory'):
+        load_model(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -368,19 +370,6 @@ def test_a_huge_file_is_refused_unread(tmp_path):
 def test_what_is_no_model_is_refused(load, content):
     with pytest.raises(ModelFileError, match=r'changed.yaml is not a model file'):
         load(content)
-
-
-def test_a_folder_is_no_file(tmp_path):
-    with pytest.raises(ModelFileError, match='cannot be read: Is a directory'):
-        load_model(tmp_path)
-
-
-def test_a_target_that_is_a_folder_is_refused(calibration, tmp_path):
-    with pytest.raises(ModelFileError, match='it is a folder'):
-        save_model(tmp_path, calibration, {})
-    (tmp_path / 'file').write_text('', encoding='utf-8')
-    with pytest.raises(ModelFileError, match=r'file is no folder'):
-        save_model(tmp_path / 'file' / 'model.yaml', calibration, {})
 
 
 def test_another_file_than_a_model_is_not_overwritten(calibration, tmp_path):

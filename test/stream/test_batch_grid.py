@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.signals import (
-    AXES,
-    FORCE_CHANNELS,
-    Samples,
-    temperature_channel,
-)
+from wrist_ft_comp.signals import AXES, FORCE_CHANNELS, Samples, temperature_channel
 from wrist_ft_comp.stream.batch_grid import grid_samples, GridBuilder, MAX_NUMBERS
 
 SECOND = 1_000_000_000
@@ -87,6 +82,7 @@ def test_the_grid_is_the_textbook_loop_in_pieces_of_any_size(blocks, period_s, s
         assert gridded == pytest.approx(expected, abs=1e-10, nan_ok=True)
     assert np.isnan(np.delete(recording.wrench, AXES.index('torque_y'), axis=1)).all()
     assert np.isnan(recording.reference).all()
+    assert (recording.specific_force, recording.rotation_speed) == (None, None)
     assert recording.warnings == ()
 
 
@@ -165,26 +161,20 @@ def test_too_large_a_share_of_unusable_samples_is_refused(bad, refused):
 
 
 @pytest.mark.parametrize(
-    ('present', 'missing'),
-    [((), 'temperature_c'), ((1,), 'temperature_c'), ((0, 2), 'temperature_2_c')],
+    ('channels', 'sentence'),
+    [
+        ((), 'a.csv holds no usable temperature_c'),
+        (('force_z',), 'a.csv holds no usable temperature_c'),
+        (('force_z', 'temperature_2_c'), 'a.csv holds no usable temperature_c'),
+        (('force_z', 'temperature_c', 'temperature_3_c'), 'a.csv holds no usable temperature_2_c'),
+        (('temperature_c',), r'a.csv holds no wrench.*got temperature_c\.'),
+    ],
 )
-def test_a_missing_thermometer_is_named(present, missing):
-    blocks = [samples(temperature_channel(j), (0, 20)) for j in present]
-    with pytest.raises(RecordingError, match=f'a.csv holds no usable {missing}'):
-        grid_samples([*blocks, wrenches(0)], name='a.csv')
-
-
-def test_a_missing_wrench_is_named():
-    with pytest.raises(RecordingError, match=r'a.csv holds no wrench.*got temperature_c\.'):
-        grid_samples([samples('temperature_c', (0, 20))], name='a.csv')
-
-
-def test_nothing_at_all_is_refused():
-    with pytest.raises(RecordingError, match='holds no usable temperature_c'):
-        grid_samples([])
+def test_a_channel_that_is_missing_is_named(channels, sentence):
     empty = Samples(('temperature_c',), np.zeros(0, dtype=np.int64), np.zeros((0, 1)))
-    with pytest.raises(RecordingError, match='holds no usable temperature_c'):
-        grid_samples([empty])
+    for blocks in ([], [empty]):
+        with pytest.raises(RecordingError, match=sentence):
+            grid_samples([*blocks, *(samples(name, (0, 20)) for name in channels)], name='a.csv')
 
 
 @pytest.mark.parametrize(('late_s', 'named'), [(61, True), (60, False)])
@@ -265,12 +255,6 @@ def test_speed_of_rotation_is_averaged_as_a_root_mean_square():
     temperature = samples('temperature_c', *((s, 20.0) for s in range(3)))
     recording = grid_samples([wrenches(0, 1, 2), temperature, speed])
     np.testing.assert_allclose(recording.rotation_speed, [math.sqrt(12.5), 0.5, np.nan])
-
-
-def test_a_recording_without_specific_force_says_none():
-    recording = grid_samples([wrenches(0, 1), samples('temperature_c', (0, 20.0), (1, 20.0))])
-    assert recording.specific_force is None
-    assert recording.rotation_speed is None
 
 
 def test_two_of_three_accelerations_are_none():

@@ -13,12 +13,7 @@ from wrist_ft_comp.signals import AXES, Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
-from wrist_ft_comp.stream.limits import (
-    axis_limits,
-    Limits,
-    MAX_SENSITIVITY,
-    MAX_SENSITIVITY_RATE,
-)
+from wrist_ft_comp.stream.limits import axis_limits, Limits, MAX_SENSITIVITY, MAX_SENSITIVITY_RATE
 from wrist_ft_comp.stream.offline import correct_many, simulate_drift, track_drift
 
 SECOND = 1_000_000_000
@@ -45,20 +40,12 @@ def warming(stamp_ns):
     return 20.0 + 0.05 * seconds + float(np.sin(seconds / 7.0))
 
 
-def stream(
-    compensator,
-    span_s,
-    raw=LOAD,
-    rate_hz=50.0,
-    temperature=warming,
-):
-    """Wrenches at the rate and a temperature every half second; stamps and what came out."""
-    stamps = np.arange(round(span_s[0] * rate_hz), round(span_s[1] * rate_hz)) * round(
-        SECOND / rate_hz
-    )
+def stream(compensator, span_s, raw=LOAD, temperature=warming):
+    """50 wrenches a second and a temperature every half second; stamps and what came out."""
+    stamps = np.arange(round(span_s[0] * 50), round(span_s[1] * 50)) * (SECOND // 50)
     outputs, newest = [], None
     for k, stamp in enumerate(stamps.tolist()):
-        if k % round(rate_hz / 2) == 0:
+        if k % 25 == 0:
             for j in range(compensator.thermometers):
                 compensator.add_temperature(j, stamp, temperature(stamp), newest)
         newest = stamp, raw.tolist()
@@ -224,16 +211,11 @@ class TestLimits:
         self,
     ):
         limits, largest = Limits(30.0, 1.0), Drift([30.0] * 3 + [3.0] * 3, [MAX_SENSITIVITY] * 6)
-        for share, reached, told in (
-            (-1e3, -1, AXES),
-            (0.9, 0.9, ()),
-            (1, 1, ()),
-            (np.inf, 1, AXES),
-        ):
+        for share, reached in ((-1e3, -1), (0.9, 0.9), (1, 1), (np.inf, 1)):
             target = Drift(*(share * np.array(part) for part in largest))
             for part, limit in zip(limits.saturate(target), largest, strict=True):
                 np.testing.assert_allclose(part, reached * np.array(limit))
-            assert limits.too_large == told
+            assert limits.too_large == (AXES if abs(share) > 1 else ())
         one = np.where(np.arange(6) == 3, np.nan, 1.0)
         np.testing.assert_array_equal(
             limits.saturate(Drift(one, one / 4)).zero, [1, 1, 1, 0, 1, 1]
@@ -247,12 +229,7 @@ class TestModelSwap:
         ('when_s', 'period_s'), [(40.0, 1.0), (40.5, 1.0), (40.99, 0.5), (40.2, 2.0), (40.0, None)]
     )
     def test_going_live_leaves_the_loaded_output_where_it_was(
-        self,
-        make_model,
-        model,
-        when_s,
-        period_s,
-        tared,
+        self, make_model, model, when_s, period_s, tared
     ):
         """Whatever the period of the other model, and without one, too."""
         other = make_model(OTHER, period_s=period_s) if period_s else None
@@ -312,27 +289,19 @@ class TestModelSwap:
             'the drift was found' if period_s == 1.0 else 'the drift s'
         )
 
-    def test_a_model_with_other_thermometers_is_refused_and_the_running_one_stays(
-        self, make_model, model
+    def test_a_model_that_does_not_fit_is_refused_and_the_running_one_stays(
+        self, make_model, model, other
     ):
         compensator = Compensator(1, StreamSettings(), model)
         stream(compensator, (0, 30))
         before = pickle.dumps(compensator)
-        with pytest.raises(
-            SettingsError, match=r'^The model expects 2 .* node has 1 .* topics\.$'
-        ):
+        with pytest.raises(SettingsError, match=r'expects 2 .* node has 1 '):
             compensator.go_live(make_model(TRUTH, thermometers=2))
-        assert pickle.dumps(compensator) == before
-        with pytest.raises(SettingsError):
-            Compensator(2, StreamSettings(), model)
-
-    def test_a_model_of_another_unit_is_refused_and_the_running_one_stays(self, model, other):
-        compensator = Compensator(1, StreamSettings(), model)
-        stream(compensator, (0, 30))
-        before = pickle.dumps(compensator)
         with pytest.raises(ModelFileError, match=r'corrects force_z in digits, but .* are in N'):
             compensator.go_live(replace(other, unit='digits'))
         assert pickle.dumps(compensator) == before
+        with pytest.raises(SettingsError):
+            Compensator(2, StreamSettings(), model)
 
     def test_where_the_wrench_is_no_number_the_unloaded_output_stays(self, model, other):
         compensator = Compensator(1, StreamSettings(), model)

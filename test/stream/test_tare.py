@@ -55,10 +55,8 @@ def test_the_axis_that_moved_most_for_its_limit_is_told(force, torque, moved):
     if not moved:
         assert collect(wrenches).result()[0] == pytest.approx(0.0)
         return
-    with pytest.raises(TareRefusedError) as refusal:
+    with pytest.raises(TareRefusedError, match=moved):
         collect(wrenches).result()
-    still = 'Hold the robot still and call again.'
-    assert str(refusal.value) == f'{moved} are allowed (tare.max_deviation). {still}'
 
 
 def test_noise_alone_is_no_motion():
@@ -67,24 +65,16 @@ def test_noise_alone_is_no_motion():
     np.testing.assert_allclose(mean, WRENCH, atol=0.15)
 
 
-@pytest.mark.parametrize('samples', [0, 1, 9, 10])
-def test_too_few_wrenches_are_refused(samples):
-    if samples == 10:
-        collect(noisy(samples)).result()
-        return
-    with pytest.raises(TareRefusedError) as refusal:
-        collect(noisy(samples)).result()
-    assert str(refusal.value) == (
-        f'Taring needs at least 10 wrenches; got {samples}. Check that the sensor publishes on '
-        'wrench_raw, or raise tare.duration.'
-    )
+def test_too_few_wrenches_are_refused():
+    collect(noisy(10)).result()
+    for samples in (0, 1, 9):
+        with pytest.raises(TareRefusedError, match=f'at least 10 wrenches; got {samples}'):
+            collect(noisy(samples)).result()
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, 1e308])
 def test_wrenches_that_are_not_finite_are_refused(value):
     wrenches = noisy()
     wrenches[50:, 5] = value
-    with pytest.raises(
-        TareRefusedError, match=r'^Taring .* NaN or infinity\. Check the sensor\.$'
-    ):
+    with pytest.raises(TareRefusedError, match='finite wrenches'):
         collect(wrenches).result()

@@ -27,9 +27,12 @@ def backend() -> ModuleType:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Open a bag for reading, for as long as the context lasts."""
-    # A folder without ``metadata.yaml``, as a killed recorder leaves it, is read when it holds one
-    # storage file. Of a cut-off ``.mcap``, rosbags reads everything up to its last complete chunk.
+    """
+    Open a bag for reading, for as long as the context lasts.
+
+    A folder without ``metadata.yaml``, as a killed recorder leaves it, is read when it holds one
+    storage file. Of a cut-off ``.mcap``, rosbags reads everything up to its last complete chunk.
+    """
     chosen = _choose(path)
     with ExitStack() as stack:
         with translated(path.name):

@@ -96,10 +96,13 @@ class ChamberTable:
         return stamps * NANOSECONDS
 
     def samples(self, reference: FloatArray | None = None) -> tuple[Samples, ...]:
-        """Lay the table out in time, as force_z in the table's unit and its reference."""
-        # Temperatures come at both ends of every 30 s along all plateaus, which are no slopes.
-        # Loads are in units of output: the table's own ``reference`` by default, so that the gain
-        # is 1 at the reference temperature.
+        """
+        Lay the table out in time, as force_z in the table's unit and its reference.
+
+        Temperatures come at both ends of every 30 s along all plateaus, which are no slopes. Loads
+        are in units of output: the table's own ``reference`` by default, so that the gain is 1 at
+        the reference temperature.
+        """
         steps = RESIDENCE_S // STEP_S
         temperature_c = np.repeat(self.temperatures_c, 2 * steps)[:-1]
         ends = (np.arange(len(temperature_c), dtype=np.int64) + 1) // 2 * STEP_S * NANOSECONDS
@@ -136,13 +139,13 @@ def leave_out_copies(table: ChamberTable) -> ChamberTable:
 class ChamberFigures:
     """How good a sensor is over temperature, % of full scale."""
 
-    # The largest |K_s| (eq. 23, per °C), NaN when there is only the reference temperature; the
-    # range of the output of the first step; the largest difference from the output at the
-    # reference temperature; and A (eq. 24), the largest error over all loads and temperatures.
-
+    #: The largest |K_s| (eq. 23, per °C); NaN when there is only the reference temperature.
     max_sensitivity_drift: float
+    #: Range of the output of the first step.
     zero_spread: float
+    #: Largest difference from the output at the reference temperature.
     max_deviation: float
+    #: A (eq. 24), the largest error over all loads and temperatures.
     accuracy: float
 
 

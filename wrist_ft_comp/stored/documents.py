@@ -26,16 +26,19 @@ _ABANDONED_S = 60.0
 _QUOTED = 200
 #: Levels of brackets that no file of ours has.
 _DEEPEST = 30
-#: In so much of a file it says what it is, bytes.
+#: Bytes of a file's beginning in which it says what it is.
 _BEGINNING = 4096
 #: Endings of names that promise a content; a new file of another content gets none of them.
 _PROMISING = '.yaml .yml .json .html .htm .png .svg .jpg .pdf .csv .mcap .db3'
 
 
 def replace_file(target: Path, content: str | bytes) -> None:
-    """Write a file; an existing one is replaced in one step, when the new one is on the disk."""
-    # Where it raises OSError, what was there before stays. File names in the text may hold bytes
-    # that are no text; they become "?".
+    """
+    Write a file; an existing one is replaced in one step, when the new one is on the disk.
+
+    Where it raises OSError, the file from before stays. File names in the text may hold bytes that
+    are no text; they become "?".
+    """
     data = content.encode(errors='replace') if isinstance(content, str) else content
     neighbour = target.parent / f'.{target.name}.{token_hex(4)}{_SUFFIX}'
     try:

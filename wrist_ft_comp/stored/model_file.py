@@ -24,7 +24,7 @@ from wrist_ft_comp.stored.documents import Kind, plain
 
 #: Models are nested by less than half of this.
 _MAX_DEPTH = 30
-#: A file of so many values is read in a second or two; models have some thousands.
+#: Values in a file, which is read in a second or two; models have some thousands.
 _MAX_EVENTS = 100_000
 #: libyaml's, where PyYAML was built with it, is six times as fast.
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
@@ -90,9 +90,12 @@ def restore_model(path: Path, sha256: str, document: Document) -> StoredModel:
 
 
 def _parse(content: bytes) -> Any:
-    """Read safe YAML: plain values only."""
-    # Aliases, which no model file needs, can blow up when they are expanded, deep nesting exhausts
-    # the stack, and many values take long: looked for in the events, which build nothing.
+    """
+    Read safe YAML: plain values only.
+
+    Aliases, which no model file needs, can blow up when they are expanded, deep nesting exhausts
+    the stack, and many values take long: these are refused by the events, which build nothing.
+    """
     depth = 0
     for number, event in enumerate(yaml.parse(content, Loader=_LOADER)):
         problem = 'aliases are not allowed' if isinstance(event, yaml.AliasEvent) else ''

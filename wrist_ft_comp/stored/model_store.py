@@ -119,8 +119,11 @@ class ModelStore:
         return {'given': '', **document}
 
     def activate(self, history: list[Path | None], given: str | None = None) -> None:
-        """Remember models that were active, newest last; paths in the folder stay relative."""
-        # Which model the operator gave, a SHA-256, stays as it was when left out.
+        """
+        Remember models that were active, newest last; paths in the folder stay relative.
+
+        ``given`` is the SHA-256 of the model that the operator gave; None leaves it as it was.
+        """
         entries = [None if entry is None else self._written(entry) for entry in history]
         document = {
             'history': entries[-MAX_HISTORY:],
@@ -154,8 +157,11 @@ class ModelStore:
             self._lock()
 
     def _take(self) -> None:
-        """Keep other nodes out until the release or the end of the process, or SettingsError."""
-        # A disk that cannot be written or locked is no hindrance; check_writable speaks of it.
+        """
+        Keep other nodes out until the release or the end of the process, or SettingsError.
+
+        A disk that cannot be written or locked is no hindrance; check_writable reports it.
+        """
         with suppress(OSError):
             self.directory.mkdir(parents=True, exist_ok=True)
             lock = os.open(self.directory / 'lock', os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o644)
@@ -178,8 +184,12 @@ class ModelStore:
 
 
 def node_directory(shared: str, sensor: str = '', node_name: str = '') -> Path:
-    """Choose the folder of a node; SettingsError without a home for ``~``."""
-    # For a sensor, in one that a person named; else by its full name below ROS_HOME or ``~/.ros``.
+    """
+    Choose the folder of a node; SettingsError without a home for ``~``.
+
+    It is that of the sensor in the folder that a person named, or else that of the node's full
+    name below ROS_HOME or ``~/.ros``.
+    """
     if not shared:
         home = _expanded(os.environ.get('ROS_HOME') or '~/.ros')
         return home / 'wrist_ft_comp' / node_name.strip('/').replace('/', '__')

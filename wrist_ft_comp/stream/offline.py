@@ -21,8 +21,11 @@ class DriftTrack(NamedTuple):
 
 
 def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
-    """Run the model freely over a recording, from rest and over gaps (``gap``): (N, 6)."""
-    # RecordingError when thermometers or thermal period differ, ModelFileError when the unit does.
+    """
+    Run the model freely over a recording, from rest and over gaps (``gap``): (N, 6).
+
+    RecordingError when thermometers or thermal period differ, ModelFileError when the unit does.
+    """
     if recording.thermometers != model.thermometers:
         raise RecordingError(
             f'{recording.name} has {recording.thermometers} thermometers, the model expects '

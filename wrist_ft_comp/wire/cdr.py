@@ -24,10 +24,11 @@ from numpy.typing import NDArray
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.signals import FloatArray, IntArray, NANOSECONDS
 
-#: Doubles in a message of these types: force and torque; temperature and its variance.
+#: Doubles of a wrench: force and torque.
 WRENCH_DOUBLES = 6
+#: Doubles of a temperature: itself and its variance.
 TEMPERATURE_DOUBLES = 2
-#: Orientation, rotation and acceleration with their covariances; where two of them are.
+#: Doubles of an IMU: orientation, rotation and acceleration, each with its covariance.
 IMU_DOUBLES = 37
 ROTATION, ACCELERATION = slice(13, 16), slice(25, 28)
 WRENCH, TEMPERATURE = 'geometry_msgs/msg/WrenchStamped', 'sensor_msgs/msg/Temperature'
@@ -37,7 +38,7 @@ DOUBLES = {WRENCH: WRENCH_DOUBLES, TEMPERATURE: TEMPERATURE_DOUBLES, IMU: IMU_DO
 _FRAME = 16
 #: A frame name longer than this is not a frame name.
 _MAX_FRAME_BYTES = 65536
-#: As much of a frame's name is shown, bytes; no sensor's is longer.
+#: Bytes of a frame's name that are shown; no sensor's is longer.
 _SHOWN = 255
 #: Layouts that are remembered: a topic has one, but a sender may vary its frame names.
 _MAX_LAYOUTS = 100
@@ -72,10 +73,27 @@ class Layout:
 
 
 def locate(data: bytes, count: int) -> Layout:
-    """Find out where the parts of a message lie, checking that it is such a message."""
-    # It is serialized, with its 4-byte encapsulation header, and so many doubles follow its
-    # header. All that are laid out alike share one layout. RecordingError, which names neither
-    # file nor topic, when the bytes are no such message.
+    """
+    Find out where the parts of a message lie, checking that it is such a message.
+
+    Parameters
+    ----------
+    data : bytes
+        A serialized message, with its 4-byte encapsulation header.
+    count : int
+        Number of doubles behind its header.
+
+    Returns
+    -------
+    Layout
+        The same one for all messages that are laid out alike.
+
+    Raises
+    ------
+    RecordingError
+        When the bytes are no such message; names neither file nor topic.
+
+    """
     return _layout(len(data), data[:2], data[12:_FRAME], count)
 
 

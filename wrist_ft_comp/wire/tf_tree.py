@@ -16,7 +16,8 @@ from wrist_ft_comp.signals import FloatArray, GRAVITY, IntArray, NANOSECONDS
 
 #: Transforms that are further apart than this leave a gap.
 GAP_NS = NANOSECONDS // 2
-#: As much of every frame is kept behind its newest transform; a jump further back is a new start.
+#: Transforms older than this behind the newest of their frame are dropped; a jump further back is
+#: a new start.
 _KEPT_NS = 3 * NANOSECONDS
 #: A frame whose transforms are this far behind others' is waited for no longer.
 _PATIENCE_NS = 2 * NANOSECONDS
@@ -122,7 +123,7 @@ class GravityByTf:
         self._links: dict[int, _Link] = {}
         #: Frames of which no transform was needed.
         self._others: set[str] = set()
-        #: Time and rotation that were told last.
+        #: Time and rotation that were read last.
         self._last: tuple[IntArray, FloatArray] = np.empty(0, np.int64), np.empty((0, 3, 3))
 
     def _number(self, frame: str) -> int:
@@ -224,8 +225,11 @@ class GravityByTf:
         return np.where(known, np.swapaxes(upper, 1, 2) @ lower, np.nan)
 
     def read(self, times_ns: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Tell specific force, m/s², (n, 3), and speed of rotation, rad/s, at ascending times."""
-        # The speed is the mean since the time before, also of the last call. NaN where not known.
+        """
+        Tell specific force, m/s², (n, 3), and speed of rotation, rad/s, (n,), at ascending times.
+
+        The speed is the mean since the time before, also of the last call. NaN where not known.
+        """
         rotations = self.rotations(times_ns)
         known = np.isfinite(rotations[:, 0, 0])
         at = np.concatenate((self._last[0], times_ns[known]))
