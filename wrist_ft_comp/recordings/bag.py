@@ -152,15 +152,7 @@ def translated(name: str) -> Iterator[None]:
 
 
 def define_installed(connection: Connection) -> Definitions:
-    """
-    Collect the definitions of a topic's type, and of all it is made of, from Python packages.
-
-    Raises
-    ------
-    RecordingError
-        When a package is missing.
-
-    """
+    """Collect definitions from Python packages; RecordingError where one is not installed."""
     definitions: dict[str, list[tuple[str, FieldType]]] = {}
     missing = [connection.msgtype]
     while missing:

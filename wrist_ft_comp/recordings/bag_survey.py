@@ -174,13 +174,7 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     wrench is not used with it. The thermometer inside the sensor, which comes first, is most
     probably the one that is not named like a motor's, has most of its name in common with the
     wrench, or is named like something at the tool; so it is with IMUs. Of an array, the last
-    element counts as nearest to the tool.
-
-    Returns
-    -------
-    Topics
-        Without a raw wrench, its topic is empty; without thermometers, there are none.
-
+    element counts as nearest to the tool. Without a raw wrench, its topic is empty.
     """
     wrenches = [c for c in candidates if c.role == RAW_WRENCH]
     wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), -c.samples))

@@ -185,13 +185,8 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
     wrench on a topic of its own, ``output_topic``. What ``external`` makes of the raw wrench comes
     beside it, in columns ``external_force_x`` … or on EXTERNAL_TOPIC. The target must not exist;
     for a bag it is a folder, or, with the suffix of the source's storage, one file. ``correct``
-    gets consecutive pieces, NaN for absent axes.
-
-    Raises
-    ------
-    RecordingError
-        When the source cannot be read or the target cannot be made; nothing is left behind.
-
+    gets consecutive pieces, NaN for absent axes. RecordingError when the source cannot be read or
+    the target cannot be made; a failure leaves nothing behind.
     """
     source, target = Path(source), Path(target)
     kind = kind_of(source)
@@ -382,10 +377,9 @@ def _judge_samples(bag: Bag, topics: Topics) -> tuple[str, ...]:
 def _describe_samples(
     name: str, kind: str, blocks: Iterable[Samples], warnings: Iterable[str]
 ) -> RecordingSummary:
-    """Count samples and find their time span."""
-    checks = SampleChecks(name)
+    """Count samples, find their time span, and name unit and role of every channel."""
+    checks, moments = SampleChecks(name), np.zeros((4, 4))
     ends: list[int] = []
-    moments = np.zeros((4, 4))
     for block in blocks:
         if block.channels == FORCE_CHANNELS:
             moments += moments_of(block.values)
@@ -393,22 +387,20 @@ def _describe_samples(
             ends += [int(block.stamps_ns.min()), int(block.stamps_ns.max())]
             ends = [min(ends), max(ends)]
         checks.admit(block)
-    channels = _describe_channels(checks, kind)
-    first, last = ends or (None, None)
-    force = describe_force(moments)
-    said = *warnings, *(sentence for sentence, _ in checks.judge())
-    return RecordingSummary(name, kind, channels, first, last, said, specific_force=force)
-
-
-def _describe_channels(checks: SampleChecks, kind: str) -> tuple[ChannelSummary, ...]:
-    """Name unit, role and, of temperatures, the range of every channel."""
     found: dict[str, ChannelSummary] = {}
     for channels, tally in checks.tallies.items():
         for channel in channels:
             role = _ROLES.get(channel, TEMPERATURE)
             unit = OUTPUT_UNIT if kind == TABLE else axis_unit(channel.removeprefix('reference_'))
             reads = (tally.least, tally.largest) if role == TEMPERATURE else None
-            unit = '°C' if reads else unit
             samples = tally.samples + (found[channel].samples if channel in found else 0)
-            found[channel] = ChannelSummary(channel, unit, samples, role, reads)
-    return tuple(found.values())
+            found[channel] = ChannelSummary(channel, '°C' if reads else unit, samples, role, reads)
+    return RecordingSummary(
+        name,
+        kind,
+        tuple(found.values()),
+        ends[0] if ends else None,
+        ends[1] if ends else None,
+        warnings=(*warnings, *(sentence for sentence, _ in checks.judge())),
+        specific_force=describe_force(moments),
+    )

@@ -214,13 +214,8 @@ def _doubt_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, tup
     """
     Doubt specific force, shape (N, 3), whose norm at rest is not gravity's.
 
-    Returns
-    -------
-    force : ndarray, shape (N, 3), or None
-        As measured, NaN in cells without a sample of all three; None where it can't be gravity.
-    doubts : tuple of str
-        Sentences.
-
+    Gives it as measured, NaN in cells without a sample of all three, or None where it can't be
+    gravity; and doubts in sentences.
     """
     # At rest a cell is like its neighbour; where it hardly ever is, the quietest half has to do.
     change = np.linalg.norm(np.diff(force, axis=0, prepend=force[:1]), axis=1)
@@ -259,30 +254,10 @@ def grid_samples(
     """
     Average blocks of samples, those of a channel in order of time, onto the thermal grid.
 
-    Parameters
-    ----------
-    blocks : iterable of Samples
-        What was recorded.
-    name : str
-        What messages call the recording.
-    period_s : float
-        Length of a cell, s.
-    max_bad_share : float
-        Share of a channel's samples that may be unusable; they are dropped and reported.
-    temperatures : sequence of TemperatureSource
-        Where those of a bag come from.
-
-    Returns
-    -------
-    Recording
-        Its warnings say what was dropped.
-
-    Raises
-    ------
-    RecordingError
-        When too many samples are unusable, a thermometer or every axis is missing, or the stamps
-        are no times of one recording.
-
+    Cells last ``period_s``. Up to ``max_bad_share`` of a channel's samples may be unusable: they
+    are dropped and reported. ``temperatures`` are where those of a bag come from. RecordingError
+    when more samples are unusable, a thermometer or every axis is missing, or the stamps are no
+    times of one recording.
     """
     builder = GridBuilder(name, period_s, max_bad_share, temperatures)
     for block in blocks:

@@ -76,23 +76,8 @@ def locate(data: bytes, count: int) -> Layout:
     """
     Find out where the parts of a message lie, checking that it is such a message.
 
-    Parameters
-    ----------
-    data : bytes
-        A serialized message, with its 4-byte encapsulation header.
-    count : int
-        Number of doubles behind its header.
-
-    Returns
-    -------
-    Layout
-        The same one for all messages that are laid out alike.
-
-    Raises
-    ------
-    RecordingError
-        When the bytes are no such message; names neither file nor topic.
-
+    It is serialized, with its 4-byte encapsulation header; ``count`` doubles follow its header.
+    RecordingError, which names neither file nor topic, when the bytes are no such message.
     """
     return _layout(len(data), data[:2], data[12:_FRAME], count)
 

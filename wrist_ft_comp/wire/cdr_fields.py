@@ -171,18 +171,9 @@ def read_numbers(
     """
     Read P numbers out of n messages of some type.
 
-    Returns
-    -------
-    stamps_ns : ndarray, shape (n,)
-        Stamps of their headers; 0 where there is none.
-    values : ndarray, shape (n, P)
-        NaN where a message has no number at a path.
-
-    Raises
-    ------
-    RecordingError
-        When a message is none of this type; names neither file nor topic.
-
+    Gives the stamps of their headers, ns, shape (n,), 0 where there is none, and the numbers,
+    shape (n, P), NaN where a message has none at a path. RecordingError, which names neither file
+    nor topic, when a message is none of this type.
     """
     stamps_ns = np.zeros(len(messages), np.int64)
     values = np.full((len(messages), len(paths)), np.nan)
