@@ -9,7 +9,7 @@ are read together.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,7 +134,8 @@ class MessageLayout:
         """Read the length of the array or text that follows."""
         offset = self._take(4, 4)
         self.lengths.append(offset)
-        return int(np.frombuffer(self.data, f'{self.order}u4', 1, offset)[0])
+        order: Literal['little', 'big'] = 'little' if self.order == '<' else 'big'
+        return int.from_bytes(self.data[offset : offset + 4], order)
 
     def _take(self, size: int, alignment: int) -> int:
         """Step over the next bytes; returns where they begin."""

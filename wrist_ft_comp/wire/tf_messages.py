@@ -112,8 +112,11 @@ def _lay_out(data: bytes) -> Layout:
         stamp = layout.places['transforms', number, 'header', 'stamp'].offset
         rotation = layout.places['transforms', number, 'rotation'].offset
         numbers.append([*range(stamp, stamp + _STAMP), *range(rotation, rotation + _ROTATION)])
+    # A text follows its length at once.
+    text_ends = dict(layout.texts)
     code, end = '=4s', 4
-    for begin, stop in sorted([*((at, at + 4) for at in layout.lengths), *layout.texts]):
+    for begin in layout.lengths:
+        stop = text_ends.get(begin + 4, begin + 4)
         code += f'{begin - end}x{stop - begin}s'
         end = stop
     texts = struct.Struct(f'{code}{len(data) - end}x')
