@@ -12,9 +12,8 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.recordings.chamber import chamber_figures, table_recording
 from wrist_ft_comp.recordings.chamber_table import read_chamber_table
 from wrist_ft_comp.report.evaluation import tared_errors
-from wrist_ft_comp.report.of_calibration import calibration_view
-from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
 from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.view import calibration_view, EvaluatedRecording, evaluation_view
 from wrist_ft_comp.signals import Recording
 from wrist_ft_comp.stored.model_file import save_model
 

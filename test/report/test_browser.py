@@ -102,18 +102,12 @@ PALE = """
     const value = contrast(ink, paper(node));
     if (value < 4.5) bad.push([node.textContent.slice(0, 30), ink, paper(node), value]);
   }
-  const names = ['without', 'with', 'thermometer-1', 'thermometer-2', 'thermometer-3'];
-  const probe = document.body.appendChild(document.createElement('i'));
-  for (const name of names) {
-    probe.style.color = `var(--${name})`;
-    for (const back of ['paper', 'card']) {
-      probe.style.backgroundColor = `var(--${back})`;
-      const style = getComputedStyle(probe);
-      const value = contrast(style.color, style.backgroundColor);
-      if (value < 3) bad.push([name, back, value]);
-    }
+  for (const line of document.querySelectorAll('svg path, svg use')) {
+    const { stroke, strokeOpacity } = getComputedStyle(line);
+    if (stroke === 'none' || strokeOpacity < 1) continue;
+    const value = contrast(stroke, paper(line));
+    if (value < 3) bad.push([stroke, paper(line), value]);
   }
-  probe.remove();
   return { bad, seen };
 })()
 """
@@ -161,16 +155,19 @@ def test_the_page_is_whole_legible_and_without_complaints(kind, width, scheme, b
     assert contrast['bad'] == []
 
 
-def test_paper_and_lines_take_the_colours_of_the_scheme(browser, files):
-    line = 'document.querySelector(\'#force_x svg path[style*="--with"]\')'
-    papers, strokes = [], []
+def test_paper_and_the_text_of_pictures_take_the_colours_of_the_scheme(browser, files):
+    papers, inks, fonts = [], [], set()
     for scheme in SCHEMES:
         browser.open(files('good'), 1280, scheme)
-        papers.append(browser.evaluate('getComputedStyle(document.body).backgroundColor'))
-        strokes.append(browser.evaluate(f'getComputedStyle({line}).stroke'))
+        for found, node, what in (
+            (papers, 'body', 'backgroundColor'), (inks, 'svg text', 'fill'),
+        ):  # fmt: skip
+            style = f'getComputedStyle(document.querySelector("{node}"))'
+            found.append(browser.evaluate(f'{style}.{what}'))
+            fonts.add(browser.evaluate(f'{style}.fontFamily'))
     assert papers == ['rgb(255, 255, 255)', 'rgb(20, 23, 26)']
-    assert len(set(strokes)) == 2
-    assert all(stroke.startswith('rgb') for stroke in strokes)
+    assert inks == ['rgb(26, 29, 33)', 'rgb(232, 234, 237)']
+    assert len(fonts) == 1
 
 
 @pytest.mark.parametrize('kind', KINDS)

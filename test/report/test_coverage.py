@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.report.advice import what_to_record_next, what_was_not_learnt
-from wrist_ft_comp.report.coverage import cover, unseen_temperatures, WORKING_RANGE_C
+from wrist_ft_comp.report.coverage import (
+    cover,
+    unseen_temperatures,
+    what_to_record_next,
+    what_was_not_learnt,
+    WORKING_RANGE_C,
+)
 from wrist_ft_comp.signals import AXES
 
 HOUR = 360  # cells of 10 s

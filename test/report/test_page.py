@@ -10,9 +10,8 @@ import pytest
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.evaluation import judge_errors
-from wrist_ft_comp.report.of_calibration import calibration_view
-from wrist_ft_comp.report.of_evaluation import evaluation_view
 from wrist_ft_comp.report.page import headline, number, page
+from wrist_ft_comp.report.view import calibration_view, evaluation_view
 
 VOID = {'meta', 'br', 'hr', 'img', 'link', 'input'}
 KINDS = ('good', 'weak', 'none', 'evaluation', 'chamber', 'work')

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import get_args
 
-from wrist_ft_comp.cli import options, paths
+from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.tables import chamber_table_text, payloads_json, verdict_text
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
@@ -15,7 +15,6 @@ from wrist_ft_comp.jobs.calibration import (
     JobOutcome,
     judge_chamber_tables,
     run_job,
-    view_job,
 )
 from wrist_ft_comp.jobs.request import CalibrationJob
 from wrist_ft_comp.ranges import PERIODS_S
@@ -90,14 +89,14 @@ def _temperatures(text: str) -> tuple[float, ...]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    paths.check_recordings(arguments.recordings)
+    options.check_recordings(arguments.recordings)
     _check_outputs(arguments)
     job = _job(arguments)
     options.warn_of_idle(arguments, arguments.recordings)
     with options.progress_bar('calibrating') as progress:
         outcome = run_job(job, progress)
     tables = judge_chamber_tables(job, outcome.stored)
-    view = view_job(job, outcome, tables)
+    view = outcome.view(job, tables)
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
     if not arguments.json:
         print(summarise(outcome.calibration))
@@ -148,7 +147,7 @@ def _as_json(
 ) -> dict[str, object]:
     """Everything a script may want."""
     calibration = outcome.calibration
-    told = 'chosen', 'rms_before', 'rms_after', 'time_constants_s', 'candidates', 'notes'
+    names = 'chosen', 'rms_before', 'rms_after', 'time_constants_s', 'candidates', 'notes'
     return {
         'model': str(outcome.stored.path),
         'sha256': outcome.stored.sha256,
@@ -156,7 +155,7 @@ def _as_json(
             axis: {
                 'verdict': verdicts[axis].level,
                 'why': verdicts[axis].sentence,
-                **{name: getattr(fit, name) for name in told},
+                **{name: getattr(fit, name) for name in names},
             }
             for axis, fit in calibration.fits.items()
         },

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 import gc
 from pathlib import Path
 
-from wrist_ft_comp.cli import options, paths
+from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.tables import print_warnings, range_warnings
 from wrist_ft_comp.drift.drift_model import check_sensor, DriftModel, StoredModel
 from wrist_ft_comp.errors import RecordingError
@@ -68,8 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    paths.check_model(arguments.model)
-    paths.check_recordings([arguments.recording])
+    options.check_model(arguments.model)
+    options.check_recordings([arguments.recording])
     added = [arguments.output_topic, *[EXTERNAL_TOPIC] * (arguments.reference == 'payload')]
     check_copy(arguments.recording, arguments.output, added, [arguments.model])
     options.warn_of_idle(arguments, [arguments.recording])

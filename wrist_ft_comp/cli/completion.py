@@ -1,7 +1,6 @@
 """wrist_ft_comp completion: a script that lets a shell complete commands, options and files."""
 
 import argparse
-from importlib.util import find_spec
 from pathlib import Path
 
 from wrist_ft_comp.errors import SettingsError
@@ -26,13 +25,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    if find_spec('shtab') is None:
+    try:
+        import shtab  # noqa: PLC0415 -- optional, and only here
+    except ImportError as error:
         raise SettingsError(
             'Completion needs the package shtab, which this Python does not have. Install it '
             '(pip install shtab), then run this again.'
-        )
-    import shtab  # noqa: PLC0415 -- optional, and only here
-
+        ) from error
     for parser in arguments.commands.choices.values():
         for action in parser._actions:  # noqa: SLF001 -- argparse has no public list of them
             if action.type is Path:

@@ -1,8 +1,9 @@
 """wrist_ft_comp demo: a simulated sensor, the real node, and a table of what it removed."""
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, ExitStack, suppress
+from dataclasses import dataclass
 from importlib.util import find_spec
 import json
 import os
@@ -16,25 +17,88 @@ from typing import Any, NoReturn, TextIO
 from tqdm import tqdm
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.demo_plan import Plan
-from wrist_ft_comp.cli.demo_result import draw, judge
+from wrist_ft_comp.cli.demo_result import draw, judge, PART_KG, TOOL_KG, TOPICS
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.outputs import PICTURE
 from wrist_ft_comp.stored.demo_log import load_demo_log
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
+#: A program that has not ended this long after it was asked to is killed, s.
 _END_TIMEOUT_S = 10.0
+#: How often the programs are looked after while the operator says nothing, s.
 _LOOK_AFTER_S = 0.5
 #: Domains that Linux keeps free of ephemeral ports, from the end that people don't begin with.
 _DOMAINS = range(60, 101)
 _Process = subprocess.Popen[bytes]
 _Event = dict[str, object]
+#: Duty cycle of the recorded day, s and level: the sensor warms up, rests, works, and cools.
+_RECORD_DUTY = ((0, 0.0), (300, 0.9), (3600, 0.0), (5700, 0.5), (8100, 1.0), (9600, 0.0))
+_RECORD_S = 11400
+#: Duty cycle of the day after, on which the calibration is judged.
+_TEST_DUTY = ((0, 0.0), (2400, 0.7), (4800, 0.2), (6600, 1.0), (8400, 0.0), (9300, 0.6))
+_TEST_S = 10800
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Arguments of the three programs: modules of ``node``, and their parameters."""
+
+    #: Specimen of the simulated sensor.
+    seed: int
+    #: How many times faster than real time it runs.
+    speed: float
+    #: Whether the robot works, and never stands empty.
+    at_work: bool = False
+
+    def compensator(self, folder: Path) -> list[str]:
+        """Set the node up."""
+        learns: dict[str, object] = {'calibration.reference': 'recorded'}
+        if self.at_work:
+            learns = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
+        where = {'data_directory': folder / 'data', 'temperature_topics': _array(TOPICS)}
+        return _program('compensator', where | learns)
+
+    def operator(self, log_file: Path) -> list[str]:
+        """Tell the operator what to do."""
+        work = ['--at-work'] * self.at_work
+        return ['demo_client', *work, str(log_file), str(_RECORD_S), str(_TEST_S), *TOPICS]
+
+    def sensor(self) -> list[str]:
+        """Set the simulated sensor up for both days."""
+        # A busy machine calibrates while hours go by here: the other day comes several times.
+        days = range(_RECORD_S, _RECORD_S + 6 * _TEST_S, _TEST_S)
+        test = [(day + start, level) for day in days for start, level in _TEST_DUTY]
+        duty = [*_RECORD_DUTY, *test]
+        works = {
+            'work.tool_mass': TOOL_KG, 'work.part_mass': PART_KG, 'load.force_n': 0.0,
+            'load.torque_nm': 0.0,
+        }  # fmt: skip
+        parameters = {
+            'seed': self.seed, 'speed': self.speed, 'wrench_rate': 500.0,
+            'temperature_rate': self.speed,
+            'duty_cycle.start_s': _array([float(start) for start, _ in duty]),
+            'duty_cycle.level': _array([float(level) for _, level in duty]),
+        }  # fmt: skip
+        return _program('simulated_sensor', parameters | (works if self.at_work else {}))
+
+
+def _program(module: str, parameters: Mapping[str, object]) -> list[str]:
+    """Name a program and its parameters, as a ROS command line."""
+    pairs = (['-p', f'{name}:={value}'] for name, value in parameters.items())
+    return [module, '--ros-args', *(word for pair in pairs for word in pair)]
+
+
+def _array(values: Sequence[object]) -> str:
+    """Write an array as ROS parameters are written."""
+    return f'[{", ".join(str(value) for value in values)}]'
 
 
 def play(folder: Path, log_file: Path, plan: Plan, messages: TextIO) -> None:
-    """Run the three processes until the operator is done, and end them."""
-    # The operator puts what it received into the log file; what it says is printed to the
-    # messages.
+    """
+    Run the three processes until the operator is done, and end them.
+
+    The operator puts what it received into the log file; what it says is printed to the messages.
+    """
     with ExitStack() as stack:
         running = {'compensator': stack.enter_context(_process(*plan.compensator(folder)))}
         operator = stack.enter_context(_process(*plan.operator(log_file), stdout=subprocess.PIPE))
@@ -49,7 +113,7 @@ def play(folder: Path, log_file: Path, plan: Plan, messages: TextIO) -> None:
 
 
 def _show(event: _Event, bar: 'tqdm[NoReturn]', messages: TextIO, folder: str) -> None:
-    """Show what the operator tells, but for the files in a folder that is removed at the end."""
+    """Show an event of the operator, but no line about a folder that is removed at the end."""
     if event['event'] == 'progress':
         bar.set_description(str(event['what']))
         bar.update(float(str(event['share'])) - bar.n)
@@ -63,7 +127,7 @@ def _show(event: _Event, bar: 'tqdm[NoReturn]', messages: TextIO, folder: str) -
 
 
 def _events(operator: _Process, running: Mapping[str, _Process]) -> Iterator[_Event]:
-    """Read what the operator tells, a JSON object a line, while the others are alive."""
+    """Read the events of the operator, a JSON object a line, while the others are alive."""
     output: Any = operator.stdout
     while True:
         if not select.select([output], [], [], _LOOK_AFTER_S)[0]:

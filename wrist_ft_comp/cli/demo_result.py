@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from wrist_ft_comp.cli.demo_plan import PART_KG, TOOL_KG, TOPICS
 from wrist_ft_comp.cli.evaluate import evaluation_text
 from wrist_ft_comp.cli.tables import table_text
 from wrist_ft_comp.errors import RecordingError
@@ -13,14 +12,25 @@ from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, TaredE
 from wrist_ft_comp.signals import AXES, axis_unit, FloatArray, GRAVITY, NANOSECONDS
 from wrist_ft_comp.stored.demo_log import DemoLog
 
+#: The simulated sensor's thermometers.
+TOPICS = ('temperature', 'temperature_2')
+#: Masses of the tool, and of the part that it picks up, kg.
+TOOL_KG, PART_KG = 1.4, 0.8
+#: Both wrenches are tared on this time after the calibration, s.
 _TARE_S = 60.0
-#: How many times the drift of force z has to fall, and how exact the tool's mass has to be.
-_RATIO, _RATIO_AT_WORK, _MASS = 10.0, 5.0, 0.05
+#: How many times the drift of force z has to fall.
+_RATIO = 10.0
+#: The same at work, where weight and contacts disturb the calibration.
+_RATIO_AT_WORK = 5.0
+#: Share of the tool's mass by which it may be found wrong.
+_MASS_SHARE = 0.05
 
 
 def errors(log: DemoLog) -> TaredErrors:
     """Compare raw and compensated wrenches with the true ones."""
-    return TaredErrors(*(_tared(log, each, log.reference) for each in (log.raw, log.compensated)))
+    return TaredErrors(
+        *(_tared(log, wrench, log.reference) for wrench in (log.raw, log.compensated))
+    )
 
 
 def external_errors(log: DemoLog) -> FloatArray:
@@ -56,15 +66,16 @@ class Outcome:
     external: dict[str, float]
     #: Of the payloads that were learnt, by name.
     masses_kg: Mapping[str, float]
-    #: How many were compared.
+    #: How many wrenches were compared.
     wrenches: int
-    #: Whether it does what it promises, and that in words.
+    #: Whether the drift fell, and the mass was found, as well as is promised.
     reached: bool
+    #: The same in words, with the numbers.
     sentence: str
 
     def as_json(self) -> dict[str, object]:
         """Everything a script may want."""
-        axes = {axis: asdict(each) for axis, each in self.axes.items()}
+        axes = {axis: asdict(figures) for axis, figures in self.axes.items()}
         for axis, rms in self.external.items():
             axes[axis]['external_rms'] = rms
         return {'axes': axes, 'wrenches': self.wrenches, 'masses_kg': {**self.masses_kg}}
@@ -97,11 +108,11 @@ def judge(log: DemoLog, masses_kg: Mapping[str, float] | None) -> Outcome:
         off = abs(tool_kg - TOOL_KG) / TOOL_KG
         sentence += (
             f'\nthe tool of {TOOL_KG:g} kg was found to be {tool_kg:.3f} kg, {off:.1%} off; at '
-            f'most {_MASS:.0%} are wanted'
+            f'most {_MASS_SHARE:.0%} are wanted'
         )
         rms = np.sqrt(np.nanmean(external_errors(log) ** 2, axis=0)).tolist()
         external = dict(zip(AXES, rms, strict=True))
-        reached &= off <= _MASS
+        reached &= off <= _MASS_SHARE
     return Outcome(axes, external, masses_kg or {}, len(log.stamps_ns), reached, sentence)
 
 
@@ -119,7 +130,7 @@ def draw(log: DemoLog, *, external: bool) -> bytes:
         temperatures.append((topic, times, log.temperature_c[rows]))
     left = [raw, compensated, *([external_errors(log)] if external else [])]
     series = [
-        (f'{axis}, {axis_unit(axis)}', elapsed_s, [each[:, i] for each in left])
+        (f'{axis}, {axis_unit(axis)}', elapsed_s, [drift[:, i] for drift in left])
         for i, axis in enumerate(AXES)
     ]
     return png_bytes(draw_drift(series, temperatures))

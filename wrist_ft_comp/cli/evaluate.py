@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from wrist_ft_comp.cli import options, paths, tables
+from wrist_ft_comp.cli import options, tables
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.payload.at_work import learn_at_work
 from wrist_ft_comp.payload.learnt import LearntPayloads, same_payload
@@ -14,10 +14,9 @@ from wrist_ft_comp.recordings.chamber import chamber_figures, compensate_table
 from wrist_ft_comp.recordings.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors
-from wrist_ft_comp.report.of_evaluation import EvaluatedRecording, evaluation_view
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
-from wrist_ft_comp.report.view import model_sources
+from wrist_ft_comp.report.view import EvaluatedRecording, evaluation_view, model_sources
 from wrist_ft_comp.signals import NANOSECONDS, part_of, Progress, Reference
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
@@ -47,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    paths.check_model(arguments.model)
-    paths.check_recordings(arguments.recordings)
+    options.check_model(arguments.model)
+    options.check_recordings(arguments.recordings)
     if arguments.report:
         REPORT.check_target(arguments.report, [arguments.model, *arguments.recordings])
     options.warn_of_idle(arguments, arguments.recordings)

@@ -36,9 +36,9 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
     for command in (calibrate, evaluate, compensate, show, demo, completion):
         texts = {'description': command.DESCRIPTION, 'epilog': command.EXAMPLES}
         name = command.__name__.rpartition('.')[2]
-        own = commands.add_parser(name, help=command.HELP, **texts)
-        own.set_defaults(run=command.run, own=own, whole=parser, commands=commands)
-        command.add_arguments(own)
+        subparser = commands.add_parser(name, help=command.HELP, **texts)
+        subparser.set_defaults(run=command.run, command=subparser, commands=commands, whole=parser)
+        command.add_arguments(subparser)
     return parser, dict(commands.choices)
 
 

@@ -1,10 +1,8 @@
-"""What the commands share: a parser that suggests, options, JSON for scripts, a progress bar."""
+"""What the commands share: options, checks of paths, JSON for scripts, a progress bar."""
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-import difflib
-from itertools import takewhile
 import json
 import math
 from pathlib import Path
@@ -14,11 +12,14 @@ from typing import Any, get_args, NoReturn, TypeVar
 
 from tqdm import tqdm
 
-from wrist_ft_comp.errors import UsageError
+from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError
 from wrist_ft_comp.ranges import range_words
+from wrist_ft_comp.recordings.bag import SUFFIXES
+from wrist_ft_comp.recordings.chamber_table import is_chamber_table
 from wrist_ft_comp.recordings.recordings import BAG, kind_of, TABLE
 from wrist_ft_comp.signals import Progress, Reference, Topics
 from wrist_ft_comp.stored.documents import plain
+from wrist_ft_comp.stored.model_file import is_model
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
 #: Options that only bags have a use for.
@@ -34,7 +35,7 @@ RECORDING_HELP = (
 
 
 class Parser(argparse.ArgumentParser):
-    """Answers a mistyped command, option or choice with the one that was probably meant."""
+    """Refuses by a UsageError, where argparse would leave the process."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
@@ -45,32 +46,6 @@ class Parser(argparse.ArgumentParser):
         """Show the usage, and leave the sentence to whoever parses."""
         self.print_usage(sys.stderr)
         raise UsageError(message)
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Refuse unknown options first: argparse would miss an argument that has a wrong name."""
-        has_commands = self._subparsers is not None
-        known = self._option_string_actions
-        for word in takewhile(lambda w: w.startswith('-') if has_commands else w != '--', args):
-            name = word.partition('=')[0]
-            if name.startswith('--') and not any(option.startswith(name) for option in known):
-                self.error(f'there is no option {name}.{_did_you_mean(name, known)}')
-        return super().parse_known_args(args, namespace)
-
-    def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Refuse what is none of the choices, which the commands are as well."""
-        choices = list(action.choices or [value])
-        if value not in choices:
-            raise argparse.ArgumentError(
-                action,
-                f'invalid choice: {value!r}; expected one of {", ".join(choices)}.'
-                f'{_did_you_mean(value, choices)}',
-            )
-
-
-def _did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Suggest the known word that is most like a mistyped one, if any is."""
-    near = difflib.get_close_matches(word, list(known), 1)
-    return f' Did you mean {near[0]}?' if near else ''
 
 
 def number(low: Number, high: float = math.inf) -> Callable[[str], Number]:
@@ -141,7 +116,7 @@ def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> N
     """Warn of the options that were given and do nothing for these recordings."""
     kinds = {kind_of(path) for path in recordings}
     asked = {'method': '', 'features': None, 'reference': 'recorded', **vars(arguments)}
-    given = {name for name in asked if asked[name] != arguments.own.get_default(name)}
+    given = {name for name in asked if asked[name] != arguments.command.get_default(name)}
     method, tables = asked['method'], kinds == {TABLE}
     hats = asked['features'] == 'hats' or 'hat_temperatures' in given
     hats |= tables and (method == 'auto' or asked['features'] is None)
@@ -158,6 +133,30 @@ def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> N
         for name in sorted(given.intersection(names)) if idle else ():
             option = f'--{name.replace("_", "-")}'
             print(f'warning: {option} does nothing here: {why}.', file=sys.stderr)
+
+
+def check_model(path: Path) -> None:
+    """Refuse a recording in the place of a model, before work that takes minutes."""
+    if not path.exists() or is_model(path):
+        return
+    if path.is_dir() or path.suffix in {*SUFFIXES, '.csv'} or is_chamber_table(path):
+        raise ModelFileError(
+            f'{path} is a recording, where a model file was expected. Name the model first, as '
+            'made by wrist_ft_comp calibrate, then the recordings.'
+        )
+
+
+def check_recordings(paths: Sequence[Path]) -> None:
+    """Refuse a model in the place of a recording, and a recording that is named twice."""
+    resolved = [path.resolve() for path in paths]
+    for path in paths:
+        if is_model(path):
+            raise RecordingError(
+                f'{path} is a model file, where a recording was expected. Name a bag, a CSV file '
+                'or a chamber table; see what a file holds with wrist_ft_comp show.'
+            )
+        if resolved.count(path.resolve()) > 1:
+            raise RecordingError(f'{path} is named twice; name each recording once.')
 
 
 def add_reference(parser: argparse.ArgumentParser) -> None:

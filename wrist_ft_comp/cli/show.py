@@ -25,6 +25,7 @@ from wrist_ft_comp.recordings.recordings import (
     RecordingSummary,
     REFERENCE,
 )
+from wrist_ft_comp.report.days import days_png
 from wrist_ft_comp.report.outputs import PICTURE, REPORT
 from wrist_ft_comp.report.view import drifts_removed, model_sources
 from wrist_ft_comp.signals import NANOSECONDS, part_of, Progress, SENSOR_FACTS, Topics
@@ -63,47 +64,46 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    path = arguments.file
-    document: dict[str, object]
-    recordings = []
-    if arguments.picture and not node_folders(path):
-        raise SettingsError(
-            f'--picture draws the days of a node that learns, and {path} holds none. Name its '
-            'data_directory.'
-        )
+    path, folders = arguments.file, node_folders(arguments.file)
     if arguments.picture:
+        if not folders:
+            raise SettingsError(
+                f'--picture draws the days of a node that learns, and {path} holds none. Name its '
+                'data_directory.'
+            )
         PICTURE.check_target(arguments.picture)
+    recordings = []
     if REPORT.is_own(path):
-        document = {'name': path.name, 'kind': 'report'}
-        text = f'{path}: a report of wrist_ft_comp; open it in a browser'
-    elif folders := node_folders(path):
-        document, text = _days(folders, arguments.picture)
+        document: dict[str, object] = {'name': path.name, 'kind': 'report'}
+        lines = [f'{path}: a report of wrist_ft_comp; open it in a browser']
+    elif folders:
+        document, lines = _days(folders, arguments.picture)
     elif path.suffix in {'.yaml', '.yml'} or is_model(path):
         stored = load_model(path)
-        document = {'sha256': stored.sha256, **stored.document}
-        text = _model_text(stored)
+        document, lines = {'sha256': stored.sha256, **stored.document}, [*_model_lines(stored)]
     elif path.name == PAYLOADS and path.exists():
-        learnt = {name: payload for name, (payload, _) in load_payloads(path).items()}
-        document = {'payloads': payloads_json(learnt)}
-        lines = (f'  {payload_line(*each)}' for each in learnt.items())
-        text = '\n'.join((f'{path}: payloads, by the names that payload.active takes', *lines))
+        payloads = {name: payload for name, (payload, _) in load_payloads(path).items()}
+        document = {'payloads': payloads_json(payloads)}
+        lines = [f'{path}: payloads, by the names that payload.active takes']
+        lines += [f'  {payload_line(*payload)}' for payload in payloads.items()]
     else:
         recordings = [path]
         with options.progress_bar('reading') as progress:
-            topics, half = options.topics_from(arguments), part_of
-            summary = describe_recording(path, topics, half(progress, 0, 2))
-            refusal = _refusal(summary, path, half(progress, 1, 2))
-        document, text = _as_json(summary, path, refusal), _text(summary, path, refusal)
+            topics = options.topics_from(arguments)
+            summary = describe_recording(path, topics, part_of(progress, 0, 2))
+            refusal = _refusal(summary, path, part_of(progress, 1, 2))
+        document = _as_json(summary, path, refusal)
+        lines = [*_recording_lines(summary, path, refusal)]
     options.warn_of_idle(arguments, recordings)
     if arguments.json:
         options.print_json(document)
     else:
-        print(text)
+        print('\n'.join(lines))
     return 0
 
 
-def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, object], str]:
-    """Describe the days of nodes; those of the first are drawn, if they are to be."""
+def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, object], list[str]]:
+    """Describe the days of nodes; a picture is of the first node's."""
     document: dict[str, object] = {}
     texts = []
     for folder in folders:
@@ -113,154 +113,126 @@ def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, obje
         # Where its recording could not be read, a day has neither date nor length.
         unknown = {'first_ns': None, 'hours': None}
         days = [
-            {**vars(each), 'known': sorted(each.known), **({} if each.first_ns else unknown)}
-            for each in diary.days
+            {**vars(day), 'known': sorted(day.known), **({} if day.first_ns else unknown)}
+            for day in diary.days
         ]
         document[str(folder)] = {**vars(diary), 'days': days, 'node': memory}
         texts.append(days_text(folder, diary, memory))
     if picture:
-        from wrist_ft_comp.report.days_picture import days_png  # noqa: PLC0415 -- matplotlib
-
         PICTURE.write(picture, days_png(survey(folders[0])))
-    return document, '\n\n'.join(texts)
+    return document, ['\n\n'.join(texts)]
 
 
-def _model_text(stored: StoredModel) -> str:
-    """Describe a model for people."""
-    document = stored.document
-    lines = [
-        f'{stored.path}: a drift model, sha256 {stored.sha256[:12]}',
-        *_PURPOSE,
-        _origin(stored),
-        *_thermometers(stored),
-        '',
-        _axes_text(stored),
-        '',
-        *(f'{axis}: {entry["chosen"]}' for axis, entry in document['axes'].items()),
-        *(
-            f'{axis}: {note}'
-            for axis, entry in document['axes'].items()
-            for note in entry['notes']
-        ),
-        *(f'warning: {warning}' for warning in document['warnings']),
-    ]
-    return '\n'.join(lines)
-
-
-def _origin(stored: StoredModel) -> str:
-    """Say when and from how much a model was made; people may have edited its provenance."""
-    created = stored.document['provenance'].get('created', 'at an unknown time')
+def _model_lines(stored: StoredModel) -> Iterator[str]:
+    """Describe a model for people, who may have edited its provenance."""
+    document, axes = stored.document, stored.document['axes']
+    created = document['provenance'].get('created', 'at an unknown time')
     count = len(model_sources(stored))
-    return (
-        f'made {created} from '
-        f'{stored.document["duration_s"] / 3600:.2f} h in {count} '
+    yield f'{stored.path}: a drift model, sha256 {stored.sha256[:12]}'
+    yield from _PURPOSE
+    yield (
+        f'made {created} from {document["duration_s"] / 3600:.2f} h in {count} '
         f'recording{"" if count == 1 else "s"}; thermal period '
         f'{stored.model.period_ns / NANOSECONDS:g} s'
     )
-
-
-def _thermometers(stored: StoredModel) -> Iterator[str]:
-    """Say what the sensor is called, and of every thermometer where it was calibrated."""
     for fact in SENSOR_FACTS[:-1]:
         yield from (f'{fact}: {name}' for name in stored.sensor.get(fact, ()))
     names = [f', {entry}' for entry in stored.sensor.get('temperature_topics', ())]
-    for j, thermometer in enumerate(stored.document['thermometers']):
+    for j, thermometer in enumerate(document['thermometers']):
         low, high = thermometer['range_c']
         name = names[j] if j < len(names) else ''
         yield f'thermometer {j + 1}: calibrated from {low:.1f} to {high:.1f} °C{name}'
+    header = ['axis', 'unit', 'RMS before', 'after (held out)', 'drift', 'time constants, s']
+    rows = [
+        [axis, entry['unit'], rounded(entry['rms_before'], 4), rounded(entry['rms_after'], 4),
+         drifts_removed(stored.model.axes.get(axis)),
+         ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-']
+        for axis, entry in axes.items()
+    ]  # fmt: skip
+    yield f'\n{table_text(header, rows)}\n'
+    yield from (f'{axis}: {entry["chosen"]}' for axis, entry in axes.items())
+    yield from (f'{axis}: {note}' for axis, entry in axes.items() for note in entry['notes'])
+    yield from (f'warning: {warning}' for warning in document['warnings'])
 
 
-def _axes_text(stored: StoredModel) -> str:
-    """Put the evidence of every axis into a table."""
-    return table_text(
-        ['axis', 'unit', 'RMS before', 'after (held out)', 'drift', 'time constants, s'],
-        [
-            [axis, entry['unit'], rounded(entry['rms_before'], 4), rounded(entry['rms_after'], 4),
-             drifts_removed(stored.model.axes.get(axis)),
-             ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-']
-            for axis, entry in stored.document['axes'].items()
-        ],
-    )  # fmt: skip
-
-
-def _text(summary: RecordingSummary, path: Path, refusal: str) -> str:
+def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
     """Describe a recording for people."""
     span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
+    header = ['channel', 'type or unit', 'samples', 'per second', 'used as']
     rows = [
-        [each.name, ', '.join([each.kind, *_range(each.reads)]), str(each.samples),
-         rounded((each.samples - 1) / span_s, 4) if span_s else '-', each.role or '-']
-        for each in summary.channels
+        [channel.name, ', '.join(filter(None, [channel.kind, _range(channel.reads)])),
+         str(channel.samples), rounded((channel.samples - 1) / span_s, 4) if span_s else '-',
+         channel.role or '-']
+        for channel in summary.channels
     ]  # fmt: skip
-    return '\n'.join(
-        [
-            f'{summary.name}: {summary.kind}, {span}',
-            table_text(['channel', 'type or unit', 'samples', 'per second', 'used as'], rows),
-            *_quality(summary.candidates),
-            *_directions(summary.specific_force, summary.topics or Topics()),
-            *_use(summary, path, refusal),
-            *(f'warning: {warning}' for warning in summary.warnings),
-        ]
-    )
+    yield f'{summary.name}: {summary.kind}, {span}\n{table_text(header, rows)}'
+    yield from _candidate_lines(summary.candidates)
+    yield from _directions(summary.specific_force, summary.topics or Topics())
+    yield from _use(summary, path, refusal)
+    yield from (f'warning: {warning}' for warning in summary.warnings)
 
 
-def _range(reads: tuple[float, float] | None) -> list[str]:
+def _range(reads: tuple[float, float] | None) -> str:
     """Write lowest and highest reading of a temperature, if there are any."""
-    return ['{:.1f} to {:.1f}'.format(*reads)] if reads and reads[0] <= reads[1] else []
+    return '{:.1f} to {:.1f}'.format(*reads) if reads and reads[0] <= reads[1] else ''
 
 
 def _directions(force: ForceSummary | None, topics: Topics) -> Iterator[str]:
-    """Say how far gravity moved in the sensor's frame, which is what tells a payload."""
+    """Say how far gravity moved in the sensor's frame, by which a payload is identified."""
     if force is None:
         return
-    seen, of = force.seen, f' of {topics.imu}' if topics.imu else ''
-    of = f' by TF, if z of {topics.gravity_frame} is up' if topics.gravity_frame else of
-    moved = ', '.join(f'{each:.2f}' for each in force.spread)
+    source = f' of {topics.imu}' if topics.imu else ''
+    if topics.gravity_frame:
+        source = f' by TF, if z of {topics.gravity_frame} is up'
+    moved = ', '.join(f'{spread:.2f}' for spread in force.spread)
     yield (
-        f'specific force{of}: norm {force.norm:.4g} m/s²; along three directions gravity moved by '
-        f'{moved} m/s² (RMS), so {("none", "one", "two", "all")[seen]} of them '
-        f'{"was" if seen == 1 else "were"} seen'
+        f'specific force{source}: norm {force.norm:.4g} m/s²; along three directions gravity '
+        f'moved by {moved} m/s² (RMS), so {("none", "one", "two", "all")[force.seen]} of them '
+        f'{"was" if force.seen == 1 else "were"} seen'
     )
-    if seen < 2:
+    if force.seen < 2:
         yield 'A payload needs two: let the robot tilt the tool about two axes.'
 
 
-def _quality(candidates: Sequence[Candidate]) -> Iterator[str]:
-    """Say of all that may be used how good it is; names come last, whole, to be copied."""
+def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str]:
+    """Say how good the topics are that may be used; their names come last, whole, to be copied."""
     if not candidates:
         return
     yield '\nWhat could be used, with the values of temperatures as they are read:'
-    yield 'as           per second  span, s  longest gap, s          values  topic'
-    for each in candidates:
-        values = '{:.1f} to {:.1f}'.format(*each.reads) if each.reads else ''
-        rate = rounded(each.rate_hz, 4) if each.rate_hz else '-'
-        yield (
-            f'{each.role:11}  {rate:>10}  {each.span_s:7.1f}  {rounded(each.longest_gap_s):>14}  '
-            f'{values:>14}  {each.entry}'
-        )
+    rows = [
+        [c.role, rounded(c.rate_hz, 4) if c.rate_hz else '-', f'{c.span_s:.1f}',
+         rounded(c.longest_gap_s), _range(c.reads)]
+        for c in candidates
+    ]  # fmt: skip
+    header = ['as', 'per second', 'span, s', 'longest gap, s', 'values']
+    lines = table_text(header, rows).splitlines()
+    width = max(map(len, lines))
+    for line, topic in zip(lines, ['topic', *(c.entry for c in candidates)], strict=True):
+        yield f'{line:{width}}  {topic}'
     yield ''
-    for each in candidates:
-        if each.reads and 200 < each.reads[0] <= each.reads[1] < 450:
-            field = '' if ':' in each.entry else ':temperature'
-            yield f'If {each.entry} is in kelvin, write {each.entry}{field}:K.'
+    for candidate in candidates:
+        if candidate.reads and 200 < candidate.reads[0] <= candidate.reads[1] < 450:
+            field = '' if ':' in candidate.entry else ':temperature'
+            yield f'If {candidate.entry} is in kelvin, write {candidate.entry}{field}:K.'
 
 
 def _refusal(summary: RecordingSummary, path: Path, progress: Progress) -> str:
     """Say why nothing can be learnt from a recording; empty where it is read as others read it."""
     held = {channel.role for channel in summary.channels if channel.samples}
     if lacks := [role for role in (RAW_WRENCH, TEMPERATURE) if role not in held]:
-        named = ' of that name' if any(each.role in lacks for each in summary.candidates) else ''
+        named = ' of that name' if any(c.role in lacks for c in summary.candidates) else ''
         words = {RAW_WRENCH: 'raw wrench in a form that can be read'}
-        lacks = [words.get(each, each) for each in lacks]
-        return f'It holds no {" and no ".join(lacks)}{named}, so nothing can be learnt from it.'
+        what = ' and no '.join(words.get(role, role) for role in lacks)
+        return f'It holds no {what}{named}, so nothing can be learnt from it.'
     if not summary.candidates:
         return ''
     try:
         recording = read_recording(path, topics=summary.topics, progress=progress)
     except RecordingError as error:
         return f'Nothing can be learnt from it with these topics. {error}'
-    there = recording.measured, np.isfinite(recording.wrench)
-    cells = [np.flatnonzero(each.any(axis=1)) for each in there]
+    present = recording.measured, np.isfinite(recording.wrench)
+    cells = [np.flatnonzero(samples.any(axis=1)) for samples in present]
     if not all(map(len, cells)) or max(c[0] for c in cells) > min(c[-1] for c in cells):
         return (
             'Nothing can be learnt from it: wrenches and temperatures have no time in common. '
@@ -277,7 +249,7 @@ def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
     if not summary.candidates:
         yield f'Learn from it: {_commands(summary, path)[0]}'
         return
-    if not any(each.moves for each in summary.candidates):
+    if not any(candidate.moves for candidate in summary.candidates):
         yield 'No temperature moves by half a degree, and a calibration needs a warm-up.'
     first = summary.topics.temperatures[0] if summary.topics else ''
     yield (
@@ -290,7 +262,7 @@ def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
 def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     """Write the commands that learn from a recording; of a bag, those that judge and run, too."""
     topics = summary.topics or Topics()
-    reference = any(each.role == REFERENCE and each.samples for each in summary.channels)
+    reference = any(c.role == REFERENCE and c.samples for c in summary.channels)
     force = summary.specific_force
     at_work = force is not None and force.seen > 0 and not reference
     words = ['--reference', 'recorded' if reference else 'payload'] if reference or at_work else []
@@ -320,6 +292,6 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
 
 def _as_json(summary: RecordingSummary, path: Path, refusal: str) -> dict[str, object]:
     """Everything a script may want; of a bag, rates and commands, too."""
-    candidates = [{**vars(each), 'rate_hz': each.rate_hz} for each in summary.candidates]
+    candidates = [{**vars(c), 'rate_hz': c.rate_hz} for c in summary.candidates]
     commands = _commands(summary, path) if candidates and not refusal else []
     return {**vars(summary), 'candidates': candidates, 'commands': commands, 'refusal': refusal}

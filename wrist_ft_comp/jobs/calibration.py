@@ -35,10 +35,9 @@ from wrist_ft_comp.recordings.chamber import (
 )
 from wrist_ft_comp.recordings.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
-from wrist_ft_comp.report.of_calibration import calibration_view
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
-from wrist_ft_comp.report.view import ReportView
+from wrist_ft_comp.report.view import calibration_view, ReportView
 from wrist_ft_comp.signals import part_of, Progress, Recording
 from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
@@ -56,9 +55,14 @@ class JobOutcome:
     #: Which recordings were left out, and why, in sentences.
     left_out: tuple[str, ...]
 
+    def view(self, job: CalibrationJob, tables: Mapping[str, ChamberColumns]) -> ReportView:
+        """Judge it, as its report shows it; tables come from judge_chamber_tables."""
+        reference = job.settings.reference
+        return calibration_view(self.calibration, self.recordings, self.stored, reference, tables)
+
 
 def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome:
-    """Read, fit, and save the model, or change nothing and say why; a report is apart."""
+    """Read, fit and save the model, or raise and change nothing; a report is written apart."""
     report = progress or (lambda _: None)
     recordings, used, left_out = _read(job, report)
     calibration = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
@@ -71,7 +75,7 @@ def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome
 def _read(
     job: CalibrationJob, report: Progress
 ) -> tuple[list[Recording], dict[str, Path], tuple[str, ...]]:
-    """Read all recordings, half of the progress; give them, their paths by hash, and warnings."""
+    """Read all recordings, half of the progress: they, their paths by hash, who was left out."""
     recordings: list[Recording] = []
     used: dict[str, Path] = {}
     left_out: list[str] = []
@@ -116,14 +120,6 @@ def _read_one(
     return recording, sha256
 
 
-def view_job(
-    job: CalibrationJob, outcome: JobOutcome, tables: Mapping[str, ChamberColumns]
-) -> ReportView:
-    """Judge what a job gave, as its report shows it; tables come from judge_chamber_tables."""
-    known = outcome.calibration, outcome.recordings, outcome.stored
-    return calibration_view(*known, job.settings.reference, tables)
-
-
 def judge_chamber_tables(job: CalibrationJob, stored: StoredModel) -> dict[str, ChamberColumns]:
     """Judge chamber tables by path: raw, fitted, and every temperature left out in turn."""
     tables: dict[str, ChamberColumns] = {}
@@ -157,8 +153,8 @@ def main() -> int:
 
 
 def _end_when_closed() -> None:
-    """End the process when nobody waits for it any more."""
-    # Not by sys.stdin: its lock would still be held when the interpreter ends.
+    """End the process when standard input is closed: nobody waits for it any more."""
+    # sys.stdin would not do: its lock would still be held when the interpreter ends.
     while os.read(sys.stdin.fileno(), 1024):
         pass
     os.kill(os.getpid(), signal.SIGTERM)
@@ -210,8 +206,8 @@ def _report(job: CalibrationJob, outcome: JobOutcome) -> str:
     if job.report is None:
         return ''
     try:
-        view = view_job(job, outcome, judge_chamber_tables(job, outcome.stored))
-        REPORT.write(job.report, page(view))
+        tables = judge_chamber_tables(job, outcome.stored)
+        REPORT.write(job.report, page(outcome.view(job, tables)))
     except WristFtCompError as error:
         return f'\nwarning: {error}'
     return f'\nreport: {job.report}'

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import lru_cache
+from operator import attrgetter
 from pathlib import Path
 import time
 from typing import Any
@@ -19,14 +20,13 @@ from wrist_ft_comp.learning.entry import Decision, Diary
 from wrist_ft_comp.learning.incidents import pause
 from wrist_ft_comp.learning.lesson import Champion, describe_day, drift_words, take
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
-from wrist_ft_comp.report.of_calibration import calibration_view
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
-from wrist_ft_comp.report.view import model_sources
+from wrist_ft_comp.report.view import calibration_view, model_sources
 from wrist_ft_comp.stored.model_file import load_model, save_model
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 
-#: A model goes by so many digits of its SHA-256.
+#: Digits of its SHA-256 by which the diary names a model.
 _DIGITS = 12
 Answer = dict[str, Any]
 
@@ -47,7 +47,11 @@ def answer_learning(job: CalibrationJob, learning: Learning) -> Answer:
 
 
 def _learn(job: CalibrationJob, learning: Learning) -> Answer:
-    """Judge the newest day and those that the diary has lost, and write down what came of it."""
+    """
+    Judge the newest day and those that the diary has lost, and write down what came of it.
+
+    What cannot be saved, such as the diary on a full disk, is said; the rest is done all the same.
+    """
     paths = {path.name: path for path in job.recordings}
     directory, newest = job.recordings[-1].parent.parent, job.recordings[-1].name
     diary, champion = load_diary(directory), _champion(learning.champion)
@@ -64,11 +68,11 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
 
     entries = [entry for entry in diary.days if entry.name != newest]
     for name in sorted(set(paths) - {entry.name for entry in entries} - {newest}):
-        began, before = time.process_time(), [each for each in entries if each.name < name]
+        began, before = time.process_time(), [e for e in entries if e.name < name]
         entry = describe_day(name, look, before, champion)
         verdict = f'{drift_words(entry)}It was judged late, so that no new model was tried.'
         entries.append(replace(entry, verdict=verdict, seconds=time.process_time() - began))
-        entries.sort(key=lambda each: each.name)
+        entries.sort(key=attrgetter('name'))
     began = time.process_time()
     lesson = take(newest, look, entries, champion, list(paths), learning.since, job.settings)
     entry = replace(lesson.entry, seconds=time.process_time() - began)
@@ -78,7 +82,6 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
         decisions[Decision(learning.since, 'After this day a person decided.')] = None
     paused = pause(entries, learning.since)
     answer: Answer = {'success': True, 'learnt': False, 'paused': paused}
-    # What cannot be kept is said; the rest is done all the same.
     troubles, better = [entry.incident], lesson.better
     with _noted(troubles, 'A better model is lost'):
         if better:
@@ -104,13 +107,13 @@ def _noted(troubles: list[str], what: str) -> Iterator[None]:
 
 
 def _champion(path: Path | None) -> Champion:
-    """Read the live model, and which days it may know."""
+    """Read the live model, and name the newest day that it was learnt from."""
     if path is None:
         return Champion()
     stored = load_model(path)
     sources = [Path(source) for source, _ in model_sources(stored)]
     # A person's own recordings may have names like those of days.
-    names = [each.name for each in sources if each.parent.name == 'days']
+    names = [source.name for source in sources if source.parent.name == 'days']
     newest = max(filter(day_number, names), default='')
     return Champion(stored.sha256[:_DIGITS], stored.model, newest)
 
@@ -137,8 +140,11 @@ def _save(
 
 
 def keep_payloads(job: CalibrationJob, found: Calibration) -> Calibration:
-    """Keep what a job learnt of payloads beside its model; they are called as they are there."""
-    # The model is saved already: where payloads cannot be kept, that is a warning.
+    """
+    Keep what a job learnt of payloads beside its model; the answer names them as the file does.
+
+    The model is saved already: where payloads cannot be kept, that is a warning.
+    """
     learnt = found.payloads
     if learnt is None:
         return found

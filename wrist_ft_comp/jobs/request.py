@@ -10,33 +10,35 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.signals import Topics
 from wrist_ft_comp.stored.documents import tuples
 
-#: Argument of the program: end when standard input is closed.
+#: Argument of the program that runs a job: end when standard input is closed.
 UNTIL_CLOSED = '--until-closed'
 
 
 @dataclass(frozen=True)
 class Learning:
-    """What makes a job one of a node that learns by itself: its recordings are days."""
+    """What a job needs that a node starts by itself: its recordings are days."""
 
     #: Model that is live; None when there is none.
     champion: Path | None = None
-    #: Name of the newest day that a person decided after; it and older ones are no evidence for a
-    #: change any more. Empty when nobody decided.
+    #: Name of the newest day before a person's last decision: this day and older ones are no
+    #: evidence for a change any more. Empty when nobody decided.
     since: str = ''
-    #: How many recordings of days are kept, and how large they may be together, MB; of all but the
-    #: newest, those go first that know no temperatures that others do not know.
+    #: How many recordings of days are kept. Of all but the newest, those go first whose
+    #: temperatures other days know, too.
     keep_days: int = 30
+    #: How large they may be together, MB.
     max_mb: float = 500.0
 
 
 @dataclass(frozen=True)
 class Minute:
-    """What makes a job one that finds a payload in a minute of motion; the output gets it."""
+    """A minute of motion, in which a job finds the payload; the job's output is payloads.json."""
 
-    #: Means over cells, as calibration.payload.minute takes them, and their length, s.
+    #: Means over cells, as payload/minute.py takes them.
     cells: Sequence[tuple[float, ...]]
+    #: Length of a cell, s.
     period_s: float
-    #: Names that are taken elsewhere.
+    #: Names of payloads that are in use elsewhere.
     taken: tuple[str, ...] = ()
     #: Bias and scale of the accelerometer where a calibration has found them.
     sensor: tuple[Sequence[float], Sequence[float]] | None = None
@@ -62,9 +64,9 @@ class CalibrationJob:
     keep_copied_columns: bool = False
     #: Where a report goes, if one is wanted.
     report: Path | None = None
-    #: If a node learns by itself: recordings are all days that have ended, oldest first.
+    #: For a node that learns by itself: recordings are all days that have ended, oldest first.
     learning: Learning | None = None
-    #: What one asks for that collects a minute; there are no recordings then.
+    #: For ~/identify_payload: there are no recordings then.
     minute: Minute | None = None
 
 

@@ -1,12 +1,13 @@
-"""Which temperatures and loads recordings have covered, seen together with a wrench."""
+"""What recordings have seen, together with a wrench, and what to record next."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from wrist_ft_comp.fit.cross_validation import bin_means
-from wrist_ft_comp.signals import AXES, FloatArray, IntArray, Recording, stretches
+from wrist_ft_comp.report.verdict import Level
+from wrist_ft_comp.signals import AXES, FloatArray, IntArray, Recording, Reference, stretches
 
 #: What a robot's wrist may meet: from a hall on a cold morning to hours of hard work, °C.
 WORKING_RANGE_C = (15.0, 50.0)
@@ -14,20 +15,29 @@ WORKING_RANGE_C = (15.0, 50.0)
 BIN_K = 1.0
 #: Rise and fall are counted between means over this time, so that noise is no cooling, s.
 _TREND_S = 300.0
+#: A recording should last this many times the slowest time constant ...
+_TIME_CONSTANTS = 4.0
+#: ... and at least this long, s.
+_SHORTEST_S = 3600.0
+#: Warming or cooling is missing when it holds less than this share of the other.
+_ONE_WAY_SHARE = 0.2
+#: Temperatures closer than this are the same, K.
+_SAME_K = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """What recordings have seen, all together."""
+    """What all recordings have seen together."""
 
-    #: Edges of temperature bins, shape (B + 1,), and the time of each thermometer there, (J, B).
+    #: Edges of temperature bins, °C, shape (B + 1,).
     edges_c: FloatArray
+    #: How long each thermometer was in each bin, s, shape (J, B).
     seconds: FloatArray
-    #: Lowest and highest temperature of each thermometer, shape (J, 2).
+    #: Lowest and highest temperature of each thermometer, °C, shape (J, 2).
     range_c: FloatArray
-    #: The thermometer that spans most, counted from 0: what it has not seen is not known.
+    #: Number of the thermometer that spans most, counted from 0; advice is about this one.
     leading: int
-    #: How far it went up and down.
+    #: How far the leading thermometer went up, and down.
     risen_k: float
     fallen_k: float
     #: Smallest, largest and standard deviation, N or N m, by axis where a reference was recorded.
@@ -35,21 +45,22 @@ class Coverage:
 
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
-    """Count what recordings have seen together; one of them at least holds a wrench."""
+    """Count what recordings have seen together; at least one of them must hold a wrench."""
     cells = [_cells_with_wrench(recording) for recording in recordings]
     pairs = list(zip(recordings, cells, strict=True))
-    temperature_c = np.concatenate([each.temperature_c[at] for each, at in pairs])
-    period_s = np.concatenate([np.full(len(at), each.period_s) for each, at in pairs])
+    temperature_c = np.concatenate([recording.temperature_c[at] for recording, at in pairs])
+    period_s = np.concatenate([np.full(len(at), recording.period_s) for recording, at in pairs])
     range_c = np.stack((temperature_c.min(axis=0), temperature_c.max(axis=0)), axis=1)
     lowest = np.floor(min(WORKING_RANGE_C[0], range_c.min()) / BIN_K)
     highest = np.ceil(max(WORKING_RANGE_C[1], range_c.max()) / BIN_K)
     edges = np.arange(lowest, highest + 1) * BIN_K
     seconds = [np.histogram(column, edges, weights=period_s)[0] for column in temperature_c.T]
     leading = int(np.argmax(np.ptp(range_c, axis=1)))
-    moves = np.concatenate([_moves(each, at, leading) for each, at in pairs])
-    up_k, down_k = (float(np.abs(moves[way]).sum()) for way in (moves > 0, moves < 0))
-    seen = np.array(seconds), range_c, leading
-    return Coverage(edges, *seen, up_k, down_k, _loads(recordings))
+    moves = np.concatenate([_moves(recording, at, leading) for recording, at in pairs])
+    return Coverage(
+        edges_c=edges, seconds=np.array(seconds), range_c=range_c, leading=leading,
+        risen_k=float(np.abs(moves[moves > 0]).sum()),
+        fallen_k=float(np.abs(moves[moves < 0]).sum()), loads=_loads(recordings))  # fmt: skip
 
 
 def unseen_temperatures(coverage: Coverage) -> list[tuple[float, float]]:
@@ -74,9 +85,8 @@ def _cells_with_wrench(recording: Recording) -> IntArray:
     """Find the cells at and between wrenches, but for gaps."""
     present = np.any(np.isfinite(recording.wrench), axis=1)
     at, numbers = np.flatnonzero(present), stretches(present, recording.period_s)
-    inside = [at[numbers[at] == number] for number in np.unique(numbers[at])]
-    ranges = [np.arange(each[0], each[-1] + 1) for each in inside]
-    return np.concatenate([np.arange(0), *ranges])
+    parts = [at[numbers[at] == number] for number in np.unique(numbers[at])]
+    return np.concatenate([np.arange(0), *(np.arange(p[0], p[-1] + 1) for p in parts)])
 
 
 def _moves(recording: Recording, at: IntArray, thermometer: int) -> FloatArray:
@@ -96,3 +106,108 @@ def _loads(recordings: Sequence[Recording]) -> dict[str, tuple[float, float, flo
         if len(known):
             loads[axis] = float(known.min()), float(known.max()), float(known.std())
     return loads
+
+
+def what_to_record_next(  # noqa: PLR0913 -- what a calibration knows, each a plain value
+    coverage: Coverage,
+    levels: Mapping[str, Level],
+    reference: Reference,
+    durations_s: Sequence[float],
+    slowest_s: float,
+    *,
+    chamber: bool = False,
+) -> list[str]:
+    """
+    Say what another recording should hold, most important first.
+
+    A chamber heats from all sides and to every temperature, so for its tables only temperatures
+    are asked for.
+    """
+    advice = [*_temperatures(coverage)]
+    if not chamber:
+        advice += [*_thermometers_and_ways(coverage, levels), *_lengths(durations_s, slowest_s)]
+        if missing := [axis for axis in AXES if axis not in levels]:
+            names = _names(missing)
+            advice.append(f'No recording holds {names}; what is not recorded is passed through.')
+    if reference not in {'recorded', 'payload'} or not coverage.loads:
+        advice.append(
+            'The drift of the gain is not known. If the sensor works under large loads, record '
+            'changing loads with a reference beside them (reference "recorded").'
+        )
+    return [
+        *advice,
+        'Judge this model on a recording that it has not seen: wrist_ft_comp evaluate.',
+    ]
+
+
+def what_was_not_learnt(coverage: Coverage, learnt_c: Sequence[tuple[float, float]]) -> str:
+    """Say where a recording left the ranges, °C, that a model's thermometers were learnt at."""
+    outside = [
+        f'thermometer {number}'
+        for number, (seen, learnt) in enumerate(
+            zip(coverage.range_c, learnt_c, strict=True), start=1
+        )
+        if seen[0] < learnt[0] - _SAME_K or seen[1] > learnt[1] + _SAME_K
+    ]
+    if not outside:
+        return 'Nothing: the model was learnt at all the temperatures of these recordings.'
+    return (
+        f'Here {" and ".join(outside)} left the temperatures that the model was learnt at. '
+        'Calibrate again with these recordings among the others.'
+    )
+
+
+def _temperatures(coverage: Coverage) -> Iterator[str]:
+    """Name the temperatures that are missing."""
+    low, high = coverage.range_c[coverage.leading]
+    where = f' at thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
+    unseen = unseen_temperatures(coverage)
+    for start, end in unseen:
+        if end <= low or start >= high:
+            yield (
+                f'You have not seen {start:.0f} to {end:.0f} °C{where}: there the correction is a '
+                'guess, a straight line. If the robot gets there, record it there.'
+            )
+    holes = [f'{start:.0f} to {end:.0f}' for start, end in unseen if low < end <= high > start]
+    if holes:
+        yield (
+            f'Between {low:.0f} and {high:.0f} °C you have not seen {", ".join(holes)} °C{where}: '
+            'there the correction is a guess between its neighbours. Record some of these.'
+        )
+
+
+def _thermometers_and_ways(coverage: Coverage, levels: Mapping[str, Level]) -> Iterator[str]:
+    """Ask for a second thermometer where one explains little, and for the missing direction."""
+    poor = [axis for axis, level in levels.items() if level in {'weak', 'harmful'}]
+    if len(coverage.range_c) == 1 and poor:
+        yield (
+            f'One thermometer does not explain {_names(poor)} well. Heat that comes from two '
+            'sides needs two: put another one at the side of the motor, or of the room.'
+        )
+    up, down = coverage.risen_k, coverage.fallen_k
+    if min(up, down) < _ONE_WAY_SHARE * max(up, down):
+        missing, action = ('cooled', 'cool down') if down < up else ('warmed', 'warm up')
+        yield (
+            f'The sensor {missing} by {min(up, down):.1f} K only, and went {max(up, down):.1f} K '
+            f'the other way: let it {action} while recording. A lag shows where both ways differ.'
+        )
+
+
+def _lengths(durations_s: Sequence[float], slowest_s: float) -> Iterator[str]:
+    """Ask for longer, or for more recordings."""
+    longest_s = max(durations_s)
+    wanted_s = max(_TIME_CONSTANTS * slowest_s, _SHORTEST_S)
+    if longest_s < wanted_s:
+        why = f', as the slowest lag is {slowest_s / 60:.0f} min' if slowest_s > 0 else ''
+        yield (
+            f'The longest recording lasts {longest_s / 3600:.1f} h; record '
+            f'{wanted_s / 3600:.1f} h or more{why}.'
+        )
+    if len(durations_s) == 1:
+        yield 'Record on a second day: a model is then judged on whole days that it has not seen.'
+
+
+def _names(axes: Sequence[str]) -> str:
+    """Enumerate axes for people."""
+    words = [axis.replace('_', ' ') for axis in axes]
+    return words[0] if len(words) == 1 else f'{", ".join(words[:-1])} and {words[-1]}'

@@ -47,11 +47,19 @@ def evaluate(
 def tared_errors(
     model: DriftModel, recording: Recording, reference: Reference, tare_s: float = 60.0
 ) -> TaredErrors:
-    """Subtract the reference from raw and compensated means of cells, both tared."""
-    # They are tared on the first seconds that hold wrenches; without a recorded reference they are
-    # compared with zero; with payload, in cells without contact, with the weight of what is found
-    # in this recording. RecordingError when the recording does not fit the model, or holds nothing
-    # to compare with.
+    """
+    Subtract the reference from raw and compensated means of cells, both tared.
+
+    They are tared on the first seconds that hold wrenches. Without a recorded reference they are
+    compared with zero; with payload, in cells without contact, with the weight that is found in
+    this recording.
+
+    Raises
+    ------
+    RecordingError
+        When the recording does not fit the model, or holds nothing to compare with.
+
+    """
     if reference == 'payload':
         recording, reference = learn_at_work([recording]).drift[0], 'recorded'
     simulated = simulate_drift(model, recording)

@@ -22,7 +22,7 @@ from wrist_ft_comp.fit.result import FoldErrors, HARMFUL_RATIO, SURE_SHARE
 from wrist_ft_comp.ranges import rounded
 
 Level = Literal['good', 'weak', 'harmful', 'uncalibrated', 'unjudged']
-#: For people, the best first.
+#: How people are told of a level; the best first.
 LEVEL_NAMES: dict[Level, str] = {
     'good': 'good', 'weak': 'weak', 'harmful': 'harmful', 'uncalibrated': 'not calibrated',
     'unjudged': 'nothing to judge',
@@ -49,19 +49,22 @@ class Evidence:
     noise: float
     #: Whether there is a model for the axis.
     compensated: bool
-    #: How many times as much ``after`` is as was measured; noise is the same on every day.
+    #: How many times as much is stated in ``after`` as was measured: drift goes further in a day
+    #: than in a block, and noise does not.
     widening: float = 1.0
     #: How far a thermometer moved within a recording, at most, K.
     moved_k: float = math.inf
     #: Smallest error among the candidates that were refused.
     best_candidate: float | None = None
-    #: The errors block by block, and what a block is.
+    #: The errors block by block.
     blocks: FoldErrors | None = None
+    #: What a block is, such as a recording.
     block_name: str = 'held-out block'
     #: How many recordings a calibration rests on; 0 if it is not one.
     recordings: int = 0
-    #: Slowest time constant, and longest recording; 0 if unknown.
+    #: Slowest time constant; 0 if unknown.
     slowest_s: float = 0.0
+    #: Longest recording; 0 if unknown.
     longest_s: float = 0.0
     #: Why an axis that drifts was not learnt, without a full stop; empty when it was.
     refusal: str = ''
@@ -110,7 +113,7 @@ def judge(evidence: Evidence) -> Verdict:
 
 
 def _rests_on(evidence: Evidence, *, harmful: bool = False) -> str:
-    """Say when it was too few recordings to know how they differ; and on what one is condemned."""
+    """Say so where one or two recordings cannot show how days differ, or what did the harm."""
     if evidence.recordings in {1, 2}:
         few = 'judged on parts of a single recording', 'which rests on two recordings'
         return f', {few[evidence.recordings - 1]}'

@@ -1,4 +1,4 @@
-"""What a page shows: records that are filled from a calibration or from an evaluation."""
+"""What a report shows: one record, built from a calibration or from an evaluation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,17 +8,40 @@ import numpy as np
 
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import StoredModel
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HeldOut, rms_by_fold
+from wrist_ft_comp.payload.gains import COUNTS
 from wrist_ft_comp.payload.learnt import LearntPayloads
 from wrist_ft_comp.recordings.chamber import ChamberFigures
-from wrist_ft_comp.report.coverage import Coverage
-from wrist_ft_comp.report.evaluation import AxisEvaluation
-from wrist_ft_comp.report.verdict import Evidence, judge, Verdict
-from wrist_ft_comp.signals import FloatArray, IntArray, NANOSECONDS, Recording
+from wrist_ft_comp.report.coverage import (
+    cover,
+    Coverage,
+    what_to_record_next,
+    what_was_not_learnt,
+)
+from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, TaredErrors
+from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
+from wrist_ft_comp.signals import (
+    AXES,
+    FloatArray,
+    IntArray,
+    NANOSECONDS,
+    noise_level,
+    Recording,
+    Reference,
+)
 
-#: What a body does later is hardly seen in a warm-up, s.
+#: Length of the response to a step that is drawn, s: what a body does later is hardly seen in a
+#: warm-up.
 _RESPONSE_S = 7200.0
-#: What a model says of an axis that it does not know.
-_NOTHING = {'chosen': 'none', 'reason': '', 'time_constants_s': [], 'candidates': [], 'notes': []}
+#: A recording is hard when the others leave this many times as much of it as is usual.
+_HARD_RATIO = 1.5
+#: Length of the bins in which shares of the time at work are drawn, h.
+_BIN_H = 1 / 12
+#: The entry of an axis that the model does not know.
+_NO_ENTRY = {
+    'chosen': 'none', 'reason': '', 'time_constants_s': [], 'candidates': [], 'notes': [],
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +57,11 @@ class ErrorSeries:
     after: FloatArray
     #: Lines are not drawn from one part to the next.
     part: IntArray
+
+    @property
+    def noise(self) -> float:
+        """Noise of what is left with compensation, in the axis' unit."""
+        return noise_level([self.after[self.part == part] for part in np.unique(self.part)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,18 +90,29 @@ class AxisView:
 class WorkView:
     """What was learnt at work."""
 
-    #: None where none could be told.
+    #: None where no payload could be identified.
     learnt: LearntPayloads | None
     #: Unit vectors of the specific force, as it was measured, in cells that counted, (n, 3).
     directions: FloatArray
-    #: Bins of time, (b,): their middles, which recording, and the shares of them that counted and
-    #: that were taken for contact.
+    #: Bins of time, (b,): their middles, h, and which recording they are of.
     hours: FloatArray
     part: IntArray
+    #: Shares of these bins that counted, and that were taken for contact, (b,).
     used: FloatArray
     pushed: FloatArray
     #: Tares of the driver that were taken out.
     steps: int
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluatedRecording:
+    """A recording on the model's grid, what it was compared with, and what came out."""
+
+    recording: Recording
+    reference: Reference
+    errors: TaredErrors
+    #: Of a chamber table, by title.
+    figures: Mapping[str, ChamberFigures] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +121,7 @@ class ReportView:
 
     kind: Literal['calibration', 'evaluation']
     stored: StoredModel
-    #: That the errors are of, with the same thermometers.
+    #: Which the errors are of, with the same thermometers.
     recordings: Sequence[Recording]
     #: Temperatures and loads of these.
     coverage: Coverage
@@ -95,16 +134,16 @@ class ReportView:
     #: What a person should know.
     warnings: tuple[str, ...]
     #: Figures of chamber tables, by name, then by title.
-    tables: Mapping[str, Mapping[str, ChamberFigures]] = field(default_factory=dict)
+    tables: Mapping[str, Mapping[str, ChamberFigures]]
     #: What was learnt at work, if it was.
     work: WorkView | None = None
 
     @property
     def provenance(self) -> dict[str, str]:
-        """Where the model came from, for people, by what it says."""
+        """Where the model came from, for people, by name."""
         document = self.stored.document
         provenance = document['provenance']
-        ranges = (each['range_c'] for each in document['thermometers'])
+        ranges = (thermometer['range_c'] for thermometer in document['thermometers'])
         return {
             'model file': str(self.stored.path),
             'SHA-256': self.stored.sha256,
@@ -117,17 +156,90 @@ class ReportView:
         }
 
 
-def axis_view(  # noqa: PLR0913 -- what is known of one axis, each a plain value
+def calibration_view(
+    calibration: Calibration,
+    recordings: Sequence[Recording],
+    stored: StoredModel,
+    reference: Reference,
+    tables: Mapping[str, Mapping[str, ChamberFigures]] | None = None,
+) -> ReportView:
+    """Fill a report's view; figures of chamber tables go by name, then by title."""
+    fits, work = calibration.fits, calibration.separation
+    # At work, what a payload weighs is the load that was known.
+    coverage = cover(recordings if work is None else work.drift)
+    durations_s = [recording.duration_s for recording in recordings]
+    axes = []
+    for axis, fit in fits.items():
+        series = _held_out_series(_held_out(fit), recordings, coverage.leading)
+        before, after = (float(np.abs(e).max()) for e in (series.before, series.after))
+        errors = AxisEvaluation(fit.rms_before, fit.rms_after, before, _widening(fit) * after)
+        evidence = _evidence_of_fit(fit, series, max(durations_s))
+        axes.append(_axis_view(stored, axis, evidence, errors, series))
+    # An axis that was refused drifts, and is explained no better than a weak one.
+    levels: dict[str, Level] = {
+        axis.axis: 'weak' if fits[axis.axis].refusal else axis.verdict.level for axis in axes
+    }
+    slowest_s = max(map(_slowest_s, fits.values()), default=0.0)
+    chamber = not all(_held_out(fit).tared for fit in fits.values())
+    advice = what_to_record_next(
+        coverage, levels, reference, durations_s, slowest_s, chamber=chamber
+    )
+    # A refusal is the verdict of its axis already.
+    refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
+    return ReportView(
+        kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
+        explanation=_explanation(calibration, recordings, reference), axes=tuple(axes),
+        advice=(*_hardest_day(fits, recordings), *advice),
+        warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
+        tables=tables or {}, work=_work_view(calibration))  # fmt: skip
+
+
+def evaluation_view(
+    stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float
+) -> ReportView:
+    """Fill a report's view from an evaluation; RecordingError when units differ."""
+    recordings = [judged.recording for judged in evaluated]
+    if len({recording.unit for recording in recordings}) > 1:
+        raise RecordingError(
+            'These recordings are in different units. Evaluate chamber tables and other '
+            'recordings apart.'
+        )
+    coverage = cover(recordings)
+    by_name = [(e.recording.name, judge_errors([e.errors])) for e in evaluated]
+    axes = []
+    for axis, errors in judge_errors([judged.errors for judged in evaluated]).items():
+        parts = [(name, figures[axis]) for name, figures in by_name if axis in figures]
+        series = _evaluated_series(evaluated, AXES.index(axis), coverage.leading)
+        evidence = Evidence(
+            unit=recordings[0].unit_of(axis), before=errors.rms_before, after=errors.rms_after,
+            noise=series.noise, moved_k=_moved_k(evaluated, AXES.index(axis)),
+            compensated=axis in stored.model.axes, block_name='recording',
+            blocks=FoldErrors(
+                np.array([figures.rms_before for _, figures in parts]),
+                np.array([figures.rms_after for _, figures in parts])))  # fmt: skip
+        axes.append(_axis_view(stored, axis, evidence, errors, series, parts))
+    ranges_c = [tuple(entry['range_c']) for entry in stored.document['thermometers']]
+    references = ', '.join(dict.fromkeys(judged.reference for judged in evaluated))
+    return ReportView(
+        kind='evaluation', stored=stored, recordings=recordings, coverage=coverage,
+        explanation='The model ran on the temperatures of these recordings alone. Raw and '
+        f'compensated wrenches were both tared on the first {tare_s:g} s. Reference: '
+        f'{references}.',
+        axes=tuple(axes), advice=(what_was_not_learnt(coverage, ranges_c),),
+        warnings=tuple(dict.fromkeys(w for r in recordings for w in r.warnings)),
+        tables={e.recording.name: e.figures for e in evaluated if e.figures})  # fmt: skip
+
+
+def _axis_view(  # noqa: PLR0913, PLR0917 -- what is known of one axis, each a plain value
     stored: StoredModel,
     axis: str,
     evidence: Evidence,
     errors: AxisEvaluation,
     series: ErrorSeries,
-    *,
     parts: Sequence[tuple[str, AxisEvaluation]] = (),
 ) -> AxisView:
     """Judge an axis, and say of it what the model's file does; a model need not know it."""
-    entry = stored.document['axes'].get(axis, _NOTHING)
+    entry = stored.document['axes'].get(axis, _NO_ENTRY)
     model = stored.model.axes.get(axis)
     return AxisView(
         axis=axis, unit=evidence.unit, verdict=judge(evidence), errors=errors, series=series,
@@ -157,31 +269,50 @@ def drifts_removed(model: AxisModel | None) -> str:
     return 'zero and gain' if len(model.dynamics.output_mean) == 2 else 'zero'
 
 
-def recording_starts_h(recordings: Sequence[Recording]) -> FloatArray:
+def one_after_the_other(
+    recordings: Sequence[Recording],
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Give times, h, (n,), temperatures, °C, (n, J), and which recording they are of, (n,)."""
+    pairs = zip(_starts_h(recordings), recordings, strict=True)
+    hours = np.concatenate([start + recording.elapsed_s / 3600 for start, recording in pairs])
+    temperature_c = np.concatenate([recording.temperature_c for recording in recordings])
+    part = np.repeat(np.arange(len(recordings)), list(map(len, recordings)))
+    return hours, temperature_c, part
+
+
+def _starts_h(recordings: Sequence[Recording]) -> FloatArray:
     """Put recordings one after the other: where each begins, h, shape (recordings,)."""
     ends_h = np.cumsum([recording.duration_s / 3600 for recording in recordings])
     return np.concatenate(([0.0], ends_h[:-1]))
 
 
-def one_after_the_other(
-    recordings: Sequence[Recording],
-) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Give times, h, (n,), temperatures, °C, (n, J), and which recording they are of, (n,)."""
-    pairs = zip(recording_starts_h(recordings), recordings, strict=True)
-    hours = np.concatenate([start + each.elapsed_s / 3600 for start, each in pairs])
-    temperature_c = np.concatenate([each.temperature_c for each in recordings])
-    part = np.repeat(np.arange(len(recordings)), [len(each) for each in recordings])
-    return hours, temperature_c, part
+def _evaluated_series(
+    evaluated: Sequence[EvaluatedRecording], column: int, leading: int
+) -> ErrorSeries:
+    """Lay the errors of an axis out over time and temperature, all recordings together."""
+    hours, temperature_c, part = one_after_the_other([judged.recording for judged in evaluated])
+    before = np.concatenate([judged.errors.before[:, column] for judged in evaluated])
+    after = np.concatenate([judged.errors.after[:, column] for judged in evaluated])
+    rows = np.isfinite(before) & np.isfinite(after)
+    columns = hours, temperature_c[:, leading], before, after, part
+    return ErrorSeries(*(values[rows] for values in columns))
+
+
+def _moved_k(evaluated: Sequence[EvaluatedRecording], column: int) -> float:
+    """Say how far a thermometer moved, at most, where an axis was compared, K."""
+    compared = (
+        e.recording.temperature_c[np.isfinite(e.errors.after[:, column])] for e in evaluated
+    )
+    return max(float(np.ptp(cells, axis=0).max()) for cells in compared if len(cells))
 
 
 def model_sources(stored: StoredModel) -> list[tuple[str, str]]:
-    """List paths and hashes, if known, of what a model was made from; people may have edited."""
+    """List paths and hashes of what a model was made from; what people may have edited is ''."""
     recordings = stored.document['provenance'].get('recordings')
-    known = recordings if isinstance(recordings, list) else []
     return [
-        (str(each.get('path', '?')), str(each.get('sha256', '')))
-        for each in known
-        if isinstance(each, dict)
+        (str(source.get('path', '?')), str(source.get('sha256', '')))
+        for source in (recordings if isinstance(recordings, list) else [])
+        if isinstance(source, dict)
     ]
 
 
@@ -197,3 +328,128 @@ def _listed(values: Any) -> str:
     if isinstance(values, list):
         return ' '.join(_listed(value) for value in values) or 'none'
     return 'none' if values is None else str(values)
+
+
+def _held_out(fit: AxisFit) -> HeldOut:
+    """Return the errors that every identified axis carries."""
+    assert fit.held_out is not None  # noqa: S101 -- identify_axis always keeps them
+    return fit.held_out
+
+
+def _widening(fit: AxisFit) -> float:
+    """Say how many times as much is stated to be left as was of the folds that were held out."""
+    held_out = _held_out(fit)
+    measured = float(rms_by_fold(held_out).after.mean())
+    whole = not held_out.tared or held_out.recording.any()
+    return 1.0 if whole or measured == 0 else fit.rms_after / measured
+
+
+def _slowest_s(fit: AxisFit) -> float:
+    """Find the slowest time constant that was searched, s; those of a bank are given."""
+    pairs = zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
+    return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
+
+
+def _evidence_of_fit(fit: AxisFit, series: ErrorSeries, longest_s: float) -> Evidence:
+    """Collect what is known about one axis of a calibration."""
+    held_out = _held_out(fit)
+    tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
+    return Evidence(
+        unit=fit.unit, before=fit.rms_before, after=fit.rms_after, noise=series.noise,
+        widening=_widening(fit), compensated=fit.model is not None,
+        best_candidate=min(tried, default=None), blocks=rms_by_fold(held_out),
+        recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
+        slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal)  # fmt: skip
+
+
+def _held_out_series(
+    held_out: HeldOut, recordings: Sequence[Recording], leading: int
+) -> ErrorSeries:
+    """Lay held-out errors out over time and temperature; every fold of a recording is a part."""
+    period_h = recordings[0].period_s / 3600
+    temperature_c = [
+        recordings[number].temperature_c[round(cell), leading]
+        for number, cell in zip(held_out.recording, held_out.cell, strict=True)
+    ]
+    return ErrorSeries(
+        hours=_starts_h(recordings)[held_out.recording] + (held_out.cell + 0.5) * period_h,
+        temperature_c=np.array(temperature_c), before=held_out.before, after=held_out.after,
+        part=held_out.recording * (held_out.fold.max() + 1) + held_out.fold)  # fmt: skip
+
+
+def _hardest_day(fits: Mapping[str, AxisFit], recordings: Sequence[Recording]) -> list[str]:
+    """Name the recording that the others predict worst: what is like it was seen too little."""
+    if len(recordings) < 3:
+        return []
+    after = {axis: rms_by_fold(_held_out(fit)).after for axis, fit in fits.items() if fit.model}
+    shares = [
+        left / max(left.mean(), 1e-300) for left in after.values() if len(left) == len(recordings)
+    ]
+    share = np.mean(shares or [[0.0]], axis=0)
+    if share.max() < _HARD_RATIO * np.median(share):
+        return []
+    hardest = int(np.argmax(share))
+    axis = max(after, key=lambda name: after[name][hardest] / max(fits[name].rms_before, 1e-300))
+    unit = fits[axis].unit
+    sentence = (
+        f'{recordings[hardest].name} is predicted worst by the others: {after[axis][hardest]:.3g} '
+        f'{unit} of {axis} are left, in the mean of all {after[axis].mean():.3g} {unit}. Another '
+        'day like it would help most.'
+    )
+    return [sentence]
+
+
+def _explanation(
+    calibration: Calibration, recordings: Sequence[Recording], reference: Reference
+) -> str:
+    """Say what was held out, and from where errors are counted."""
+    fits = calibration.fits.values()
+    first = _held_out(next(iter(fits)))
+    count, widened = len(np.unique(first.fold)), ''
+    if len(recordings) > 1:
+        blocks = f'Each of the {count} recordings was held out in turn'
+        zero = 'its first minute'
+    elif first.tared:
+        minutes = recordings[0].duration_s / count / 60
+        blocks = (
+            f'The recording was cut into {count} blocks of {minutes:.0f} min, and each was held '
+            'out in turn'
+        )
+        zero = 'its first minute'
+        factors = [_widening(fit) for fit in fits]
+        widened = (
+            f' What is left is stated {min(factors):.1f} to {max(factors):.1f} times as large as '
+            'it was (see the pictures), because drift goes further in a day than in a block.'
+        )
+    else:
+        blocks = f'Each of the {count} plateaus was held out in turn'
+        zero = 'the mean of the other plateaus'
+    tared = ': as after a tare' if first.tared else ''
+    return (
+        f'{blocks}: a model that was fitted to the others ran on its temperatures alone. Errors '
+        f'are means over {first.bin_s:g} s, counted from {zero}, with compensation and '
+        f'without{tared}.{widened} Reference: {reference}.'
+    )
+
+
+def _work_view(calibration: Calibration) -> WorkView | None:
+    """Collect payloads, directions and what counted; None where nothing was learnt at work."""
+    separation = calibration.separation
+    if separation is None:
+        return None
+    recordings, counts = separation.recordings, separation.fit.weights > COUNTS
+    counted = separation.cells.join(counts)
+    pushed = separation.cells.join(separation.cells.usable & ~counts)
+    rows = []
+    for i, start_h in enumerate(_starts_h(recordings)):
+        bins = (recordings[i].elapsed_s / 3600 // _BIN_H).astype(np.int64)
+        cells = np.maximum(np.bincount(bins), 1)
+        middles = start_h + (np.arange(len(cells)) + 0.5) * _BIN_H
+        shares = [np.bincount(bins, flags[i]) / cells for flags in (counted, pushed)]
+        rows.append(np.stack((middles, np.full(len(cells), float(i)), *shares)))
+    hours, part, used, contact = np.concatenate(rows, axis=1)
+    forces = np.concatenate(separation.accelerometer.forces)[np.concatenate(counted)]
+    return WorkView(
+        learnt=calibration.payloads, hours=hours, part=part.astype(np.int64), used=used,
+        directions=forces / np.linalg.norm(forces, axis=1, keepdims=True), pushed=contact,
+        steps=sum(map(len, separation.steps)))  # fmt: skip
