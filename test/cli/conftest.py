@@ -67,7 +67,7 @@ def process():
 
     def start(*argv, **more):
         command = [sys.executable, '-m', 'wrist_ft_comp', *map(str, argv)]
-        return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **more)
+        return subprocess.Popen(command, text=True, **{'stderr': subprocess.PIPE, **more})
 
     return start
 

@@ -44,24 +44,12 @@ def good():
 
 
 def put(channel, value, *places):
-    """Change a channel at some places, or all."""
+    """Give a channel, or its samples at some places, a value, or a function of what they were."""
 
     def change(table):
-        table[channel][list(places) if places else slice(None)] = value
-
-    return change
-
-
-def add(channel, value, *places):
-    def change(table):
-        table[channel][list(places) if places else slice(None)] += value
-
-    return change
-
-
-def convert(channel, function):
-    def change(table):
-        table[channel] = function(table[channel])
+        values = table.setdefault(channel, np.zeros(ROWS))
+        at = list(places) if places else slice(None)
+        values[at] = value(values[at]) if callable(value) else value
 
     return change
 
@@ -77,12 +65,16 @@ def rename(channel, name, function=lambda values: values):
     return change
 
 
-def both(*changes):
-    def change(table):
-        for each in changes:
-            each(table)
+def without(*channels):
+    return lambda table: [table.pop(channel) for channel in channels]
 
-    return change
+
+def both(*changes):
+    return lambda table: [change(table) for change in changes]
+
+
+def plus(offset):
+    return lambda values: values + offset
 
 
 def kelvin(values):
@@ -93,26 +85,11 @@ def fahrenheit(values):
     return values * 1.8 + 32
 
 
-def without(*channels):
-    def change(table):
-        for channel in channels:
-            del table[channel]
-
-    return change
-
-
-def more(name, value=1.0):
-    def change(table):
-        table[name] = np.full(ROWS, value)
-
-    return change
-
-
 EVERY_TENTH = range(0, ROWS, 10)
 #: Name: change, pattern of the sentence, doors. These are refused …
 REFUSED = {
     'kelvin in °C': (
-        convert('temperature_c', kelvin),
+        put('temperature_c', kelvin),
         r'600 of 600 .* In kelvins it would be 21.0 °C: then name it (\S+_k|\S+temperature:K)\.$',
         ALL,
     ),
@@ -120,22 +97,22 @@ REFUSED = {
     'absolute zero in a tenth': (
         put('temperature_c', -273.15, *EVERY_TENTH), '60 of 600 .* such as -273.1 °C', ALL),
     'tenths of a degree': (
-        convert('temperature_c', lambda v: 10 * v + 20), 'which no sensor reads', ALL),
+        put('temperature_c', lambda v: 10 * v + 20), 'which no sensor reads', ALL),
     'temperature never a number': (put('temperature_c', np.inf), '600 of 600 .* not finite', ALL),
     'wrench never a number': (put('force_z', np.inf), '600 of 600 .* not finite', ALL),
     'a wrench that overflows': (put('force_z', 1e300), 'are outside -1e\\+09 to 1e\\+09', ALL),
     'stamps run back': (
-        convert('stamp_s', lambda v: v[::-1].copy()), '599 of 600 .* does not increase', ALL),
+        put('stamp_s', lambda v: v[::-1].copy()), '599 of 600 .* does not increase', ALL),
     'stamps stand still': (put('stamp_s', EPOCH_S), 'does not increase', ALL),
     'stamps begin anew half-way': (
-        convert('stamp_s', lambda v: np.concatenate((v[:300], v[:300]))),
+        put('stamp_s', lambda v: np.concatenate((v[:300], v[:300]))),
         '300 of 600 .* does not increase', ALL),
     'stamps of years out of few rows': (
-        add('stamp_s', 3e8, ROWS - 1), r'span 3\S*e\+08 s; at most \d+ thermal cells', ALL),
+        put('stamp_s', plus(3e8), ROWS - 1), r'span 3\S*e\+08 s; at most \d+ thermal cells', ALL),
     'a first stamp of 1970': (
         put('stamp_s', 1.0, 0), r'span 1.72\d+e\+09 s; at most', ALL),
     'milliseconds called seconds': (
-        convert('stamp_s', lambda v: 1e5 * (v - EPOCH_S)),
+        put('stamp_s', lambda v: 1e5 * (v - EPOCH_S)),
         r'span 5.99\S*e\+07 s.*stamp_s, stamp_ms, stamp_us or stamp_ns', COLUMNS),
     'microseconds called nanoseconds': (
         rename('stamp_s', 'stamp_ns', lambda v: ((v - EPOCH_S) * 1000).astype(int)),
@@ -159,9 +136,9 @@ REFUSED = {
     'a second thermometer without a first': (
         rename('temperature_c', 'temperature_2_c'), 'no temperature column', COLUMNS),
     'one thermometer in two units': (
-        more('temperature_k', 3e2), 'temperature_k and temperature_c, which is the s', COLUMNS),
+        put('temperature_k', 3e2), 'temperature_k and temperature_c, which is the s', COLUMNS),
     'a gap in the numbers of thermometers': (
-        more('temperature_3_c', 20.0), 'no usable temperature_2_c', COLUMNS),
+        put('temperature_3_c', 20.0), 'no usable temperature_2_c', COLUMNS),
     'two clocks': (None, r'17232\d+ s apart; both drivers must use one clock', BAGS),
     'no stamp at all': (None, 'header stamp 0', BAGS),
     'thermometer without a stamp': (
@@ -171,13 +148,14 @@ REFUSED = {
         None, r'holds a wrench inside \(wrench.force\).*topic_tools transform', BAGS),
     'a stamp taken for a temperature': (None, 'such as 1.72\\d+e\\+09 °C', BAGS),
     'a step that stays': (
-        add('force_z', 30.0, *range(300, ROWS)),
+        put('force_z', plus(30.0), *range(300, ROWS)),
         r'force_z of .* jumps by [23]\d.* N after 300 s.*\(1 jumps, at stamp 1723248497 s\)', ALL),
     'a contact of three seconds': (
-        add('force_z', 30.0, 300, 301, 302),
+        put('force_z', plus(30.0), 300, 301, 302),
         r'jumps by 30.* \(2 jumps, at stamp 172324849[67] s to 172324850[01] s\)', ALL),
     'taps all the time': (
-        add('force_z', 30.0, *range(5, ROWS, 40)), r'\(30 jumps, at stamp 1723248202 s to', ALL),
+        put('force_z', plus(30.0), *range(5, ROWS, 40)),
+        r'\(30 jumps, at stamp 1723248202 s to', ALL),
     'no warm-up': (put('temperature_c', 22.0), 'spans 0.0 K; at least 3.0 K', ALL),
     'every axis dead': (
         both(put('force_z', 0.0), put('force_x', 0.0)), 'keeps one value throughout', ALL),
@@ -185,7 +163,7 @@ REFUSED = {
 #: … and these give a model, with a warning.
 WARNED = {
     'one spike': (
-        add('force_z', 60.0, 300),
+        put('force_z', plus(60.0), 300),
         r'force_z of .* alone in 1 of 600 cells, first at stamp 1723248497 s with 7\d.* N', ALL),
     'one reading of absolute zero': (
         put('temperature_c', -273.15, 300),
@@ -196,20 +174,20 @@ WARNED = {
         put('temperature_c', np.inf, 300), '1 of 600 samples are not finite; they', ALL),
     'one wrench that is none': (put('force_z', np.inf, 300), '1 of 600 .* not finite; they', ALL),
     'one stamp hours ahead': (
-        add('stamp_s', 5e4, 300), '1 of 600 samples have a stamp that does not inc', ALL),
+        put('stamp_s', plus(5e4), 300), '1 of 600 samples have a stamp that does not inc', ALL),
     'one stamp hours behind': (
-        add('stamp_s', -5e4, 300), '1 of 600 samples have a stamp that does not inc', ALL),
+        put('stamp_s', plus(-5e4), 300), '1 of 600 samples have a stamp that does not inc', ALL),
     'a temperature in Fahrenheit': (
-        convert('temperature_c', fahrenheit),
+        put('temperature_c', fahrenheit),
         r'hot throughout: .* Fahrenheit it would be 21.0 °C: then name it \S+(_f|:F)\.$', ALL),
     'columns that nobody knows': (
-        both(more('note'), more('Torque_Z'), more('force_y_kn')),
+        both(put('note', 1.0), put('Torque_Z', 1.0), put('force_y_kn', 1.0)),
         r'used: note, Torque_Z, force_y_kn. Is Torque_Z meant.* \(N m\)\? Is force_y_kn', COLUMNS),
-    'a second time': (more('time'), 'not understood and not used: time\\.', COLUMNS),
+    'a second time': (put('time', 1.0), 'not understood and not used: time\\.', COLUMNS),
     'a thermometer more': (
-        more('temp_motor', 30.0), 'Is temp_motor meant to be temperature_2_c', COLUMNS),
+        put('temp_motor', 30.0), 'Is temp_motor meant to be temperature_2_c', COLUMNS),
     'months': (
-        convert('stamp_s', lambda v: 2000 * (v - EPOCH_S)), r'lasts 13.9 days', COLUMNS),
+        put('stamp_s', lambda v: 2000 * (v - EPOCH_S)), r'lasts 13.9 days', COLUMNS),
     'a wrench without a stamp': (None, '1 of 600 samples have a stamp that', BAGS),
 }  # fmt: skip
 

@@ -19,6 +19,17 @@ def test_learns_gain_drift_where_the_reference_was_recorded(done, make, tmp_path
     assert 'gain' in done('show', model)
 
 
+@pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
+def test_a_bag_of_a_kilohertz_is_learnt_and_judged(storage, done, bags, tmp_path):
+    path = tmp_path / 'm.yaml'
+    learnt = json.loads(done('calibrate', bags[storage], '-o', path, '--method', 'pls', '--json'))
+    assert learnt['duration_s'] == 90
+    judged = json.loads(done('evaluate', path, bags[storage], '--json', '--tare', '2'))
+    force = judged['axes']['force_z']
+    assert force['rms_after'] < 0.1 * force['rms_before']
+    assert force['rms_before'] > 10
+
+
 @pytest.mark.parametrize('method', METHODS)
 def test_every_method_learns(method, done, drift_csv, tmp_path):
     model = tmp_path / 'm.yaml'
@@ -52,22 +63,6 @@ def test_figures_of_one_recording_are_of_the_same_blocks_by_every_method(done, m
         assert figures[3] > figures[1]
         assert f'({before:.3g} → {fit["rms_after"]:.3g} N RMS)' in fit['why']
         assert f'{before:.4g}  ' in done('show', tmp_path / 'm.yaml')
-
-
-def test_a_quiet_block_does_not_make_an_axis_weak(done, make, tmp_path):
-    """A body that is not the sensor's warms one thermometer by 0.1 K in the quiet last fifth."""
-    columns, page = make.drifting(2000), tmp_path / 'r.html'
-    rng, t = np.random.default_rng(4), np.arange(2000)
-    inside = 20 + 8 * np.sin(np.minimum(t, 1600) / 200) ** 2
-    columns['force_z'] = (1.5 * inside + rng.normal(0, 0.02, 2000)).tolist()
-    columns['torque_x'] = (0.1 * inside + rng.normal(0, 0.001, 2000)).tolist()
-    columns['temperature_c'] = (inside + np.where(t > 1600, 0.1 * np.sin(t / 60), 0)).tolist()
-    path, model = make.csv(tmp_path / 'day.csv', columns), tmp_path / 'm.yaml'
-    argv = ['calibrate', path, '-o', model, '--method', 'pls', '--report', page, '--json']
-    axes = json.loads(done(*argv))['axes']
-    assert {each['verdict'] for each in axes.values()} == {'good'}, axes
-    assert all(each['rms_after'] < 0.1 * each['rms_before'] for each in axes.values())
-    assert 'put another one' not in page.read_text()
 
 
 def test_text_says_what_was_learnt_and_where_it_is(done, drift_csv, tmp_path):
@@ -119,52 +114,10 @@ def test_a_refusal_leaves_the_model_as_it_was(run, make, model, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {'m.yaml', 'flat.csv'}
 
 
-def test_a_report_that_cannot_be_written_stops_before_the_fit(run, drift_csv, tmp_path):
-    model = tmp_path / 'm.yaml'
-    (tmp_path / 'file').touch()
-    outcome = run('calibrate', drift_csv, '-o', model, '--report', tmp_path / 'file' / 'r.html')
-    assert f'{tmp_path / "file"} is no folder' in outcome.sentence
-    assert not model.exists()
-
-
-def test_a_report_shows_every_axis_and_recording(done, make, tmp_path):
-    paths = [make.csv(tmp_path / f'{k}.csv', make.drifting(seed=k)) for k in range(2)]
-    page = tmp_path / 'r.html'
-    done('calibrate', *paths, '-o', tmp_path / 'm.yaml', '--method', 'pls', '--report', page)
-    text = page.read_text()
-    for word in ('0.csv', '1.csv', 'force z', 'torque x', 'pls'):
-        assert word in text
-    assert text.count('<svg') == 8  # three of each axis, and two of what was covered
-
-
-@pytest.mark.parametrize(
-    ('options', 'expected'),
-    [
-        (['--hat-temperatures', 'warm'], 'number'),
-        (['--hat-temperatures', '20,nan'], 'number'),
-        (['--hat-temperatures', '20'], 'at least two'),
-        (['--hat-temperatures', ''], 'number'),
-        (['--thermal-period', '0'], '0.1 to 600'),
-        (['--thermal-period', '1e30'], '0.1 to 600'),
-        (['--min-temperature-span', '-1'], 'at least 0'),
-        (['--min-temperature-span', 'inf'], 'number'),
-        (['--method', 'magic'], 'invalid choice'),
-        (['--degree', 'two'], 'invalid int'),
-    ],
-)
-def test_nonsense_is_a_matter_of_usage(options, expected, run, drift_csv, tmp_path):
-    outcome = run('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', *options)
-    assert outcome.code == 2
-    assert expected in outcome.err
-    assert not outcome.out
-
-
 @pytest.mark.parametrize(
     ('options', 'expected'),
     [
         (['--degree', '0'], 'between 1 and 4'),
-        (['--degree', '5'], 'between 1 and 4'),
-        (['--latents', '0'], 'At least 1 latent'),
         (['--features', 'powers', '--hat-temperatures', '10,20'], 'hats'),
         (['--min-temperature-span', '50'], '50.0 K are needed'),
         (['--reference', 'recorded'], 'no reference wrench'),
@@ -178,16 +131,8 @@ def test_settings_that_cannot_be_are_refused(options, expected, run, drift_csv, 
     assert not (tmp_path / 'm.yaml').exists()
 
 
-@pytest.mark.parametrize(
-    ('entries', 'sentence'),
-    [
-        (['/a:b:Kelvin'], "'/a:b:Kelvin' is in the unit 'Kelvin'; expected C, K or F"),
-        (['/a:b', 'a:b:K'], "'/a:b' and 'a:b:K' are one and the same"),
-    ],
-)
-def test_a_wrong_temperature_is_refused_before_anything_is_read(
-    run, bags, tmp_path, entries, sentence
-):
-    words = [word for entry in entries for word in ('--temperature-topic', entry)]
-    outcome = run('calibrate', bags['mcap'], '-o', tmp_path / 'model.yaml', *words)
-    assert sentence in outcome.sentence
+def test_a_wrong_temperature_is_refused_before_anything_is_read(run, bags, tmp_path):
+    words = ['-o', tmp_path / 'model.yaml', '--temperature-topic', '/a:b:Kelvin']
+    sentence = run('calibrate', bags['mcap'], *words).sentence
+    assert "'Kelvin'" in sentence
+    assert 'C, K or F' in sentence

@@ -1,11 +1,50 @@
+"""What show says of a model, a recording, payloads, and the days of a node; and its tables."""
+
 import json
+from math import nan
 import re
 
+from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
+import pytest
 import yaml
 
+from wrist_ft_comp.cli.tables import table_text, verdict_text, verdicts_json
+from wrist_ft_comp.learning.day_files import DayFiles
+from wrist_ft_comp.learning.diary import diary_path, save_diary
+from wrist_ft_comp.learning.entry import DayEntry, Decision, Diary
+from wrist_ft_comp.learning.memory import Memory, save_memory
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.report.verdict import Verdict
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
+
+word = st.text(st.characters(categories=['Ll', 'Nd'], max_codepoint=127), min_size=1, max_size=60)
+
+
+@given(st.lists(st.lists(word, min_size=4, max_size=4), min_size=1, max_size=6))
+def test_every_table_fits_and_loses_nothing(rows):
+    text = table_text(rows[0], rows[1:])
+    assert max(map(len, text.splitlines())) <= 80
+    assert sorted(''.join(text.split())) == sorted(''.join(''.join(row) for row in rows))
+
+
+def test_a_table_is_aligned_and_a_long_list_is_broken_between_its_words():
+    text = table_text(['axis', 'N'], [['force_z', '1'], ['torque_x', '23']])
+    assert text == 'axis       N\nforce_z    1\ntorque_x  23'
+    taus = ', '.join(f'{tau}' for tau in range(1000, 1015))
+    lines = table_text(['axis', 'time constants'], [['force_z', taus]]).splitlines()
+    assert len(lines) == 3
+    assert ' '.join(lines[1:]).split()[1:] == taus.split()
+
+
+def test_verdicts_fit_the_screen_and_are_plain_values_for_scripts():
+    sentence = 'Many words make a long sentence. ' * 5
+    text = verdict_text({'force_z': Verdict('uncalibrated', sentence)})
+    assert max(map(len, text.splitlines())) <= 80
+    assert text.startswith('force_z: not calibrated. ')
+    plain = verdicts_json({'force_z': Verdict('good', 'Why.')})
+    assert plain == {'force_z': {'level': 'good', 'why': 'Why.'}}
 
 
 def test_a_model_says_what_it_is_and_what_it_is_for(done, model):
@@ -14,51 +53,45 @@ def test_a_model_says_what_it_is_and_what_it_is_for(done, model):
         assert words in out
     assert 'how a wrist force/torque sensor drifts' in out
     assert max(len(line) for line in out.splitlines() if str(model) not in line) <= 80
-
-
-def test_a_model_as_json_is_the_file(done, model):
     shown = json.loads(done('show', model, '--json'))
     assert len(shown.pop('sha256')) == 64
     assert shown == yaml.safe_load(model.read_text())
 
 
-def test_a_model_whose_provenance_was_edited_is_shown(done, model, tmp_path):
-    document = yaml.safe_load(model.read_text())
-    copy = tmp_path / 'edited.yaml'
-    for provenance in (
+@pytest.mark.parametrize(
+    'provenance',
+    [
         {},
         {'recordings': 3},
         {'temperature_topics': 'a'},
         {'created': yaml.safe_load('2024-05-01')},
-    ):
-        copy.write_text(yaml.safe_dump({**document, 'provenance': provenance}))
-        assert 'a drift model' in done('show', copy)
-        json.loads(done('show', copy, '--json'))
+    ],
+)
+def test_a_model_whose_provenance_was_edited_is_shown(provenance, done, model, tmp_path):
+    document, copy = yaml.safe_load(model.read_text()), tmp_path / 'edited.yaml'
+    copy.write_text(yaml.safe_dump({**document, 'provenance': provenance}))
+    assert 'a drift model' in done('show', copy)
+    json.loads(done('show', copy, '--json'))
 
 
-def test_a_csv_says_its_channels(done, drift_csv):
+def test_a_csv_says_its_channels_and_what_to_do_with_it(done, drift_csv, make, tmp_path):
     out = done('show', drift_csv)
     assert out.startswith('drift.csv: CSV recording, 399.0 s')
-    assert 'raw wrench' in out
     assert re.search(r'temperature_c +°C, 20\.\d to 3\d\.\d', out)
+    assert re.search(r' 400 +1 +raw wrench', out)  # samples, per second
+    assert f'wrist_ft_comp calibrate {drift_csv} -o model.yaml' in out
     shown = json.loads(done('show', drift_csv, '--json'))
     torque = {'name': 'torque_x', 'role': 'raw wrench', 'kind': 'N m', 'samples': 400}
-    torque['reads'] = None
-    assert torque in shown['channels']
+    assert {**torque, 'reads': None} in shown['channels']
     assert shown['last_ns'] - shown['first_ns'] == 399 * 10**9
-
-
-def test_a_recording_says_what_to_do_with_it(done, drift_csv, make, tmp_path):
-    assert f'wrist_ft_comp calibrate {drift_csv} -o model.yaml' in done('show', drift_csv)
     loaded = make.csv(tmp_path / 'loaded.csv', make.loaded())
     assert done('show', loaded).rstrip().endswith('--reference recorded')
-    assert re.search(r' 400 +1 +raw wrench', done('show', drift_csv))  # samples, per second
 
 
 def test_a_recording_says_what_it_lacks(done, make, tmp_path):
     path = make.csv(tmp_path / 'run.csv', {'stamp_s': [0.0, 1.0], 'force_x': [1.0, 2.0]})
     out = done('show', path)
-    assert 'It holds no temperature, so nothing can be learnt from it.' in out
+    assert 'holds no temperature' in out
     assert 'calibrate' not in out
 
 
@@ -70,10 +103,8 @@ def test_a_bag_says_which_topic_may_be_meant(done, bags):
 
 def test_a_bag_without_wrenches_names_no_topic_that_would_not_help(done, messages, tmp_path):
     part = ('/motor/heat', messages.temperature_type, 1, messages.temperature(1, 20.0))
-    out = done('show', messages.write(tmp_path / 'bag', [part])).rstrip()
-    assert out.endswith(
-        'It holds no raw wrench in a form that can be read, so nothing can be learnt from it.'
-    )
+    out = done('show', messages.write(tmp_path / 'bag', [part]))
+    assert 'holds no raw wrench in a form that can be read, so nothing' in out
 
 
 def test_a_report_is_known(done, drift_csv, model, tmp_path):
@@ -114,7 +145,7 @@ def test_a_recording_says_which_directions_gravity_had(done, make, tmp_path):
 def test_a_recording_of_one_pose_says_that_no_payload_can_be_told(done, make, tmp_path):
     out = done('show', accelerated(make, tmp_path, np.repeat([[0.0, 0.0, 9.8]], 9, axis=0)))
     assert 'none of them were seen' in out
-    assert 'let the robot tilt the tool about two axes' in out
+    assert 'tilt the tool about two axes' in out
 
 
 def test_payloads_are_listed_by_name_and_an_error_that_is_unknown_is_null(run, tmp_path):
@@ -128,3 +159,94 @@ def test_payloads_are_listed_by_name_and_an_error_that_is_unknown_is_null(run, t
     assert 'of the time' not in shown.partition('tool-2')[2]
     one, two = json.loads(run('show', file, '--json').out)['payloads']
     assert (one['name'], one['mass_kg'], two['mass_error_kg']) == ('tool-1', 1.4, None)
+
+
+DAY = 86_400 * 10**9
+START = 1_770_000_000 * 10**9
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A node's folder: two judged days, one of them hit, and one that goes on."""
+    folder = tmp_path / 'robots/left'
+    left = {'none': (3.0,) * 6, 'abc': (0.3,) * 6, 'challenger': (0.2,) * 6}
+    days = (
+        DayEntry('day_00001.csv', START, 24.0, ((18.0, 25.0),), left=left, live='abc',
+                 verdict='the challenger is better by chance only'),
+        DayEntry('day_00002.csv', START + DAY, 23.5, ((24.0, 29.0),),
+                 left={'none': (4.0, nan, nan, nan, nan, nan)}, live='abc',
+                 incident='zero of force_z jumped by 4.1 N at 13:02'),
+        DayEntry('day_00004.csv', START + 3 * DAY, 9.0, ((35.0, 40.0),), verdict='all is well'),
+    )  # fmt: skip
+    changes = (Decision('day_00001.csv', 'model_x.yaml was adopted'),)
+    save_diary(folder, Diary(days, changes, 'zero of force_z jumped'))
+    save_memory(folder, Memory(change='2026-05-02: model_x.yaml was adopted', offered='m.yaml'))
+    files = DayFiles(folder, ('force_x', 'temperature_c'), 1e9, 'day_00004.csv')
+    for hour in range(13):
+        files.append(START + 4 * DAY + hour * 3600 * 10**9, (1.0, 20.0))
+    files.close()
+    return folder
+
+
+def test_a_table_tells_of_every_day(done, folder):
+    text = done('show', folder)
+    lines = text.splitlines()
+    assert lines[0].startswith(f'{folder}: days of a node that learns, 4')
+    for words in (
+        'day_00001  2026-02-02   24.0     18.0 to 25.0         3        0.3',
+        'day_00002  2026-02-03   23.5     24.0 to 29.0         4          -',
+        'day_00005  2026-02-06   12.0',
+        'day_00001.csv: the challenger is better by chance only',
+        'day_00002.csv: zero of force_z jumped by 4.1 N at 13:02',
+        'day_00005.csv: not judged yet',
+        'after day_00001.csv: model_x.yaml was adopted',
+        'last change: 2026-05-02',
+        'known temperatures: thermometer 1: 18.0 to 29.0, 35.0 to 40.0 °C',
+        'offered: m.yaml',
+        'paused: zero of force_z jumped',
+    ):
+        assert words in text
+    assert max(map(len, lines[1:])) <= 80
+    (document,) = json.loads(done('show', folder, '--json')).values()
+    assert document['days'][0]['left']['abc'] == [0.3] * 6
+    assert document['days'][1]['left']['none'][1] is None
+    assert document['paused'] == 'zero of force_z jumped'
+
+
+def test_of_a_day_that_tells_nothing_neither_date_nor_length_is_told(done, folder):
+    (folder / 'days/day_00006.csv').write_text('stamp_s,force_x\n')
+    text = done('show', folder)
+    assert '1970' not in text
+    (line,) = (line for line in text.splitlines() if line.startswith('day_00006  '))
+    assert line.split()[1:] == ['-'] * 6
+    (document,) = json.loads(done('show', folder, '--json')).values()
+    assert (document['days'][-1]['first_ns'], document['days'][-1]['hours']) == (None, None)
+    assert document['days'][0]['hours'] == 24.0
+
+
+def test_the_days_themselves_and_a_folder_of_several_sensors_will_do(done, folder):
+    assert done('show', folder / 'days') == done('show', folder)
+    assert done('show', folder.parent) == done('show', folder)
+
+
+@pytest.mark.parametrize('content', [None, '{', '{"format": "other"}'])
+def test_without_a_diary_the_files_are_told(done, folder, content):
+    path = diary_path(folder)
+    path.unlink() if content is None else path.write_text(content)
+    text = done('show', folder)
+    assert 'that learns, 1\n' in text
+    assert 'day_00005' in text
+
+
+def test_a_picture_is_drawn(done, folder):
+    path = folder / 'days.png'
+    done('show', folder, '--picture', path)
+    assert path.read_bytes().startswith(b'\x89PNG')
+
+
+def test_a_folder_without_days_and_a_picture_of_none_are_sentences(run, folder, drift_csv):
+    empty = folder / 'empty'
+    empty.mkdir()
+    (empty / 'state.json').write_text('{}')
+    assert 'holds no days' in run('show', empty).sentence
+    assert '--picture draws the days' in run('show', drift_csv, '--picture', 'a.png').sentence

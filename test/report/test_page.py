@@ -260,4 +260,4 @@ def test_a_robot_at_work_has_its_payloads_and_what_was_used_on_the_page(text, vi
     assert 'Loads by what was mounted' in whole
     assert 'drift of the gain is not known' not in whole
     without = brief(replace(view('work'), work=replace(work, learnt=None)))
-    assert 'No payload is told' in Outline(without).whole
+    assert 'No payload could be identified' in Outline(without).whole

@@ -1,7 +1,7 @@
 """wrist_ft_comp evaluate: what a model leaves of the drift in other recordings."""
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,24 +58,34 @@ def run(arguments: argparse.Namespace) -> int:
             _judge(arguments, stored, path, part_of(progress, number, count))
             for number, path in enumerate(arguments.recordings)
         ]
-    pooled = judge_errors([each.errors for each in judged])
     view = evaluation_view(stored, judged, arguments.tare)
+    errors = {axis.axis: axis.errors for axis in view.axes}
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
     if not arguments.json:
         units = {axis.axis: axis.unit for axis in view.axes}
-        print(f'{evaluation_text(pooled, units)}\n\n{tables.verdict_text(verdicts)}')
-        for path, each in zip(arguments.recordings, judged, strict=True):
-            if each.figures:
-                print(f'\n{path}\n{tables.chamber_table_text(each.figures)}')
+        print(f'{evaluation_text(errors, units)}\n\n{tables.verdict_text(verdicts)}')
+        for path, evaluated in zip(arguments.recordings, judged, strict=True):
+            if evaluated.figures:
+                print(f'\n{path}\n{tables.chamber_table_text(evaluated.figures)}')
     tables.print_warnings(view.warnings)
     if arguments.report:
         REPORT.write(arguments.report, page(view))
         if not arguments.json:
             print(f'report: {arguments.report}')
     if arguments.json:
-        figures = _as_json(arguments, stored, pooled, judged)
-        also = {'verdicts': tables.verdicts_json(verdicts), 'warnings': view.warnings}
-        options.print_json({**figures, **also})
+        by_path = dict(zip(map(str, arguments.recordings), judged, strict=True))
+        options.print_json(
+            {
+                'model': str(stored.path),
+                'sha256': stored.sha256,
+                'tare_s': arguments.tare,
+                'axes': errors,
+                'recordings': [_as_json(path, evaluated) for path, evaluated in by_path.items()],
+                'chamber_tables': {path: e.figures for path, e in by_path.items() if e.figures},
+                'verdicts': tables.verdicts_json(verdicts),
+                'warnings': view.warnings,
+            }
+        )
     return 0
 
 
@@ -112,9 +122,9 @@ def _unknown_payloads(
     stored: StoredModel, name: str, found: LearntPayloads | None
 ) -> Iterator[str]:
     """Mark payloads that no calibration in the model's folder has seen."""
-    known = [payload for payload, _ in load_payloads(stored.path.with_name(PAYLOADS)).values()]
+    kept = [payload for payload, _ in load_payloads(stored.path.with_name(PAYLOADS)).values()]
     for payload in found.payloads.values() if found else ():
-        if not any(same_payload(payload, other) for other in known):
+        if not any(same_payload(payload, other) for other in kept):
             yield (
                 f'{name} holds a payload of {payload.mass_kg:.2f} kg that is not in {PAYLOADS} '
                 'beside the model; its weight was fitted to this recording.'
@@ -126,36 +136,20 @@ def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]
     return tables.table_text(
         ['axis', 'unit', 'RMS before', 'after', 'peak before', 'after', 'RMS ratio'],
         [
-            [axis, units[axis], *(rounded(figure, 4) for figure in vars(e).values()),
-             f'{e.rms_before / e.rms_after:.1f}' if e.rms_after > 0 else '-']
-            for axis, e in axes.items()
+            [axis, units[axis], *(rounded(figure, 4) for figure in vars(left).values()),
+             f'{left.rms_before / left.rms_after:.1f}' if left.rms_after > 0 else '-']
+            for axis, left in axes.items()
         ],
     )  # fmt: skip
 
 
-def _as_json(
-    arguments: argparse.Namespace,
-    stored: StoredModel,
-    pooled: dict[str, AxisEvaluation],
-    judged: Sequence[EvaluatedRecording],
-) -> dict[str, object]:
-    """Everything a script may want."""
-    by_path = dict(zip(map(str, arguments.recordings), judged, strict=True))
+def _as_json(path: str, evaluated: EvaluatedRecording) -> dict[str, object]:
+    """Everything a script may want of one recording."""
     return {
-        'model': str(stored.path),
-        'sha256': stored.sha256,
-        'tare_s': arguments.tare,
-        'axes': pooled,
-        'recordings': [
-            {
-                'name': each.recording.name,
-                'path': path,
-                'reference': each.reference,
-                'duration_s': each.recording.duration_s,
-                'axes': judge_errors([each.errors]),
-                'warnings': each.recording.warnings,
-            }
-            for path, each in by_path.items()
-        ],
-        'chamber_tables': {path: each.figures for path, each in by_path.items() if each.figures},
+        'name': evaluated.recording.name,
+        'path': path,
+        'reference': evaluated.reference,
+        'duration_s': evaluated.recording.duration_s,
+        'axes': judge_errors([evaluated.errors]),
+        'warnings': evaluated.recording.warnings,
     }

@@ -19,13 +19,11 @@ from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
 from wrist_ft_comp.signals import Recording
 from wrist_ft_comp.stored.payload_file import payload_figures
 
-#: Columns of a terminal that nobody has made wider.
+#: Columns of a terminal, unless somebody made it wider.
 WIDTH = 80
 #: Days that people are shown; in JSON are all.
 MOST_DAYS = 40
 _GAP = '  '
-#: Of figures that are small numbers.
-_FORMS = {'max_sensitivity_drift': '.4f'}
 
 
 def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -49,25 +47,25 @@ def _lines(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
 
 
 def days_text(directory: Path, diary: Diary, memory: Memory) -> str:
-    """Put days into a table, and below it what was said of them and what is known."""
+    """Put days into a table, and below it their verdicts and the temperatures they saw."""
     days = diary.days[-MOST_DAYS:]
     rows = [
-        [each.name.removesuffix('.csv'), date_of(each),
-         f'{each.hours:.1f}' if each.first_ns else '-',
-         ' to '.join(f'{value:.1f}' for value in (*each.temperature_c, ())[0]) or '-',
-         *('-' if np.isnan(value) else rounded(value) for value in forces_left(each))]
-        for each in days
+        [day.name.removesuffix('.csv'), date_of(day),
+         f'{day.hours:.1f}' if day.first_ns else '-',
+         ' to '.join(f'{value:.1f}' for value in (*day.temperature_c, ())[0]) or '-',
+         *('-' if np.isnan(force) else rounded(force) for force in forces_left(day))]
+        for day in days
     ]  # fmt: skip
     header = ['day', 'date', 'hours', 'temperature, °C', 'drift, N', 'live left', 'challenger']
-    known = (
-        f'thermometer {j}: {", ".join(f"{low:.1f} to {high:.1f}" for low, high in each)} °C'
-        for j, each in enumerate(known_temperatures(diary), start=1)
+    seen = (
+        f'thermometer {j}: {", ".join(f"{low:.1f} to {high:.1f}" for low, high in ranges)} °C'
+        for j, ranges in enumerate(known_temperatures(diary), start=1)
     )
     lines = [
-        *(f'{each.name}: {each.incident or each.verdict}' for each in days),
-        *(f'after {each.day}: {each.sentence}' for each in diary.decisions[-5:]),
+        *(f'{day.name}: {day.incident or day.verdict}' for day in days),
+        *(f'after {decision.day}: {decision.sentence}' for decision in diary.decisions[-5:]),
         f'last change: {memory.change or "none yet"}',
-        f'known temperatures: {"; ".join(known) or "none yet"}',
+        f'known temperatures: {"; ".join(seen) or "none yet"}',
         f'offered: {memory.offered}; call ~/adopt to make it live' if memory.offered else '',
         f'paused: {diary.paused}' if diary.paused else '',
     ]
@@ -77,13 +75,13 @@ def days_text(directory: Path, diary: Diary, memory: Memory) -> str:
 
 
 def _filled(line: str) -> str:
-    """Break a line."""
+    """Break a long line; what follows is indented."""
     return textwrap.fill(line, WIDTH, subsequent_indent='    ')
 
 
 def payloads_json(payloads: Mapping[str, Payload]) -> list[dict[str, object]]:
     """Put payloads into plain values; what is not known is null."""
-    return [{'name': name, **payload_figures(each)} for name, each in payloads.items()]
+    return [{'name': name, **payload_figures(payload)} for name, payload in payloads.items()]
 
 
 def verdict_text(verdicts: Mapping[str, Verdict]) -> str:
@@ -96,15 +94,16 @@ def verdict_text(verdicts: Mapping[str, Verdict]) -> str:
 
 def verdicts_json(verdicts: Mapping[str, Verdict]) -> dict[str, dict[str, str]]:
     """Turn verdicts into plain values, by axis."""
-    return {axis: {'level': each.level, 'why': each.sentence} for axis, each in verdicts.items()}
+    return {axis: {'level': v.level, 'why': v.sentence} for axis, v in verdicts.items()}
 
 
 def chamber_table_text(columns: Mapping[str, ChamberFigures]) -> str:
     """Put the figures of several versions of a chamber table, by title, side by side."""
     rows = []
     for name, title in FIGURE_TITLES.items():
-        form = _FORMS.get(name, '.3f')
-        rows.append([title, *(f'{getattr(each, name):{form}}' for each in columns.values())])
+        form = '.4f' if name == 'max_sensitivity_drift' else '.3f'
+        figures = (getattr(version, name) for version in columns.values())
+        rows.append([title, *(f'{figure:{form}}' for figure in figures)])
     return table_text(['', *columns], rows)
 
 

@@ -102,9 +102,9 @@ def _loads(recordings: Sequence[Recording]) -> dict[str, tuple[float, float, flo
     reference = np.concatenate([recording.reference for recording in recordings])
     loads = {}
     for axis, column in zip(AXES, reference.T, strict=True):
-        known = column[np.isfinite(column)]
-        if len(known):
-            loads[axis] = float(known.min()), float(known.max()), float(known.std())
+        loaded = column[np.isfinite(column)]
+        if len(loaded):
+            loads[axis] = float(loaded.min()), float(loaded.max()), float(loaded.std())
     return loads
 
 

@@ -22,7 +22,7 @@ from wrist_ft_comp.fit.result import FoldErrors, HARMFUL_RATIO, SURE_SHARE
 from wrist_ft_comp.ranges import rounded
 
 Level = Literal['good', 'weak', 'harmful', 'uncalibrated', 'unjudged']
-#: How people are told of a level; the best first.
+#: The levels in words for people, the best first.
 LEVEL_NAMES: dict[Level, str] = {
     'good': 'good', 'weak': 'weak', 'harmful': 'harmful', 'uncalibrated': 'not calibrated',
     'unjudged': 'nothing to judge',
@@ -38,7 +38,7 @@ SMALLEST_CHANGE_K = 0.5
 
 @dataclass(frozen=True)
 class Evidence:
-    """What is known about one axis."""
+    """The numbers that the verdict on one axis rests on."""
 
     #: N, N m, or what the recordings are in; so are all errors.
     unit: str
@@ -79,7 +79,7 @@ class Verdict:
 
 
 def judge(evidence: Evidence) -> Verdict:
-    """Judge one axis by what is known of it."""
+    """Judge one axis by the table above."""
     before, after = evidence.before, evidence.after
     if not evidence.compensated:
         return Verdict('uncalibrated', _why_uncalibrated(evidence))

@@ -1,0 +1,291 @@
+"""The files that a command is given: what it refuses, what it may write, what an option is for."""
+
+import json
+import os
+import shutil
+
+import pytest
+
+from wrist_ft_comp.cli import demo, options
+from wrist_ft_comp.errors import ModelFileError, RecordingError
+from wrist_ft_comp.learning.day_files import DayFiles
+from wrist_ft_comp.stored.model_file import KIND
+
+PNG = b'\x89PNG\r\n\x1a\n' + b'\0\0\0\rIHDR' + bytes(40)
+TABLE = 'step,load_kpa,output_at_20_c\n0,0,1\n'
+
+
+@pytest.mark.parametrize('command', ['calibrate', 'evaluate', 'evaluate by', 'compensate', 'show'])
+@pytest.mark.parametrize('name', ['missing.csv', 'missing', 'x' * 300])
+def test_a_missing_file_is_named(command, name, run, model, drift_csv, tmp_path):  # noqa: PLR0913, PLR0917
+    path = tmp_path / name
+    argv = {
+        'calibrate': [path, '-o', tmp_path / 'm.yaml'],
+        'evaluate': [model, path],
+        'evaluate by': [path, drift_csv],
+        'compensate': [model, path, '-o', tmp_path / 'out'],
+        'show': [path],
+    }[command]
+    assert name[:200] in run(command.split()[0], *argv).sentence
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('content', ['', '\ufeff', 'hello', '1,2,3\n4,5,6\n', '\0\0\0'])
+def test_a_file_that_is_no_recording_is_refused(content, run, model, tmp_path):
+    path = tmp_path / 'no.csv'
+    path.write_text(content, encoding='utf-8')
+    assert 'no.csv' in run('calibrate', path, '-o', tmp_path / 'm.yaml').sentence
+    assert 'no.csv' in run('evaluate', model, path).sentence
+    assert 'no.csv' in run('compensate', model, path, '-o', tmp_path / 'out.csv').sentence
+    assert [left.name for left in tmp_path.iterdir()] == ['no.csv']
+
+
+def test_what_never_ends_is_refused_at_once(run, tmp_path):
+    for words in (['show', '/dev/zero'], ['calibrate', '/dev/zero', '-o', tmp_path / 'm.yaml']):
+        assert 'is a device' in run(*words).sentence
+
+
+def test_model_and_recording_with_other_thermometers_are_refused(run, make, model, tmp_path):
+    path = make.csv(tmp_path / 'two.csv', make.drifting(both=True))
+    for argv in (['evaluate', model, path], ['compensate', model, path, '-o', tmp_path / 'out']):
+        sentence = run(*argv).sentence
+        assert '2 thermometers' in sentence
+        assert 'expects 1' in sentence
+
+
+def test_a_recording_named_twice_is_refused(run, drift_csv, tmp_path):
+    assert 'twice' in run('calibrate', drift_csv, drift_csv, '-o', tmp_path / 'm.yaml').sentence
+
+
+@pytest.mark.parametrize('command', ['evaluate', 'compensate'])
+def test_model_and_recording_in_each_other_s_place_are_told(
+    command, run, model, drift_csv, tmp_path
+):
+    more = ['-o', tmp_path / 'out'] if command == 'compensate' else []
+    assert 'Name the model first' in run(command, drift_csv, model, *more).sentence
+    assert 'is a model file' in run(command, model, model, *more).sentence
+
+
+@pytest.mark.parametrize('name', ['m.yaml', 'm', 'm.csv'])
+def test_a_model_is_one_by_its_content(name, tmp_path):
+    path = tmp_path / name
+    path.write_text(f'# mine\nformat: {KIND.says}\nversion: 99\n')
+    options.check_model(path)
+    KIND.check_target(path)
+    with pytest.raises(RecordingError, match='is a model file'):
+        options.check_recordings([path])
+
+
+@pytest.mark.parametrize(
+    ('name', 'content'),
+    [('a.csv', 'stamp_s\n'), ('a.mcap', 'x'), ('a.db3', 'x'), ('a.txt', TABLE), ('folder', None)],
+)
+def test_a_recording_is_one_by_its_name_or_header(name, content, tmp_path):
+    path = tmp_path / name
+    path.mkdir() if content is None else path.write_text(content)
+    options.check_recordings([path])
+    with pytest.raises(ModelFileError, match='is a recording'):
+        options.check_model(path)
+    with pytest.raises(ModelFileError, match=r'exists and is no model file|is a folder'):
+        KIND.check_target(path)
+
+
+def test_what_is_not_there_may_be_made(tmp_path):
+    (tmp_path / 'empty').touch()
+    for path in (tmp_path / 'no', tmp_path / 'folder/no.yaml', tmp_path / 'empty'):
+        options.check_model(path)
+        options.check_recordings([path])
+        KIND.check_target(path)
+
+
+@pytest.mark.parametrize('target', ['/proc/nowhere/m.yaml', '/dev/null/m.yaml', 'file/m.yaml'])
+def test_an_unwritable_folder_is_refused(target, run, drift_csv, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'file').touch()
+    sentence = run('calibrate', drift_csv, '-o', target, '--method', 'pls').sentence
+    assert target.removesuffix('/m.yaml') in sentence
+
+
+@pytest.fixture
+def day(drift_csv, tmp_path):
+    """A recording of the user's own, which may be harmed."""
+    return shutil.copy(drift_csv, tmp_path / 'day_1.csv')
+
+
+@pytest.fixture
+def own_model(model, tmp_path):
+    return shutil.copy(model, tmp_path / 'model.yaml')
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """The data_directory of a node with a day."""
+    files = DayFiles(tmp_path / 'node', ('force_x', 'temperature_c'), 1e9, '')
+    for hour in range(13):
+        files.append((1_770_000_000 + hour * 3600) * 10**9, (1.0, 20.0))
+    files.close()
+    return tmp_path / 'node'
+
+
+def contents(folder):
+    return {path: path.is_file() and path.read_bytes() for path in folder.rglob('*')}
+
+
+def foreign(tmp_path, day, own_model):
+    """Whatever is neither report nor picture of this package's."""
+    (tmp_path / 'page.html').write_text('<html>of somebody else</html>')
+    (tmp_path / 'photo.png').write_bytes(PNG)
+    (tmp_path / 'bag.mcap').write_bytes(b'\x89MCAP0\r\n')
+    (tmp_path / 'dangling.html').symlink_to(tmp_path / 'nothing')
+    os.link(day, tmp_path / 'hard.html')
+    (tmp_path / 'link.html').symlink_to(own_model)
+    names = 'page.html', 'photo.png', 'bag.mcap', 'dangling.html', 'hard.html', 'link.html'
+    return [day, own_model, *(tmp_path / name for name in names), '/dev/null']
+
+
+def test_neither_report_nor_picture_takes_another_s_place(run, day, own_model, folder, tmp_path):
+    for target in foreign(tmp_path, day, own_model):
+        before = contents(tmp_path)
+        for words in (
+            ['calibrate', day, '-o', tmp_path / 'new.yaml', '--report', target],
+            ['evaluate', own_model, day, '--report', target],
+            ['show', folder, '--picture', target],
+        ):
+            assert 'cannot be written: it ' in run(*words).sentence
+            assert contents(tmp_path) == before, target
+
+
+@pytest.mark.parametrize('place', ['picture', 'folder'])
+def test_the_demo_looks_before_it_starts_a_process(place, run, tmp_path, monkeypatch):
+    monkeypatch.setattr(demo, 'find_spec', lambda _: object())
+    monkeypatch.setattr(demo, 'play', pytest.fail)
+    path = tmp_path / ('demo.png' if place == 'picture' else 'file')
+    path.write_bytes(PNG)
+    output, words = (tmp_path, 'it exists') if place == 'picture' else (path, 'is no folder')
+    assert words in run('demo', '--output', output).sentence
+    assert path.read_bytes() == PNG
+
+
+@pytest.mark.parametrize('spelling', ['{0}', '{0.parent}/../{0.parent.name}/{0.name}', 'link'])
+@pytest.mark.parametrize('option', ['-o', '--report'])
+def test_an_input_is_no_output_however_it_is_spelt(option, spelling, run, day, tmp_path):
+    day = tmp_path / day.name
+    day.write_text('')  # an empty file may be replaced, but not one that is to be read
+    target = spelling.format(day)
+    if spelling == 'link':
+        target = tmp_path / 'other'
+        os.link(day, target)
+    more = [] if option == '-o' else ['-o', tmp_path / 'm.yaml']
+    assert 'is the same file as' in run('calibrate', day, option, target, *more).sentence
+
+
+@pytest.fixture
+def recordings(drift_csv, bags, monkeypatch):
+    """A recording of each kind, which is not to be read."""
+    monkeypatch.setattr('wrist_ft_comp.cli.compensate.read_recording', pytest.fail)
+    return {'csv': drift_csv, **bags}
+
+
+@pytest.mark.parametrize(
+    'case', ['csv -o m.csv', 'csv -o m.html', 'csv --report r.mcap', 'csv --report r.yaml',
+             'csv copy o.mcap', 'mcap copy o.csv', 'mcap copy o.db3', 'sqlite3 copy o.mcap'],
+)  # fmt: skip
+def test_a_name_that_promises_something_else_is_refused(case, run, recordings, model, tmp_path):
+    kind, option, name = case.split()
+    more = ['-o', tmp_path / 'm.yaml'] if option == '--report' else []
+    argv = ['calibrate', recordings[kind], *more, option, tmp_path / name]
+    if option == 'copy':
+        argv = ['compensate', model, recordings[kind], '-o', tmp_path / name]
+    assert f'not in .{name.partition(".")[2]}' in run(*argv).sentence
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_stands_in_the_way_of_a_copy_is_seen_first(run, recordings, model, tmp_path):
+    (tmp_path / 'empty.csv').touch()
+    csv, bag = recordings['csv'], recordings['mcap']
+    for words, reason in (
+        ([csv, '-o', tmp_path], 'it is a folder'),
+        ([csv, '-o', csv], 'it is the same file as'),
+        ([csv, '-o', model], 'it is the same file as'),
+        ([csv, '-o', tmp_path / 'empty.csv'], 'it exists'),
+        ([bag, '-o', tmp_path / 'o', '--output-topic', '/wrench_raw'], 'holds /wrench_raw'),
+    ):
+        assert reason in run('compensate', model, *words).sentence
+
+
+def test_a_predecessor_and_an_empty_file_are_replaced(done, model, drift_csv, folder, tmp_path):
+    report, picture, again = tmp_path / 'r.html', tmp_path / 'p.png', tmp_path / 'm.csv'
+    report.touch()
+    picture.touch()
+    shutil.copy(model, again)  # a model by its content, whatever it is called
+    for _ in range(2):
+        done('evaluate', model, drift_csv, '--report', report)
+        done('show', folder, '--picture', picture)
+        done('calibrate', drift_csv, '-o', again, '--method', 'pls')
+    assert report.read_text().startswith('<!doctype html>')
+    assert picture.read_bytes().startswith(PNG[:8])
+
+
+def test_a_foreign_payloads_json_is_seen_before_the_work(run, drift_csv, tmp_path):
+    (tmp_path / 'payloads.json').write_text(json.dumps({'of': 'another program'}))
+    words = ['-o', tmp_path / 'm.yaml', '--reference', 'payload']
+    assert 'payloads.json' in run('calibrate', drift_csv, *words).sentence
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.fixture
+def here(done, make, drift_csv, model, tmp_path):
+    """Paths by name; the model of the table is that of a chamber table."""
+    table = make.keller / 'table2_sensor_b_raw.csv'
+    paths = {'csv': drift_csv, 'model': model, 'table': table, 'out': tmp_path / 'out'}
+
+    def fill(word):
+        if word == '{tables}':
+            paths['tables'] = tmp_path / 'b.yaml'
+            done('calibrate', table, '-o', paths['tables'], '--method', 'pls')
+        return word.format(**paths)
+
+    return fill
+
+
+@pytest.mark.parametrize(
+    ('words', 'idle'),
+    [
+        ('calibrate {csv} -o {out} --wrench-topic /w --temperature-topic /t',
+         ['--temperature-topic', '--wrench-topic']),
+        ('calibrate {csv} -o {out} --latents 2', ['--latents']),
+        ('calibrate {csv} -o {out} --latents 2 --method pls', []),
+        ('calibrate {csv} -o {out} --method arx_pls_oe --latents 2', ['--latents']),
+        ('calibrate {csv} -o {out} --features hats --degree 2 --hat-temperatures 20,26,32',
+         ['--degree']),
+        ('calibrate {csv} -o {out} --keep-copied-columns', ['--keep-copied-columns']),
+        ('calibrate {table} -o {out} --features powers', ['--features']),
+        ('calibrate {table} -o {out} --features powers --method pls', []),
+        ('evaluate {model} {csv} --imu-topic i', ['--imu-topic']),
+        ('evaluate {model} {csv} --tare 3', []),
+        ('compensate {model} {csv} -o {out} --tare 9 --output-topic /o', ['--output-topic']),
+        ('compensate {tables} {table} -o {out} --tare 9', ['--tare']),
+        ('show {csv} --gravity-frame base', ['--gravity-frame']),
+        ('show {model} --wrench-topic w', ['--wrench-topic']),
+    ],
+)  # fmt: skip
+def test_an_option_that_does_nothing_is_named(words, idle, run, here):
+    outcome = run(*map(here, words.split()))
+    warned = [line for line in outcome.err.splitlines() if 'does nothing here' in line]
+    assert outcome.code == 0, outcome
+    assert sorted(line.split()[1] for line in warned) == idle
+
+
+def test_a_reference_s_topic_that_nobody_asks_is_named(run, bags, model):
+    for command, idle in (
+        (['evaluate', model, bags['mcap']], True),
+        (['show', bags['mcap']], False),
+    ):
+        said = run(*command, '--reference-topic', '/wrench_raw2').err
+        assert ('--reference-topic does nothing here' in said) is idle
+
+
+def test_gravity_has_one_source(run, bags):
+    outcome = run('show', bags['mcap'], '--imu-topic', 'imu', '--gravity-frame', 'base')
+    assert (outcome.code, outcome.out) == (2, '')
+    assert '--gravity-frame' in outcome.err
