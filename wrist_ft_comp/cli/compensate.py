@@ -23,8 +23,10 @@ from wrist_ft_comp.signals import AXES, Correction, FloatArray, NANOSECONDS, Rec
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 
-#: Specific force is taken off on cells of this length, s, or longer ones of a long recording.
-_FINE_S, _MOST_CELLS = 0.02, 2_000_000
+#: Weight is taken off on cells of this length, s ...
+_FINE_S = 0.02
+#: ... or longer ones, so that a long recording has no more cells than these.
+_MOST_CELLS = 2_000_000
 _UNTARED = (
     'Nothing was tared: drift is removed, but every axis keeps a constant offset, perhaps of many '
     'newtons. Give --tare SECONDS where the recording begins unloaded, or subtract what is left '
@@ -82,21 +84,23 @@ def run(arguments: argparse.Namespace) -> int:
         recording = read_recording(
             arguments.recording, period_s=period_s, topics=topics,
             progress=lambda done: progress(done / 3))  # fmt: skip
-        doubts = (
-            *check_sensor(stored, recording.sensor, f'in {recording.name}'),
-            *recording.warnings,
-        )
+        sensor_warnings = check_sensor(stored, recording.sensor, f'in {recording.name}')
         track = track_drift(model, recording)
         tare = _tare(arguments, model, recording)
-        external, said = _external(arguments, stored, recording)
-        warnings = rewrite_recording(
+        external, external_warnings = _external(arguments, stored, recording)
+        rewriting_warnings = rewrite_recording(
             arguments.recording, arguments.output,
             lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare), topics=topics,
             output_topic=arguments.output_topic, external=external,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
-    if not arguments.tare and not tare.any():
-        doubts = _UNTARED, *doubts
-    warnings = (*doubts, *warnings, *range_warnings(stored, recording), *said)
+    warnings = (
+        *([] if arguments.tare or tare.any() else [_UNTARED]),
+        *sensor_warnings,
+        *recording.warnings,
+        *rewriting_warnings,
+        *range_warnings(stored, recording),
+        *external_warnings,
+    )
     if arguments.json:
         answer = {'output': arguments.output, 'tare': dict(zip(AXES, tare.tolist(), strict=True))}
         options.print_json({**answer, 'warnings': warnings})
@@ -109,7 +113,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _external(
     arguments: argparse.Namespace, stored: StoredModel, recording: Recording
 ) -> tuple[Correction | None, tuple[str, ...]]:
-    """Find what is mounted and how to take its weight off, if asked, and what to doubt of it."""
+    """Find how to take off the weight of what is mounted, if asked, and warnings about it."""
     if arguments.reference != 'payload':
         return None, ()
     work = learn_at_work([recording])

@@ -193,7 +193,7 @@ def print_json(value: object) -> None:
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[Progress]:
-    """Show progress on standard error where that is a terminal; lends a function of the share."""
+    """Show progress on standard error where that is a terminal; yields what takes the share."""
     form = '{desc} {percentage:3.0f}%|{bar}| {elapsed}'
     with tqdm(total=1.0, desc=what, disable=None, leave=False, bar_format=form) as bar:
 
