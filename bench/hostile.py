@@ -295,8 +295,8 @@ class HostileRobot(RuleBasedStateMachine):
 
     def _force(self, data: bytes) -> None:
         """Give an Imu to what reads them."""
-        source = self.node.gravity.source
-        self.node.do(self.node.gravity, source._on_imu, data)
+        source = self.node.gravity
+        self.node.do(self.node.gravity, source.on_imu, data)
 
     @rule(
         force=st.lists(st.floats(-20.0, 20.0), min_size=3, max_size=3),
@@ -444,13 +444,13 @@ class HostileRobot(RuleBasedStateMachine):
 
     def _end(self, *, die: bool) -> None:
         """End the node, or drop it as a kill does."""
-        from wrist_ft_comp.ros.raw_node import RawNode
+        from rclpy.node import Node as RawNode
 
         node, self.node = self.node, None
         if node is None:
             return
         if die:
-            RawNode.destroy_node(node)
+            RawNode.destroy_node(node)  # type: ignore[no-untyped-call]
         else:
             node.destroy_node()
 

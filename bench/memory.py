@@ -62,7 +62,7 @@ def endure(node: Any, hours: float, rate_hz: int) -> dict[str, Any]:
             )
         live_a_second(node, second, rate_hz)
     speed = seconds / (time.perf_counter() - start)
-    print(f'{speed:.0f} times as fast as time; {node.health.counts.published:,} wrenches')
+    print(f'{speed:.0f} times as fast as time; {node.counts.published:,} wrenches')
     return {'resident_mib': samples, 'growth_mib': max(samples.values()) - first, 'speed': speed}
 
 

@@ -20,9 +20,10 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool
 
 from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.node.parameters import PARAMETERS
 from wrist_ft_comp.node.simulated_sensor import PARAMETERS as SIMULATED
 from wrist_ft_comp.node.simulated_sensor import SimulatedSensor
-from wrist_ft_comp.ros.parameters import descriptor, Parameter, PARAMETERS
+from wrist_ft_comp.ros.parameters import descriptor, Parameter
 
 TIMEOUT_S = 20.0
 #: Every node has these; rclpy's own documentation describes them. With an IMU the last is heard

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.node.specific_force import GravitySource
+from wrist_ft_comp.node.specific_force import Gravity
 from wrist_ft_comp.ros.messages import FAST_SENSOR
 from wrist_ft_comp.signals import GRAVITY
 
@@ -37,19 +37,22 @@ class Kept:
 
 
 class Heard:
-    """A source, what it subscribed to, and what it told."""
+    """The part on a hub that keeps what it subscribed to, and what it told."""
 
     def __init__(self, source='tf', upper='world', frame='tool'):
         self.on, self.told, self.frame = {}, [], frame
-        chosen = {'gravity.source': source, 'gravity.frame': upper}
-
         self.log = SimpleNamespace(info=lambda _: None)
-        told = self.told
-        self.source = GravitySource(
-            chosen, self, lambda: self.frame, lambda *values: told.append(values)
-        )
+        self.source = Gravity({'gravity.source': source, 'gravity.frame': upper})
+        self.source.start(self)
 
-    def subscribe(self, _kind, topic, callback, _qos):
+    def hardware_id(self):
+        return self.frame
+
+    def tell(self, verb, *values):
+        assert verb == 'on_force'
+        self.told.append(values)
+
+    def subscribe_for(self, _part, _kind, topic, callback, _qos):
         self.on[topic] = callback
 
     def subscribe_unserved(self, _kind, topic, _qos):

@@ -3,8 +3,8 @@ from types import SimpleNamespace
 import pytest
 from rclpy.node import Node
 
+from wrist_ft_comp.ros.arguments import tell_unknown
 from wrist_ft_comp.ros.parameters import declare, Parameter
-from wrist_ft_comp.ros.unknown_arguments import tell_unknown
 
 TABLE = (
     Parameter('temperature_topics', ('temperature',), 'Topics.'),

@@ -6,8 +6,8 @@ from wrist_ft_comp.node import compensator as compensator_node
 from wrist_ft_comp.node import simulated_sensor as simulated_sensor_node
 from wrist_ft_comp.node.compensator import CompensatorNode
 from wrist_ft_comp.node.simulated_sensor import SimulatedSensor
+from wrist_ft_comp.ros.arguments import refuse_strays
 from wrist_ft_comp.ros.running import run_nodes
-from wrist_ft_comp.ros.usage import refuse_strays
 
 NODES = pytest.mark.parametrize(
     ('module', 'node', 'name'),

@@ -1,4 +1,4 @@
-"""The service ~/calibrate: what is asked of a process that fits, and what becomes of it."""
+"""Jobs in a process of their own, and the service ~/calibrate, which starts one."""
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import suppress
@@ -23,10 +23,9 @@ from wrist_ft_comp.jobs.request import (
     Minute,
     UNTIL_CLOSED,
 )
-from wrist_ft_comp.node.record import RecordService
-from wrist_ft_comp.node.recorder import Recorder
-from wrist_ft_comp.ros.long_service import LongService, Work
+from wrist_ft_comp.node.recording import Recorder, RecordService
 from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
+from wrist_ft_comp.ros.part import LongService, Work
 from wrist_ft_comp.signals import NANOSECONDS, Topics
 from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.model_store import ModelStore
@@ -63,9 +62,9 @@ class CalibrationProcess:
             os.set_blocking(pipe.fileno(), False)
         #: What the process has not taken of its job; a pipe holds 64 kB until it is read.
         self._job = encode_job(job).encode() + b'\n'
-        self._tell(entrance)
+        self._hand_on(entrance)
 
-    def _tell(self, entrance: Any) -> None:
+    def _hand_on(self, entrance: Any) -> None:
         """Hand on as much of the job as the pipe takes."""
         with suppress(BrokenPipeError):  # a process that has died says so in poll
             self._job = self._job[entrance.write(self._job) or 0 :]
@@ -79,7 +78,7 @@ class CalibrationProcess:
         """Give the outcome, as jobs.calibration writes it; None while it runs."""
         ended = self._process.poll()
         if self._job:
-            self._tell(self._pipes[0])
+            self._hand_on(self._pipes[0])
         for pipe, parts in self._read.items():
             with suppress(BlockingIOError):  # so that a full pipe never stops the process
                 while part := os.read(pipe, 1 << 16):
@@ -93,12 +92,12 @@ class CalibrationProcess:
         try:
             outcome: dict[str, Any] = json.loads(output)
         except ValueError:
-            last = errors.strip().rsplit('\n', 1)[-1]
+            last_line = errors.strip().rsplit('\n', 1)[-1]
             how = f'by signal {-ended}' if ended < 0 else f'with code {ended}'
             return {
                 'success': False,
                 'message': f'The calibration process was ended {how} and gave no result '
-                f'({last or "it said nothing"}). The running model stays; call again.',
+                f'({last_line or "it said nothing"}). The running model stays; call again.',
             }
         return outcome
 
@@ -163,10 +162,10 @@ class JobMaker:
             identification=IdentificationSettings(method=chosen['calibration.method']),
         )
         period_s = self.recorder.period_ns / NANOSECONDS
-        known = recordings, output, settings, period_s, self._topics(chosen)
         return CalibrationJob(
-            *known, skip_unusable=skip_unusable, report=output.with_suffix('.html')
-        )
+            recordings, output, settings, period_s, self._topics(chosen),
+            skip_unusable=skip_unusable, report=output.with_suffix('.html'),
+        )  # fmt: skip
 
 
 def run_job(job: CalibrationJob) -> Generator[None, None, dict[str, Any]]:
@@ -214,17 +213,17 @@ class CalibrateService(LongService):
             'last': self.last_outcome or 'none yet',
             'last_refusal': self._log.last_refusal or 'none yet',
         }
-        level, said = OK, 'recording' if recording else 'idle'
+        level, message = OK, 'recording' if recording else 'idle'
         if recording is not None:
             numbers['recording'] = str(self._recording.path)
             numbers['recorded_cells'] = str(recording.rows)
         if self.running_s is not None:
-            said = f'running for {self.running_s:.0f} s'
+            message = f'running for {self.running_s:.0f} s'
         elif self._recording.failure:
-            level, said = WARN, self._recording.failure
+            level, message = WARN, self._recording.failure
         elif self.refused:
-            level, said = WARN, 'the last one was refused; see "last"'
-        yield Status(self.title, level, said, numbers)
+            level, message = WARN, 'the last one was refused; see "last"'
+        yield Status(self.title, level, message, numbers)
 
     def _busy(self) -> str:
         """Say that one runs."""

@@ -12,24 +12,21 @@ from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.node.calibrate import CalibrateService, JobMaker
 from wrist_ft_comp.node.external_wrench import ExternalWrench, Shelf
-from wrist_ft_comp.node.gravity import Gravity
 from wrist_ft_comp.node.identify_payload import IdentifyService
-from wrist_ft_comp.node.input_health import InputHealth
-from wrist_ft_comp.node.inputs import Inputs, Newest
+from wrist_ft_comp.node.inputs import Counts, Newest, TemperatureInput, WrenchInput
 from wrist_ft_comp.node.learning import Learner
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.output import Output
-from wrist_ft_comp.node.payload_status import PayloadReport
-from wrist_ft_comp.node.record import RecordService
-from wrist_ft_comp.node.recorder import Recorder
+from wrist_ft_comp.node.parameters import PARAMETERS
+from wrist_ft_comp.node.recording import Recorder, RecordService
+from wrist_ft_comp.node.specific_force import Gravity
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.tare import TareService
 from wrist_ft_comp.ros import messages
+from wrist_ft_comp.ros.arguments import tell_unknown, usage
 from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.parameters import declare, NODE_NAME, PARAMETERS, values
+from wrist_ft_comp.ros.parameters import declare, NODE_NAME, values
 from wrist_ft_comp.ros.running import node_per_sensor, run_nodes
-from wrist_ft_comp.ros.unknown_arguments import tell_unknown
-from wrist_ft_comp.ros.usage import usage
 from wrist_ft_comp.signals import SensorNames, Topics
 from wrist_ft_comp.stored.model_store import ModelStore, node_directory
 from wrist_ft_comp.stored.state_file import StateWriter
@@ -52,13 +49,12 @@ class CompensatorNode(Hub):
         chosen, log, name = self._settings(), self.log, self.get_fully_qualified_name()
         self._silent = chosen['uncalibrated'] == 'silent'
         self._newest: Newest | None = None
-        sources = self._thermometers(chosen['temperature_topics'])
-        self._thermometer_entries = sources
+        self._sources = sources = self._thermometers(chosen['temperature_topics'])
         self._topics = tuple(self.resolve_topic_name(source.topic) for source in sources)
         self.store = store = ModelStore(node_directory(chosen['data_directory'], sensor, name))
         self.compensator = compensator = Compensator(len(sources), _stream_settings(chosen))
-        self.health = InputHealth(len(sources))
-        counts, by = self.health.counts, chosen['gravity.source']
+        self.counts = counts = Counts()
+        source = chosen['gravity.source']
         writer = StateWriter(store.directory / 'state.json')
         writer.problem = store.check_writable()
         self._output = self.advertise(WrenchStamped, 'wrench', negotiable=True)
@@ -72,20 +68,17 @@ class CompensatorNode(Hub):
         )
         self.state_keeper = StateKeeper(compensator, lambda: live.sha256, writer, chosen, log)
         self.gravity = Gravity(chosen)
-        self.inputs = Inputs(
-            sources,
-            self._topics,
-            compensator,
-            self.newest,
-            self.health,
-            self.gravity,
-            live,
+        self.wrench_input = WrenchInput(counts, self.newest)
+        self.inputs = TemperatureInput(
+            sources, self._topics, compensator, self.wrench_input, self.gravity, live,
             self.state_keeper,
-        )
-        self.recorder = Recorder(compensator, self.sensor, with_force=by != 'none')
+        )  # fmt: skip
+        self.recorder = Recorder(compensator, self.sensor, with_force=source != 'none')
         self.recording = RecordService(self.recorder, store, counts, log)
-        shelf = Shelf(store.directory / 'models', live, by)
-        self.external = ExternalWrench(compensator, self._settings, shelf, self.gravity, log)
+        shelf = Shelf(store.directory / 'models', live, source)
+        self.external = ExternalWrench(
+            compensator, self._settings, shelf, self.gravity, self.newest, log
+        )
         self.jobs = JobMaker(store, self._settings, self._full_topics, self.recorder)
         self.identification = IdentifyService(
             compensator, self.external, shelf, self.jobs, name, log
@@ -96,16 +89,15 @@ class CompensatorNode(Hub):
         self.calibration = CalibrateService(self.jobs.calibration, live.take, self.recording, log)
         self.learning = Learner(chosen, live, self.calibration, self.jobs, log)
         self.output = Output(compensator, counts, self.hardware_id)
-        payload = PayloadReport(compensator, self.external, self.identification, self.newest)
         self.run((
-            self.inputs, live, self.state_keeper, self.recorder, self.recording, self.calibration,
-            self.output, self.tare, self.gravity, self.external, self.identification, payload,
-            self.learning,
+            self.wrench_input, self.inputs, live, self.state_keeper, self.recorder,
+            self.recording, self.calibration, self.output, self.tare, self.gravity, self.external,
+            self.identification, self.learning,
         ))  # fmt: skip
         self._check_topics()
         self.add_post_set_parameters_callback(self._follow_uncalibrated)
-        known = (self.resolve_topic_name('wrench_reference'), *self._topics)
-        tell_unknown(self, known, log)
+        later = (self.resolve_topic_name('wrench_reference'), *self._topics)
+        tell_unknown(self, later, log)
 
     def _thermometers(self, entries: Sequence[str]) -> tuple[TemperatureSource, ...]:
         """Understand temperature_topics."""
@@ -133,7 +125,7 @@ class CompensatorNode(Hub):
 
     def _on_wrench(self, data: bytes) -> None:
         """Correct one wrench and send it on, then hand it to parts; its header stays as it is."""
-        counts = self.health.counts
+        counts = self.counts
         try:
             layout = locate(data, WRENCH_DOUBLES)
         except RecordingError:
@@ -194,23 +186,25 @@ class CompensatorNode(Hub):
 
     def sensor(self) -> SensorNames:
         """Tell what the sensor is called here."""
-        topics = zip(self._topics, self._thermometer_entries, strict=True)
         names = {
             'hardware_id': [self.get_parameter('hardware_id').value],
             'frame_id': [self.hardware_id()],
             'wrench_topic': [self._raw.topic_name],
-            'temperature_topics': [t + each.entry.removeprefix(each.topic) for t, each in topics],
+            'temperature_topics': [
+                topic + source.entry.removeprefix(source.topic)
+                for topic, source in zip(self._topics, self._sources, strict=True)
+            ],
         }
-        return {fact: each for fact, each in names.items() if any(each)}
+        return {fact: answers for fact, answers in names.items() if any(answers)}
 
     def _full_topics(self, chosen: dict[str, Any]) -> Topics:
         """Tell topics by their full names."""
         temperatures = tuple(self.sensor()['temperature_topics'])
-        reference, by = self.resolve_topic_name('wrench_reference'), chosen['gravity.source']
-        imu = self.resolve_topic_name('imu') if by == 'imu' else ''
-        frame = chosen['gravity.frame'] if by == 'tf' else ''
-        known = temperatures, reference, imu, frame
-        return Topics(self._raw.topic_name, *known, *self.gravity.frames())
+        reference, source = self.resolve_topic_name('wrench_reference'), chosen['gravity.source']
+        imu = self.resolve_topic_name('imu') if source == 'imu' else ''
+        frame = chosen['gravity.frame'] if source == 'tf' else ''
+        names = self._raw.topic_name, temperatures, reference, imu, frame
+        return Topics(*names, *self.gravity.frames())
 
 
 def _stream_settings(chosen: dict[str, Any]) -> StreamSettings:

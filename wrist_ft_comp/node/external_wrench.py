@@ -1,6 +1,6 @@
-"""The wrench without drift and payload, and the parameters that say which payload is held."""
+"""The wrench without drift and payload, the parameters that name the payload, and its status."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
 from pathlib import Path
@@ -10,41 +10,55 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.node.gravity import Gravity
+from wrist_ft_comp.node.inputs import Newest
 from wrist_ft_comp.node.live_model import LiveModel
+from wrist_ft_comp.node.specific_force import Gravity
 from wrist_ft_comp.payload.live_weight import Force, LivePayload, RecentForces
+from wrist_ft_comp.payload.motion import MotionCollector
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
-from wrist_ft_comp.ros.hub import Hub, Part
-from wrist_ft_comp.ros.node_log import NodeLog
-from wrist_ft_comp.signals import AXES, NANOSECONDS
+from wrist_ft_comp.ros.hub import Hub
+from wrist_ft_comp.ros.node_log import doubtful, Growth, NodeLog, Status
+from wrist_ft_comp.ros.part import Part
+from wrist_ft_comp.signals import AXES, axis_unit, FloatArray, GRAVITY, NANOSECONDS
 from wrist_ft_comp.stored.payload_file import IDENTIFIED, Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import Layout
 
-#: What payload.active says for what payload.mass and payload.center_of_mass say.
+#: The value of payload.active for what payload.mass and payload.center_of_mass say.
 MANUAL = 'manual'
-#: Turns of specific force that differ by more, degrees, can't both be right: what is learnt is
-#: within 3, and so is what people mount by hand.
-_DISAGREE_DEG = 5.0
+#: Two rotations of specific force that differ by more contradict each other, degrees: what is
+#: learnt is within 3, and so is what people mount by hand.
+_CONTRADICTION_DEG = 5.0
 #: An IMU is not asked while its newest sample is no older: to take each at a kilohertz would cost
 #: a third of what the wrench does, and this much leaves 0.03 N at 1 rad/s and 1.5 kg.
 _FRESH_NS = 2_000_000
+#: Specific force and wrench whose stamps differ by more come from different clocks, s.
+_SAME_CLOCK_S = 3600.0
+#: Norms of specific force in m/s² at rest; in no other unit it lies between these.
+_LEAST_NORM, _LARGEST_NORM = 0.5 * GRAVITY, 2.0 * GRAVITY
+#: Reports without a change of any bit after which an IMU is taken for frozen.
+_FROZEN_REPORTS = 5
+#: The norm of an accelerometer that was learnt deviates from gravity by less, as a share of it.
+#: Motion adds more, but not to one side in as many reports in a row.
+_NORM_DEVIATION, _DEVIATION_REPORTS = 0.03, 10
 _NAMES = {'payload.active', 'payload.mass', 'payload.center_of_mass'}
-#: Takes a stamp, ns, the wrench without drift, specific force, and speed, rad/s, or NaN.
-Collect = Callable[[int, list[float], Force, float], None]
 
 
 class Shelf:
-    """Looks into a folder of models, and into that of the live model; source is this node's."""
+    """
+    The payloads that were learnt, in the node's own folder and in that of the live model.
+
+    ``source`` is what tells this node specific force, as the parameter gravity.source.
+    """
 
     def __init__(self, models: Path, live: LiveModel, source: str) -> None:
         self._own, self._live, self.source = models / PAYLOADS, live, source
 
     def payloads(self) -> Learnt:
-        """Read what there is, oldest first; of the same name the node's own counts."""
+        """Read them, oldest first; of the same name the node's own counts."""
         stored, own = self._live.stored, load_payloads(self._own)
         beside = {} if stored is None else load_payloads(stored.path.parent / PAYLOADS)
-        return {**{name: each for name, each in beside.items() if name not in own}, **own}
+        return {**{name: learnt for name, learnt in beside.items() if name not in own}, **own}
 
     def frames(self, here: FrameIds) -> dict[str, ForceFrame]:
         """
@@ -64,48 +78,60 @@ class Shelf:
         }
 
     def sensor(self, here: FrameIds) -> ForceFrame | None:
-        """Tell what the last calibration found of the accelerometer: it saw more than a minute."""
+        """Give the newest frame that a calibration found, which took more than a minute's data."""
         frames = self.frames(here).items()
-        calibrated = [each for name, each in frames if not name.startswith(f'{IDENTIFIED}-')]
+        calibrated = [frame for name, frame in frames if not name.startswith(f'{IDENTIFIED}-')]
         return calibrated[-1] if calibrated else None
 
 
 def changed_frames(frame: ForceFrame, here: FrameIds) -> str:
     """Say which frame_ids are not those of when a frame was learnt, where both are known."""
     then = FrameIds(frame.force_frame, frame.wrench_frame)
-    known = [(before, now) for before, now in zip(then, here, strict=True) if before and now]
-    return ' and '.join(f'{before} is now {now}' for before, now in known if before != now)
+    pairs = [(before, now) for before, now in zip(then, here, strict=True) if before and now]
+    return ' and '.join(f'{before} is now {now}' for before, now in pairs if before != now)
 
 
 class _UnknownTurnError(SettingsError):
-    """Nobody knows how the IMU is mounted."""
+    """It is not known how the IMU is mounted."""
 
 
 @dataclass(eq=False)
 class ExternalWrench(Part):
-    """Knows the payload that is held, and what it weighs at every wrench."""
+    """Takes the weight of the active payload off every wrench, and judges payload and force."""
 
     _compensator: Compensator
     _settings: Callable[[], Mapping[str, Any]]
     _shelf: Shelf
     gravity: Gravity
+    _newest: Callable[[], Newest | None]
     _log: NodeLog
-    #: Of the newest specific force, rad/s; NaN where nobody knows.
+    #: Of the newest specific force, rad/s; NaN where it is not known.
     speed: float = math.nan
-    #: Wrenches that went, and that did not, because specific force was too old.
+    #: Wrenches that were published, and those that were not because specific force was too old.
     published: int = 0
     missed: int = 0
-    #: The payload that is held; None when none is active.
+    #: What is mounted and taken off; None when no payload is active.
     payload: LivePayload | None = None
-    _collect: Collect | None = None
-    #: Why a payload is not held yet: TF may take its time.
+    #: Averages the minute in which a payload is being identified; what it has been given.
+    collector: MotionCollector | None = None
+    collected: int = 0
+    #: How much of that minute has passed, 0 to 1; None when no payload is being identified.
+    identified_share: float | None = None
+    #: The answer of ~/identify_payload to the last request.
+    last_identification: str = ''
+    #: Why the payload that parameters name is not taken off yet: TF may take its time.
     waiting: str = ''
     _hub: Hub = field(init=False)
-    #: The frame_ids when a payload was chosen last, and what was held last.
+    #: The frame_ids when a payload was chosen last, and the payload before the present one.
     _chosen: FrameIds | None = None
     _last: LivePayload | None = None
+    _growth: Growth = field(default_factory=Growth)
+    #: The specific force of the last report, and how many reports before had the same.
+    _same: tuple[Force | None, int] = None, 0
+    #: In how many reports in a row the norm was too large, or, negative, too small.
+    _deviating: float = 0.0
 
-    title = 'wrench_external'
+    title = 'payload'
 
     def __post_init__(self) -> None:
         """Begin without specific force."""
@@ -118,7 +144,7 @@ class ExternalWrench(Part):
         self.output, self.publish = output, output.publish
 
     def on_model(self) -> None:
-        """Hold what is to be held from the start, when it is known which model is live."""
+        """Choose the first payload, when it is known which model is live."""
         if self._chosen is None:
             self._settle()
 
@@ -127,15 +153,15 @@ class ExternalWrench(Part):
         self.forces.add(stamp_ns, force)
         self.speed = math.nan if speed is None else speed
 
-    def collect(self, collect: Collect | None) -> None:
-        """Give wrenches to somebody, too; to nobody by None."""
-        self._collect = collect
+    def collect(self, collector: MotionCollector | None) -> None:
+        """Give wrenches and specific force to a collector until it is full; to none by None."""
+        self.collector = collector
         self._hub.listen(self, wanted=self.wanted)
 
     @property
     def wanted(self) -> bool:
-        """Whether somebody wants to know specific force."""
-        return self.payload is not None or self._collect is not None
+        """Whether specific force is needed."""
+        return self.payload is not None or self.collector is not None
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Layout) -> None:
         """Take the payload off one wrench and send it on; the header passes through untouched."""
@@ -149,17 +175,18 @@ class ExternalWrench(Part):
         if self.payload is not None:
             self.publish(layout.encode(data, self.payload.taken_off(external, force)))
             self.published += 1
-        if self._collect is not None:
-            self._collect(stamp_ns, external, force, self.speed)
+        if self.collector is not None and self.collector.share < 1:
+            self.collector.add(stamp_ns, external, force, self.speed)
+            self.collected += 1
 
     def weight_at(self, stamp_ns: int) -> list[float] | None:
-        """Weigh the payload at a stamp, ns: N and N m; None where nobody knows."""
+        """Weigh the payload at a stamp, ns: N and N m; None where it is not known."""
         force = self.forces.at(stamp_ns)
         return None if self.payload is None or force is None else self.payload.weight(force)
 
     def check_parameters(self, parameters: Sequence[Any]) -> None:
         """Refuse payloads that can't be had; changes nothing that runs."""
-        changed = {each.name: each.value for each in parameters if each.name in _NAMES}
+        changed = {one.name: one.value for one in parameters if one.name in _NAMES}
         try:
             if changed:
                 self._choose({**self._settings(), **changed})
@@ -168,22 +195,22 @@ class ExternalWrench(Part):
                 raise
 
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
-        """Hold another payload from the next wrench on; it was validated before."""
-        for each in parameters:
-            if each.name == 'gravity.timeout':
-                self.forces.timeout_ns = round(each.value * NANOSECONDS)
-        if not _NAMES.isdisjoint(each.name for each in parameters):
+        """Take another payload off from the next wrench on; it was validated before."""
+        for parameter in parameters:
+            if parameter.name == 'gravity.timeout':
+                self.forces.timeout_ns = round(parameter.value * NANOSECONDS)
+        if not _NAMES.isdisjoint(parameter.name for parameter in parameters):
             self._settle()
 
     def poll(self) -> None:
-        """Look whether the turn that a payload by hand needs is known now, or is another one."""
+        """Choose again when the rotation that a payload by hand needs is known now, or another."""
         by_hand = self.payload is not None and self.payload.name == MANUAL
         renamed = (by_hand or self.waiting) and self.gravity.frames() != self._chosen
         if renamed or (self.waiting and self.gravity.mount() is not None):
             self._settle()
 
     def _settle(self) -> None:
-        """Hold what parameters say, or wait for its turn."""
+        """Take off the payload that parameters name, or wait until its rotation is known."""
         self._chosen = self.gravity.frames()
         try:
             self._hold(self._choose(self._settings()))
@@ -192,17 +219,17 @@ class ExternalWrench(Part):
             self.waiting = str(error)
 
     def _hold(self, payload: LivePayload | None) -> None:
-        """Hold a payload; a tare that was taken with another turn is none."""
+        """Take a payload off from now on; a tare that was taken with another rotation is reset."""
         if payload is not None or self.payload is not None:
-            said = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
-            self._log.info(f'payload: {said}')
+            now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
+            self._log.info(f'payload: {now}')
         self.payload, self.waiting = payload, ''
-        self.collect(self._collect)
+        self.collect(self.collector)
         if payload is None:
             return
         before, self._last = self._last or payload, payload
         apart_deg = payload.frame.apart_deg(before.frame)
-        if apart_deg > _DISAGREE_DEG and self._compensator.external_tare.any():
+        if apart_deg > _CONTRADICTION_DEG and self._compensator.external_tare.any():
             self._compensator.restore_tare(self._compensator.tare, np.zeros(len(AXES)))
             self._log.warning(
                 f'payload: specific force is turned otherwise than for {before.name}, by '
@@ -213,16 +240,15 @@ class ExternalWrench(Part):
         """Say by how much TF turns specific force otherwise than a frame; empty if it agrees."""
         mounted = self.gravity.mount()
         apart_deg = 0.0 if mounted is None else frame.apart_deg(mounted)
-        if apart_deg <= _DISAGREE_DEG:
+        if apart_deg <= _CONTRADICTION_DEG:
             return ''
         who = '/tf_static' if self._shelf.source == 'imu' else 'TF'
         return f'{who} says otherwise, by {apart_deg:.0f} degrees: a frame of the driver is wrong'
 
     def _choose(self, chosen: Mapping[str, Any]) -> LivePayload | None:
         """Find the payload that parameters name."""
-        by_hand = Payload(
-            chosen['payload.mass'], np.array(chosen['payload.center_of_mass'], float)
-        )
+        center_m = np.array(chosen['payload.center_of_mass'], float)
+        by_hand = Payload(chosen['payload.mass'], center_m)
         name = chosen['payload.active']
         if not name:
             return None
@@ -247,11 +273,13 @@ class ExternalWrench(Part):
             )
         source, frame = self._shelf.source, learnt[name][1]
         # By TF it comes in the wrench's frame: what was turned was told by an accelerometer.
-        by = frame.source or ('imu' if source == 'tf' and not frame.does_nothing else source)
-        if by != source:
+        learnt_by = frame.source
+        if not learnt_by:
+            learnt_by = 'imu' if source == 'tf' and not frame.does_nothing else source
+        if learnt_by != source:
             raise SettingsError(
-                f'payload.active is {name}, which was learnt by {by}, and gravity.source is '
-                f'{source}: another frame. Learn it again with ~/identify_payload, or by '
+                f'payload.active is {name}, which was learnt by {learnt_by}, and gravity.source '
+                f'is {source}: another frame. Learn it again with ~/identify_payload, or by '
                 'calibrate with --gravity-frame (tf) or --imu-topic (imu) where the file does not '
                 'say, or start the node with the source of then.'
             )
@@ -259,9 +287,12 @@ class ExternalWrench(Part):
         return LivePayload(name, *learnt[name], turned)
 
     def _turn(self) -> tuple[ForceFrame, str]:
-        """Find how specific force leads to the wrench's frame, and who says so."""
-        # For a payload that nobody learnt: TF gives it in that frame; of an IMU what was learnt
-        # counts before what people publish.
+        """
+        Find how specific force leads to the wrench's frame, and who says so.
+
+        For a payload by hand: TF gives specific force in that frame; for an IMU, what was learnt
+        counts before what people publish on /tf_static.
+        """
         if self._shelf.source == 'tf':
             return ForceFrame(source='tf'), 'as TF gives it'
         learnt = self._shelf.frames(self.gravity.frames())
@@ -275,3 +306,80 @@ class ExternalWrench(Part):
             "wrench's frame: this sensor has learnt no payload yet, and /tf_static has no way "
             'from the frame of the IMU to it. Call ~/identify_payload, or publish the way.'
         )
+
+    def statuses(self) -> Iterator[Status]:
+        """Judge payload and specific force at the stamp of the newest wrench."""
+        forces, newest, payload = self.forces, self._newest(), self.payload
+        grown, elapsed_s = self._growth.since(
+            forces=forces.count, published=self.published, missed=self.missed
+        )
+        age_s = None
+        if newest is not None and forces.newest is not None:
+            age_s = (newest[0] - forces.newest[0]) / NANOSECONDS
+        numbers = {
+            'active': str(payload or 'none'),
+            'turn': 'none' if payload is None else payload.turn,
+            'force_rate_hz': f'{grown["forces"] / elapsed_s:.1f}',
+            'force_age_s': 'never' if age_s is None else f'{age_s:.3f}',
+            'rate_hz': f'{grown["published"] / elapsed_s:.1f}',
+            'published': str(self.published),
+            'last_identification': self.last_identification or 'none yet',
+        }
+        for axis, value in zip(AXES, self._compensator.external_tare, strict=True):
+            numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
+        yield doubtful(self.title, self._doubts(age_s, grown), self._well(), numbers)
+
+    def _well(self) -> str:
+        """Say what is done where nothing is wrong."""
+        if self.identified_share is not None:
+            return f'identifying a payload: {self.identified_share:.0%} of a minute'
+        if self.payload is None:
+            return 'no payload is active'
+        other = self.disagreement(self.payload.frame)
+        return f'subtracting {self.payload.name}{other and "; "}{other}'
+
+    def _doubts(self, age_s: float | None, grown: Mapping[str, int]) -> Iterator[str]:
+        """Say what is wrong with specific force that is needed, the worst first."""
+        yield from filter(None, (self.waiting, self.gravity.doubt()))
+        newest, rests, payload = self.forces.newest, 'wrench_external rests', self.payload
+        if not self.wanted:
+            return
+        if newest is None:
+            yield f'{self.gravity.problem() or "no specific force has come"}; {rests}'
+            return
+        force, (before, count) = newest[1], self._same
+        self._same = force, count + 1 if grown['forces'] and force == before else 0
+        if age_s is not None and abs(age_s) > _SAME_CLOCK_S:
+            yield f'wrench and specific force are {abs(age_s):.0f} s apart: two clocks; {rests}'
+        if grown['missed']:
+            yield f'specific force is older than gravity.timeout, or stays away; {rests}'
+        yield from self._off_gravity(np.array(force))
+        if self._same[1] >= _FROZEN_REPORTS:
+            yield 'specific force has not changed by a bit for seconds; is the IMU frozen?'
+        if payload is None:
+            return
+        if changed := changed_frames(payload.frame, self.gravity.frames()):
+            yield (
+                f'{payload.name} was learnt under other frame_ids: {changed}; is it another '
+                'sensor?'
+            )
+        if payload.name == MANUAL and (other := self.disagreement(payload.frame)):
+            yield f'{payload.turn}; {other}'
+
+    def _off_gravity(self, force: FloatArray) -> Iterator[str]:
+        """Doubt a specific force, (3,), whose norm is not that of gravity."""
+        payload = self.payload
+        frame = ForceFrame() if payload is None else payload.frame
+        norm = float(np.linalg.norm(frame.turn(force)))
+        if not _LEAST_NORM < norm < _LARGEST_NORM:
+            yield f'specific force is {norm:.3g} m/s², and {GRAVITY} at rest; check its unit'
+        deviation = norm / GRAVITY - 1
+        deviates = abs(deviation) > _NORM_DEVIATION
+        same_side = deviates and deviation * self._deviating > 0
+        before = self._deviating if same_side else 0.0
+        self._deviating = before + math.copysign(deviates, deviation)
+        if payload is not None and abs(self._deviating) >= _DEVIATION_REPORTS:
+            yield (
+                f'specific force is {deviation:+.0%} off gravity by the accelerometer of '
+                f'{payload.name}, and so is the weight that is taken off; call ~/identify_payload'
+            )

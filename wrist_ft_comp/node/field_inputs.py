@@ -11,7 +11,7 @@ from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ros import messages
-from wrist_ft_comp.ros.raw_node import RawNode, waiting
+from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.topic_types import (
     load_type,
     no_temperature,
@@ -29,9 +29,7 @@ Take = Callable[[int, int | None, float], None]
 class PlainTopic:
     """A topic of sensor_msgs/Temperature."""
 
-    def __init__(
-        self, node: RawNode, topic: str, name: str, take: Callable[[bytes], None]
-    ) -> None:
+    def __init__(self, node: Hub, topic: str, name: str, take: Callable[[bytes], None]) -> None:
         #: What it carries instead; empty when it is right, or not known.
         self.problem = ''
         self._node, self._topic, self._name, self._take = node, topic, name, take
@@ -60,7 +58,7 @@ class PlainTopic:
 class FieldTopic:
     """One topic, and the thermometers in its messages, by number from 0."""
 
-    def __init__(self, node: RawNode, topic: str, name: str) -> None:
+    def __init__(self, node: Hub, topic: str, name: str) -> None:
         self.thermometers: dict[int, TemperatureSource] = {}
         #: Why nothing can come of it; empty when something can.
         self.problem = ''
@@ -100,7 +98,7 @@ class FieldTopic:
         """Take the newest message that came since the last time; None when there is none."""
         if self._subscription is None:
             return None
-        newest = deque(waiting(self._subscription), maxlen=1)
+        newest = deque(messages.waiting(self._subscription), maxlen=1)
         if not newest or self._resting:
             return None
         self.problem = other_version(self._node, self._topic)
@@ -126,7 +124,7 @@ class FieldInputs:
 
     def __init__(
         self,
-        node: RawNode,
+        node: Hub,
         sources: Iterable[tuple[str, TemperatureSource]],
         take: Take,
         take_bytes: Callable[[int, bytes], None],
@@ -159,9 +157,9 @@ class FieldInputs:
 
     def poll(self) -> None:
         """Take the newest temperatures; about ten times a second."""
-        for each in self._topics.values():
-            message = each.newest()
-            for j, source in each.thermometers.items() if message is not None else ():
+        for topic in self._topics.values():
+            message = topic.newest()
+            for j, source in topic.thermometers.items() if message is not None else ():
                 if j not in self._resting:
                     self._read(j, source, message)
 
@@ -181,7 +179,7 @@ class FieldInputs:
         """Tell, by thermometer from 0, why its temperatures can't be had."""
         found = dict(self._misread)
         found.update((j, plain.problem) for j, plain in self._plain.items() if plain.problem)
-        for each in self._topics.values():
-            if each.problem:
-                found.update(dict.fromkeys(each.thermometers, each.problem))
+        for topic in self._topics.values():
+            if topic.problem:
+                found.update(dict.fromkeys(topic.thermometers, topic.problem))
         return found

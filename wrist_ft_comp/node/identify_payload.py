@@ -1,7 +1,7 @@
 """The service ~/identify_payload: what is mounted, from a minute of motion."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import time
 
 import numpy as np
@@ -10,15 +10,13 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.jobs.request import Minute
 from wrist_ft_comp.node.calibrate import JobMaker, run_job
 from wrist_ft_comp.node.external_wrench import ExternalWrench, Shelf
-from wrist_ft_comp.payload.live_weight import Force
 from wrist_ft_comp.payload.motion import CELL_S, DURATION_S, MotionCollector
 from wrist_ft_comp.payload.weight import ForceFrame
-from wrist_ft_comp.ros.deferred import Reply
-from wrist_ft_comp.ros.long_service import LongService, Work
 from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.part import LongService, Reply, Work
 from wrist_ft_comp.stream.compensator import Compensator
 
-#: Wrenches or specific force that stay away for so long by a steady clock end it, s.
+#: It ends when no wrench with specific force has come for this time of the steady clock, s.
 _PATIENCE_S = 10.0
 
 
@@ -32,27 +30,14 @@ class IdentifyService(LongService):
     _jobs: JobMaker
     _node_name: str
     _log: NodeLog
-    _collector: MotionCollector = field(default_factory=MotionCollector)
-    _heard_s: float = 0.0
 
     name, title = '~/identify_payload', 'identification'
     done = 'identified: '
 
-    @property
-    def progress(self) -> float | None:
-        """Tell how much of the minute has passed, 0 to 1; None when none runs."""
-        return None if self._running is None else self._collector.share
-
     def _busy(self) -> str:
         """Say that one is being identified."""
-        passed = self._collector.share * DURATION_S
-        return f'A payload is being identified for {passed:.0f} of {DURATION_S:g} s'
-
-    def _add(self, stamp_ns: int, wrench: list[float], force: Force, speed: float) -> None:
-        """Take one wrench less drift, and its specific force."""
-        if self._collector.share < 1:
-            self._collector.add(stamp_ns, wrench, force, speed)
-            self._heard_s = time.monotonic()
+        passed_s = DURATION_S * (self._external.identified_share or 0.0)
+        return f'A payload is being identified for {passed_s:.0f} of {DURATION_S:g} s'
 
     def _work(self) -> Work:
         """Collect for a minute of stamps, and say what is mounted and how to use it."""
@@ -66,15 +51,15 @@ class IdentifyService(LongService):
                 'No drift model runs, and drift would be taken for weight. Calibrate first, or '
                 'wait for the first temperature.'
             )
-        self._collector, self._heard_s = MotionCollector(), time.monotonic()
-        self._external.collect(self._add)
+        collector = MotionCollector()
+        self._external.collect(collector)
         try:
-            yield from self._wait()
+            yield from self._wait(collector)
         finally:
             self._external.collect(None)
         sensor = self._shelf.sensor(self._external.gravity.frames())
-        known = None if sensor is None else (sensor.bias.tolist(), sensor.scale.tolist())
-        minute = Minute(self._collector.cells, CELL_S, tuple(self._shelf.payloads()), known)
+        calibrated = None if sensor is None else (sensor.bias.tolist(), sensor.scale.tolist())
+        minute = Minute(collector.cells, CELL_S, tuple(self._shelf.payloads()), calibrated)
         outcome = yield from run_job(self._jobs.identification(minute))
         frame = ForceFrame(np.array(outcome['rotation']))
         other = self._external.disagreement(frame)
@@ -83,20 +68,26 @@ class IdentifyService(LongService):
             f'param set {self._node_name} payload.active {outcome["name"]}'
         )
 
-    def _wait(self) -> Iterator[None]:
+    def _wait(self, collector: MotionCollector) -> Iterator[None]:
         """Wait until the minute is over; refuse when it can't be any more."""
-        tare = self._compensator.external_tare
-        while self._collector.share < 1 and self._compensator.external_tare is tare:
-            if time.monotonic() - self._heard_s > _PATIENCE_S:
+        external, tare = self._external, self._compensator.external_tare
+        count, heard_s = external.collected, time.monotonic()
+        while collector.share < 1 and self._compensator.external_tare is tare:
+            external.identified_share = collector.share
+            if external.collected != count:
+                count, heard_s = external.collected, time.monotonic()
+            if time.monotonic() - heard_s > _PATIENCE_S:
                 raise CalibrationRefusedError(
                     f'Wrenches with specific force have stayed away for {_PATIENCE_S:g} s. Look '
                     'at the diagnostics, input and payload, then call again.'
                 )
             yield
+        external.identified_share = 1.0
         if self._compensator.external_tare is not tare:  # which stepped the wrenches
             raise CalibrationRefusedError('The tare or the model changed meanwhile. Call again.')
 
     def _answer(self, reply: Reply, message: str, *, success: bool) -> None:
-        """Answer, after what every refusal begins with."""
-        said = message if success else f'No payload was identified: {message}'
-        super()._answer(reply, said, success=success)
+        """Answer; every refusal begins with the same words."""
+        answer = message if success else f'No payload was identified: {message}'
+        self._external.last_identification, self._external.identified_share = answer, None
+        super()._answer(reply, answer, success=success)

@@ -1,122 +1,373 @@
-"""The part that hears thermometers, and judges all that comes in."""
+"""What comes in, and its faults: the raw wrenches, and the thermometers."""
 
-from collections.abc import Callable, Iterator, Sequence
-from copy import copy
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+import math
 import time
+from typing import TypeAlias
+
+import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.node.field_inputs import FieldInputs
-from wrist_ft_comp.node.gravity import Gravity
-from wrist_ft_comp.node.input_health import InputHealth
-from wrist_ft_comp.node.input_status import judge_temperatures, judge_wrenches
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.snapshot import Snapshot
+from wrist_ft_comp.node.specific_force import Gravity
 from wrist_ft_comp.node.state_keeper import StateKeeper
-from wrist_ft_comp.ros.hub import Hub, Part
-from wrist_ft_comp.ros.node_log import Status
+from wrist_ft_comp.ros.hub import Hub
+from wrist_ft_comp.ros.node_log import doubtful, Growth, STALE, Status, WARN
+from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.topic_types import wrong_type
-from wrist_ft_comp.signals import is_plausible
-from wrist_ft_comp.stream.compensator import Compensator, Wrench
+from wrist_ft_comp.signals import is_plausible, NANOSECONDS, PLAUSIBLE_C
+from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.input_checks import SensorWatch, ThermometerWatch
 from wrist_ft_comp.stream.stream_grid import CompletedCells
 from wrist_ft_comp.wire.cdr import locate, TEMPERATURE_DOUBLES, WRENCH, WRENCH_DOUBLES
-from wrist_ft_comp.wire.temperature_source import TemperatureSource
+from wrist_ft_comp.wire.temperature_source import other_unit, TemperatureSource, unit_remedy
 
 #: The newest raw wrench: stamp, ns, six numbers, N and N m, and the message's bytes.
-Newest = tuple[int, Sequence[float], bytes]
+Newest: TypeAlias = tuple[int, Sequence[float], bytes]
+#: How long after an event the diagnostics warn of it, s.
+_WARNED_S = 10.0
+#: Stamps of wrenches and temperatures that differ by more come from different clocks.
+_SAME_CLOCK_S = 3600.0
+
+
+@dataclass
+class Counts:
+    """Wrenches since the start."""
+
+    #: Usable wrenches that came, and wrenches that went.
+    wrenches: int = 0
+    published: int = 0
+    malformed: int = 0
+    not_finite: int = 0
+    bad_references: int = 0
+
+
+class _Events:
+    """Remembers when each kind of event was counted last."""
+
+    def __init__(self) -> None:
+        self._counted: dict[str, tuple[int, float]] = {}
+
+    def note(self, **counts: int) -> None:
+        """Take the present count of each kind."""
+        for kind, count in counts.items():
+            before, at_s = self._counted.get(kind, (0, -math.inf))
+            self._counted[kind] = count, time.monotonic() if count > before else at_s
+
+    def recent(self) -> set[str]:
+        """Tell the kinds of which something happened lately."""
+        since_s = time.monotonic() - _WARNED_S
+        return {kind for kind, (_, at_s) in self._counted.items() if at_s > since_s}
+
+
+def _age(at_s: float | None) -> str:
+    """Write how long ago a time of the steady clock was, s."""
+    return 'never' if at_s is None else f'{time.monotonic() - at_s:.1f}'
+
+
+def _arrival(stamp_ns: int) -> str:
+    """Say which time counts for messages without a stamp; the newest got this one."""
+    if stamp_ns == 0:
+        return 'the time of arrival is 0: use_sim_time is set, and nothing comes on /clock'
+    return 'the time of arrival is taken'
+
+
+class WrenchInput(Part):
+    """Judges the raw wrenches; ``counts`` are the node's, ``newest`` tells its newest wrench."""
+
+    title = 'input'
+
+    def __init__(self, counts: Counts, newest: Callable[[], Newest | None]) -> None:
+        self._counts, self.newest = counts, newest
+        self.sensor = SensorWatch()
+        #: Of the newest wrench that was looked at; None before the first.
+        self.stamp_ns: int | None = None
+        self._heard_s: float | None = None
+        self._frame = ''
+        #: How often the frame changed, and from what to what the last time.
+        self._frame_changes = 0
+        self._last_frames = ('', '')
+        self._looked_at = 0
+        self._growth, self._events = Growth(), _Events()
+
+    def start(self, hub: Hub) -> None:
+        """Learn what the topic is called."""
+        self._hub, self._topic = hub, hub.resolve_topic_name('wrench_raw')
+
+    def poll(self) -> None:
+        """Look at the newest wrench, if it is another one than at the last look."""
+        newest, number = self.newest(), self._counts.wrenches
+        if newest is not None and number != self._looked_at:
+            self._looked_at, self._heard_s = number, time.monotonic()
+            self.stamp_ns, raw, data = newest
+            layout = locate(data, WRENCH_DOUBLES)
+            stamped, frame = bool(layout.decode(data)[0]), layout.frame_id(data)
+            self.sensor.look(self.stamp_ns if stamped else 0, raw)
+            if self._frame and frame != self._frame:
+                self._frame_changes += 1
+                self._last_frames = (self._frame, frame)
+            self._frame = frame
+        sensor = self.sensor
+        self._events.note(frame=self._frame_changes, back=sensor.ran_back, leapt=sensor.leapt)
+
+    def statuses(self) -> Iterator[Status]:
+        """Judge the raw wrenches: stale, unusable, suspicious, or well."""
+        self.poll()
+        counts, publishers = self._counts, self._hub.count_publishers(self._topic)
+        grown, elapsed_s = self._growth.since(
+            wrenches=counts.wrenches, unusable=counts.malformed + counts.not_finite
+        )
+        rate_hz = grown['wrenches'] / elapsed_s
+        numbers = {
+            'rate_hz': f'{rate_hz:.1f}',
+            'age_s': _age(self._heard_s),
+            'frame': self._frame,
+            'received': str(counts.wrenches),
+            'dropped_malformed': str(counts.malformed),
+            'dropped_not_finite': str(counts.not_finite),
+            'dropped_references': str(counts.bad_references),
+            'publishers': str(publishers),
+            'stamps_ran_back': str(self.sensor.ran_back),
+            'stamps_leapt': str(self.sensor.leapt),
+            'frame_changes': str(self._frame_changes),
+        }
+        if grown['unusable']:
+            which = 'some wrenches are' if rate_hz else 'all wrenches are'
+            message = f'{which} unusable and dropped; check the driver'
+            yield Status(self.title, WARN, message, numbers)
+        elif not rate_hz:
+            yield Status(self.title, STALE, self._silence(publishers), numbers)
+        else:
+            well, doubts = f'{rate_hz:.0f} wrenches per second', self._doubts(publishers)
+            yield doubtful(self.title, doubts, well, numbers)
+
+    def _silence(self, publishers: int) -> str:
+        """Say that no wrenches come, and guess why."""
+        policy, silence = self._hub.incompatible.get('wrench_raw'), 'no raw wrenches arrive'
+        if policy:
+            return f'{silence}: their publisher offers less {policy} than is asked for'
+        if self.newest() is None and (problem := wrong_type(self._hub, self._topic, WRENCH)):
+            return f'{silence}: {problem}'
+        if publishers:
+            return f'{silence}, though {self._topic} has a publisher; is the sensor running?'
+        return f'{silence}; is the driver running?'
+
+    def _doubts(self, publishers: int) -> Iterator[str]:
+        """Say what is suspicious about wrenches that do arrive, the worst first."""
+        sensor, recent = self.sensor, self._events.recent()
+        if publishers > 1:
+            yield f'{publishers} publishers share the topic; their readings are mixed'
+        if sensor.frozen:
+            yield 'the reading has not changed by a bit for seconds; is the sensor frozen?'
+        if sensor.saturated:
+            yield f'{", ".join(sensor.saturated)} stays at its extreme; is the sensor saturated?'
+        if sensor.stamps_stand_still:
+            yield 'stamps stand still; the correction is that of one moment'
+        if 'frame' in recent:
+            before, after = self._last_frames
+            yield f'the frame changed from {before!r} to {after!r}; is it another sensor?'
+        if 'back' in recent:
+            yield 'stamps ran back; was a clock set, or a simulation begun anew?'
+        if 'leapt' in recent:
+            yield 'stamps leapt ahead; was a clock set?'
+        if sensor.unstamped and self.stamp_ns is not None:
+            yield f'wrenches come without stamps; {_arrival(self.stamp_ns)}'
 
 
 @dataclass(eq=False)
-class Inputs(Part):
-    """Gives temperatures to the stream; thermometers are counted from 0."""
+class TemperatureInput(Part):
+    """Gives temperatures to the stream, and judges the thermometers, which count from 0."""
 
+    #: How each temperature is read, and the full name of its topic.
     _sources: Sequence[TemperatureSource]
-    #: Full name of each thermometer's topic.
-    topics: Sequence[str]
+    _topics: Sequence[str]
     _compensator: Compensator
-    _newest: Callable[[], Newest | None]
-    health: InputHealth
+    _wrenches: WrenchInput
     _gravity: Gravity
     _live: LiveModel
     _state_keeper: StateKeeper
+    #: Usable temperatures of all thermometers, and those that no sensor reads.
+    usable: int = 0
+    unusable: int = 0
+    #: Thermometer and value, °C, of the newest unusable reading.
+    _last_unusable: tuple[int, float] | None = None
+    #: Stamp of the newest usable reading, ns.
+    _stamp_ns: int = 0
 
     title = 'temperature'
+
+    def __post_init__(self) -> None:
+        """Begin without a reading."""
+        self._tracker, count = self._compensator.tracker, len(self._sources)
+        #: When each was heard last, by the steady clock.
+        self._heard_s: list[float | None] = [None] * count
+        #: Whether the newest reading of each had a stamp; None where its type has none.
+        self._stamped: list[bool | None] = [True] * count
+        self._watch = ThermometerWatch(count)
+        self._growth, self._events = Growth(), _Events()
 
     def start(self, hub: Hub) -> None:
         """Subscribe to every thermometer."""
         self._hub = hub
-        self._reported = time.monotonic(), copy(self.health.counts)
-        self._wrench_topic = hub.resolve_topic_name('wrench_raw')
-        named = zip(self.topics, self._sources, strict=True)
-        heard = hub.guarded(self, self.on_temperature)
-        self.fields = FieldInputs(hub, named, self._take, heard)
+        named = zip(self._topics, self._sources, strict=True)
+        self.fields = FieldInputs(hub, named, self._take, hub.guarded(self, self.on_temperature))
 
     def on_temperature(self, thermometer: int, data: bytes) -> None:
         """Take one sensor_msgs/Temperature."""
         try:
             stamp_ns, (temperature_c, _) = locate(data, TEMPERATURE_DOUBLES).decode(data)
         except RecordingError:
-            self.health.counts.bad_temperatures += 1
+            self.unusable += 1
             return
         self._take(thermometer, stamp_ns, temperature_c)
 
     def _take(self, thermometer: int, stamp_ns: int | None, temperature_c: float) -> None:
         """Give one temperature, °C, to the thermal grid; stamps, ns, are as in field_inputs."""
         if not is_plausible(temperature_c):
-            self.health.drop_temperature(thermometer, temperature_c)
+            self.unusable += 1
+            self._last_unusable = thermometer, temperature_c
             return
-        at_ns, newest = stamp_ns or self._hub.now_ns(), self._newest()
-        # What comes from it would else be too late for the recording's cell.
+        at_ns, newest = stamp_ns or self._hub.now_ns(), self._wrenches.newest()
+        # Specific force that came before this would else be too late for the recording's cell.
         self._hub.do(self._gravity, self._gravity.poll)
-        wrench: Wrench | None = newest and newest[:2]
+        wrench = newest and newest[:2]
         cells = self._compensator.add_temperature(thermometer, at_ns, temperature_c, wrench)
-        stamped = None if stamp_ns is None else stamp_ns != 0
-        self.health.take_temperature(time.monotonic(), thermometer, at_ns, stamped=stamped)
+        self.usable += 1
+        self._stamp_ns, self._heard_s[thermometer] = at_ns, time.monotonic()
+        self._stamped[thermometer] = None if stamp_ns is None else stamp_ns != 0
         if cells:
             self._hub.tell('on_cells', cells, at_ns)
 
     def on_cells(self, cells: Sequence[CompletedCells], _stamp_ns: int) -> None:
         """Watch for thermometers that jump."""
         for completed in cells:
-            self.health.thermometers.look(completed, self._compensator.tracker.grid.period_ns)
+            self._watch.look(completed, self._tracker.grid.period_ns)
 
     def poll(self) -> None:
         """Take temperatures that are fields, and look for faults that no single message shows."""
         self.fields.poll()
-        self._look()
-
-    def _look(self) -> None:
-        """Look for faults that no single message shows."""
-        now_s, newest = time.monotonic(), self._newest()
-        if newest is not None:
-            stamp_ns, raw, data = newest
-            layout = locate(data, WRENCH_DOUBLES)
-            stamped, frame = bool(layout.decode(data)[0]), layout.frame_id(data)
-            self.health.look(now_s, stamp_ns, raw, frame, stamped=stamped)
-        self.health.note_events(now_s, self._compensator.tracker)
+        stamps, grid = self._tracker.timestamp_filter, self._tracker.grid
+        jumps, leaps = int(self._watch.jumps.sum()), stamps.leaps + grid.restarts
+        self._events.note(jump=jumps, stray=stamps.strays, leapt=leaps)
 
     def statuses(self) -> Iterator[Status]:
-        """Judge wrenches and thermometers."""
+        """Judge the thermometers: silent, unusable, on another clock, out of range, or well."""
         self.fields.look()
-        self._look()
-        snapshot = self.snapshot()
-        yield judge_wrenches(snapshot)
-        yield judge_temperatures(snapshot)
+        self.poll()
+        stamps, grid = self._tracker.timestamp_filter, self._tracker.grid
+        grown, elapsed_s = self._growth.since(
+            usable=self.usable, unusable=self.unusable, rejected=grid.rejected + stamps.strays
+        )
+        numbers = {
+            'state': self._state_keeper.outcome,
+            'rate_hz': f'{grown["usable"] / elapsed_s:.1f}',
+            'rejected': str(grid.rejected),
+            'stray_stamps': str(stamps.strays),
+            'stamps_leapt': str(stamps.leaps),
+            'stamps_restarted': str(grid.restarts),
+            'unusable': str(self.unusable + self.fields.unreadable),
+            'jumps': str(self._watch.jumps.sum()),
+        }
+        for j, at_s in enumerate(self._heard_s, start=1):
+            numbers[f'thermometer_{j}_age_s'] = _age(at_s)
+            if self._stamped[j - 1] is None:
+                numbers[f'thermometer_{j}_time'] = 'of arrival: its messages have no header'
+        if self._tracker.temperature_c is not None:
+            for j, value in enumerate(self._tracker.temperature_c, start=1):
+                numbers[f'thermometer_{j}_c'] = f'{value:.2f}'
+        yield doubtful(self.title, self._doubts(grown), 'all thermometers report', numbers)
 
-    def snapshot(self) -> Snapshot:
-        """Take down what the judges need."""
-        hub, wrench = self._hub, self._wrench_topic
-        reported_s, before = self._reported
-        now_s = time.monotonic()
-        self._reported = now_s, copy(self.health.counts)
-        return Snapshot(
-            now_s=now_s, health=self.health, incompatible=hub.incompatible,
-            stream=self._compensator, live=self._live, state_keeper=self._state_keeper,
-            before=before, elapsed_s=now_s - reported_s,
-            wrench_topic=wrench,
-            sources=tuple(self._sources),
-            unreadable=self.fields.unreadable, thermometer_problems=self.fields.problems(),
-            wrench_publishers=hub.count_publishers(wrench),
-            wrench_problem='' if self._newest() else wrong_type(hub, wrench, WRENCH),
-            temperature_publishers=tuple(map(hub.count_publishers, self.topics)),
-        )  # fmt: skip
+    def _doubts(self, grown: dict[str, int]) -> Iterator[str]:
+        """Say what is wrong with temperatures, the worst first; counts grew since a report."""
+        if grown['unusable'] and self._last_unusable is not None:
+            j, value = self._last_unusable
+            low, high = PLAUSIBLE_C
+            yield (
+                f'thermometer {j + 1} reads {value:.4g} °C, which is dropped: no sensor is '
+                f'outside {low:g} to {high:g} °C. {unit_remedy(value, self._sources[j].in_unit)} '
+                'Drift is held meanwhile'
+            )
+        yield from self._silence()
+        if 0 < grown['rejected'] >= grown['usable'] / 2:
+            clock = '' if self._stamp_ns else f': {_arrival(0)}'
+            yield f'temperatures are dropped, because their stamps do not increase{clock}'
+        if self.usable and self._wrenches.stamp_ns is not None:
+            apart_s = abs(self._wrenches.stamp_ns - self._stamp_ns) / NANOSECONDS
+            if apart_s > _SAME_CLOCK_S:
+                yield (
+                    f'stamps of wrench and temperature are {apart_s:.0f} s apart; both drivers '
+                    'must use one clock'
+                )
+        yield from self._outside()
+        for j, publishers in enumerate(map(self._hub.count_publishers, self._topics), start=1):
+            if publishers > 1:
+                yield f'thermometer {j} has {publishers} publishers; their readings are mixed'
+        yield from self._recent_events()
+
+    def _recent_events(self) -> Iterator[str]:
+        """Say what happened lately, and which thermometers do not stamp."""
+        recent = self._events.recent()
+        if 'jump' in recent:
+            worst = int(np.argmax(self._watch.jumps))
+            yield (
+                f'thermometer {worst + 1} jumped by {self._watch.last_jump_k[worst]:.1f} K, '
+                'faster than metal can; is it loose? The correction follows at max_drift_rate'
+            )
+        if 'leapt' in recent:
+            yield 'stamps of temperatures leapt; was a clock set, or a simulation begun anew?'
+        if 'stray' in recent:
+            yield 'a temperature was dropped, because its stamp was far from those around it'
+        if unstamped := [j for j, stamped in enumerate(self._stamped) if stamped is False]:
+            arrival = _arrival(self._stamp_ns)
+            yield f'thermometer {_numbers(unstamped)} does not stamp its readings; {arrival}'
+
+    def _silence(self) -> Iterator[str]:
+        """Say which thermometers can't be read or are silent, and why, where that is known."""
+        limit_s, problems = (
+            self._compensator.settings.temperature_timeout_s,
+            self.fields.problems(),
+        )
+        drift = 'drift is held' if self._compensator.compensating else 'drift waits for it'
+        never, silent = [], []
+        for j, at_s in enumerate(self._heard_s):
+            policy = self._hub.incompatible.get(self._sources[j].topic, '')
+            if j in problems:
+                yield f'thermometer {j + 1}: {problems[j]}; {drift}'
+            elif at_s is None and policy:
+                yield (
+                    f'thermometer {j + 1} is not heard: a publisher offers less {policy} than is '
+                    f'asked for; {drift}'
+                )
+            elif at_s is None:
+                never.append(j)
+            elif time.monotonic() - at_s > limit_s:
+                silent.append(j)
+        if never:
+            yield f'thermometer {_numbers(never)} has not reported; {drift}'
+        if silent:
+            yield (
+                f'thermometer {_numbers(silent)} silent for more than {limit_s:g} s; drift is held'
+            )
+
+    def _outside(self) -> Iterator[str]:
+        """Say which thermometers are outside the calibrated range, and guess why."""
+        model, temperature_c = self._compensator.model, self._tracker.temperature_c
+        outside = [] if model is None or temperature_c is None else model.outside(temperature_c)
+        if not outside or temperature_c is None:
+            return
+        hint = ''
+        if self._live.stored is not None:
+            low_c, high_c = self._live.stored.document['thermometers'][outside[0]]['range_c']
+            unit = other_unit(float(temperature_c[outside[0]]), low_c, high_c)
+            hint = f'. In {unit} it would be inside: check the unit' if unit else ''
+        yield (
+            f'thermometer {_numbers(outside)} outside the calibrated range; drift is less '
+            f'certain there, and held further out{hint}'
+        )
+
+
+def _numbers(thermometers: Iterable[int]) -> str:
+    """Write thermometers as numbers from 1."""
+    return ', '.join(str(j + 1) for j in thermometers)

@@ -1,4 +1,4 @@
-"""Learning from days: when a job runs, and what becomes of the better model that it found."""
+"""Learning: every day is recorded, a job judges models on it, and a better one is offered."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -10,20 +10,30 @@ from typing import Any
 from std_srvs.srv import Trigger
 
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.errors import SettingsError, StateFileError, WristFtCompError
-from wrist_ft_comp.learning.day_files import DayFiles
+from wrist_ft_comp.errors import (
+    RecordingError,
+    SettingsError,
+    StateFileError,
+    WristFtCompError,
+)
+from wrist_ft_comp.learning.day_files import DayFiles, SILENCE_NS
 from wrist_ft_comp.learning.memory import load_memory, Memory, save_memory
 from wrist_ft_comp.node.calibrate import CalibrateService, CalibrationProcess, JobMaker
-from wrist_ft_comp.node.day_recorder import DiaryKeeper
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.ros.hub import Part, Service
+from wrist_ft_comp.node.recording import OwnRecording, Recorder
 from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
+from wrist_ft_comp.ros.part import Part, Service
+from wrist_ft_comp.signals import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
 
-#: How often to look for a day to judge, and how long to wait where a job cannot run, s.
-_LOOK_S, _WAIT_S = 1.0, 60.0
-#: What a memory holds when nothing is offered.
-_NONE = {'offered': '', 'sha256': '', 'why': '', 'automatic': False}
+#: How often to look for a day that has ended, s.
+_LOOK_S = 1.0
+#: After this time a job is started again that could not run, s.
+_JOB_RETRY_S = 60.0
+#: After this time a day is recorded again where the disk refused, s.
+_DISK_RETRY_S = 60.0
+#: What a memory holds when no model is offered.
+_NO_OFFER = {'offered': '', 'sha256': '', 'why': '', 'automatic': False}
 
 
 def why_not(chosen: Mapping[str, Any]) -> str:
@@ -39,8 +49,73 @@ def why_not(chosen: Mapping[str, Any]) -> str:
     )
 
 
+class DiaryKeeper:
+    """Records days, and tries again later when the disk refuses."""
+
+    def __init__(self, recorder: Recorder, files: DayFiles, log: NodeLog) -> None:
+        #: Why nothing is being recorded; empty while all is well.
+        self.problem = ''
+        #: Rows that were written since the start.
+        self.rows = 0
+        self.files = files
+        self._recorder, self._log = recorder, log
+        self._recording: OwnRecording | None = None
+        #: By the steady clock: when to try again, and when the last row was written.
+        self._wait_until = self._heard = time.monotonic()
+        self._begin()
+
+    def poll(self) -> None:
+        """Record, unless the disk refused just now; a silence ends the day."""
+        now, recording = time.monotonic(), self._recording
+        if recording is None:
+            if now >= self._wait_until:
+                self._begin()
+        elif recording.rows:
+            self.rows, recording.rows = self.rows + recording.rows, 0
+            self._heard, self.problem = now, ''
+        if self.files.path is not None and now - self._heard > SILENCE_NS / NANOSECONDS:
+            self.end_day()
+
+    def _begin(self) -> None:
+        """Record from now on."""
+        self._recording = self._recorder.begin(self.files, self._fail, self._follow_period)
+
+    def _follow_period(self) -> None:
+        """Go on with thermal cells of another length, which a new model has brought."""
+        self.end()
+        self._begin()
+
+    def _fail(self, error: RecordingError) -> None:
+        """Record nothing for a while."""
+        self._recording, self._wait_until = None, time.monotonic() + _DISK_RETRY_S
+        if not self.problem:
+            self._log.error(f'The day is not recorded any more: {error}')
+        self.problem = f'{error} The day is not recorded until there is room'
+
+    def end_day(self) -> None:
+        """End the day, if one goes on; the next row begins another."""
+        self.end()
+        try:
+            self.files.leave()
+        except RecordingError as error:
+            self._fail(error)
+        else:
+            self._begin()
+
+    def end(self) -> None:
+        """Write what there is, and close; the day goes on when recording does."""
+        recording, self._recording = self._recording, None
+        if recording is None:
+            return
+        self._recorder.leave(recording)
+        try:
+            recording.close()
+        except RecordingError as error:
+            self._fail(error)
+
+
 class Learner(Part):
-    """Judges models on days, and offers or takes a better one; days are the keeper's business."""
+    """Has models judged on days that have ended, and offers the better one or makes it live."""
 
     def __init__(
         self,
@@ -51,8 +126,10 @@ class Learner(Part):
         log: NodeLog,
     ) -> None:
         self.mode: str = chosen['learning']
-        #: Why learning is off, and why what was decided can't be remembered; or nothing.
-        self.why_not, self.problem = why_not(chosen), ''
+        #: Why parameters do not allow learning; empty when they do.
+        self.why_not = why_not(chosen)
+        #: Why a model could not be made live, or a decision not be remembered.
+        self.problem = ''
         self._max_bytes = 1e6 * chosen['learning.max_mb']
         #: Why a day that has ended is not judged yet.
         self.waiting = ''
@@ -61,11 +138,13 @@ class Learner(Part):
         self._live, self._calibration, self._jobs, self._log = live, calibration, jobs, log
         self._directory = jobs.store.directory
         self._process: CalibrationProcess | None = None
-        #: Up to which day, and since when.
-        self._judging, self._begun, self._begun_with_model = '', 0.0, False
-        #: When to look for a day to judge, and the newest day when old ones were in the way.
-        self._wait_until, self._crowded = 0.0, ''
-        self._parameters_due = 0.0
+        #: The newest day that the job judges, and when it began, by the steady clock.
+        self._judging, self._begun_s = '', 0.0
+        self._begun_with_model = False
+        #: When to look for a day to judge, and when to look at the parameters.
+        self._wait_until = self._parameters_due = 0.0
+        #: The newest day when a job was started last to make room.
+        self._crowded = ''
 
     title = 'learning'
 
@@ -74,7 +153,7 @@ class Learner(Part):
         return (Service(Trigger, '~/adopt', self.adopt),)
 
     def on_model(self) -> None:
-        """Begin the diary when it is known which model is live; later models are looked for."""
+        """Begin when it is known which model is live; ``poll`` notices later models."""
         if self._begun_with_model:
             return
         self._begun_with_model = True
@@ -89,7 +168,7 @@ class Learner(Part):
         try:
             memory = load_memory(self._directory)
         except StateFileError as error:
-            broken = f'learning began anew: {error}'
+            broken = f'learning begins without its earlier decisions: {error}'
             self._log.warning(broken)
         self.memory = memory or Memory(champion=self._live.sha256)
         newest = max(self.memory.judged, self.memory.since)
@@ -112,7 +191,7 @@ class Learner(Part):
     @property
     def running_s(self) -> float | None:
         """How long a job has been running, s; None when none is."""
-        return None if self._process is None else time.monotonic() - self._begun
+        return None if self._process is None else time.monotonic() - self._begun_s
 
     @property
     def offered(self) -> Path:
@@ -127,7 +206,7 @@ class Learner(Part):
         if self.diary is None:
             return
         self._notice()
-        if self.memory.automatic and self.mode == 'auto':  # a kill came before it was live
+        if self.memory.automatic and self.mode == 'auto':  # the node was killed before it was live
             self._go_live(lambda: self._live.load(self.offered))
         self.diary.poll()
         if self._calibration.running_s is not None:
@@ -147,12 +226,12 @@ class Learner(Part):
         if live.stored is None and live.problem:
             self._remember(champion=None, change=_dated(f'no model is live: {live.problem}'))
         elif live.sha256 != memory.sha256:
-            now = live.stored.path.name if live.stored else 'no model'
-            self._decide(f'{now} was made live by hand')
+            chosen = live.stored.path.name if live.stored else 'no model'
+            self._decide(f'a person chose {chosen}, with model_file, ~/calibrate or ~/rollback')
         elif memory.automatic:
             self._note_learnt()
         else:
-            self._decide(f'{memory.offered} was adopted: {memory.why}')
+            self._note_adopted()
 
     def _start(self, days: list[Path], *, crowded: bool) -> None:
         """Start a job where no job has judged the newest day, or once to make room."""
@@ -162,7 +241,7 @@ class Learner(Part):
         self._crowded = newest
         live = self._live.stored
         champion = None if live is None else live.path
-        self._judging, self._begun = newest, time.monotonic()
+        self._judging, self._begun_s = newest, time.monotonic()
         try:
             job = self._jobs.learning(days, champion, self.memory.since)
             self._process = CalibrationProcess(job)
@@ -171,13 +250,13 @@ class Learner(Part):
 
     def _wait(self, why: str) -> None:
         """Try again later."""
-        self._wait_until = time.monotonic() + _WAIT_S
+        self._wait_until = time.monotonic() + _JOB_RETRY_S
         if why != self.waiting:
             self.waiting = why
             self._log.info(why)
 
     def _follow(self, process: CalibrationProcess) -> None:
-        """Look whether the job is done, and take what it says."""
+        """Look whether the job is done, and remember its outcome."""
         outcome = process.poll()
         if outcome is None:
             return
@@ -188,7 +267,7 @@ class Learner(Part):
         self.waiting = ''
         judged = {'judged': self._judging, 'verdict': message}
         if not outcome['success']:
-            trouble = f'Nothing was learnt from {self._judging}: {message}'
+            trouble = f'{self._judging} could not be judged: {message}'
             self._remember(**judged, incident=trouble)
             self._log.warning(trouble)
             return
@@ -206,10 +285,10 @@ class Learner(Part):
         if automatic:
             self._go_live(lambda: restore_model(path, sha256, outcome['document']))
         else:
-            self._log.info(f'a better model, {path}, is offered: call ~/adopt to make it live')
+            self._log.info(f'The better model {path} is offered. Make it live with ~/adopt.')
 
     def _go_live(self, restore: Callable[[], StoredModel]) -> None:
-        """Make a model live that was learnt; one that can't be is offered only."""
+        """Make a model live that was learnt; where that fails, it is offered only."""
         try:
             problem = self._live.take(restore())
         except WristFtCompError as error:
@@ -222,11 +301,15 @@ class Learner(Part):
 
     def _note_learnt(self) -> None:
         """Remember that the model that was learnt is live, and that no person decided it."""
-        change = _dated(f'{self.memory.offered} was learnt: {self.memory.why}')
-        self._remember(champion=self._live.sha256, change=change, **_NONE)
+        change = _dated(f'the node made {self.memory.offered} live: {self.memory.why}')
+        self._remember(champion=self._live.sha256, change=change, **_NO_OFFER)
+
+    def _note_adopted(self) -> None:
+        """Remember that a person made the offered model live."""
+        self._decide(f'{self.memory.offered} was made live with ~/adopt: {self.memory.why}')
 
     def _decide(self, what: str) -> None:
-        """Note that a person decided: days so far are no evidence against that."""
+        """Remember a person's decision: the days before are no evidence against it."""
         self._end_job()
         if self.diary is None:
             return
@@ -234,10 +317,10 @@ class Learner(Part):
         days = self.diary.files.ended()
         newest = days[-1].name if days else self.memory.judged
         decided = {'since': newest, 'judged': newest, 'paused': '', 'incident': ''}
-        self._remember(champion=self._live.sha256, change=_dated(what), **decided, **_NONE)
+        self._remember(champion=self._live.sha256, change=_dated(what), **decided, **_NO_OFFER)
 
     def _remember(self, **changes: Any) -> None:
-        """Keep what changed over a restart; an offer that nobody took is nobody's any more."""
+        """Keep what changed over a restart; the file of an offer that has ended is deleted."""
         before, offered = self.memory, self.offered
         self.memory, self.problem = replace(before, **changes), ''
         try:
@@ -259,13 +342,13 @@ class Learner(Part):
             stored = self._live.load(self.offered)
             if stored.sha256 != memory.sha256:
                 raise SettingsError(
-                    f'{stored.path} is not what was judged: somebody changed it. Set model_file '
-                    'if that is what you want.'
+                    f'{stored.path} has changed since it was judged. Set model_file to it if you '
+                    'want it live all the same.'
                 )
             problem = self._live.take(stored)
         except WristFtCompError as error:
             raise SettingsError(f'{error} The running model stays.') from error
-        self._decide(f'{memory.offered} was adopted: {memory.why}')
+        self._note_adopted()
         message = f'compensating with {stored.path}: {memory.why}'
         return f'{message}\nwarning: {problem}' if problem else message
 
@@ -276,12 +359,12 @@ class Learner(Part):
             self._process = None
 
     def statuses(self) -> Iterator[Status]:
-        """Judge how it stands; nothing is said where learning is off."""
+        """Say what learning does and what came of it; nothing where learning is off."""
         if self.mode == 'off':
             return
-        memory, resting = self.memory, self.diary.problem if self.diary else ''
+        memory, of_disk = self.memory, self.diary.problem if self.diary else ''
         # What a person should look at, the worst first.
-        trouble = self.why_not or resting or self.problem or memory.paused or memory.incident
+        trouble = self.why_not or of_disk or self.problem or memory.paused or memory.incident
         level = WARN if trouble else OK
         yield Status(self.title, level, trouble or self._well(), self._numbers())
 
@@ -290,11 +373,11 @@ class Learner(Part):
         if self.memory.offered:
             return 'a better model is offered: see "offered", and call ~/adopt to make it live'
         if self.running_s is not None:
-            return f'learning for {self.running_s:.0f} s'
-        return self.waiting or 'keeping a diary'
+            return f'models have been compared on {self._judging} for {self.running_s:.0f} s'
+        return self.waiting or 'the day is being recorded; no better model is offered'
 
     def _numbers(self) -> dict[str, str]:
-        """Give what stands behind it."""
+        """Give the numbers behind the status."""
         memory = self.memory
         numbers = {
             'mode': self.mode,
@@ -315,7 +398,7 @@ class Learner(Part):
         return numbers
 
     def _rest(self) -> None:
-        """Leave the day where it is; it and its judgement go on at the next beginning."""
+        """Stop recording and judging; both go on from here at the next beginning."""
         self._end_job()
         diary, self.diary = self.diary, None
         if diary is not None:

@@ -9,8 +9,9 @@ from std_srvs.srv import Trigger
 
 from wrist_ft_comp.drift.drift_model import check_fits, check_sensor, DriftModel, StoredModel
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
-from wrist_ft_comp.ros.hub import Hub, Part, Service
+from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.node_log import ERROR, NodeLog, OK, Status, WARN
+from wrist_ft_comp.ros.part import Part, Service
 from wrist_ft_comp.signals import SensorNames
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import ModelStore
@@ -19,12 +20,13 @@ from wrist_ft_comp.stored.state_file import StateWriter
 
 @dataclass(eq=False)
 class LiveModel(Part):
-    """Owns the live model and those before it; ``swap`` makes one live, or raises and does not."""
+    """
+    Owns the live model and those before it; ``swap`` makes one live, or raises and does not.
 
-    # It begins with the newest decision. A model_file that differs from the one of the last start,
-    # in name or in content, is a new decision of the operator's, and must be usable. One that does
-    # not is as old as that start, an empty one is none: what a calibration or a rollback made live
-    # since goes on.
+    It begins with the newest decision. A model_file that differs from the one of the last start,
+    in name or in content, is a new decision of the operator's, and must be usable. Otherwise what
+    a calibration or a rollback made live since that start goes on.
+    """
 
     _store: ModelStore
     _model_file: str

@@ -1,15 +1,15 @@
 """The part that says what is subtracted: ~/drift, and the diagnostics of the output."""
 
 from collections.abc import Callable, Iterator, Sequence
-import time
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
-from wrist_ft_comp.node.input_health import Counts
-from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.node.inputs import Counts
+from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.messages import wrench_message
-from wrist_ft_comp.ros.node_log import ERROR, OK, Status, WARN
+from wrist_ft_comp.ros.node_log import ERROR, Growth, OK, Status, WARN
+from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.signals import AXES, axis_unit, FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.stream_grid import CompletedCells
@@ -22,7 +22,7 @@ class Output(Part):
 
     def __init__(self, compensator: Compensator, counts: Counts, frame: Callable[[], str]) -> None:
         self._compensator, self._counts, self._frame = compensator, counts, frame
-        self._reported = time.monotonic(), 0
+        self._growth = Growth()
 
     def start(self, hub: Hub) -> None:
         """Offer the topic."""
@@ -37,12 +37,11 @@ class Output(Part):
 
     def statuses(self) -> Iterator[Status]:
         """Report what is subtracted, and whether it hits a limit."""
-        stream, published, now_s = self._compensator, self._counts.published, time.monotonic()
-        reported_s, before = self._reported
-        self._reported = now_s, published
+        stream, counts = self._compensator, self._counts
+        grown, elapsed_s = self._growth.since(published=counts.published)
         numbers = {
-            'rate_hz': f'{(published - before) / max(now_s - reported_s, 1e-9):.1f}',
-            'published': str(published),
+            'rate_hz': f'{grown["published"] / elapsed_s:.1f}',
+            'published': str(counts.published),
             'tare': 'active' if stream.tare.any() else 'none',
             'origin': stream.tracker.origin,
             **_axis_numbers(stream),

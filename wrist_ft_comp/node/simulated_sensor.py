@@ -22,11 +22,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.node.robot import SimulatedRobot
+from wrist_ft_comp.ros.arguments import tell_unknown, usage
 from wrist_ft_comp.ros.messages import opening, overridable, SLOW_SENSOR
 from wrist_ft_comp.ros.parameters import declare, EXECUTOR_PARAMETER, Parameter, values
 from wrist_ft_comp.ros.running import run_nodes
-from wrist_ft_comp.ros.unknown_arguments import tell_unknown
-from wrist_ft_comp.ros.usage import usage
 from wrist_ft_comp.signals import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings

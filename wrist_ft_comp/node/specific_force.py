@@ -1,6 +1,5 @@
-"""Specific force, live: of an IMU, or by TF."""
+"""Where down is, live: specific force of an IMU, or by TF, told to all parts."""
 
-from collections.abc import Callable
 from functools import partial
 import math
 from typing import Any
@@ -11,85 +10,85 @@ from sensor_msgs.msg import Imu
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds
 from wrist_ft_comp.ros import messages
-from wrist_ft_comp.ros.raw_node import RawNode, waiting
+from wrist_ft_comp.ros.hub import Hub
+from wrist_ft_comp.ros.part import Part, Vector
 from wrist_ft_comp.ros.topic_types import load_type, wrong_type
 from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
 from wrist_ft_comp.wire.tf_messages import Layouts
 from wrist_ft_comp.wire.tf_tree import GravityByTf
 
-#: TF comes in pieces of several publishers; it is looked at no more often than this, ns, and what
-#: is too old is dropped once in so many pieces.
-_STEP_NS, _TIDY = 10_000_000, 100
-
-#: Takes a stamp, ns, 0 without one, specific force, m/s², and speed of rotation, rad/s, if known.
-OnForce = Callable[[int, tuple[float, float, float], float | None], None]
+#: TF comes in pieces of several publishers; specific force is computed no more often than this.
+_STEP_NS = 10_000_000
+#: Messages of TF after which transforms that are too old are dropped.
+_TIDY_MESSAGES = 100
 
 
-class GravitySource:
+class Gravity(Part):
     """
-    Hears what the parameters ``gravity.…`` say, and gives each specific force to a callback.
+    Hears what the parameters ``gravity.…`` say, and tells all parts each specific force.
 
-    As field_inputs, it polls what ``subscribe_unserved`` keeps: an IMU may send at a kilohertz.
-    ``frame`` tells the name of the wrench's frame; '' before it is known.
-
-    Raises
-    ------
-    SettingsError
-        When TF is asked for and cannot be had.
-
+    An IMU may send at a kilohertz, so it is polled: no executor wakes for its messages.
     """
 
-    def __init__(
-        self,
-        chosen: dict[str, Any],
-        node: RawNode,
-        frame: Callable[[], str],
-        on_force: OnForce,
-        guard: Callable[[Callable[..., Any]], Callable[..., Any]] = lambda callback: callback,
-    ) -> None:
+    title = 'gravity'
+
+    def __init__(self, chosen: dict[str, Any]) -> None:
+        self._source, self._upper = chosen['gravity.source'], chosen['gravity.frame']
+        self._by_tf = self._source == 'tf'
         #: Messages that could not be read, or held no numbers.
         self.unreadable = 0
-        self._node, self._frame, self._on_force, self._guard = node, frame, on_force, guard
+        self._unreadable_before = 0
+        self._hub: Hub | None = None
+        #: By TF the force's frame is turned in the wrench's; of an IMU it tells how it is mounted.
+        self._tree = GravityByTf(self._upper, '')
         self._told_ns: int | None = None
-        self._pieces = self._unreadable_before = 0
-        self._by_tf = chosen['gravity.source'] == 'tf'
-        #: Of an IMU: how its frame, that of the newest message, is turned in the wrench's.
-        self._tree = GravityByTf(chosen['gravity.frame'], frame())
+        self._tf_messages = 0
         self._imu: Any = None
+        #: The newest message of the IMU.
         self._newest = b''
-        if chosen['gravity.source'] == 'imu':
-            self._imu = node.subscribe_unserved(Imu, 'imu', messages.FAST_SENSOR)
+
+    def start(self, hub: Hub) -> None:
+        """Subscribe; SettingsError when what is asked for cannot be had."""
+        self._hub = hub
+        if self._source == 'imu':
+            self._imu = hub.subscribe_unserved(Imu, 'imu', messages.FAST_SENSOR)
             try:
-                self._subscribe('/tf_static')
+                self._subscribe(hub, '/tf_static')
             except SettingsError as error:  # a payload that was learnt knows
-                node.log.info(f'TF is not asked how the IMU is mounted: {error}')
+                hub.log.info(f'TF is not asked how the IMU is mounted: {error}')
         elif self._by_tf:
-            if not chosen['gravity.frame']:
+            if not self._upper:
                 raise SettingsError(
                     'gravity.source is tf, and gravity.frame is empty; expected the frame whose z '
                     'is up. Set it at start-up with -p gravity.frame:=base_link or the like.'
                 )
             for topic in ('/tf', '/tf_static'):
-                self._subscribe(topic)
+                self._subscribe(hub, topic)
 
-    def _subscribe(self, topic: str) -> None:
+    def _subscribe(self, hub: Hub, topic: str) -> None:
         """Hear transforms."""
         static = topic == '/tf_static'
-        take = self._guard(partial(self._on_tf, Layouts(), static=static))
+        take = partial(self.on_tf, Layouts(), static=static)
         qos = messages.LATCHED if static else messages.FAST_SENSOR
-        self._node.subscribe(load_type(topic, TF), topic, take, qos)
+        hub.subscribe_for(self, load_type(topic, TF), topic, take, qos)
 
     def poll(self) -> None:
         """Take what an IMU has sent."""
-        if self._imu is not None:
-            for data in waiting(self._imu):
-                self._on_imu(data)
+        if self._imu is not None and not self.stopped:
+            for data in messages.waiting(self._imu):
+                self.on_imu(data)
 
     def frames(self) -> FrameIds:
-        """Tell the frame of the specific force, which by TF is the upper one, and the wrench's."""
-        if self._by_tf or not self._newest:
-            return FrameIds(self._tree.upper if self._by_tf else '', self._frame())
-        return FrameIds(locate(self._newest, IMU_DOUBLES).frame_id(self._newest), self._frame())
+        """
+        Tell the frame_ids of specific force and wrench, '' where one is not known yet.
+
+        By TF that of specific force is the frame whose z is up.
+        """
+        wrench = '' if self._hub is None else self._hub.hardware_id()
+        if self._by_tf:
+            return FrameIds(self._upper, wrench)
+        newest = self._newest
+        return FrameIds(locate(newest, IMU_DOUBLES).frame_id(newest) if newest else '', wrench)
 
     def mount(self) -> ForceFrame | None:
         """Tell how TF turns specific force into the wrench's frame; None where it does not."""
@@ -102,7 +101,7 @@ class GravitySource:
         (rotation,) = self._tree.rotations(np.zeros(1, np.int64))
         return ForceFrame(rotation, source='imu') if np.isfinite(rotation).all() else None
 
-    def _on_imu(self, data: bytes) -> None:
+    def on_imu(self, data: bytes) -> None:
         """Take one sensor_msgs/Imu; a gyroscope that is not there leaves zeros."""
         try:
             stamp_ns, numbers = locate(data, IMU_DOUBLES).decode(data)
@@ -113,14 +112,14 @@ class GravitySource:
         x, y, z = numbers[ACCELERATION]
         speed = math.hypot(*numbers[ROTATION])
         if math.isfinite(x + y + z):
-            self._on_force(stamp_ns, (x, y, z), speed if speed > 0 else None)
+            self._tell(stamp_ns, (x, y, z), speed if speed > 0 else None)
         else:
             self.unreadable += 1
 
-    def _on_tf(self, layouts: Layouts, data: bytes, *, static: bool) -> None:
-        """Take one tf2_msgs/TFMessage; tells specific force of where all transforms are there."""
+    def on_tf(self, layouts: Layouts, data: bytes, *, static: bool) -> None:
+        """Take one tf2_msgs/TFMessage; ``layouts`` are those of its topic."""
         if self._by_tf:
-            self._tree.lower = self._frame()
+            self._tree.lower = self.frames().wrench_frame
         try:
             layout = layouts.find(data)
         except RecordingError:
@@ -129,16 +128,15 @@ class GravitySource:
         needed = self._tree.needed(layout.frames, static=static)
         for transforms in layout.decode([data], needed):
             self._tree.add(transforms, static=static)
-        self._pieces += 1
-        if self._pieces % _TIDY == 0:
+        self._tf_messages += 1
+        if self._tf_messages % _TIDY_MESSAGES == 0:
             self._tree.forget()
         if self._by_tf and needed:
-            self._tell()
+            self._tell_by_tf()
 
-    def _tell(self) -> None:
-        """Tell specific force of where all transforms are there, if that is news."""
-        at_ns = self._tree.settled_ns()
-        told_ns = self._told_ns
+    def _tell_by_tf(self) -> None:
+        """Tell specific force at the newest stamp that all transforms reach, if that is news."""
+        at_ns, told_ns = self._tree.settled_ns(), self._told_ns
         # Stamps that ran back are a simulation begun anew.
         if at_ns is None or (told_ns is not None and 0 <= at_ns - told_ns < _STEP_NS):
             return
@@ -146,16 +144,21 @@ class GravitySource:
         force, speed = self._tree.read(np.array([at_ns]))
         if math.isfinite(force[0, 0]):
             x, y, z = force[0].tolist()
-            self._on_force(at_ns, (x, y, z), float(speed[0]) if math.isfinite(speed[0]) else None)
+            self._tell(at_ns, (x, y, z), float(speed[0]) if math.isfinite(speed[0]) else None)
+
+    def _tell(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
+        """Tell all parts; the stamp, ns, is 0 where the message has none."""
+        if self._hub is not None:
+            self._hub.tell('on_force', stamp_ns or self._hub.now_ns(), force, speed)
 
     def doubt(self) -> str:
         """Say what is wrong with what is sent, since the last time; empty when nothing is."""
         unreadable, self._unreadable_before = self._unreadable_before, self.unreadable
-        if self._imu is not None:
+        if self._imu is not None and self._hub is not None:
             topic = self._imu.topic_name
-            if other := wrong_type(self._node, topic, IMU):
+            if other := wrong_type(self._hub, topic, IMU):
                 return other
-            if (publishers := self._node.count_publishers(topic)) > 1:
+            if (publishers := self._hub.count_publishers(topic)) > 1:
                 return f'{topic} has {publishers} publishers; their readings are mixed'
         if self.unreadable == unreadable:
             return ''
@@ -164,6 +167,5 @@ class GravitySource:
 
     def problem(self) -> str:
         """Say why TF tells nothing; empty where it tells something, or is not asked."""
-        if not self._by_tf or self._told_ns is not None or not self._frame():
-            return ''
-        return self._tree.missing()
+        self._tree.lower = lower = self.frames().wrench_frame
+        return self._tree.missing() if self._by_tf and self._told_ns is None and lower else ''

@@ -6,8 +6,8 @@ import time
 from typing import Any
 
 from wrist_ft_comp.errors import StateFileError
-from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.signals import NANOSECONDS
 from wrist_ft_comp.stored.state_file import load_state, SavedState, StateWriter
 from wrist_ft_comp.stream.compensator import Compensator
@@ -23,23 +23,28 @@ _SOAKED = 'the drift starts at the steady state of the first temperatures'
 
 @dataclass(eq=False)
 class StateKeeper(Part):
-    """Goes on from the state of the node before, and saves this one's."""
+    """
+    Goes on from the state of the node before, and saves this one's.
 
-    # Settings are save_period, and use_sim_time, with which the system's clock tells no gaps.
+    Settings are save_period, and use_sim_time, with which the system's clock tells no gaps.
+    """
 
     _compensator: Compensator
     _live_sha256: Callable[[], str | None]
     writer: StateWriter
     _settings: Mapping[str, Any]
     _log: NodeLog
-    #: What became of the saved state, a sentence.
+    #: What became of the saved state.
     outcome: str = 'there was no saved state'
+    #: The trouble with the file that was logged last.
     _complained: str = ''
     #: The saved state, until the first thermal cell tells what is made of it.
     _loaded: SavedState | None = None
 
-    title = 'state'
+    #: When to save next, by the steady clock; None before the first model is live.
     _due: float | None = None
+
+    title = 'state'
 
     def on_model(self) -> None:
         """Go on from the saved state when the first model is live, and begin to save."""
@@ -89,7 +94,7 @@ class StateKeeper(Part):
         self._log.warning(self.outcome)
 
     def _key(self) -> tuple[str | None, bytes, bytes]:
-        """Return what is worth a save at once when it changes."""
+        """Give the model and the tares, whose change is saved at once."""
         compensator = self._compensator
         tare, external = compensator.tare.tobytes(), compensator.external_tare.tobytes()
         return self._live_sha256(), tare, external
@@ -136,8 +141,9 @@ class StateKeeper(Part):
         saved_ns = time.time_ns()
         if self._loaded is not None and compensator.tracker.awaiting_gap:
             saved_ns = self._loaded.saved_ns  # what is not yet in use is as old as it was
-        known = self._live_sha256(), compensator.tare, compensator.memory()
-        self.writer.put(SavedState(saved_ns, *known, compensator.external_tare))
+        model, memory = self._live_sha256(), compensator.memory()
+        tares = compensator.tare, compensator.external_tare
+        self.writer.put(SavedState(saved_ns, model, tares[0], memory, tares[1]))
 
     def end(self) -> bool:
         """Save once more, and wait for the disk."""

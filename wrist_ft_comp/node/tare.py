@@ -11,9 +11,9 @@ from std_srvs.srv import Trigger
 from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.payload.live_weight import LivePayload
-from wrist_ft_comp.ros.hub import Hub, Service
-from wrist_ft_comp.ros.long_service import LongService, Work
+from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.part import LongService, Service, Work
 from wrist_ft_comp.signals import AXES, axis_unit, FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector
@@ -24,18 +24,20 @@ _GRACE_S = 2.0
 
 @dataclass(eq=False)
 class TareService(LongService):
-    """Takes a tare from the wrenches that are pushed to it; ``save`` keeps it over a restart."""
+    """
+    Takes a tare from wrenches; where a payload is active, the external wrench is tared, too.
 
-    # Where a payload is held, the external wrench is tared, too.
+    ``save`` keeps the tare over a restart.
+    """
 
     _compensator: Compensator
     _external: ExternalWrench
     _settings: Callable[[], Mapping[str, Any]]
     _save: Callable[[], None]
     _log: NodeLog
-    #: None when there are enough wrenches, or none are wanted.
+    #: None when there are enough wrenches, or no tare runs.
     _collector: TareCollector | None = None
-    #: Of the payload, N and N m; None where nobody knew.
+    #: Of the payload at each wrench, N and N m; None where it was not known.
     _weights: list[list[float] | None] = field(default_factory=list)
     _hub: Hub = field(init=False)
 
@@ -51,7 +53,7 @@ class TareService(LongService):
         return (*super().services(), Service(Trigger, '~/reset_tare', self.reset))
 
     def start(self, hub: Hub) -> None:
-        """Keep what hands out wrenches."""
+        """Keep the hub, which hands out wrenches."""
         self._hub = hub
 
     def reset(self, *_: Any) -> str:
@@ -71,7 +73,7 @@ class TareService(LongService):
 
     def _work(self) -> Work:
         """Wait for enough wrenches, or until they stay away, and tare with what there is."""
-        chosen, held = self._settings(), self._external.payload
+        chosen, payload = self._settings(), self._external.payload
         collector = TareCollector(chosen['tare.duration'], chosen['tare.max_deviation'])
         deadline = time.monotonic() + chosen['tare.duration'] + _GRACE_S
         self._collector, self._weights = collector, []
@@ -83,7 +85,7 @@ class TareService(LongService):
             self._collector = None
             self._hub.listen(self, wanted=False)
         mean, stamp_ns = collector.result()
-        weight = self._weight(held)
+        weight = self._weight(payload)
         tare = self._compensator.set_tare(mean, stamp_ns, weight)
         self._save()
         offsets = ', '.join(
@@ -92,18 +94,18 @@ class TareService(LongService):
         also = '' if weight is None else '; wrench_external is tared, too'
         return f'tared: {offsets}{also}'
 
-    def _weight(self, held: LivePayload | None) -> FloatArray | None:
-        """Give the mean weight of what is held; refuse where it is not what was held all along."""
-        active, waiting = self._external.payload, self._external.waiting
-        if active is None and held is None and not waiting:
+    def _weight(self, before: LivePayload | None) -> FloatArray | None:
+        """Give the payload's mean weight; refuse if it is not the payload of ``before``."""
+        payload, waiting = self._external.payload, self._external.waiting
+        if payload is None and before is None and not waiting:
             return None
-        known = [weight for weight in self._weights if weight is not None]
-        if active is None or active is not held or len(known) < len(self._weights):
-            fresh = f'specific force was fresh for {len(known)} of {len(self._weights)} wrenches'
-            why = waiting or (fresh if active is held else 'payload.active changed meanwhile')
+        weights = [weight for weight in self._weights if weight is not None]
+        if payload is None or payload is not before or len(weights) < len(self._weights):
+            fresh = f'specific force was fresh for {len(weights)} of {len(self._weights)} wrenches'
+            why = waiting or (fresh if payload is before else 'payload.active changed meanwhile')
             raise TareRefusedError(
                 f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look at '
                 'the status payload and call again; with payload.active empty, wrench is tared '
                 'alone.'
             )
-        return np.asarray(np.mean(known, axis=0))
+        return np.asarray(np.mean(weights, axis=0))

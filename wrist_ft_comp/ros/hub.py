@@ -1,104 +1,66 @@
 """
 The hub of a node: it owns the parts and calls them, and no part can end it.
 
-A part is one feature of the node: what it subscribes to, serves, and says in the diagnostics. All
-parts have the same verbs. What a part throws that is no refusal is a fault of the program: the hub
-logs it once with its traceback, calls that part no more, says so in the diagnostics and in the
-answers of the part's services, and goes on.
+What a part throws that is no refusal is a fault of the program: the hub logs it once with its
+traceback, calls that part no more, says so in the diagnostics and in the answers of the part's
+services, and goes on. The hub also opens topics for its parts: messages come as bytes, and
+parameters may override the quality of service.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import replace
 from functools import partial
 import time
 import traceback
-from typing import Any
+from typing import Any, cast
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import qos_policy_name_from_kind
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.ros.deferred import DeferredService, Reply
-from wrist_ft_comp.ros.node_log import ERROR, Status
-from wrist_ft_comp.ros.raw_node import RawNode
+from wrist_ft_comp.ros import messages
+from wrist_ft_comp.ros.node_log import ERROR, NodeLog, Status
+from wrist_ft_comp.ros.part import DeferredService, Part
 
 HOUSEKEEPING_PERIOD_S = 0.1
 DIAGNOSTICS_PERIOD_S = 1.0
 #: An answer that the asker has not taken yet is lost when its sender leaves the network.
 FAREWELL_S = 0.5
-
-
-@dataclass(frozen=True)
-class Service:
-    """A service that a part offers; DeferredService says what its handler gets and returns."""
-
-    kind: Any
-    name: str
-    handler: Callable[[Any, Reply], str | None]
-
-
-class Part:
-    """
-    One feature of a node; every verb does nothing until a part has a use for it.
-
-    A constructor only stores: what a part needs of the node, it asks the hub for in ``start``,
-    when all parts exist. Their order decides nothing but the order of their diagnostics.
-    """
-
-    #: What people call it, in the log and the diagnostics.
-    title = ''
-    #: Why the hub calls it no more; empty while all is well.
-    stopped = ''
-
-    def services(self) -> Sequence[Service]:
-        """List the services that it offers."""
-        return ()
-
-    def start(self, hub: Any) -> None:
-        """Begin; a refusal (WristFtCompError) ends the node, as a wrong parameter does."""
-
-    def on_model(self) -> None:
-        """Follow the model that is live: called when all parts have started, and at a change."""
-
-    def on_wrench(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Any) -> None:
-        """Take a raw wrench, N and N m, that was sent on; only while the hub's ``listen`` says."""
-
-    def on_cells(self, cells: Sequence[Any], stamp_ns: int) -> None:
-        """Take thermal cells that a temperature of a stamp, ns, has completed."""
-
-    def on_force(
-        self, stamp_ns: int, force: tuple[float, float, float], speed: float | None
-    ) -> None:
-        """Take a specific force, m/s², and the speed of rotation, rad/s, where it is known."""
-
-    def check_parameters(self, parameters: Sequence[Any]) -> None:
-        """Refuse parameters that cannot be had; changes nothing."""
-
-    def apply_parameters(self, parameters: Sequence[Any]) -> None:
-        """Follow parameters that have changed."""
-
-    def poll(self) -> None:
-        """Do what is due; ten times a second."""
-
-    def statuses(self) -> Iterable[Status]:
-        """Judge how it stands; once a second."""
-        return ()
-
-    def end(self) -> bool:
-        """End with the node, or with the part; tell whether somebody was answered just now."""
-        return False
-
-
+#: What the hub calls of those parts only that have a use for it.
 _VERBS = ('on_model', 'on_cells', 'on_force', 'check_parameters', 'apply_parameters', 'poll')
+#: What is made, and said, where the other side of our subscription or publisher does not agree.
+_DISAGREEMENTS = {
+    'subscription': (
+        SubscriptionEventCallbacks,
+        'a publisher of {} offers less {} than is asked for: nothing of it will be received',
+    ),
+    'publisher': (
+        PublisherEventCallbacks,
+        'a subscriber of {} asks for more {} than is offered: it will receive nothing',
+    ),
+}
 
 
-class Hub(RawNode):
-    """A node made of parts; a subclass makes them and calls ``run`` with all of them."""
+class Hub(Node):
+    """
+    A node made of parts; a subclass makes them and calls ``run`` with all of them.
+
+    SettingsError when a topic cannot be opened.
+    """
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
+        self.log = NodeLog(cast('Any', self).get_logger())
+        #: Per topic, by relative name, the policy on which some other side does not agree.
+        self.incompatible: dict[str, str] = {}
+        #: Subscriptions that no executor serves.
+        self._unserved: list[Any] = []
         self.parts: tuple[Part, ...] = ()
         #: Parts that every wrench is handed to; in ordinary operation there are none.
         self._listeners: tuple[Part, ...] = ()
@@ -129,7 +91,7 @@ class Hub(RawNode):
             self.call(part, part.on_model)
         self._offered = [
             DeferredService(
-                self, offer.kind, offer.name, partial(self._serve, part, offer.handler),
+                self, replace(offer, handler=partial(self._serve, part, offer.handler)),
                 self.log.note_refusal,
             )
             for part in parts for offer in part.services()
@@ -182,6 +144,50 @@ class Hub(RawNode):
         """Subscribe a part to serialized messages."""
         return self.subscribe(kind, topic, self.guarded(part, callback), qos)
 
+    def advertise(self, kind: Any, topic: str, *, negotiable: bool = False) -> Any:
+        """Make a publisher."""
+        with messages.opening(topic):
+            options = self._negotiable('publisher', topic) if negotiable else {}
+            return self.create_publisher(kind, topic, copy(messages.OUTPUT), **options)
+
+    def subscribe(self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any) -> Any:
+        """Subscribe to serialized messages."""
+        with messages.opening(topic):
+            options = self._negotiable('subscription', topic)
+            return self.create_subscription(kind, topic, callback, copy(qos), raw=True, **options)
+
+    def subscribe_unserved(self, kind: Any, topic: str, qos: Any = messages.NEWEST) -> Any:
+        """Subscribe to messages that no executor takes, but ``waiting``."""
+        result = self.subscribe(kind, topic, lambda _: None, qos)
+        # Executors serve what stands in this list, at once or at their next wake-up.
+        self._subscriptions.remove(result)
+        self._unserved.append(result)
+        return result
+
+    def destroy_subscription(self, subscription: Any) -> bool:
+        """Destroy a subscription, also one that no executor takes."""
+        if subscription in self._unserved:
+            self._unserved.remove(subscription)
+            self._subscriptions.append(subscription)
+        return bool(super().destroy_subscription(subscription))
+
+    def _negotiable(self, ours: str, topic: str) -> dict[str, Any]:
+        """Make options: policies are overridable; one that two don't agree on is noted, logged."""
+        callbacks, sentence = _DISAGREEMENTS[ours]
+
+        def note(event: Any) -> None:
+            policy = str(qos_policy_name_from_kind(event.last_policy_kind)).lower()
+            self.incompatible[topic] = policy
+            name = f'qos_overrides.{self.resolve_topic_name(topic)}.{ours}.{policy}'
+            remedy = f'Set {name} of this node, or' if self.has_parameter(name) else 'Set'
+            trouble = sentence.format(topic, policy)
+            self.log.error(f'{trouble}. {remedy} the quality of service of the other side.')
+
+        return {
+            'event_callbacks': callbacks(incompatible_qos=note),
+            'qos_overriding_options': messages.overridable(),
+        }
+
     def now_ns(self) -> int:
         """Time for drivers that do not stamp."""
         return int(self.get_clock().now().nanoseconds)
@@ -207,10 +213,10 @@ class Hub(RawNode):
 
     def _serve(self, part: Part, handler: Callable[..., str | None], *asked: Any) -> str | None:
         """Handle a request, or refuse it where the part has stopped, before or by it."""
-        said: str | None = self.call(part, handler, *asked)
+        answer: str | None = self.call(part, handler, *asked)
         if part.stopped:
             raise WristFtCompError(part.stopped)
-        return said
+        return answer
 
     def _validate_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
         """Allow or refuse parameters, changing nothing that runs."""
@@ -255,7 +261,9 @@ class Hub(RawNode):
         """End what runs beside the node; who waits for an answer is told."""
         if self._end_parts():
             time.sleep(FAREWELL_S)
-        super().destroy_node()
+        for subscription in tuple(self._unserved):
+            self.destroy_subscription(subscription)
+        super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
 
     def _end_parts(self) -> bool:
         """End all parts; tell whether somebody was answered just now."""

@@ -84,3 +84,14 @@ def wrench_message(stamp_ns: int, frame_id: str, values: Iterable[float]) -> Wre
         part, component = axis.split('_')
         setattr(getattr(message.wrench, part), component, float(value))
     return message
+
+
+def waiting(subscription: Any) -> Iterator[bytes]:
+    """Take, one after the other, what came to a subscription that no executor serves."""
+    handle = subscription.handle
+    for _ in range(subscription.qos_profile.depth):
+        with handle:
+            taken = handle.take_message(subscription.msg_type, True)  # as bytes
+        if taken is None:
+            return
+        yield taken[0]

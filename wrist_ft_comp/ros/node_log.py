@@ -1,9 +1,10 @@
-"""The node's log: the last refusal, and of the diagnostics' statuses what is news, once."""
+"""A status of the diagnostics, what it is made of, and the log, which tells statuses once."""
 
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 import re
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -11,39 +12,53 @@ from diagnostic_msgs.msg import DiagnosticStatus
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 ERROR, STALE = DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
-#: Reports for which a driver may take its time to start.
-_PATIENCE = 5
-#: Reports without trouble after which it is over; what comes and goes is told once.
-_PEACE = 10
-#: What these say is not logged elsewhere.
+#: Reports during which the log does not mention what is stale: a driver may take time to start.
+_PATIENCE_REPORTS = 5
+#: Reports without trouble after which the log says that it is over: what comes and goes more
+#: often is logged once.
+_QUIET_REPORTS = 10
+#: Statuses whose troubles are logged nowhere else.
 _LOGGED = ('input', 'temperature', 'payload', 'output')
 #: Numbers that change from report to report, but not those of thermometers, which are names.
 _NUMBERS = re.compile(r'(?<!thermometer )(?<!, )\b[\d.]+')
-
-
-#: What is asked for may be as long as the asker likes; diagnostics repeat it every second.
-_LONGEST_REFUSAL = 1000
+#: Letters of a refusal that are kept: a request may be of any length, and diagnostics repeat it.
+_REFUSAL_LETTERS = 1000
 
 
 @dataclass(frozen=True)
 class Status:
-    """How it stands with one thing, such as ``temperature``."""
+    """The state of one thing, such as ``temperature``."""
 
     name: str
     #: OK, WARN, ERROR or STALE.
     level: bytes
-    #: What is, and what to do.
+    #: What is the case, and what to do.
     message: str
-    #: Numbers behind it.
+    #: The numbers behind the message.
     values: dict[str, str] = field(default_factory=dict)
-    #: What the message is made of, where it is several doubts.
+    #: The sentences that the message is made of, where there are several.
     doubts: tuple[str, ...] = ()
 
 
 def doubtful(name: str, doubts: Iterable[str], well: str, values: dict[str, str]) -> Status:
-    """Make a status of all doubts, the worst first, or of what is said where there are none."""
+    """Make a status of all doubts, the worst first; ``well`` is its message without doubts."""
     found = tuple(doubts)
     return Status(name, WARN if found else OK, '; '.join(found) or well, values, found)
+
+
+class Growth:
+    """Tells by how much counts have grown since the last report."""
+
+    def __init__(self) -> None:
+        self._at_s, self._counts = time.monotonic(), dict[str, int]()
+
+    def since(self, **counts: int) -> tuple[dict[str, int], float]:
+        """Give the growth of each count since the last call, and how long ago that was, s."""
+        now_s = time.monotonic()
+        elapsed_s = max(now_s - self._at_s, 1e-9)
+        grown = {name: count - self._counts.get(name, 0) for name, count in counts.items()}
+        self._at_s, self._counts = now_s, counts
+        return grown, elapsed_s
 
 
 class NodeLog:
@@ -55,13 +70,14 @@ class NodeLog:
         #: What was refused last, and why; empty before the first refusal.
         self.last_refusal = ''
         self._reports = 0
-        #: Per status: what was told since all was well, and for how many reports it has been.
-        self._told: dict[str, set[str]] = defaultdict(set)
+        #: Per status: the sentences that were logged since all was well ...
+        self._logged: dict[str, set[str]] = defaultdict(set)
+        #: ... and for how many reports it has been well.
         self._well: dict[str, int] = defaultdict(int)
 
     def note_refusal(self, what: str, why: str) -> None:
         """Remember, for the diagnostics, what was refused and why."""
-        self.last_refusal = f'{what}: {why}'[:_LONGEST_REFUSAL]
+        self.last_refusal = f'{what}: {why}'[:_REFUSAL_LETTERS]
 
     def tell(self, statuses: Iterable[Status]) -> None:
         """Log what is news in a report."""
@@ -71,21 +87,21 @@ class NodeLog:
                 self._tell_one(status)
 
     def _tell_one(self, status: Status) -> None:
-        """Log one status, if it is news."""
-        told, line = self._told[status.name], f'{status.name}: {status.message}'
-        doubts = status.doubts or (status.message,)
-        news = [doubt for doubt in doubts if _NUMBERS.sub('#', doubt) not in told]
+        """Log what a status says for the first time, and when it has been well for long."""
+        logged = self._logged[status.name]
         if status.level == OK:
             self._well[status.name] += 1
-            if told and self._well[status.name] >= _PEACE:
-                told.clear()
-                self.info(line)
+            if logged and self._well[status.name] >= _QUIET_REPORTS:
+                logged.clear()
+                self.info(f'{status.name}: {status.message}')
             return
         self._well[status.name] = 0
-        starting = status.level == STALE and self._reports <= _PATIENCE
+        doubts = status.doubts or (status.message,)
+        news = [doubt for doubt in doubts if _NUMBERS.sub('#', doubt) not in logged]
+        starting = status.level == STALE and self._reports <= _PATIENCE_REPORTS
         if starting or not news:
             return
-        told.update(_NUMBERS.sub('#', doubt) for doubt in news)
+        logged.update(_NUMBERS.sub('#', doubt) for doubt in news)
         line = f'{status.name}: {"; ".join(news)}'
         # One call site each: rclpy insists that a call site keeps its severity.
         if status.level == ERROR:

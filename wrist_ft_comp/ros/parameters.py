@@ -1,10 +1,10 @@
-"""Parameters: what a table's row is, how a node declares a table, and the compensator's own."""
+"""Parameters: what a table's row is, how a node declares a table, and the rows of all nodes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 import math
-from typing import Any, cast, get_args, TypeAlias
+from typing import Any, cast, TypeAlias
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -16,11 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.fit.settings import CalibrationSettings, METHODS
-from wrist_ft_comp.payload.weight import FARTHEST_M, MOST_KG
-from wrist_ft_comp.ranges import PERIODS_S, range_words
-from wrist_ft_comp.signals import Reference
-from wrist_ft_comp.stream.compensator import StreamSettings
+from wrist_ft_comp.ranges import range_words
 
 Value: TypeAlias = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 _Type = RosParameter.Type
@@ -178,8 +174,10 @@ def _converted_where_possible(
 ) -> list[RosParameter]:
     """Convert the parameters of a set request; what cannot be converted stays as it is."""
     return [
-        _converted_if_possible(rows[each.name], each) if each.name in rows else each
-        for each in given
+        _converted_if_possible(rows[parameter.name], parameter)
+        if parameter.name in rows
+        else parameter
+        for parameter in given
     ]
 
 
@@ -197,20 +195,20 @@ def _converted_if_possible(row: Parameter, given: RosParameter) -> RosParameter:
 def _validated(rows: dict[str, Parameter], wanted: Sequence[RosParameter]) -> SetParametersResult:
     """Allow or refuse a set request, changing nothing."""
     try:
-        for each in wanted:
-            if each.name in rows:
-                converted(rows[each.name], each.value)
+        for parameter in wanted:
+            if parameter.name in rows:
+                converted(rows[parameter.name], parameter.value)
     except SettingsError as error:
         return SetParametersResult(successful=False, reason=str(error))
     return SetParametersResult(successful=True)
 
 
 NODE_NAME = 'wrist_ft_comp'
-_STREAM, _CALIBRATION = StreamSettings(), CalibrationSettings()
-_at_start = partial(Parameter, read_only=True)
+#: A row that is read at start-up only.
+at_start = partial(Parameter, read_only=True)
 
 #: Row for the table of a node that lets its user choose.
-EXECUTOR_PARAMETER = _at_start(
+EXECUTOR_PARAMETER = at_start(
     'executor', 'auto',
     'What runs the callbacks: events (EventsExecutor, which needs less processor time), '
     'default (SingleThreadedExecutor), or auto (events where rclpy has it).',
@@ -218,115 +216,9 @@ EXECUTOR_PARAMETER = _at_start(
 )  # fmt: skip
 #: What concerns the process, not one sensor.
 PROCESS_PARAMETERS = (
-    _at_start(
+    at_start(
         'sensors', (),
         'Names of the sensors to serve from this process, each by a node in a namespace of that '
         'name; empty serves one sensor, in no namespace of its own.', element=str),
     EXECUTOR_PARAMETER,
-)  # fmt: skip
-PARAMETERS = (
-    *PROCESS_PARAMETERS,
-    _at_start(
-        'temperature_topics', ('temperature',),
-        'The thermometers, the one inside the sensor first: topics of sensor_msgs/Temperature, or '
-        'TOPIC:FIELD for a number in messages of any type, such as '
-        '/driver/state:joints[2].temperature, with :K or :F behind it where that is not in °C.'),
-    _at_start(
-        'hardware_id', '',
-        'Serial number of the sensor, which no topic tells. Recordings and models keep it, and a '
-        'model of another sensor gives a warning.'),
-    Parameter(
-        'model_file', '',
-        'Model to run, relative to data_directory or to the working directory; empty takes the '
-        'one that was live last. Given at start as at the start before, a calibration or rollback '
-        'since then goes on. Set at run time, it must lie inside data_directory.'),
-    _at_start(
-        'data_directory', '',
-        'Where models and own recordings are kept, by several sensors in a folder each; empty '
-        'takes wrist_ft_comp/NODE below ROS_HOME (or ~/.ros).'),
-    _at_start(
-        'save_period', 5.0,
-        'How often the thermal state is saved, so that a restart goes on from it; also when the '
-        'node ends, and when the tare or the model changes.', 's', 0.1, 3600.0),
-    _at_start(
-        'thermal_period', _STREAM.thermal_period_s,
-        'Length of a thermal cell while no model says otherwise, and in recordings.',
-        's', *PERIODS_S),
-    _at_start(
-        'temperature_timeout', _STREAM.temperature_timeout_s,
-        'Silence of a thermometer after which its last value is held and a warning is given.',
-        's', 0.1, 3600.0),
-    _at_start(
-        'max_drift', _STREAM.max_drift_n,
-        'Largest zero drift that is subtracted from a force; from a torque, a tenth of it in N m.',
-        'N', 0.0, 1e6),
-    _at_start(
-        'max_drift_rate', _STREAM.max_drift_rate_n_s,
-        'How fast the zero drift that is subtracted from a force may move; from a torque, a tenth '
-        'of it in N m/s. A tare and its reset step at once; a change of model never steps.',
-        'N/s', 0.001, 1e6),
-    Parameter(
-        'uncalibrated', 'passthrough',
-        'What to publish without a model or before the first temperature: the raw wrench, tared '
-        '(passthrough), or nothing (silent).', choices=('passthrough', 'silent')),
-    _at_start(
-        'gravity.source', 'none',
-        'What tells where down is, to learn a payload and to subtract its weight: an IMU at the '
-        'sensor on the topic imu, /tf and /tf_static (tf), or nothing (none).',
-        choices=('none', 'imu', 'tf')),
-    _at_start(
-        'gravity.frame', '',
-        'With gravity.source tf: the frame whose z is up, against which the frame_id of the '
-        'wrench turns.'),
-    Parameter(
-        'gravity.timeout', 0.2,
-        'Age of the specific force from which on no weight is subtracted by it.',
-        's', 0.01, 10.0),
-    Parameter(
-        'payload.active', '',
-        'What is mounted, and subtracted on wrench_external: the name of a payload that was '
-        'learnt, manual for what payload.mass and payload.center_of_mass say, or empty for none.'),
-    Parameter(
-        'payload.mass', 0.0,
-        'With payload.active manual: mass of all that is mounted on the sensor.',
-        'kg', 0.0, MOST_KG),
-    Parameter(
-        'payload.center_of_mass', (0.0, 0.0, 0.0),
-        'With payload.active manual: its x, y and z in the frame of the wrench.',
-        'm', -FARTHEST_M, FARTHEST_M),
-    Parameter(
-        'calibration.recordings', (),
-        "Recordings to calibrate from; empty takes the node's own, the newest ten. Set at run "
-        'time, they must lie inside data_directory.', element=str),
-    Parameter(
-        'calibration.reference', _CALIBRATION.reference,
-        'What the true wrench was while recording: zero, an unknown constant, that of an '
-        'unknown payload whose specific force was recorded, or recorded on wrench_reference.',
-        choices=get_args(Reference)),
-    Parameter(
-        'calibration.method', _CALIBRATION.identification.method,
-        'Identification method.', choices=METHODS),
-    Parameter(
-        'calibration.min_temperature_span', _CALIBRATION.min_temperature_span_k,
-        'A calibration is refused when no thermometer spans this much.', 'K', 0.0, 200.0),
-    _at_start(
-        'learning', 'off',
-        'Keep a diary of every day and learn from it: offer a model that is better by more than '
-        'chance, which ~/adopt makes live (propose), or let it go live by itself (auto), or '
-        'nothing of all that (off). Needs calibration.reference payload and a gravity.source.',
-        choices=('off', 'propose', 'auto')),
-    _at_start(
-        'learning.keep_days', 30,
-        'So many days are kept; those that know temperatures like no other are kept longest.',
-        minimum=2, maximum=1000),
-    _at_start(
-        'learning.max_mb', 500.0,
-        'Most that the days of a sensor may take of the disk.', 'MB', 50.0, 1e6),
-    Parameter(
-        'tare.duration', 1.0,
-        'How long a tare averages, in stamps of the wrench.', 's', 0.01, 60.0),
-    Parameter(
-        'tare.max_deviation', 1.0,
-        'A tare is refused when a force moves by more, or a torque by more than a tenth of it in '
-        'N m.', 'N', 0.001, 1e6),
 )  # fmt: skip

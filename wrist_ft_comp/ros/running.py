@@ -18,6 +18,7 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.task import Future
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
+from wrist_ft_comp.ros.arguments import HELP, refuse_strays
 from wrist_ft_comp.ros.parameters import (
     declare,
     NODE_NAME,
@@ -25,7 +26,6 @@ from wrist_ft_comp.ros.parameters import (
     ros_parameter,
     values,
 )
-from wrist_ft_comp.ros.usage import HELP, refuse_strays
 
 NodesFactory = Callable[..., Sequence[Node]]
 SensorNode = TypeVar('SensorNode', bound=Any)
@@ -43,10 +43,13 @@ USER_ERRORS = (
 
 
 def run_nodes(factory: NodesFactory, argv: Sequence[str] | None = None, usage: str = '') -> int:
-    """Run the nodes of ``factory(context=…)`` on one executor until a signal or an error."""
-    # The first node's parameter ``executor`` chooses it. Returned is the exit code: 0 after a
-    # signal, or when ``--help`` showed the usage; 1 after an error of this package, which was
-    # logged as one sentence.
+    """
+    Run the nodes of ``factory(context=…)`` on one executor until a signal or an error.
+
+    The first node's parameter ``executor`` chooses it. Returns the exit code: 0 after a signal,
+    or when ``--help`` showed the usage; 1 after an error of this package, which was logged as one
+    sentence.
+    """
     words = list(sys.argv if argv is None else argv)
     if usage and not set(HELP).isdisjoint(words[1:]):
         sys.stdout.write(usage)
@@ -145,9 +148,12 @@ def _stop_flag() -> Iterator[threading.Event]:
 
 
 def node_per_sensor(make: Callable[..., SensorNode], **options: Any) -> list[SensorNode]:
-    """Make a node for each sensor that the parameter ``sensors`` lists, or one for none."""
-    # ``make`` is called as a node class that also takes ``sensor=NAME``; a node's ``own_topics``
-    # are its alone. WristFtCompError when a name is unusable or two sensors would share a topic.
+    """
+    Make a node for each sensor that the parameter ``sensors`` lists, or one for none.
+
+    ``make`` is called as a node class that also takes ``sensor=NAME``. WristFtCompError when a
+    name is unusable, or when two nodes have one of their ``own_topics`` in common.
+    """
     asking: Any = Node(NODE_NAME, enable_rosout=False, start_parameter_services=False, **options)
     try:
         declare(asking, PROCESS_PARAMETERS)
@@ -201,12 +207,12 @@ def _options_of(
     name: str, namespace: str, chosen: dict[str, Any], options: dict[str, Any]
 ) -> dict[str, Any]:
     """Put one sensor's node into its namespace; the process's settings show on every node."""
-    own = f'{namespace.rstrip("/")}/{name}'
+    full = f'{namespace.rstrip("/")}/{name}'
     shared = [ros_parameter(row, chosen[row.name]) for row in PROCESS_PARAMETERS]
     return {
         **options,
         # A node's own arguments go before the command line's, whose __ns would unite all nodes.
-        'cli_args': ['--ros-args', '-r', f'__ns:={own}', '--', *(options.get('cli_args') or ())],
+        'cli_args': ['--ros-args', '-r', f'__ns:={full}', '--', *(options.get('cli_args') or ())],
         'parameter_overrides': [*(options.get('parameter_overrides') or ()), *shared],
     }
 

@@ -12,15 +12,15 @@ from wrist_ft_comp.wire.cdr import TEMPERATURE
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, numbers_in, path_text
 
 _NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
-#: Numbers of a message that are proposed.
-_PROPOSED = 3
-#: Letters of a type's hash in a sentence: RIHS01_ and some that tell versions apart.
-_HASH = 15
+#: Fields of a message that a sentence proposes.
+_PROPOSED_FIELDS = 3
+#: Letters of a type's hash in a sentence: RIHS01_ and eight that tell versions apart.
+_HASH_LETTERS = 15
 
 
 def types_on(node: Node, topic: str) -> list[str]:
     """List the types that the publishers of a topic, by its full name, have."""
-    return sorted({each.topic_type for each in node.get_publishers_info_by_topic(topic)})
+    return sorted({end.topic_type for end in node.get_publishers_info_by_topic(topic)})
 
 
 def short(name: str) -> str:
@@ -50,19 +50,19 @@ def load_type(topic: str, name: str) -> Any:
 
 def other_version(node: Node, topic: str) -> str:
     """Say that a publisher's message is defined otherwise than ours, which the node subscribed."""
-    us = node.get_name(), node.get_namespace()
+    here = node.get_name(), node.get_namespace()
     ours = {
         str(end.topic_type_hash)
         for end in node.get_subscriptions_info_by_topic(topic)
-        if (end.node_name, end.node_namespace) == us and end.topic_type_hash.version > 0
+        if (end.node_name, end.node_namespace) == here and end.topic_type_hash.version > 0
     }
     for publisher in node.get_publishers_info_by_topic(topic):
         theirs = publisher.topic_type_hash
         if ours and theirs.version > 0 and str(theirs) not in ours:
             return (
                 f'{topic} carries {short(publisher.topic_type)} of another version, which is not '
-                f'read: its hash is {str(theirs)[:_HASH]}…, that of the package installed here '
-                f'{min(ours)[:_HASH]}…. Install the version that the driver uses'
+                f'read: its hash is {str(theirs)[:_HASH_LETTERS]}…, that of the package installed '
+                f'here {min(ours)[:_HASH_LETTERS]}…. Install the version that the driver uses'
             )
     return ''
 
@@ -77,13 +77,13 @@ def wrong_type(node: Node, topic: str, wanted: str) -> str:
 
 def no_temperature(node: Node, topic: str) -> str:
     """Say that a topic carries no sensor_msgs/Temperature, and what to write; empty if it does."""
-    said = wrong_type(node, topic, TEMPERATURE)
-    if not said:
+    problem = wrong_type(node, topic, TEMPERATURE)
+    if not problem:
         return ''
     try:
         paths = [path for path, _ in numbers_in(load_type(topic, types_on(node, topic)[0])())]
     except SettingsError:
         paths = []
     likely = [path for path in paths if may_be_temperature(path)] or paths
-    entries = ' or '.join(f'{topic}:{path_text(path)}' for path in likely[:_PROPOSED])
-    return f'{said}; write {entries or f"{topic}:FIELD"} to take a number in it'
+    entries = ' or '.join(f'{topic}:{path_text(path)}' for path in likely[:_PROPOSED_FIELDS])
+    return f'{problem}; write {entries or f"{topic}:FIELD"} to take a number in it'

@@ -112,12 +112,10 @@ class Rig:
 
     def warm(self, stamp, *values):
         """Send one reading per thermometer, and wait until the node has them."""
-        counts = self.node.health.counts
-        goal = counts.temperatures + counts.bad_temperatures + len(values)
+        inputs = self.node.inputs
+        goal = inputs.usable + inputs.unusable + len(values)
         self.put_temperature(stamp, *values)
-        self.wait_until(
-            lambda: counts.temperatures + counts.bad_temperatures >= goal, 'the temperatures'
-        )
+        self.wait_until(lambda: inputs.usable + inputs.unusable >= goal, 'the temperatures')
 
     def warm_up(self, celsius, seconds=3, first=0):
         """Send a temperature every second, of every thermometer."""

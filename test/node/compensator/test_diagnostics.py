@@ -5,11 +5,8 @@ import pytest
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.node import compensator as compensator_node
-from wrist_ft_comp.node.input_health import Counts, InputHealth
-from wrist_ft_comp.node.input_status import judge_temperatures, judge_wrenches
 from wrist_ft_comp.ros import hub
 from wrist_ft_comp.ros.messages import wrench_message
-from wrist_ft_comp.stream.compensator import Compensator
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -34,22 +31,19 @@ def test_diagnostics_come_once_a_second_unless_a_test_hurries_them():
     assert hub.DIAGNOSTICS_PERIOD_S == 1.0
 
 
-def test_inputs_are_judged_by_a_snapshot_and_nothing_else(rig):
-    health = InputHealth(2)
-    health.counts.wrenches = 1000
-    health.look(9.0, START, LOAD, 'tool0', stamped=True)
-    for thermometer in (0, 1):
-        health.take_temperature(9.5, thermometer, START, stamped=True)
-    snapshot = rig(thermometers=2).node.inputs.snapshot()
-    snapshot = snapshot._replace(
-        now_s=10.0, health=health, stream=Compensator(2), before=Counts(), elapsed_s=2.0
-    )
-    wrenches, temperatures = judge_wrenches(snapshot), judge_temperatures(snapshot)
-    assert (wrenches.level, temperatures.level) == (OK, OK)
-    assert wrenches.message == '500 wrenches per second'
-    assert (wrenches.values['age_s'], wrenches.values['frame']) == ('1.0', 'tool0')
-    assert temperatures.values['thermometer_2_age_s'] == '0.5'
-    assert (judge_wrenches(snapshot), judge_temperatures(snapshot)) == (wrenches, temperatures)
+def test_rates_and_ages_are_those_since_the_last_report(rig, monkeypatch):
+    clock = [1000.0]
+    monkeypatch.setattr('time.monotonic', lambda: clock[0])
+    node = rig().node
+    node.counts.wrenches = 1000
+    node._newest = START, LOAD, serialize_message(wrench_message(START, 'tool0', LOAD))
+    node.wrench_input.poll()
+    clock[0] += 2.0
+    (status,) = node.wrench_input.statuses()
+    assert (status.level, status.message) == (OK, '500 wrenches per second')
+    assert (status.values['age_s'], status.values['frame']) == ('2.0', 'tool0')
+    (status,) = node.wrench_input.statuses()
+    assert status.level == STALE, 'none has come since'
 
 
 def test_what_a_calibration_and_a_recording_are_at_is_said(rig):

@@ -12,7 +12,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.node import payload_status as status
+from wrist_ft_comp.node import external_wrench
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
 from wrist_ft_comp.stored.payload_file import add_payloads
 
@@ -387,11 +387,11 @@ def test_a_tare_of_a_payload_that_was_changed_meanwhile_is_refused(holding):
 
 def test_an_accelerometer_that_is_off_what_was_learnt_is_told(holding):
     node = holding()
-    for k in range(status._OFF_REPORTS):
+    for k in range(external_wrench._DEVIATION_REPORTS):
         feel(node, START + k * SECOND, (1.05 + 1e-6 * k) * UP)
         ask(node, START + k * SECOND, CONSTANT)
         found = node.diagnosis('payload')
-        assert (found.level == WARN) == (k == status._OFF_REPORTS - 1)
+        assert (found.level == WARN) == (k == external_wrench._DEVIATION_REPORTS - 1)
     assert 'specific force is +5% off gravity by the accelerometer of day-1' in found.message
 
 
@@ -399,7 +399,10 @@ def test_an_accelerometer_that_is_off_what_was_learnt_is_told(holding):
     ('forces', 'sentence'),
     [
         ([UP / 9.807] * 2, 'specific force is 1 m/s², and 9.807 at rest; check its unit'),
-        ([UP] * (status._FROZEN + 1), 'has not changed by a bit for seconds; is the IMU frozen?'),
+        (
+            [UP] * (external_wrench._FROZEN_REPORTS + 1),
+            'has not changed by a bit for seconds; is the IMU frozen?',
+        ),
     ],
 )
 def test_specific_force_that_cannot_be_right_is_told(holding, forces, sentence):

@@ -55,8 +55,8 @@ def send(node, publisher, *messages):
 
 def seen(node):
     """Temperatures that the node took, dropped, or could not read."""
-    counts = node.node.health.counts
-    return counts.temperatures + counts.bad_temperatures + node.node.inputs.fields.unreadable
+    inputs = node.node.inputs
+    return inputs.usable + inputs.unusable + inputs.fields.unreadable
 
 
 def publisher(node, kind, name, qos=1000):

@@ -1,5 +1,8 @@
 """No part of the node can end it: whatever one throws, the wrenches go on."""
 
+from pathlib import Path
+import re
+
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
@@ -7,10 +10,11 @@ from wrist_ft_comp.ros.hub import Hub
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-ERROR = b'\2'
+OK, ERROR = b'\0', b'\2'
+ARCHITECTURE = Path(__file__).parents[3] / 'docs/architecture.md'
 PARTS = (
-    'inputs', 'live', 'state_keeper', 'recorder', 'recording', 'calibration', 'output', 'tare',
-    'gravity', 'external', 'identification', 'learning',
+    'wrench_input', 'inputs', 'live', 'state_keeper', 'recorder', 'recording', 'calibration',
+    'output', 'tare', 'gravity', 'external', 'identification', 'learning',
 )  # fmt: skip
 VERBS = (
     'on_model', 'on_wrench', 'on_cells', 'on_force', 'check_parameters', 'apply_parameters',
@@ -44,7 +48,7 @@ def test_a_part_that_fails_in_any_verb_costs_no_wrench(rig, make_model, part, ve
         node.set('payload.mass', 1.0 + second)
         node.node._swap(model.model)
         node._report()
-    assert node.node.health.counts.published == 5
+    assert node.node.counts.published == 5
     node.node.destroy_node()
 
 
@@ -94,3 +98,16 @@ def test_every_part_has_a_title_of_its_own(rig):
     titles = [part.title for part in rig().node.parts]
     assert all(titles)
     assert len({*titles}) == len(titles)
+
+
+def test_the_part_in_the_documentation_runs_beside_the_others(rig, monkeypatch):
+    (code,) = re.findall(r'```python\n(.+?)```', ARCHITECTURE.read_text('utf-8'), re.DOTALL)
+    names = {}
+    exec(compile(code, ARCHITECTURE.name, 'exec'), names)  # noqa: S102 -- our own document
+    heartbeat, run = names['Heartbeat'](), Hub.run
+    monkeypatch.setattr(Hub, 'run', lambda self, parts: run(self, [*parts, heartbeat]))
+    node = rig()
+    for second in range(3):
+        node.ask_output(START + second * SECOND, [1.0] * 6)
+    status = node.diagnosis('heartbeat')
+    assert (status.level, status.message, status.values) == (OK, 'alive', {'wrenches': '3'})

@@ -99,7 +99,7 @@ def test_without_specific_force_or_drift_model_it_is_refused(rig, working):
     bare.node.tell('on_force', START, (0.0, 0.0, 9.8), None)
     assert 'No drift model runs, and drift would be taken for weight' in refusal(bare)
     assert 'identify_payload: No payload' in bare.diagnosis('calibration').values['last_refusal']
-    assert working.node.identification.progress is None
+    assert working.node.external.identified_share is None
 
 
 def refusal(node):

@@ -12,7 +12,7 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 
-from wrist_ft_comp.node.input_health import InputHealth
+from wrist_ft_comp.node.inputs import Counts, WrenchInput
 from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.stream.input_checks import LOOKS, SensorWatch
 
@@ -69,9 +69,7 @@ def warm(rig, make_model):
 @pytest.fixture
 def quick(monkeypatch):
     """Look less often before a reading counts as suspicious."""
-    monkeypatch.setattr(
-        'wrist_ft_comp.node.input_health.SensorWatch', lambda: SensorWatch(looks=4)
-    )
+    monkeypatch.setattr('wrist_ft_comp.node.inputs.SensorWatch', lambda: SensorWatch(looks=4))
 
 
 def unharmed(node, stamp=START + 30 * SECOND):
@@ -93,12 +91,13 @@ def noisy(count, scale=0.01):
 
 
 def test_looks_without_a_new_wrench_do_not_count():
-    health = InputHealth(1)
-    health.counts.wrenches = 1
+    data = serialize_message(wrench_message(START, 'tool0', RAW))
+    wrenches = WrenchInput(Counts(wrenches=1), lambda: (START, RAW.tolist(), data))
     for _ in range(10 * LOOKS):
-        health.look(1.0, 5, RAW.tolist(), '', stamped=True)
-    assert not health.sensor.frozen
-    assert not health.sensor.stamps_stand_still
+        wrenches.poll()
+    assert wrenches.stamp_ns == START
+    assert not wrenches.sensor.frozen
+    assert not wrenches.sensor.stamps_stand_still
 
 
 class TestWrench:
@@ -136,7 +135,7 @@ class TestWrench:
         wrenches[:, 5] = 0.0  # an axis the sensor does not have
         look_at(node, wrenches)
         told(node, 'input', 'force_z stays at its extreme; is the sensor saturated?')
-        assert node.node.health.sensor.saturated == ('force_z',)
+        assert node.node.wrench_input.sensor.saturated == ('force_z',)
         unharmed(node)
 
     @pytest.mark.usefixtures('quick')

@@ -123,7 +123,7 @@ def test_what_an_imu_of_any_scale_bias_and_turn_taught_is_taken_off_by_its_raw_n
 
     def say(stamp, _, up):
         read = (scale * turn.inv().apply(up) + bias).tolist()
-        node.node.gravity.source._on_imu(messages.imu(stamp, read, [0.0, 0.0, 0.1]))
+        node.node.gravity.on_imu(messages.imu(stamp, read, [0.0, 0.0, 0.1]))
 
     assert_within(errors_in_free_motion(node, say), entry)
 
@@ -141,7 +141,7 @@ def test_what_tf_taught_is_taken_off_by_tf(learn, rig, messages, felt, monkeypat
 
     def say(stamp, pose, _):
         moved = messages.transforms(stamp, [('base', 'tool0', pose.as_quat())])
-        node.node.gravity.source._on_tf(layouts, moved, static=False)
+        node.node.gravity.on_tf(layouts, moved, static=False)
 
     node.put(START, [0.0] * 6)
     node.take()

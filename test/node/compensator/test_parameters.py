@@ -1,7 +1,7 @@
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.ros.parameters import PARAMETERS
+from wrist_ft_comp.node.parameters import PARAMETERS
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

@@ -11,8 +11,8 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 import yaml
 
+from wrist_ft_comp.node.parameters import PARAMETERS
 from wrist_ft_comp.recordings.recordings import read_recording
-from wrist_ft_comp.ros.parameters import PARAMETERS
 
 MODULE = 'wrist_ft_comp.node.compensator'
 

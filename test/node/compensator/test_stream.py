@@ -65,7 +65,7 @@ def test_every_wrench_gets_one_output_in_order(wired, executor):
     wrenches = np.random.default_rng(1).normal(size=(2000, 6))
     np.testing.assert_array_equal(node.stream(stamps, wrenches), wrenches)
     assert node.outputs.empty()
-    assert node.node.health.counts.published == 2000
+    assert node.node.counts.published == 2000
 
 
 def test_the_output_is_the_core_s_correction(rig, make_model):
@@ -112,4 +112,4 @@ def test_without_a_model_wrenches_pass_or_nothing_does(rig):
     assert node.set('uncalibrated', 'silent').successful
     node.put(START + 2, LOAD)
     assert node.outputs.empty()
-    assert node.node.health.counts.published == 1
+    assert node.node.counts.published == 1

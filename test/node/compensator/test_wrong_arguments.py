@@ -5,7 +5,7 @@ import gc
 import pytest
 
 from wrist_ft_comp.node.compensator import CompensatorNode
-from wrist_ft_comp.ros.parameters import PARAMETERS
+from wrist_ft_comp.node.parameters import PARAMETERS
 from wrist_ft_comp.ros.running import node_per_sensor, USER_ERRORS
 
 

@@ -22,7 +22,7 @@ def calibrate_while_streaming(node, robot):
     """Call calibrate; send a constant wrench until it answers, and some more."""
     answers = node.ask('calibrate')
     stamp, raw = robot.stamps(WARM[-1])[1] + 1, robot.raw(WARM[-1])
-    before = node.node.health.counts.published
+    before = node.node.counts.published
     answer, outputs, ends = None, [], monotonic() + FIT_TIMEOUT_S
     while answer is None and monotonic() < ends:
         outputs.append(node.stream([stamp], [raw])[0])
@@ -30,7 +30,7 @@ def calibrate_while_streaming(node, robot):
         with suppress(queue.Empty):
             answer = answers.get(timeout=PAUSE_S)
     outputs += list(node.stream([stamp, stamp + 1000], [raw] * 2))
-    assert node.node.health.counts.published - before == len(outputs)
+    assert node.node.counts.published - before == len(outputs)
     return answer, np.array(outputs), raw
 
 

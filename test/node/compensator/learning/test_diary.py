@@ -42,7 +42,7 @@ def test_a_silence_of_2_h_and_stamps_that_run_back_end_a_day(learner, hours, day
 def test_a_silence_of_the_clock_ends_a_day_too(learner, monkeypatch):
     node = learner()
     node.hear(20)
-    monkeypatch.setattr('wrist_ft_comp.node.day_recorder.SILENCE_NS', 0)
+    monkeypatch.setattr('wrist_ft_comp.node.learning.SILENCE_NS', 0)
     node.judged()
     assert [len(each['recordings']) for each in node.asked()] == [1]
 
@@ -87,7 +87,7 @@ def test_a_full_disk_is_told_and_tried_again_while_the_stream_goes_on(learner, m
     monkeypatch.setattr(node.node.learning.diary, '_wait_until', 0.0)
     node.rig.wait_until(lambda: node.node.learning.diary._recording, 'another try')
     node.hear(5)
-    node.rig.diagnosis('learning', 'keeping a diary')
+    node.rig.diagnosis('learning', 'no better model is offered')
     assert node.files() == ['day_00001.csv']
     assert len(read_recording(path, period_s=600.0)) == 29, 'five are missing, one is not complete'
 

@@ -30,7 +30,7 @@ def test_a_day_that_has_ended_is_judged_once_at_the_lowest_priority(learner, mod
     }  # fmt: skip
     assert two['settings']['reference'] == 'payload'
     assert two['nice'] == 19
-    status = node.rig.diagnosis('learning', 'keeping a diary')
+    status = node.rig.diagnosis('learning', 'no better model is offered')
     assert status.level == OK
     assert status.values['last_day'] == 'day_00002.csv: no better model'
     assert status.values['days'] == '2'
@@ -73,7 +73,7 @@ def test_a_better_model_is_offered_adopted_and_rolled_back(learner, models):
     node.wait(lambda: node.node.learning.memory.champion == old.sha256, 'its notice')
     node.a_day()
     assert node.asked()[-1]['learning']['since'] == 'day_00004.csv', 'these do not bring it back'
-    assert 'by hand' in node.rig.diagnosis('learning').values['last_change']
+    assert 'a person chose old.yaml' in node.rig.diagnosis('learning').values['last_change']
 
 
 def test_auto_goes_live_without_a_step_but_not_while_learning_is_paused(learner, models):
@@ -92,8 +92,8 @@ def test_auto_goes_live_without_a_step_but_not_while_learning_is_paused(learner,
     node.judged(2)
     assert node.node.live.sha256 == new.sha256
     np.testing.assert_allclose(node.rig.ask_output(LATE, [5.0] * 6), before)
-    status = node.rig.diagnosis('learning', 'keeping a diary')
-    assert 'was learnt: leaves half' in status.values['last_change']
+    status = node.rig.diagnosis('learning', 'no better model is offered')
+    assert 'live: leaves half' in status.values['last_change']
     assert 'offered' not in status.values
     node.a_day()
     assert node.asked()[-1]['learning']['since'] == '', 'nobody decided'
@@ -107,7 +107,7 @@ def test_a_kill_right_after_an_adoption_does_not_make_it_a_persons(learner, mode
     node.node.destroy_node()
     node = learner(model_file=str(models[0].path))
     node.wait(lambda: node.node.learning.memory.champion == models[1].sha256, 'its notice')
-    assert node.node.learning.memory.change.endswith('was adopted: leaves half')
+    assert node.node.learning.memory.change.endswith('with ~/adopt: leaves half')
 
 
 def test_a_calibration_goes_first(learner, models):
@@ -216,12 +216,12 @@ def test_an_incident_is_a_warning_until_a_day_without_one_or_a_decision(learner,
     assert node.rig.diagnosis('learning', what).level == WARN
     node.answer(success=True, message='nothing new')
     node.a_day()
-    assert node.rig.diagnosis('learning', 'keeping a diary').level == OK
+    assert node.rig.diagnosis('learning', 'no better model is offered').level == OK
     node.answer(success=True, message=what, incident=what, paused=what)
     node.a_day()
     assert node.rig.diagnosis('learning', what).level == WARN
     assert node.rig.set('model_file', str(models[1].path)).successful
-    assert node.rig.diagnosis('learning', 'keeping a diary').level == OK
+    assert node.rig.diagnosis('learning', 'no better model is offered').level == OK
 
 
 def test_of_models_that_were_only_offered_the_newest_is_kept(learner, models):
@@ -247,8 +247,8 @@ def test_a_kill_between_offering_and_adopting_ends_in_the_adoption(learner, mode
         node.a_day()
     node = learner(model_file=str(old.path), learning='auto')
     node.wait(lambda: node.node.live.sha256 == new.sha256, 'the adoption')
-    values = node.rig.diagnosis('learning', 'keeping a diary').values
-    assert 'was learnt: leaves half' in values['last_change']
+    values = node.rig.diagnosis('learning', 'no better model is offered').values
+    assert 'live: leaves half' in values['last_change']
     assert node.node.learning.memory.since == '', 'nobody decided'
 
 
@@ -271,7 +271,7 @@ def test_learning_follows_what_the_reference_is_set_to(learner):
     assert 'they are unloaded' in node.rig.call('adopt').message
     node.hear(5)
     assert node.rig.set('calibration.reference', 'payload').successful
-    node.rig.diagnosis('learning', 'keeping a diary')
+    node.rig.diagnosis('learning', 'no better model is offered')
     node.hear(20)
     rows = (node.days / 'day_00001.csv').read_text().count('\n')
     assert rows == 1 + 20 + 19, 'nothing was kept meanwhile'
@@ -284,7 +284,7 @@ def test_what_stops_a_job_is_a_warning_and_the_next_day_is_judged(learner, model
     assert node.rig.diagnosis('learning', 'old.yaml cannot be read').level == WARN
     node.answer(success=True, message='no better model')
     node.a_day()
-    assert node.rig.diagnosis('learning', 'keeping a diary').level == OK
+    assert node.rig.diagnosis('learning', 'no better model is offered').level == OK
 
 
 def test_a_stray_name_in_the_memory_does_not_stop_learning(learner):

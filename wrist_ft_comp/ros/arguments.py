@@ -1,0 +1,98 @@
+"""What ``--help`` of a node shows, and arguments that nothing reads."""
+
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+import json
+from textwrap import fill
+from typing import Any
+
+from rclpy.node import Node
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.ros.parameters import Parameter
+
+HELP = ('-h', '--help')
+_WIDTH, _INDENT = 79, ' ' * 6
+#: Similarity, 0 to 1, from which on a parameter's name is taken for a mistyped one.
+_SIMILAR = 0.8
+#: The same for overrides of quality of service, whose names are always similar.
+_SIMILAR_OVERRIDES = 0.96
+_OVERRIDE = 'qos_overrides.'
+#: Unknown names that the log lists; a file of parameters may hold those of a whole robot.
+_LISTED_NAMES = 8
+#: What overridable() of messages.py lets parameters override.
+_POLICIES = ('history', 'depth', 'reliability')
+
+
+def usage(name: str, what: str, table: Sequence[Parameter]) -> str:
+    """Explain a node: its name, what it does and with which topics, and its parameters."""
+    return '\n'.join(
+        [
+            f'usage: {name} --ros-args [-p NAME:=VALUE ...] [-r FROM:=TO ...]\n',
+            what,
+            'parameters (-p, or --params-file FILE); * may change while the node runs:',
+            *map(_entry, table),
+            '',
+        ]
+    )
+
+
+def _entry(row: Parameter) -> str:
+    """Describe a parameter: name, default, what is allowed, what it does."""
+    default: Any = list(row.default) if isinstance(row.default, tuple) else row.default
+    text = f'{row.description} Must be {row.allowed}; default: {json.dumps(default)}.'
+    indented = fill(text, _WIDTH, initial_indent=_INDENT, subsequent_indent=_INDENT)
+    return f'  {row.name}{"" if row.read_only else " *"}\n{indented}'
+
+
+def refuse_strays(words: Sequence[str]) -> None:
+    """Refuse words of a command line that stand outside of --ros-args: nothing would read them."""
+    strays, behind = [], False
+    for word in words[1:]:
+        if word in {'--ros-args', '--'}:
+            behind = word == '--ros-args'
+        elif not behind:
+            strays.append(word)
+    if strays:
+        raise SettingsError(
+            f'Nothing reads {" ".join(strays)!r}: arguments of a node stand behind --ros-args, '
+            'such as --ros-args -p NAME:=VALUE. --help shows them all.'
+        )
+
+
+def tell_unknown(node: Node, later: Iterable[str], log: Any) -> None:
+    """
+    Log the parameters that a node was given and does not have.
+
+    Parameters
+    ----------
+    node : Node
+        It has declared its parameters and opened its topics.
+    later : iterable of str
+        Full names of topics that it may subscribe to later.
+    log : NodeLog or logger
+        Takes a warning per mistyped name, and one line about all others.
+
+    """
+    # rclpy has no public name for it.
+    given: Iterable[str] = getattr(node, '_parameter_overrides', {})
+    names = set(node.list_parameters([], 0).names)
+    names |= {
+        f'{_OVERRIDE}{topic}.subscription.{policy}' for topic in later for policy in _POLICIES
+    }
+    others = []
+    for name in sorted(set(given) - names):
+        similar = _SIMILAR_OVERRIDES if name.startswith(_OVERRIDE) else _SIMILAR
+        near = get_close_matches(name, names, 1, similar)
+        if near:
+            log.warning(
+                f'There is no parameter {name}, so its value is ignored. Did you mean {near[0]}?'
+            )
+        else:
+            others.append(name)
+    if others:
+        more = len(others) - _LISTED_NAMES
+        log.info(
+            'Parameters that this node does not have are ignored: '
+            f'{", ".join(others[:_LISTED_NAMES])}{f" and {more} more" if more > 0 else ""}.'
+        )
