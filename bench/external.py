@@ -42,12 +42,13 @@ from wrist_ft_comp.simulation.ft_sensor import (
     digitised_temperatures,
     digitised_wrench,
     measured_wrench,
+    NOMINAL_C,
+    per_axis,
     start,
     trajectory,
 )
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
 from wrist_ft_comp.simulation.run import draw_run, drive, room_temperature, RunSettings
-from wrist_ft_comp.simulation.strain_gauges import NOMINAL_C, per_axis
 from wrist_ft_comp.simulation.work import (
     draw_accelerometer,
     draw_work,

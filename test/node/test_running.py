@@ -57,11 +57,9 @@ def test_repeated_signals_end_the_node_as_quietly_as_one(bench, executable):
     ('arguments', 'word'),
     [
         (['-p', 'speed:=fast'], "Parameter speed must be a number of at least 0; got 'fast'."),
-        (['-p', 'executor:=other'], 'one of auto, events, default'),
         (['-p', 'speed'], 'The arguments behind --ros-args cannot be read'),
         (['-p', 'speed:=[1, 2.5]'], 'decimal point'),
         (['-p', 'topics:=[/state:data:K]'], 'need quotes: \'["/state:data[0]"]\'.'),
-        (['--params-file', 'missing.yaml'], 'missing.yaml'),
         (['--nonsense'], '--nonsense'),
     ],
 )

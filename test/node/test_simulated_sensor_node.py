@@ -147,19 +147,10 @@ def test_pause_is_made_up_for_in_part_only(unspun, monkeypatch):
     assert (np.diff(sent[::2]) == 200_000_000).all()
 
 
-@pytest.mark.parametrize(
-    ('wrong', 'word'),
-    [
-        ('[100.0, 50.0]', 'ascend'),
-        ('[0.0, 1.0, 2.0]', 'as many start times'),
-        ('[-5.0, 0.0]', 'duty_cycle.start_s must be'),
-    ],
-)
-def test_schedule_that_cannot_be_followed_is_a_sentence(ros_context, wrong, word):
-    with pytest.raises(SettingsError, match=word):
-        SimulatedSensor(
-            context=ros_context, cli_args=['--ros-args', '-p', f'duty_cycle.start_s:={wrong}']
-        )
+def test_schedule_that_cannot_be_followed_is_a_sentence(ros_context):
+    words = ['--ros-args', '-p', 'duty_cycle.start_s:=[100.0, 50.0]']
+    with pytest.raises(SettingsError, match='ascend'):
+        SimulatedSensor(context=ros_context, cli_args=words)
 
 
 def test_executable_publishes_and_ends_by_a_signal(bench, executable):

@@ -8,10 +8,12 @@ from scipy.integrate import solve_ivp
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.simulation.ft_sensor import (
+    bridge_output,
     build_sensor,
     digitised_temperatures,
     digitised_wrench,
     measured_wrench,
+    NOMINAL_C,
     start,
     steady_state,
     thermometer_temperatures,
@@ -29,7 +31,6 @@ from wrist_ft_comp.simulation.run import (
     RunSettings,
     true_wrench,
 )
-from wrist_ft_comp.simulation.strain_gauges import bridge_output, NOMINAL_C
 
 SETTINGS = FtSensorSettings()
 CLEAN = replace(
@@ -80,12 +81,6 @@ def test_a_steady_state_does_not_change_and_without_heat_it_is_the_room(sensor, 
     np.testing.assert_allclose(start(sensor, 19.0), 19.0, rtol=1e-9)
 
 
-def test_long_run_ends_in_the_steady_state(sensor):
-    held = np.tile([0.6, 23.0], (100_000, 1))
-    end = trajectory(sensor, start(sensor, 10.0), held)[-1]
-    np.testing.assert_allclose(end, steady_state(sensor, 0.6, 23.0), atol=1e-6)
-
-
 def test_steady_heat_of_the_motor_leaves_into_the_room(sensor):
     s, n = SETTINGS, SETTINGS.cells
     excess = steady_state(sensor, 1.0, 20.0) - 20.0
@@ -110,16 +105,6 @@ def test_stored_energy_is_the_heat_that_came_in_without_convection():
     assert capacity @ rise == pytest.approx(0.5 * s.max_motor_power_w * 600 * s.step_s)
 
 
-def test_temperatures_stay_between_room_and_steady_state_and_fall_away_from_the_motor(sensor):
-    warm_up = np.tile([1.0, 20.0], (5400, 1))
-    nodes_c = trajectory(sensor, start(sensor, 20.0), warm_up)
-    hottest = steady_state(sensor, 1.0, 20.0)
-    assert (nodes_c >= 20.0 - 1e-9).all()
-    assert (nodes_c <= hottest + 1e-9).all()
-    assert (np.diff(nodes_c, axis=0) >= -1e-12).all()
-    assert (np.diff(nodes_c[600:], axis=1) < 0).all()
-
-
 def test_step_agrees_with_numerical_integration(sensor):
     heat = sensor.heat
     cold, inputs = start(sensor, 20.0), np.array([0.7, 26.0])
@@ -129,12 +114,6 @@ def test_step_agrees_with_numerical_integration(sensor):
     ).y[:, -1]  # fmt: skip
     stepped = trajectory(sensor, cold, np.tile(inputs, (100, 1)))[-1]
     np.testing.assert_allclose(stepped, solved, atol=1e-6)
-
-
-def test_time_constants_run_from_minutes_to_an_hour(sensor):
-    longest = np.sort(-1 / np.linalg.eigvals(sensor.heat.rates).real)[::-1]
-    assert 1200 < longest[0] < 3600
-    assert (longest > 120).sum() >= 3
 
 
 @pytest.mark.parametrize('position', [0.0, 0.31, 0.9, 1.0])
@@ -148,10 +127,6 @@ def test_interpolation_gives_mean_weights(position):
 
 
 # Bridges
-
-
-def test_bridge_of_equal_gauges_shows_nothing():
-    assert bridge_output(np.full(4, 350.0), np.zeros(4)) == 0
 
 
 def test_bridge_agrees_with_circuit_analysis():
@@ -179,14 +154,6 @@ def test_gain_falls_by_about_four_hundredths_of_a_percent_per_kelvin(sensor):
 
     slope = (gain(45.0) - gain(25.0)) / 20.0
     np.testing.assert_allclose(slope, -4e-4, atol=0.3e-4)
-
-
-def test_zero_follows_temperature_and_gradient(sensor):
-    even = np.full(SETTINGS.cells + 2, 35.0)
-    graded = even + 20 * np.linspace(-0.5, 0.5, SETTINGS.cells + 2)
-    flat, steep = (measured_wrench(sensor, nodes_c, UNLOADED) for nodes_c in (even, graded))
-    assert (np.abs(flat[:3]) > 3.0).all()
-    assert np.abs(steep - flat)[:3].max() > 0.5
 
 
 def test_identical_gauges_at_one_place_drift_in_gain_only():
@@ -294,26 +261,11 @@ def test_loads_are_bounded_smooth_and_differ_between_axes():
     assert np.abs(np.corrcoef(wrench.T) - np.eye(6)).max() < 0.3
 
 
-def test_no_load_is_exactly_zero():
-    run = draw_run(RunSettings(force_n=0.0, torque_nm=0.0), noise()[0])
-    np.testing.assert_array_equal(true_wrench(run, np.arange(10.0)), np.zeros((10, 6)))
-
-
 @pytest.mark.parametrize(
     ('wrong', 'word'),
     [
         ({'duty_start_s': (0.0,), 'duty_level': (0.1, 0.2)}, 'as many start times'),
         ({'duty_start_s': (5.0, 5.0), 'duty_level': (0.1, 0.2)}, 'ascend'),
-        ({'duty_start_s': (0.0,), 'duty_level': (1.1,)}, 'between 0 and 1'),
-        ({'duty_start_s': (0.0,), 'duty_level': (np.nan,)}, 'between 0 and 1'),
-        ({'load_period_s': 0.0}, 'load_period_s'),
-        ({'load_period_s': np.inf}, 'load_period_s'),
-        ({'room_swing_period_s': np.nan}, 'room_swing_period_s'),
-        ({'room_c': np.nan}, 'room_c'),
-        ({'room_c': -300.0}, 'room_c'),
-        ({'room_swing_k': -1.0}, 'room_swing_k'),
-        ({'force_n': -1.0}, 'force_n'),
-        ({'torque_nm': np.inf}, 'torque_nm'),
     ],
 )
 def test_run_that_cannot_be_followed_is_refused(wrong, word):

@@ -1,8 +1,6 @@
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
-from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.signals import GRAVITY
 from wrist_ft_comp.simulation.work import (
     Accelerometer,
@@ -74,9 +72,3 @@ def test_the_accelerometer_is_crooked_biased_scaled_and_drifts():
     read = read_imu(imu, still, np.full(100, 20.0), np.random.default_rng(0))
     x, y, z = motion.force.T
     np.testing.assert_allclose(read[:, :3], np.column_stack((y + 0.1, -1.1 * x, z + 0.2)))
-
-
-@pytest.mark.parametrize('wrong', [{'contacts': 0.7}, {'tool_kg': -1.0}, {'speed_rad_s': 0.0}])
-def test_settings_without_a_meaning_are_refused(wrong):
-    with pytest.raises(SettingsError, match=next(iter(wrong))):
-        WorkSettings(**wrong)

@@ -31,11 +31,11 @@ from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import PAYLOADS
 
-#: What runs a job that comes on standard input, and ends when that is closed: also when this
-#: process is killed and cannot say so.
+#: Runs a job that comes on standard input, and ends when that is closed, which it also is when
+#: this process is killed.
 COMMAND = (sys.executable, '-m', 'wrist_ft_comp.jobs.calibration', UNTIL_CLOSED)
 _END_TIMEOUT_S = 5.0
-#: Priority of what nobody waits for.
+#: Priority of a lesson, for which nobody waits.
 _LOWEST = 19
 
 

@@ -118,8 +118,8 @@ class DemoClient:
         stamps = sorted(set.intersection(*map(set, by_stamp)))
         nothing = (np.nan,) * len(AXES)
         raw, compensated, reference, external, external_reference = (
-            np.array([each.get(stamp, nothing) for stamp in stamps])
-            for each in self.wrenches.values()
+            np.array([wrenches.get(stamp, nothing) for stamp in stamps])
+            for wrenches in self.wrenches.values()
         )
         temperatures = np.array(self.temperatures, dtype='i8, i8, f8')
         return DemoLog(

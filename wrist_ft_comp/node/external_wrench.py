@@ -62,10 +62,10 @@ class Shelf:
 
     def frames(self, here: FrameIds) -> dict[str, ForceFrame]:
         """
-        Give the frames that this node's own source and sensor have told, oldest first.
+        Give the frames that were learnt of this node's source and sensor, oldest first.
 
-        They were learnt with the live model, or by this node under the same frame_ids, as far as
-        these are known.
+        They were learnt with the live model, or by this node under the same frame_ids; an empty
+        frame_id is not compared.
         """
         stored, own = self._live.stored, load_payloads(self._own)
         stem = None if stored is None else stored.path.stem
@@ -203,7 +203,7 @@ class ExternalWrench(Part):
             self._settle()
 
     def poll(self) -> None:
-        """Choose again when the rotation that a payload by hand needs is known now, or another."""
+        """Choose again where a payload by hand needs a rotation that has come or changed."""
         by_hand = self.payload is not None and self.payload.name == MANUAL
         renamed = (by_hand or self.waiting) and self.gravity.frames() != self._chosen
         if renamed or (self.waiting and self.gravity.mount() is not None):
@@ -272,7 +272,7 @@ class ExternalWrench(Part):
                 '~/identify_payload.'
             )
         source, frame = self._shelf.source, learnt[name][1]
-        # By TF it comes in the wrench's frame: what was turned was told by an accelerometer.
+        # A frame of an unknown source that turns is an IMU's: by TF force needs no turn.
         learnt_by = frame.source
         if not learnt_by:
             learnt_by = 'imu' if source == 'tf' and not frame.does_nothing else source

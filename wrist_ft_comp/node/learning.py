@@ -141,8 +141,8 @@ class Learner(Part):
         #: The newest day that the job judges, and when it began, by the steady clock.
         self._judging, self._begun_s = '', 0.0
         self._begun_with_model = False
-        #: When to look for a day to judge, and when to look at the parameters.
-        self._wait_until = self._parameters_due = 0.0
+        #: When to look for a day to judge, by the steady clock.
+        self._wait_until = 0.0
         #: The newest day when a job was started last to make room.
         self._crowded = ''
 
@@ -179,8 +179,10 @@ class Learner(Part):
         if broken:
             self._decide(broken)
 
-    def _follow_parameters(self) -> None:
+    def apply_parameters(self, _parameters: Sequence[Any]) -> None:
         """Begin or rest when calibration.reference has changed."""
+        if self.mode == 'off':
+            return
         before, self.why_not = self.why_not, why_not(self._jobs.settings())
         if before and not self.why_not:
             self._begin()
@@ -200,9 +202,6 @@ class Learner(Part):
 
     def poll(self) -> None:
         """Go on with whatever is due: the diary, a job, what came of it."""
-        if self.mode != 'off' and time.monotonic() >= self._parameters_due:
-            self._parameters_due = time.monotonic() + _LOOK_S
-            self._follow_parameters()
         if self.diary is None:
             return
         self._notice()

@@ -92,7 +92,7 @@ class Recorder(Part):
         self._listen()
 
     def _listen(self) -> None:
-        """Listen to wrenches while somebody wants them."""
+        """Listen to wrenches while a recording runs."""
         if self._hub is not None:
             self._hub.listen(self, wanted=bool(self._running))
 

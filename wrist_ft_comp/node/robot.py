@@ -1,4 +1,4 @@
-"""A simulated robot at work, by topics: imu, /tf where it can be, and what pushes on the tool."""
+"""A simulated robot at work: it publishes imu, /tf where tf2_msgs is, and what pushes on it."""
 
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -10,7 +10,7 @@ import numpy as np
 from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.signals import FloatArray
-from wrist_ft_comp.simulation.strain_gauges import NOMINAL_C
+from wrist_ft_comp.simulation.ft_sensor import NOMINAL_C
 from wrist_ft_comp.simulation.work import (
     draw_accelerometer,
     draw_work,
@@ -21,9 +21,11 @@ from wrist_ft_comp.simulation.work import (
 
 
 class SimulatedRobot:
-    """Moves, holds and presses; its messages take their stamps from those of a wrench."""
+    """
+    Moves, holds and presses; its messages have the stamp of a wrench.
 
-    # The seeds are the specimen's and the run's; ``advertise`` makes a publisher of a topic.
+    The seeds are the specimen's and the run's; ``advertise`` makes a publisher of a topic.
+    """
 
     def __init__(
         self,
@@ -36,7 +38,7 @@ class SimulatedRobot:
         tools = np.random.default_rng([seeds[0], 4])
         self._work = draw_work(settings, np.random.default_rng([*seeds, 2]), tools)
         self._rng = np.random.default_rng([*seeds, 3])
-        #: Readings (n, 6), quaternions (n, 4), and contacts (n, 6) of the last call of move.
+        #: Readings (n, 6), quaternions (n, 4), and contacts (n, 6) of the last call of ``move``.
         self._moved: tuple[list[list[float]], ...] = ()
         frame_id = wrench.header.frame_id
         self._imu, self._pose, self._contact = Imu(), TransformStamped(), WrenchStamped()
@@ -53,17 +55,20 @@ class SimulatedRobot:
         self._to_tf: Any = self._tf and advertise(self._tf, '/tf')
 
     def move(self, elapsed_s: FloatArray, near_c: FloatArray, load: FloatArray) -> FloatArray:
-        """Go on, at times and temperatures (n,): all that pushes on the sensor, (n, 6)."""
-        # The load (n, 6), N and N m, comes from without, as contacts do.
+        """
+        Go on, at times, s, and temperatures, °C, (n,): all that pushes on the sensor, (n, 6).
+
+        ``load``, N and N m, (n, 6), pushes from outside, as contacts do.
+        """
         motion = move(self._work, elapsed_s)
         readings = read_imu(self._accelerometer, motion, near_c - NOMINAL_C, self._rng)
         contact = load + motion.contact
-        self._moved = tuple(each.tolist() for each in (readings, motion.pose.as_quat(), contact))
+        self._moved = readings.tolist(), motion.pose.as_quat().tolist(), contact.tolist()
         return np.asarray(contact + motion.weight)
 
     def send(self, number: int) -> None:
         """Publish what belongs to one of the times."""
-        reading, pose, contact = (each[number] for each in self._moved)
+        reading, pose, contact = (values[number] for values in self._moved)
         felt, turning = self._imu.linear_acceleration, self._imu.angular_velocity
         felt.x, felt.y, felt.z, turning.x, turning.y, turning.z = reading
         self._to_imu.publish(self._imu)

@@ -104,8 +104,8 @@ def work_settings(chosen: dict[str, Any]) -> WorkSettings | None:
 SHORTEST_WAKE_S = 0.004
 #: The longest pause that is made up for.
 LONGEST_WAKE_S = 0.05
-#: The run begins when no subscriber has come for so long: a node's topics are not found at once,
-#: and at a high speed a second without a thermometer is the beginning of a warm-up.
+#: The run begins when no subscriber has come for this time, s: a node's topics are not found at
+#: once, and at a high speed a second without a thermometer is the beginning of a warm-up.
 SETTLE_S = 1.0
 
 
@@ -220,12 +220,12 @@ class SimulatedSensor(Node):
         step_s = self._sensor.settings.step_s
         steps = [elapsed_ns // round(step_s * NANOSECONDS) for elapsed_ns in streams_ns]
         first = self._step
-        self._step = max(first, *(int(each[-1]) for each in steps if len(each)), first)
+        self._step = max(first, *(int(step[-1]) for step in steps if len(step)), first)
         begins_s: FloatArray = np.arange(first, self._step, dtype=np.float64) * step_s
         passed = drive(self._run, begins_s)
         nodes_c = ft_sensor.trajectory(self._sensor, self._state, passed)
         self._state = nodes_c[-1]
-        return [nodes_c[np.maximum(each - first, 0)] for each in steps]
+        return [nodes_c[np.maximum(step - first, 0)] for step in steps]
 
     def _stamp(self, message: Any, elapsed_ns: int) -> None:
         """Write the stamp of a simulated time."""

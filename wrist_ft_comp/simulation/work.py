@@ -7,23 +7,29 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.payload.weight import Payload
-from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.signals import FloatArray, GRAVITY, IntArray
 
+#: Legs of a program, each a motion and a rest.
 _LEGS = 200
 #: Legs in a row with a part in the gripper, and then without.
 _HELD_LEGS = 6
-#: Mean and least rest, s; reach of a motion, m; largest force on things, N.
-_REST_S, _LEAST_REST_S, _REACH_M, _MOST_N = 6.0, 1.0, 0.15, 60.0
-#: Where of a rest it presses; how long force rises and falls, s.
-_PRESSED, _RISE_S = (0.1, 0.9), 0.3
-#: Where the accelerometer sits in the sensor's frame, m.
+#: Rests last this long on top of the least on average, s.
+_REST_S, _LEAST_REST_S = 6.0, 1.0
+#: Standard deviation of a motion along each axis, m.
+_REACH_M = 0.15
+#: Largest force on things, N.
+_LARGEST_FORCE_N = 60.0
+#: Shares of a rest at which it begins and ends to press.
+_PRESS_FROM, _PRESS_TO = 0.1, 0.9
+#: Time in which the force rises and falls, s.
+_RISE_S = 0.3
+#: Place of the accelerometer in the sensor's frame, m.
 _IMU_M = np.array([0.005, 0.0, 0.026])
 
 
 @dataclass(frozen=True)
 class WorkSettings:
-    """What a person chooses about a robot's work."""
+    """What a person chooses about a robot's work; the node's parameters limit the ranges."""
 
     #: Mass of the tool, and of the part that it picks up and puts down again; 0 is none.
     tool_kg: float = 1.4
@@ -33,42 +39,37 @@ class WorkSettings:
     #: Largest speed of rotation.
     speed_rad_s: float = 1.0
 
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        for name in ('tool_kg', 'part_kg'):
-            check_range(name, getattr(self, name), 0.0, 100.0)
-        check_range('contacts', self.contacts, 0.0, 0.6)
-        check_range('speed_rad_s', self.speed_rad_s, 0.0, 10.0, above=True)
-
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """The program that a seed has drawn, L legs, each a motion and a rest."""
+    """The program that a seed has drawn: L legs, each a motion and a rest."""
 
-    #: What can be mounted: the tool, and the tool with the part; and which is, (L,).
+    #: The tool, and the tool with the part.
     payloads: tuple[Payload, ...]
+    #: Which of them is mounted in each leg, (L,).
     held: IntArray
-    #: When each leg begins, and the program ends, (L + 1,); how long it moves in each, (L,).
+    #: Beginning of each leg, and end of the program, (L + 1,).
     begins_s: FloatArray
+    #: Duration of the motion of each leg, (L,).
     moves_s: FloatArray
-    #: Where it begins, what it turns by in the sensor's frame, rad, and goes in the world's, m.
+    #: Orientation at the beginning, rotation in the sensor's frame, rad, and path in the world's.
     poses: Rotation
     turns: FloatArray
     ways_m: FloatArray
-    #: What it presses with at rest, N and N m, (L, 6).
+    #: Wrench against things at rest, N and N m, (L, 6).
     pressed: FloatArray
 
 
 class Motion(NamedTuple):
-    """What happens at n times, in the sensor's frame."""
+    """The robot at n times, in the sensor's frame."""
 
     #: Sensor's frame to the world's (n,).
     pose: Rotation
-    #: Specific force, m/s², speed of rotation, rad/s, and its derivative, (n, 3).
+    #: Specific force, m/s², angular velocity, rad/s, and its derivative, (n, 3).
     force: FloatArray
     omega: FloatArray
     alpha: FloatArray
-    #: What the payload and what things push with, N and N m, (n, 6).
+    #: Wrench of the payload, and of the things that it presses on, N and N m, (n, 6).
     weight: FloatArray
     contact: FloatArray
 
@@ -76,17 +77,17 @@ class Motion(NamedTuple):
 def draw_work(
     settings: WorkSettings, rng: np.random.Generator, tools: np.random.Generator | None = None
 ) -> Work:
-    """Draw a program, and payloads from a source of their own if they last for other programs."""
+    """Draw a program; ``tools`` draws the payloads, where several programs have the same."""
     poses = Rotation.random(_LEGS, random_state=int(rng.integers(2**31)))
     turns = (poses.inv() * poses[np.r_[1:_LEGS, 0]]).as_rotvec()
     # The fastest moment of a smooth motion is 1.875 times its mean.
     moves_s = 1.875 * np.linalg.norm(turns, axis=1) / settings.speed_rad_s + 0.5
     rests_s = rng.exponential(_REST_S, _LEGS) + _LEAST_REST_S
-    pressing = (_PRESSED[1] - _PRESSED[0]) * rests_s.sum() / (moves_s.sum() + rests_s.sum())
+    pressing = (_PRESS_TO - _PRESS_FROM) * rests_s.sum() / (moves_s.sum() + rests_s.sum())
     direction = rng.normal(0, 0.4, (_LEGS, 3)) - [0, 0, 1]
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    force = direction * rng.uniform(0.1 * _MOST_N, _MOST_N, (_LEGS, 1))
-    lever = np.column_stack((rng.normal(0, 0.03, (_LEGS, 2)), rng.uniform(0.08, 0.2, _LEGS)))
+    force = direction * rng.uniform(0.1 * _LARGEST_FORCE_N, _LARGEST_FORCE_N, (_LEGS, 1))
+    point = np.column_stack((rng.normal(0, 0.03, (_LEGS, 2)), rng.uniform(0.08, 0.2, _LEGS)))
     touched = rng.random((_LEGS, 1)) < settings.contacts / pressing
     part = settings.part_kg > 0
     return Work(
@@ -94,7 +95,7 @@ def draw_work(
         begins_s=np.concatenate(([0.0], np.cumsum(moves_s + rests_s))), moves_s=moves_s,
         poses=poses, turns=turns, ways_m=rng.normal(0, _REACH_M, (_LEGS, 3)),
         held=np.arange(_LEGS) // _HELD_LEGS % 2 * part,
-        pressed=touched * np.concatenate((force, np.cross(lever, force)), axis=1))  # fmt: skip
+        pressed=touched * np.concatenate((force, np.cross(point, force)), axis=1))  # fmt: skip
 
 
 def _draw_payloads(settings: WorkSettings, rng: np.random.Generator) -> tuple[Payload, ...]:
@@ -117,16 +118,18 @@ def move(work: Work, elapsed_s: FloatArray) -> Motion:
     omega, alpha = turn * rate / moves_s, turn * bend / moves_s**2
     pushed = work.ways_m[leg] * bend / moves_s**2 + [0.0, 0.0, GRAVITY]
     force = pose.inv().apply(pushed)
-    weights = [each.weight(force + lever(omega, alpha, each.center_m)) for each in work.payloads]
+    weights = [
+        payload.weight(force + lever(omega, alpha, payload.center_m)) for payload in work.payloads
+    ]
     weight = np.choose(work.held[leg, np.newaxis], weights)
     return Motion(pose, force, omega, alpha, weight, _press(work, leg, since_s))
 
 
 def _smooth(share: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Go from 0 to 1 without a jerk: the way, and its first and second derivatives."""
-    back = 1 - share
-    way = share**3 * (10 - 15 * share + 6 * share**2)
-    return way, 30 * (share * back) ** 2, 60 * share * back * (1 - 2 * share)
+    """Go from 0 to 1 without a jerk: the position, and its first and second derivatives."""
+    rest = 1 - share
+    position = share**3 * (10 - 15 * share + 6 * share**2)
+    return position, 30 * (share * rest) ** 2, 60 * share * rest * (1 - 2 * share)
 
 
 def lever(omega: FloatArray, alpha: FloatArray, at_m: FloatArray) -> FloatArray:
@@ -137,19 +140,19 @@ def lever(omega: FloatArray, alpha: FloatArray, at_m: FloatArray) -> FloatArray:
 def _press(work: Work, leg: IntArray, since_s: FloatArray) -> FloatArray:
     """Press on things in the middle of rests, (n, 6)."""
     rests_s = np.diff(work.begins_s) - work.moves_s
-    first_s = (work.moves_s + _PRESSED[0] * rests_s)[leg]
-    last_s = (work.moves_s + _PRESSED[1] * rests_s)[leg]
+    first_s = (work.moves_s + _PRESS_FROM * rests_s)[leg]
+    last_s = (work.moves_s + _PRESS_TO * rests_s)[leg]
     swell = np.clip(np.minimum(since_s - first_s, last_s - since_s) / _RISE_S, 0.0, 1.0)
     return np.asarray(swell[:, np.newaxis] * work.pressed[leg])
 
 
 @dataclass(frozen=True, eq=False)
 class Accelerometer:
-    """A real one, mounted crooked beside the sensor."""
+    """An accelerometer with errors, mounted crooked beside the sensor."""
 
     #: Its frame to the sensor's.
     rotation: Rotation
-    #: In its own axes, m/s², 1, and m/s² per kelvin of warmth, (3,).
+    #: Along its axes: bias, m/s², scale, 1, and drift, m/s² per kelvin of warmth, (3,).
     bias: FloatArray
     scale: FloatArray
     per_kelvin: FloatArray
@@ -171,9 +174,9 @@ def draw_accelerometer(rng: np.random.Generator) -> Accelerometer:
 def read_imu(
     imu: Accelerometer, motion: Motion, warm_k: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Read specific force, m/s², and speed of rotation, rad/s, (n, 6), so much warmer, K (n,)."""
+    """Read specific force, m/s², and angular velocity, rad/s, (n, 6), at a warmth, K (n,)."""
     felt = motion.force + lever(motion.omega, motion.alpha, _IMU_M)
-    own = imu.rotation.inv()
-    force = imu.scale * own.apply(felt) + imu.bias + warm_k[:, np.newaxis] * imu.per_kelvin
-    read = np.concatenate((force, own.apply(motion.omega)), axis=1)
+    to_imu = imu.rotation.inv()
+    force = imu.scale * to_imu.apply(felt) + imu.bias + warm_k[:, np.newaxis] * imu.per_kelvin
+    read = np.concatenate((force, to_imu.apply(motion.omega)), axis=1)
     return np.asarray(read + rng.normal(0, np.repeat(imu.noise, 3), read.shape))

@@ -307,13 +307,6 @@ def test_a_payload_that_cannot_be_had_is_refused_at_the_start(rig, parameters, s
         rig(parameters=parameters)
 
 
-def test_a_payload_that_another_source_told_is_refused(rig, tmp_path):
-    path = tmp_path / 'data/models/payloads.json'
-    add_payloads(path, 'day', [TOOL], replace(FRAME, source='tf'))
-    with pytest.raises(SettingsError, match='day-1, which was learnt by tf, and'):
-        rig(parameters={**IMU, 'payload.active': 'day-1'})
-
-
 def test_by_hand_it_waits_at_the_start_for_what_only_tf_can_tell(rig):
     by_hand = {'payload.active': 'manual', 'payload.mass': 1.5}
     node = rig(parameters={**IMU, **by_hand, 'payload.center_of_mass': TOOL.center_m.tolist()})
@@ -361,28 +354,26 @@ def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
     np.testing.assert_allclose(both, [TOOL.weight(ASIDE) + CONSTANT, CONSTANT])
 
 
-def test_a_tare_without_specific_force_is_refused_and_both_stay(holding):
+@pytest.mark.parametrize(
+    ('felt_s', 'changed', 'reason'),
+    [
+        (-1.0, '', 'specific force was fresh for 0 of 21 wrenches. Both tares stay'),
+        (0.0, 'day-2', 'payload.active changed meanwhile'),
+    ],
+)
+def test_a_tare_without_force_or_of_two_payloads_is_refused(holding, felt_s, changed, reason):
     node = holding(**{'tare.duration': 0.2})
-    feel(node, START - SECOND, UP)
+    feel(node, START + round(felt_s * SECOND), UP)
     answers = node.ask('tare')
     for k in range(21):
         ask(node, START + k * SECOND // 100, CONSTANT)
+        if k == 10 and changed:
+            assert node.set('payload.active', changed).successful
     answer = answers.get(timeout=20.0)
     assert not answer.success
-    assert 'specific force was fresh for 0 of 21 wrenches. Both tares stay' in answer.message
+    assert reason in answer.message
     assert not node.node.compensator.external_tare.any()
     assert not node.node.compensator.tare.any()
-
-
-def test_a_tare_of_a_payload_that_was_changed_meanwhile_is_refused(holding):
-    node = holding(**{'tare.duration': 0.2})
-    answers = node.ask('tare')
-    for k in range(21):
-        feel(node, START + k * SECOND // 100, UP)
-        ask(node, START + k * SECOND // 100, CONSTANT)
-        if k == 10:
-            assert node.set('payload.active', 'day-2').successful
-    assert 'payload.active changed meanwhile' in answers.get(timeout=20.0).message
 
 
 def test_an_accelerometer_that_is_off_what_was_learnt_is_told(holding):

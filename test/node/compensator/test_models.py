@@ -4,7 +4,6 @@ import os
 import pytest
 
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.stored.model_file import load_model
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -231,20 +230,6 @@ class TestUnit:
     def test_another_one_is_refused_at_start(self, rig, foreign):
         with pytest.raises(ModelFileError, match=f'foreign.yaml {self.SAID}'):
             rig(parameters={'model_file': str(foreign)})
-
-    @pytest.mark.usefixtures('foreign')
-    def test_another_one_is_refused_while_running(self, rig, make_model):
-        node = rig(parameters={'model_file': str(make_model('a.yaml').path)})
-        verdict = node.set('model_file', 'models/foreign.yaml')
-        assert not verdict.successful
-        assert self.SAID in verdict.reason
-        assert live(node) == 'a.yaml'
-
-    def test_another_one_is_no_outcome_of_a_calibration(self, rig, foreign):
-        node = rig()
-        with pytest.raises(ModelFileError, match=self.SAID):
-            node.node.live.take(load_model(foreign))
-        assert live(node) is None
 
     def test_who_knows_better_may_write_so_into_the_file(self, rig, foreign):
         foreign.write_text(foreign.read_text().replace('unit: output units', 'unit: N'))

@@ -1,6 +1,5 @@
 import pytest
 
-from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node.parameters import PARAMETERS
 
 SECOND = 1_000_000_000
@@ -42,11 +41,6 @@ def test_an_integer_is_taken_for_a_double(rig):
     assert node.node.compensator.tracker.grid.period_ns == 2 * SECOND
     assert node.set('tare.duration', 2).successful
     assert node.node.get_parameter('tare.duration').value == 2.0
-
-
-def test_no_thermometer_is_an_error(rig):
-    with pytest.raises(SettingsError, match='temperature_topics must name at least one topic'):
-        rig(parameters={'temperature_topics': ['']})
 
 
 def test_a_calibration_takes_the_parameters_of_its_time(rig):

@@ -104,14 +104,6 @@ def test_a_bad_model_file_is_one_sentence_and_exit_code_1(executable, tmp_path):
     assert 'Make one with wrist_ft_comp calibrate.' in errors
 
 
-def test_a_name_that_is_no_topic_is_a_sentence_and_exit_code_1(executable):
-    argument = 'temperature_topics:=["not a topic"]'
-    code, errors = executable(MODULE, '-p', argument).result()
-    assert code == 1
-    assert 'not a topic' in errors
-    assert 'Traceback' not in errors
-
-
 def test_a_killed_node_leaves_no_calibration_behind(bench, peer, start, tmp_path):
     recording = endless(tmp_path)
     process = start('killed', '-p', f'calibration.recordings:=[{recording}]')

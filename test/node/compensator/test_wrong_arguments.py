@@ -5,7 +5,6 @@ import gc
 import pytest
 
 from wrist_ft_comp.node.compensator import CompensatorNode
-from wrist_ft_comp.node.parameters import PARAMETERS
 from wrist_ft_comp.ros.running import node_per_sensor, USER_ERRORS
 
 
@@ -29,52 +28,27 @@ def refusal(context, tmp_path, *arguments):
     ('given', 'words'),
     [
         ("temperature_topics:=['{bad}']", '{bad}'),
-        ('temperature_topics:=[a//b]', 'a//b'),
-        ('temperature_topics:=[a/]', 'a/'),
-        ("temperature_topics:=['a b']", 'a b'),
-        ('temperature_topics:=[1.5]', 'every element is a string; got 1.5'),
         ("temperature_topics:=['']", 'must name at least one topic; got none'),
         ('temperature_topics:=[wrench_raw]', 'The topic wrench_raw cannot be used'),
-        ('temperature_topics:=[wrench]', 'The topic wrench cannot be used'),
-        ('temperature_topics:=[/rosout]', 'The topic /rosout cannot be used'),
         ('data_directory:=~nobody_here/x', 'nobody here has a home of that name'),
-        ('data_directory:=5', 'must be a string; got 5'),
         ('model_file:=/', '/ cannot be read: Is a directory'),
         ('model_file:=~nobody_here/x', '~nobody_here/x cannot be read: No such file'),
         ('model_file:=/dev/zero', '/dev/zero is no regular file'),
-        ('model_file:=[a, b]', "must be a string; got ['a', 'b']"),
-        ('sensors:=[left__arm]', "single underscores that begin with a letter.*got 'left__arm'"),
-        ('sensors:=[1, 2]', 'every element is a string; got 1'),
-        ('executor:=multi', 'must be one of auto, events, default'),
         ('use_sim_time:=5', "expecting type 'BOOL'"),
-        ('start_type_description_service:=5', "expecting type 'BOOL'"),
         ('qos_overrides./wrench.publisher.reliability:=bestest', 'bestest'),
         ('qos_overrides./wrench.publisher.depth:=-3', 'at least 1; got -3'),
         ('qos_overrides./wrench_raw.subscription.depth:=0', 'at least 1; got 0'),
         ('qos_overrides./wrench_raw.subscription.history:=7', "expecting type 'STRING'"),
         ('qos_overrides./temperature.subscription.depth:=many', "expecting type 'INTEGER'"),
-        ('calibration.recordings:=[5]', 'every element is a string; got 5'),
-        ('calibration.method:=arx', "got 'arx'"),
-        ('uncalibrated:=true', 'got True'),
+        ('max_drift:=-1', 'must be a number from 0 to 1e+06 N; got -1'),
     ],
 )
 @pytest.mark.filterwarnings('ignore:A zero depth')
 def test_a_wrong_value_gets_its_sentence(ros_context, tmp_path, given, words):
-    *start_of, end = words.split('.*')
     said = refusal(ros_context, tmp_path, '-p', given)
-    assert all(part in said for part in (*start_of, end)), said
+    assert words in said
     assert '\n' not in said
     assert '/project/' not in said
-
-
-NUMBERS = [row for row in PARAMETERS if row.element_type is float and not row.is_array]
-
-
-@pytest.mark.parametrize('row', NUMBERS, ids=lambda row: row.name)
-@pytest.mark.parametrize('text', ['.nan', '-.inf', '-1', 'fast', 'true', '[1.0]', '1e400'])
-def test_a_number_that_is_none_gets_its_sentence(ros_context, tmp_path, row, text):
-    said = refusal(ros_context, tmp_path, '-p', f'{row.name}:={text}')
-    assert said.startswith(f'Parameter {row.name} must be {row.allowed}; got ')
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,7 @@ def test_without_names_there_is_one_node_as_ever(ros_context):
     ('names', 'words'),
     [
         (['left', 'right', 'left'], 'once; got left 2 times'),
-        (['left arm'], "begin with a letter, because they become namespaces; got 'left arm'"),
+        (['left__arm'], "begin with a letter, because they become namespaces; got 'left__arm'"),
     ],
 )
 def test_names_that_cannot_be_namespaces_are_refused(ros_context, names, words):

@@ -3,7 +3,6 @@ import time
 
 import numpy as np
 import pytest
-from std_srvs.srv import Trigger
 
 from wrist_ft_comp.learning.memory import memory_path
 
@@ -191,13 +190,6 @@ def test_off_is_off(learner):
     names = [each.name for each in node.rig._report()]
     assert not any(name.endswith('learning') for name in names)
     assert 'learning is off' in node.rig.call('adopt').message
-
-
-def test_adopt_is_served_over_dds(wired):
-    node = wired()
-    answer = node.call('adopt')
-    assert isinstance(answer, Trigger.Response)
-    assert not answer.success
 
 
 def test_what_is_remembered_is_of_this_format(learner):
