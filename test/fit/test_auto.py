@@ -11,11 +11,11 @@ from wrist_ft_comp.fit.auto import (
     _if_worthwhile,
     _model,
     _weigh,
+    Body,
     COMBINATION,
     identify_together,
 )
-from wrist_ft_comp.fit.candidate_fits import Body
-from wrist_ft_comp.fit.gains import anchored, build_axis_model, by_relaxation
+from wrist_ft_comp.fit.model_building import anchored, build_axis_model, by_relaxation
 from wrist_ft_comp.fit.pool import GRID_S
 from wrist_ft_comp.fit.result import rms_by_fold
 from wrist_ft_comp.fit.settings import IdentificationSettings

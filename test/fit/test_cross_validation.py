@@ -9,61 +9,22 @@ from wrist_ft_comp.drift.arx import relaxation
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.bins import bin_axis_data
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.cross_validation import (
-    _refit,
-    CandidateData,
     fold_bins,
     part_errors,
     unexplained,
 )
-from wrist_ft_comp.fit.moments import accumulate, bank_inputs
-from wrist_ft_comp.fit.regression import Structure
 from wrist_ft_comp.fit.result import rms_by_fold
 from wrist_ft_comp.fit.settings import (
     CalibrationSettings,
     IdentificationSettings,
     METHODS,
 )
-from wrist_ft_comp.fit.time_constants import search_time_constants
 
 CELLS = 720
-FEATURES = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), degree=2)
-GRID = np.array([0.0, 50.0, 150.0, 400.0, 1200.0])
 LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
 TEMPERATURE_C = np.linspace(20, 40, CELLS)
-
-
-def in_cells(problem):
-    """Fit candidates in single cells, on a grid of few time constants."""
-    cells = bin_axis_data(problem, 1)
-    moments = accumulate(cells, bank_inputs(cells, FEATURES, GRID), GRID)
-    return CandidateData(problem, FEATURES, cells, moments)
-
-
-@pytest.mark.parametrize('structure', [Structure('one', 2, 1), Structure('two', 1, 2)], ids=str)
-def test_held_out_errors_are_those_of_refitting_without_each_block(
-    noisy_problem, textbook_bank, stack_samples, whiten, structure
-):
-    """At the time constants of the search, which its own tests prove."""
-    data, degree = in_cells(noisy_problem), structure.degree
-    features, start_s = data.features_of(structure), GRID[[2, 4]][: structure.free_time_constants]
-    for block in range(3):
-        part = noisy_problem.without(block)
-        taus = search_time_constants(bin_axis_data(part, 1), features, start_s, 1e-5)
-        banked = textbook_bank(noisy_problem, taus, degree)
-        x, y, places = stack_samples(noisy_problem, banked, {0, 1, 2} - {block})
-        x, y = (whiten(values, places, noisy_problem) for values in (x, y))
-        theta = np.linalg.lstsq(x, y, rcond=None)[0]
-        x, y, _ = stack_samples(noisy_problem, banked, {block})
-        left = y - x @ theta
-        model, _ = _refit(data, features, start_s, part)
-        rest = unexplained(noisy_problem, model)[block]
-        rest = rest[np.isfinite(rest)]
-        np.testing.assert_allclose(
-            rest - rest[:6].mean(), left - left[:6].mean(), atol=1e-4 * np.ptp(left)
-        )
 
 
 def test_what_a_model_leaves_is_the_measurement_minus_its_free_run(make_axis_data, lagged):
@@ -102,7 +63,7 @@ def test_a_fold_is_scored_in_parts_around_a_constant_per_recording(make_axis_dat
                     bins.setdefault(cell // 3, []).append(v)
                 elif np.isfinite(v):
                     others.append(v)
-            inside = [sum(each) / len(each) for each in bins.values()]
+            inside = [sum(values) / len(values) for values in bins.values()]
             constant = np.mean(inside[:2] if tared else others)
             parts = np.array_split(inside, 4)
             expected += [np.mean([(v - constant) ** 2 for v in part]) for part in parts]

@@ -9,8 +9,7 @@ from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.arx import Orders
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.cross_validation import time_constant_grid
-from wrist_ft_comp.fit.feature_banks import build_features
+from wrist_ft_comp.fit.model_building import build_features
 from wrist_ft_comp.fit.settings import (
     CalibrationSettings,
     IdentificationSettings,
@@ -175,7 +174,7 @@ class TestEveryMethod:
         np.testing.assert_allclose(zero, expected, atol=1e-3 * np.ptp(expected))
 
 
-class TestFeaturesAndGrid:
+class TestFeatures:
     def test_the_features_span_what_was_recorded(self, warm_up):
         temperatures = [warm_up(100, i)[:, np.newaxis] for i in range(2)]
         features = build_features(temperatures, IdentificationSettings(degree=3))
@@ -196,15 +195,6 @@ class TestFeaturesAndGrid:
             (slope, hats, np.linspace(0, 50, 6)),
         ):
             np.testing.assert_allclose(build_features([temperature_c], asked).knots_c[0], knots)
-
-    def test_time_constants_to_try_begin_static_and_end_with_the_recording(self, make_axis_data):
-        lengths = [np.zeros(CELLS), np.zeros(200)]
-        grid = time_constant_grid(make_axis_data(lengths, lengths))
-        assert grid[0] == 0
-        assert (np.diff(grid) > 0).all()
-        assert grid[-1] <= CELLS * 10.0 / 2 * (1 + 1e-9)
-        ratios = grid[2:] / grid[1:-1]
-        np.testing.assert_allclose(ratios, ratios[0])
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.bins import bin_axis_data
-from wrist_ft_comp.fit.moments import accumulate, bank_inputs
+from wrist_ft_comp.fit.moments import accumulate, bank_inputs, bin_axis_data
 from wrist_ft_comp.fit.pool import (
     FreeTimeConstants,
     GRID_S,
     interpolate,
+    jackknife_errors,
+    least_squares,
     near,
     RidgeBank,
 )
@@ -20,7 +21,7 @@ CELLS = 300
 
 def moments_of(problem):
     cells = bin_axis_data(problem, 1)
-    moments = accumulate(cells, bank_inputs(cells, FEATURES, GRID_S), GRID_S)
+    moments = accumulate(cells, bank_inputs(cells, FEATURES, GRID_S), len(GRID_S))
     return moments, moments.centred()
 
 
@@ -66,6 +67,39 @@ def test_ridge_is_least_squares_with_a_row_per_penalty(
         expected = np.zeros(x.shape[1] + 1)
         expected[columns], expected[-1] = np.linalg.lstsq(rows, target, rcond=None)[0], -1.0
         np.testing.assert_allclose(theta, expected, rtol=1e-5, atol=1e-9)
+
+
+def test_least_squares_has_just_enough_ridge(
+    noisy_problem, textbook_bank, stack_samples, whiten, augmented_ridge
+):
+    """For chosen columns, and for mixtures of all."""
+    moments, normal = moments_of(noisy_problem)
+    x, y, places = stack_samples(noisy_problem, textbook_bank(noisy_problem, GRID_S, 3), {0, 1, 2})
+    x, y = (whiten(values, places, noisy_problem) for values in (x, y))
+    columns = moments.columns([3, 9], 2, 1)
+    assert len(columns) == (7 if moments.loaded else 4)
+    chosen = np.eye(x.shape[1])[:, columns]
+    for mixtures in (chosen, chosen @ np.random.default_rng(0).standard_normal((len(columns), 3))):
+        weights, gains, rest = least_squares(normal, mixtures)
+        expected = augmented_ridge(x @ mixtures, y, 1e-7)
+        np.testing.assert_allclose(weights, expected, rtol=1e-4, atol=1e-7)
+        np.testing.assert_allclose(gains, mixtures @ weights)
+        assert rest == pytest.approx(np.sum((y - x @ gains) ** 2), rel=1e-7)
+
+
+def test_equal_columns_share_their_gain_and_silent_ones_get_none():
+    rng = np.random.default_rng(0)
+    x, y = rng.standard_normal((2, 60))
+    both = np.stack((x, x, 0 * x, x, y), axis=1)
+    gains = least_squares(both.T @ both, np.eye(4))[1]
+    np.testing.assert_allclose(gains, x @ y / (x @ x) / 3 * np.array([1, 1, 0, 1]), rtol=1e-6)
+
+
+def test_the_jackknife_of_means_is_the_standard_error_of_a_mean():
+    blocks = np.random.default_rng(0).standard_normal((7, 2))
+    without = [np.delete(blocks, n, axis=0).mean(axis=0) for n in range(7)]
+    expected = blocks.std(axis=0, ddof=1) / np.sqrt(7)
+    np.testing.assert_allclose(jackknife_errors(without), expected)
 
 
 @pytest.fixture(scope='module', params=[(400.0,), (60.0, 1300.0)], ids=str)

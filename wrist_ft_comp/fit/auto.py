@@ -5,32 +5,229 @@ All are vectors of gains on one pool of columns (``fit/pool.py``), and so is the
 average: one model with a bank of relaxations. docs/algorithm.md says why each piece is there.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from wrist_ft_comp.drift.arx import free_run
 from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.fit.bins import tare
-from wrist_ft_comp.fit.candidate_fits import Axis, Body, HeldOutForms, Kind
-from wrist_ft_comp.fit.cross_validation import day_over_blocks, keep_errors
-from wrist_ft_comp.fit.gains import anchored, build_axis_model, by_relaxation
-from wrist_ft_comp.fit.pool import GRID_S
+from wrist_ft_comp.fit.cross_validation import bin_means, day_over_blocks, keep_errors, tare
+from wrist_ft_comp.fit.model_building import (
+    anchored,
+    build_axis_model,
+    build_features,
+    by_relaxation,
+)
+from wrist_ft_comp.fit.moments import (
+    accumulate,
+    bin_axis_data,
+    BinnedData,
+    Moments,
+    start_transients,
+    TRANSIENT_VARIANCE,
+)
+from wrist_ft_comp.fit.pool import (
+    FreeTimeConstants,
+    GRID_S,
+    near,
+    RidgeBank,
+    time_constant_errors,
+)
 from wrist_ft_comp.fit.result import AxisFit, Candidate, HeldOut, left_of_a_day
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.signals import BoolArray, FloatArray, Progress
 
+COMBINATION = 'combination'
+#: How steeply a correction is used less as it leaves more than no compensation.
 _GATE = 16.0
 #: An average that lowers what is left of held-out recordings by less than this share is not run.
 _WORTH_RUNNING = 0.02
-#: A relaxation that is a mixture of the pool's has its time constant up to this share.
-_MIXED = 0.005
+#: Below every square, so that logarithms exist.
 _TINY = 1e-300
-#: What is told of an axis that never changes is rounding, up to this share of its readings.
+#: Errors of an axis that never changes are rounding, up to this share of its readings.
 _ROUNDING = 1e-14
-COMBINATION = 'combination'
+#: Ridge of the banks, relative to the diagonal.
+_STRENGTHS = (1e-2, 1e-4, 1e-6)
+_BANKS = {
+    'bank to 3000 s': near(0, 30, 100, 300, 1000, 3000),
+    'bank to 60 s': near(0, 20, 60),
+    'bank to 600 s': near(0, 100, 600),
+}
+#: Candidates are compared by means over this time, or all look alike where a robot moves, s …
+_COMPARED_S = 120.0
+#: … but a fold has at least this many means.
+_FEWEST_COMPARED = 8
+
+
+class Kind(NamedTuple):
+    """A kind of candidate: a name, whether every start was soaked, and how it is fitted."""
+
+    name: str
+    soaked: bool
+    fit: RidgeBank | FreeTimeConstants
+
+    @property
+    def fits(self) -> int:
+        """Number of fits that it gives."""
+        return len(self.fit.strengths) if isinstance(self.fit, RidgeBank) else 1
+
+
+def _kinds(highest: int, thermometers: int) -> list[Kind]:
+    """List the kinds of candidates, with names for people."""
+    kinds = []
+    for degree in range(1, highest + 1):
+        shape, inputs = (degree, thermometers), (degree * thermometers, thermometers)
+        fits: dict[str, RidgeBank | FreeTimeConstants] = {
+            'static': RidgeBank(*shape, near(0), (1e-6,)),
+            '1 time constant': FreeTimeConstants(*inputs, 1),
+            **{name: RidgeBank(*shape, bank, _STRENGTHS) for name, bank in _BANKS.items()},
+        }
+        both = [(name, soaked) for name in fits for soaked in (True, False)]
+        if degree < 3:
+            fits['2 time constants'] = FreeTimeConstants(*inputs, 2)
+            both.append(('2 time constants', False))
+        kinds += [Kind(f'{name}, degree {degree}', soaked, fits[name]) for name, soaked in both]
+    return kinds
+
+
+class HeldOutForms(NamedTuple):
+    """Mean square error in a fold as quadratic forms of gains: start set aside, and tared."""
+
+    cleaned: FloatArray
+    tared: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """An axis of the body: its bins, its moments, and its errors fold by fold."""
+
+    data: AxisData
+    binned: BinnedData
+    moments: Moments
+    forms: dict[int, HeldOutForms]
+
+
+class Body:
+    """All axes of a sensor, which share temperatures and time constants, and their candidates."""
+
+    def __init__(self, axes: Sequence[AxisData], settings: IdentificationSettings) -> None:
+        binned = [bin_axis_data(data, data.bin_cells[0]) for data in axes]
+        self.bins = binned[0]
+        self.features = build_features(self.bins.temperature_c, settings, beyond='tangents')
+        self.kinds = _kinds(settings.highest_degree, self.features.thermometers)
+        relaxations = [self.bins.relaxation(float(tau)) for tau in GRID_S]
+        #: Temperatures of each recording behind every relaxation, (n_i, K, J).
+        self.relaxed_c = [
+            np.stack([free_run(lag, temperature_c) for lag in relaxations], axis=1)
+            for temperature_c in self.bins.temperature_c
+        ]
+        self.inputs = [self._expand(self.features, i) for i in range(len(self.relaxed_c))]
+        self.axes = [
+            Axis(data, bins, accumulate(bins, self.inputs, len(GRID_S)), {})
+            for data, bins in zip(axes, binned, strict=True)
+        ]
+        self.folds = np.unique(np.concatenate(self.bins.folds)).tolist()
+        for fold in self.folds:
+            for design, axis in self.designs(fold):
+                if len(design):
+                    axis.forms[fold] = HeldOutForms(
+                        _cleaned_form(design, self.bins.period_s),
+                        _form(tare(design, self.bins.period_s)),
+                    )
+
+    def _expand(self, features: Features, recording: int) -> FloatArray:
+        """Compute the pool's columns, without load, of a recording, (n, K·F)."""
+        relaxed_c = self.relaxed_c[recording]
+        return features.expand(relaxed_c).reshape(len(relaxed_c), -1)
+
+    def recording_of(self, fold: int) -> int:
+        """Find the recording that a fold is of."""
+        return next(i for i, folds in enumerate(self.bins.folds) if (folds == fold).any())
+
+    def designs(self, fold: int) -> Iterator[tuple[FloatArray, 'Axis']]:
+        """
+        Draw columns and r - w of a fold, (n, P + 1), of every axis.
+
+        The features are those that a fit to the other folds would run with: their range is what
+        the others saw. No row where an axis has no sample.
+        """
+        #   [ x_f(H_τ T) … | w x_f(H_τ T) … | w | r - w ]     with load
+        i = self.recording_of(fold)
+        pairs = zip(self.bins.temperature_c, self.bins.folds, strict=True)
+        others_c = np.concatenate([values_c[folds != fold] for values_c, folds in pairs])
+        lower_c, upper_c = others_c.min(axis=0), others_c.max(axis=0)
+        x = self._expand(replace(self.features, lower_c=lower_c, upper_c=upper_c), i)
+        for axis in self.axes:
+            sums = axis.binned.sums[i]
+            rows = (axis.binned.folds[i] == fold) & (sums.count > 0)
+            count = sums.count[rows, np.newaxis]
+            w, y = sums.load[rows, np.newaxis] / count, sums.residual[rows, np.newaxis] / count
+            load = (w * x[rows], w) if axis.binned.loaded else ()
+            yield np.concatenate((x[rows], *load, y), axis=1), axis
+
+    def fit(
+        self, skip: int | None, starts: Mapping[Kind, FloatArray]
+    ) -> tuple[list[FloatArray], dict[Kind, FloatArray]]:
+        """
+        Fit none and all candidates to all folds but one.
+
+        Parameters
+        ----------
+        skip : int, optional
+            The fold that is held out; none without it.
+        starts : mapping from Kind to ndarray
+            Where a search for free ln τ begins; where it is missing, on the grid.
+
+        Returns
+        -------
+        tuple of list of ndarray, shapes (C, P + 1), and dict from Kind to ndarray
+            Gains of the pool for every axis, -1 for r - w, and the ln τ that were found.
+
+        """
+        moments = [axis.moments for axis in self.axes]
+        normals = {}
+        for soaked in (True, False):
+            precision = self.bins.nuisance_precision(soaked=soaked)
+            normals[soaked] = [
+                replace(sums, precision=precision).centred(sums.fold != skip) for sums in moments
+            ]
+        gains = [[np.append(np.zeros(len(n) - 1), -1.0)[np.newaxis]] for n in normals[True]]
+        logs = {}
+        for kind in self.kinds:
+            pairs = list(zip(moments, normals[kind.soaked], strict=True))
+            if isinstance(kind.fit, RidgeBank):
+                fits = [kind.fit.fit(*pair) for pair in pairs]
+            else:
+                both = moments, normals[kind.soaked]
+                start = starts[kind] if kind in starts else kind.fit.first_guess(*both)
+                logs[kind] = kind.fit.search(*both, start)
+                fits = [kind.fit.fit(*pair, logs[kind]) for pair in pairs]
+            for of_axis, fit in zip(gains, fits, strict=True):
+                of_axis.append(fit)
+        return [np.concatenate(of_axis) for of_axis in gains], logs
+
+
+def _form(design: FloatArray) -> FloatArray:
+    """Mean square of a combination of columns, as a quadratic form of its gains."""
+    return np.asarray(design.T @ design / len(design))
+
+
+def _cleaned_form(design: FloatArray, period_s: float) -> FloatArray:
+    """Mean square around a constant and a start transient, of means that noise says little in."""
+    time_s = np.arange(len(design)) * period_s
+    phi = np.concatenate((np.ones((len(design), 1)), start_transients(time_s)), axis=1)
+    precision = np.full(phi.shape[1], len(design) / TRANSIENT_VARIANCE)
+    precision[0] = 0.0
+    crossed = phi.T @ design
+    level = np.linalg.solve(phi.T @ phi + np.diag(precision), crossed)
+    rest = design - phi @ level
+    width = max(1, min(round(_COMPARED_S / period_s), len(rest) // _FEWEST_COMPARED))
+    prior = level.T @ (precision[:, np.newaxis] * level) / len(design)
+    return np.asarray(_form(bin_means(rest, np.arange(len(rest)), width)) + prior)
 
 
 def identify_together(
@@ -42,14 +239,14 @@ def identify_together(
     held_out: dict[int, list[FloatArray]] = {}
     held_out_logs = []
     for number, fold in enumerate(body.folds, 1):
-        held_out[fold], found = body.fit(fold, logs)
-        held_out_logs.append(found)
+        held_out[fold], fold_logs = body.fit(fold, logs)
+        held_out_logs.append(fold_logs)
         progress(number / len(body.folds))
     errors = [_candidate_errors(axis, n, held_out) for n, axis in enumerate(body.axes)]
-    days = len(body.relaxed_c)
+    weighed = _weigh([forms.cleaned for forms in errors], days=len(body.relaxed_c))
     weights = [
-        _if_worthwhile(own, each.tared)
-        for own, each in zip(_weigh([each.cleaned for each in errors], days), errors, strict=True)
+        _if_worthwhile(of_axis, forms.tared)
+        for of_axis, forms in zip(weighed, errors, strict=True)
     ]
     after = _held_out_errors(body, weights, held_out)
     lags = _Lags(logs, held_out_logs)
@@ -81,20 +278,37 @@ def _root_mean_squares(weights: FloatArray, forms: FloatArray) -> FloatArray:
 
 
 def _weigh(errors: Sequence[FloatArray], days: int) -> list[FloatArray]:
-    """Weigh none and all candidates by their held-out forms of every axis, (folds, C, C)."""
-    # Weights are common to all axes, as their body is; how much is used is not. A logarithm's mean
-    # over folds and axes is a geometric mean of errors: no day and no axis outvotes the others.
+    """
+    Weigh none and all candidates by their held-out errors.
+
+    The weights are common to all axes, as their body is; the share of the correction that is used
+    is not. The mean of a logarithm over folds and axes is a geometric mean of errors: no day and
+    no axis outvotes the others.
+
+    Parameters
+    ----------
+    errors : sequence of ndarray, shapes (folds, C, C)
+        Held-out forms of every axis.
+    days : int
+        Number of recordings.
+
+    Returns
+    -------
+    list of ndarray, shape (C,)
+        Weights of every axis; their sum is 1.
+
+    """
     logs = np.array(
-        [np.log(np.maximum(np.einsum('fii->fi', each), _TINY)).mean(axis=0) / 2 for each in errors]
+        [np.log(np.maximum(np.einsum('fii->fi', form), _TINY)).mean(axis=0) / 2 for form in errors]
     )
     left = (logs - logs[:, :1]).mean(axis=0)
-    folds = max(len(each) for each in errors)
+    folds = max(len(form) for form in errors)
     common = np.exp(-(2 * folds if days > 1 else folds) * (left - left[1:].min()))
     common[0] = 0.0
     common /= common.sum()
     none: FloatArray = np.eye(len(common))[0]
     after, before = (
-        [np.maximum(_root_mean_squares(weights, each), np.sqrt(_TINY)) for each in errors]
+        [np.maximum(_root_mean_squares(weights, form), np.sqrt(_TINY)) for form in errors]
         for weights in (common, none)
     )
     gained = np.array([np.mean(np.log(a / b)) for a, b in zip(after, before, strict=True)])
@@ -103,9 +317,9 @@ def _weigh(errors: Sequence[FloatArray], days: int) -> list[FloatArray]:
 
 
 def _if_worthwhile(weights: FloatArray, tared: FloatArray) -> FloatArray:
-    """Use nothing of what leaves hardly less than no compensation in the mean over folds."""
+    """Run no average that leaves hardly less than no compensation in the mean over folds."""
     none: FloatArray = np.eye(len(weights))[0]
-    after, before = (_root_mean_squares(each, tared).mean() for each in (weights, none))
+    after, before = (_root_mean_squares(used, tared).mean() for used in (weights, none))
     return weights if after < (1 - _WORTH_RUNNING) * before else none
 
 
@@ -132,7 +346,7 @@ def _held_out_errors(
             same = np.ones(len(bins))
             parts[n].append(np.stack((i * same, fold * same, middle, tared[:, -1], remaining)))
     return [
-        keep_errors(np.concatenate(own, axis=1), body.bins.period_s, tared=True) for own in parts
+        keep_errors(np.concatenate(part, axis=1), body.bins.period_s, tared=True) for part in parts
     ]
 
 
@@ -144,10 +358,9 @@ class _Lags(NamedTuple):
 
     def stated(self, kind: Kind) -> tuple[FloatArray, FloatArray]:
         """Time constants, increasing, and their standard errors by the jackknife over folds, s."""
-        others = np.exp([np.sort(each[kind]) for each in self.held_out])
-        spread = np.sqrt((len(others) - 1) * np.var(others, axis=0))
+        held_out_s = [np.exp(np.sort(logs[kind])) for logs in self.held_out]
         tau_s = np.exp(np.sort(self.everything[kind]))
-        return tau_s, np.hypot(spread, _MIXED * tau_s)
+        return tau_s, time_constant_errors(tau_s, held_out_s)
 
 
 def _axis_fit(
@@ -158,14 +371,14 @@ def _axis_fit(
     owners = [kind for kind in body.kinds for _ in range(kind.fits)]
 
     def state(name: str, members: BoolArray) -> Candidate:
-        """Tell what some candidates leave together, weighted as they run."""
+        """State what some candidates leave together, weighted as they run."""
         total = float(weights[members].sum())
         inside = np.where(members, weights if total > 0 else 1.0, 0.0)
         after = float(_root_mean_squares(inside / inside.sum(), tared).mean())
         rms = left_of_a_day(after, before, factor)
         return Candidate(name, rms if rms > rounding else 0.0, total)
 
-    rounding = _ROUNDING * max(np.fmax.reduce(np.abs(each), initial=0.0) for each in data.residual)
+    rounding = _ROUNDING * max(np.fmax.reduce(np.abs(r), initial=0.0) for r in data.residual)
     before = float(np.sqrt(tared[:, 0, 0]).mean())
     factor = day_over_blocks(axis.binned, before)
     positions = np.arange(len(weights))
@@ -174,16 +387,16 @@ def _axis_fit(
     after = state(COMBINATION, positions >= 0) if used else none
     names = np.array(['none', *(kind.name for kind in owners)])
     candidates = [state(name, names == name) for name in dict.fromkeys(names[1:].tolist())]
-    shares = {each.name: each.weight for each in candidates}
+    shares = {candidate.name: candidate.weight for candidate in candidates}
     free = list(lags.everything)
     tau_s, tau_errors_s = np.zeros((2, 0))
     if sum(shares[name] for name in {kind.name for kind in free}) > used / 2:
         tau_s, tau_errors_s = lags.stated(max(free, key=lambda kind: shares[kind.name]))
-    heaviest = sorted(candidates, key=lambda each: -each.weight)[:2]
+    heaviest = sorted(candidates, key=lambda candidate: -candidate.weight)[:2]
     reason = (
         f'An average of {len(owners)} fits leaves {after.rms:.3g} {data.unit} RMS on held-out '
         f'data, no compensation {none.rms:.3g} {data.unit}; most weight have '
-        + ' and '.join(f'{each.name} ({100 * each.weight / used:.0f} %)' for each in heaviest)
+        + ' and '.join(f'{top.name} ({100 * top.weight / used:.0f} %)' for top in heaviest)
         + f', and {100 * used:.0f} % of the correction is used.'
         if used
         else f'Nothing that was tried holds on held-out data: no compensation leaves '

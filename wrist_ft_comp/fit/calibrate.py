@@ -10,8 +10,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks
 from wrist_ft_comp.fit.auto import identify_together
 from wrist_ft_comp.fit.axis_data import assign_folds, AxisData, build_axis_data
-from wrist_ft_comp.fit.free_relaxations import identify_free_relaxations
-from wrist_ft_comp.fit.paper_methods import identify_hats, identify_paper_method
+from wrist_ft_comp.fit.competition import identify_hats, identify_lags, identify_paper_method
 from wrist_ft_comp.fit.result import AxisFit, Calibration, SURE_SHARE
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.payload.at_work import learn_at_work
@@ -149,7 +148,7 @@ def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     if settings.method == 'auto':
         return identify_hats(data, settings)
     if settings.method == 'arx_pls_oe':
-        return identify_free_relaxations(data, settings)
+        return identify_lags(data, settings)
     return identify_paper_method(data, settings, settings.method)
 
 
@@ -178,7 +177,6 @@ def _doubts(recordings: Sequence[Recording], fits: dict[str, AxisFit]) -> list[s
             f'thermal cell of {period_s:g} s; drift that is quicker is taken as instantaneous.'
         )
     doubts += [f'{fit.refusal}. It is left uncompensated.' for fit in fits.values() if fit.refusal]
-    doubts += [f'{axis}: {doubt}.' for axis, fit in fits.items() for doubt in fit.doubts]
     return doubts + [
         f'{axis}: {fit.chosen} leaves more drift than no compensation; choose the method auto.'
         for axis, fit in fits.items()

@@ -1,69 +1,26 @@
 """Where a candidate is scored: on folds that it did not see, in free run, averaged over bins."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.fit.bins import bin_axis_data, BinnedData, tare
-from wrist_ft_comp.fit.gains import anchored, build_axis_model, by_relaxation
-from wrist_ft_comp.fit.moments import accumulate, bank_inputs, Moments
-from wrist_ft_comp.fit.regression import best_on_grid, least_squares, Structure
+from wrist_ft_comp.fit.moments import BinnedData
 from wrist_ft_comp.fit.result import HeldOut
-from wrist_ft_comp.fit.time_constants import search_time_constants
 from wrist_ft_comp.signals import FloatArray, IntArray
 
-#: Nearer to its optimum, a candidate's errors change by far less than they differ from others'.
-_TOLERANCE = 1e-5
+#: What is left of a held-out fold is counted from its first minute, as people tare, s.
+_TARE_S = 60.0
 #: Parts that each held-out fold is scored in: two recordings alone cannot tell chance from merit.
 JUDGED_PARTS = 4
 #: A candidate has to lower the mean square error by this share to be worth its complexity.
 WORTHWHILE = 0.15
-#: Time constants from which a search begins, s.
-_GRID_POINTS, _SHORTEST_TAU_S, _LONGEST_TAU_S = 13, 20.0, 7200.0
-
-
-@dataclass(frozen=True, eq=False)
-class CandidateData:
-    """What all candidates of an axis are fitted from."""
-
-    # Features are those of one relaxation's temperatures, of the highest degree; moments hold all
-    # of them behind a grid of time constants.
-
-    axis_data: AxisData
-    features: Features
-    fitted: BinnedData
-    fitted_moments: Moments
-
-    def features_of(self, structure: Structure) -> Features:
-        """Features of one relaxation's temperatures."""
-        if self.features.kind == 'hats':
-            return self.features
-        return replace(self.features, degree=structure.degree)
-
-
-def build_candidate_data(data: AxisData, features: Features) -> CandidateData:
-    """Pass the temperatures through the grid of time constants, and sum."""
-    grid = time_constant_grid(data)
-    fitted = bin_axis_data(data, data.bin_cells[0])
-    moments = accumulate(fitted, bank_inputs(fitted, features, grid), grid)
-    return CandidateData(data, features, fitted, moments)
-
-
-def time_constant_grid(data: AxisData) -> FloatArray:
-    """Lay out the time constants that are tried: 0 (static), then evenly in their logarithm, s."""
-    low = max(_SHORTEST_TAU_S, 2 * data.period_s)
-    high = max(min(_LONGEST_TAU_S, data.longest_s / 2), 2 * low)
-    return np.concatenate(([0.0], np.geomspace(low, high, _GRID_POINTS)))
 
 
 class FoldBins(NamedTuple):
-    """Tared errors of a recording in a held-out fold, by bins whose cell numbers are known."""
+    """Errors of a recording in a held-out fold, tared, in bins."""
 
     recording: int
     fold: int
@@ -80,69 +37,12 @@ Scores = Mapping[str, Sequence[FoldBins]]
 Refit = Callable[[AxisData], tuple[AxisModel | None, tuple[str, ...]]]
 
 
-def cross_validate(data: CandidateData, structure: Structure) -> tuple[list[FoldBins], FloatArray]:
-    """Score a candidate on folds that it did not see; time constants, fitted to all, (K,), s."""
-    moments, features = data.fitted_moments, data.features_of(structure)
-    # All combinations on the grid were the starts; the best of them is followed.
-    start_s = best_on_grid(moments, structure, len(features.names))
-    tau_s = search_time_constants(data.fitted, features, start_s, _TOLERANCE)
-    return refit_bins(data.axis_data, partial(_refit, data, features, tau_s)), tau_s
-
-
-def _refit(
-    data: CandidateData, features: Features, start_s: FloatArray, part: AxisData
-) -> tuple[AxisModel | None, tuple[str, ...]]:
-    """Fit time constants, from a start, and gains to what is not held out."""
-    binned = bin_axis_data(part, data.fitted.cells)
-    tau_s = search_time_constants(binned, features, start_s, _TOLERANCE)
-    inputs = bank_inputs(binned, features, tau_s)
-    moments = accumulate(binned, inputs, tau_s)
-    columns = moments.columns(range(len(tau_s)), moments.inputs)
-    values, _ = least_squares(moments.centred(), columns)
-    gains = by_relaxation(values, len(tau_s), moments.inputs, loaded=moments.loaded)
-    model = build_axis_model(features, tau_s, gains, inputs, part.period_s)
-    if model is None or not moments.loaded:
-        return model, ()
-    at_rest = features.expand(features.reference_c) @ gains[:, :, 1].sum(axis=0) + values[-1]
-    return anchored(model, [0.0, float(at_rest)]), ()
-
-
-def part_errors(bins: Sequence[FoldBins]) -> FloatArray:
-    """Score every fold in parts: mean squares, shape (parts,)."""
-    return np.array(
-        [
-            part.mean()
-            for each in bins
-            for part in np.array_split(each.judged**2, min(JUDGED_PARTS, len(each.judged)))
-        ]
-    )
-
-
-def simplest_good(errors: Sequence[FloatArray]) -> int:
-    """Find the simplest candidate within one standard error of the best, or within 15 % of it."""
-    # The standard error is that of the difference to the best, part by part: parts differ far
-    # more than candidates do. Mean square errors (parts,), simplest candidate first.
-    means = [float(error.mean()) for error in errors]
-    best = int(np.argmin(means))
-    for position, error in enumerate(errors):
-        margin = max(standard_error(error - errors[best]), WORTHWHILE * means[position])
-        if means[position] - means[best] <= margin:
-            return position
-    return best
-
-
-def standard_error(differences: FloatArray) -> float:
-    """Estimate the standard error of a mean; 0 for a single value."""
-    count = len(differences)
-    return float(differences.std(ddof=1)) / np.sqrt(count) if count > 1 else 0.0
-
-
 def refit_bins(data: AxisData, refit: Refit) -> list[FoldBins]:
     """Refit a model without each fold in turn, and keep its errors there."""
     return [
-        each
+        bins
         for fold in data.fold_numbers
-        for each in fold_bins(data, unexplained(data, refit(data.without(fold))[0]), fold)
+        for bins in fold_bins(data, unexplained(data, refit(data.without(fold))[0]), fold)
     ]
 
 
@@ -178,6 +78,66 @@ def fold_bins(data: AxisData, remainders: Sequence[FloatArray], fold: int) -> li
     return bins
 
 
+def tare(values: FloatArray, period_s: float) -> FloatArray:
+    """Zero what is left of a held-out fold, (n, …), on its first minute, as people do."""
+    return np.asarray(values - values[: max(1, round(_TARE_S / period_s))].mean(axis=0))
+
+
+def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray:
+    """Average samples, (n, …), over bins of consecutive cells, whose numbers, (n,), increase."""
+    if bin_cells <= 1:
+        return values
+    bins = cells // bin_cells
+    starts = np.flatnonzero(np.diff(bins, prepend=bins[0] - 1))
+    counts = np.diff(starts, append=len(bins))
+    sums = np.add.reduceat(values, starts, axis=0)
+    return np.asarray(sums / counts.reshape(-1, *[1] * (values.ndim - 1)))
+
+
+def part_errors(bins: Sequence[FoldBins]) -> FloatArray:
+    """Score every fold in parts: mean squares, shape (parts,)."""
+    return np.array(
+        [
+            part.mean()
+            for fold in bins
+            for part in np.array_split(fold.judged**2, min(JUDGED_PARTS, len(fold.judged)))
+        ]
+    )
+
+
+def simplest_good(errors: Sequence[FloatArray]) -> int:
+    """
+    Find the simplest candidate within one standard error of the best, or within 15 % of it.
+
+    The standard error is that of the difference to the best, part by part: parts differ far more
+    than candidates do.
+
+    Parameters
+    ----------
+    errors : sequence of ndarray, shapes (parts,)
+        Mean square errors of every candidate, the simplest one first.
+
+    Returns
+    -------
+    int
+        Its position.
+
+    """
+    means = [float(error.mean()) for error in errors]
+    best = int(np.argmin(means))
+    for position, error in enumerate(errors):
+        margin = max(standard_error(error - errors[best]), WORTHWHILE * means[position])
+        if means[position] - means[best] <= margin:
+            return position
+    return best
+
+
+def standard_error(differences: FloatArray) -> float:
+    """Estimate the standard error of a mean; 0 for a single value."""
+    count = len(differences)
+    return float(differences.std(ddof=1)) / np.sqrt(count) if count > 1 else 0.0
+
+
 def day_over_blocks(binned: BinnedData, before: float) -> float:
     """
     Say how many times more is left of a day than of blocks that, uncompensated, leave some RMS.
@@ -193,17 +153,6 @@ def day_over_blocks(binned: BinnedData, before: float) -> float:
     return float(np.sqrt(max(1.0, float(np.sqrt(np.mean(y**2)) / before))))
 
 
-def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray:
-    """Average samples, (n, …), over bins of consecutive cells, whose numbers, (n,), increase."""
-    if bin_cells <= 1:
-        return values
-    bins = cells // bin_cells
-    starts = np.flatnonzero(np.diff(bins, prepend=bins[0] - 1))
-    counts = np.diff(starts, append=len(bins))
-    sums = np.add.reduceat(values, starts, axis=0)
-    return np.asarray(sums / counts.reshape(-1, *[1] * (values.ndim - 1)))
-
-
 def hold_out(data: AxisData, before: Sequence[FoldBins], after: Sequence[FoldBins]) -> HeldOut:
     """Keep the errors on every held-out fold, without compensation and of the winner."""
     rows = [
@@ -211,8 +160,8 @@ def hold_out(data: AxisData, before: Sequence[FoldBins], after: Sequence[FoldBin
         for raw, compensated in zip(before, after, strict=True)
     ]
     table = np.concatenate(rows, axis=1)
-    sorted_ = table[:, np.lexsort((table[2], table[0]))]
-    return keep_errors(sorted_, data.bin_cells[0] * data.period_s, tared=data.tared)
+    in_time_order = table[:, np.lexsort((table[2], table[0]))]
+    return keep_errors(in_time_order, data.bin_cells[0] * data.period_s, tared=data.tared)
 
 
 def keep_errors(table: FloatArray, bin_s: float, *, tared: bool) -> HeldOut:

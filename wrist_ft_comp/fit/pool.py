@@ -1,4 +1,9 @@
-"""Fits on one pool of columns, each a vector of gains: so every average of fits is one, too."""
+"""
+Fits on one pool of columns, each a vector of gains: so every average of fits is one, too.
+
+A relaxation is smooth in ln τ. So one between those of the pool's grid is a mixture of its four
+neighbours, and free time constants are searched without a pass over the samples.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +15,10 @@ import scipy  # which loads its parts when they are used
 from wrist_ft_comp.fit.moments import Moments
 from wrist_ft_comp.signals import FloatArray, IntArray
 
-_RATIO, _SHORTEST_S = 1.6, 20.0
+#: Ratio of neighbours on the grid.
+_RATIO = 1.6
+#: Shortest relaxation of the grid, s.
+_SHORTEST_S = 20.0
 #: τ, s, shape (K,): static, then 20 s to an hour and a half.
 GRID_S: FloatArray = np.array([0.0, *(_SHORTEST_S * _RATIO**k for k in range(13))])
 _LOGS = np.log(GRID_S[1:])
@@ -18,6 +26,8 @@ _LOGS = np.log(GRID_S[1:])
 _DEGREE_PENALTY = 10.0
 #: Just enough ridge to solve for free time constants, relative to the diagonal.
 _TINY_RIDGE = 1e-7
+#: A relaxation that is a mixture of the grid's has its time constant up to this share.
+_MIXED = 0.005
 #: Coefficients of cubics that are 1 at one of the places 0 to 3, and 0 at the others: (4, 4).
 _CUBICS = np.linalg.inv(np.vander(np.arange(4.0), increasing=True))
 
@@ -31,9 +41,11 @@ def near(*taus_s: float) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class RidgeBank:
-    """A bank on the grid in ridge, at some strengths relative to the diagonal."""
+    """
+    A bank on the grid in ridge, at some strengths relative to the diagonal.
 
-    # Powers up to the degree explain zero drift, the first one gain drift.
+    Powers up to the degree explain zero drift, the first one sensitivity drift.
+    """
 
     degree: int
     thermometers: int
@@ -64,21 +76,21 @@ class RidgeBank:
 class FreeTimeConstants:
     """Some free time constants, shared by axes whose moments are alike but for the load."""
 
-    # Powers up to the degree explain zero drift, the first one gain drift.
-
-    degree: int
-    thermometers: int
+    #: How many of the pool's features explain zero drift, and how many sensitivity drift.
+    inputs: int
+    gain_inputs: int
+    #: How many time constants.
     count: int
 
     def first_guess(self, moments: Sequence[Moments], normals: Sequence[FloatArray]) -> FloatArray:
         """Try all combinations on the grid: ln τ, (count,)."""
-        inputs = (self.degree * self.thermometers, self.thermometers)
 
         def cost(bank: Sequence[int]) -> float:
             total = 0.0
-            for each, normal in zip(moments, normals, strict=True):
-                mixtures = np.eye(len(normal) - 1)[:, each.columns(bank, *inputs)]
-                total += float(np.log(_solve(normal, mixtures)[2]))
+            for axis, normal in zip(moments, normals, strict=True):
+                columns = axis.columns(bank, self.inputs, self.gain_inputs)
+                mixtures = np.eye(len(normal) - 1)[:, columns]
+                total += float(np.log(least_squares(normal, mixtures)[2]))
             return total
 
         best = min(combinations(range(1, len(GRID_S)), self.count), key=cost)
@@ -91,11 +103,12 @@ class FreeTimeConstants:
 
         def cost(logs: FloatArray) -> tuple[float, FloatArray]:
             total, gradient = 0.0, np.zeros(len(logs))
-            for each, normal in zip(moments, normals, strict=True):
-                mixtures, slopes, owners = self._mixtures(each, logs)
-                own, gains, rest = _solve(normal, mixtures)
+            for axis, normal in zip(moments, normals, strict=True):
+                mixtures, slopes, owners = self._mixtures(axis, logs)
+                weights, gains, rest = least_squares(normal, mixtures)
                 total += np.log(rest)
-                by_column = 2 * (slopes.T @ (normal[:-1, :-1] @ gains - normal[:-1, -1])) * own
+                error = normal[:-1, :-1] @ gains - normal[:-1, -1]
+                by_column = 2 * (slopes.T @ error) * weights
                 gradient += np.bincount(owners, by_column / rest, len(logs) + 1)[: len(logs)]
             return total, gradient
 
@@ -107,16 +120,16 @@ class FreeTimeConstants:
     def fit(self, moments: Moments, normal: FloatArray, logs: FloatArray) -> FloatArray:
         """Fit an axis: gains of the whole pool and, last, -1 for r - w, (1, P + 1)."""
         mixtures, _, _ = self._mixtures(moments, logs)
-        return np.append(_solve(normal, mixtures)[1], -1.0)[np.newaxis]
+        return np.append(least_squares(normal, mixtures)[1], -1.0)[np.newaxis]
 
     def _mixtures(
         self, moments: Moments, logs: FloatArray
     ) -> tuple[FloatArray, FloatArray, IntArray]:
         """Write columns as mixtures of the pool, (P, C), their slopes, and which τ each is of."""
         half, width = len(GRID_S) * moments.inputs, moments.products.shape[1] - 1
-        starts = list(range(self.degree * self.thermometers))
+        starts = list(range(self.inputs))
         if moments.loaded:
-            starts += [half + first for first in range(self.thermometers)]
+            starts += [half + first for first in range(self.gain_inputs)]
         mixtures = np.zeros((width, len(logs) * len(starts) + moments.loaded))
         slopes = np.zeros_like(mixtures)
         for owner, log_tau in enumerate(logs):
@@ -144,15 +157,43 @@ def interpolate(log_tau: float) -> tuple[FloatArray, FloatArray]:
     return weights, slopes
 
 
-def _solve(normal: FloatArray, mixtures: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Fit mixtures of the pool: their gains, the pool's, and the sum of squares that remains."""
+def least_squares(
+    normal: FloatArray, mixtures: FloatArray
+) -> tuple[FloatArray, FloatArray, float]:
+    """
+    Regress r - w on mixtures of the pool's columns.
+
+    Parameters
+    ----------
+    normal : ndarray, shape (P + 1, P + 1)
+        Products of the pool's columns and, last, r - w, from ``Moments.centred``.
+    mixtures : ndarray, shape (P, C)
+        Columns to regress on, as combinations of the pool's.
+
+    Returns
+    -------
+    tuple of ndarray (C,), ndarray (P,) and float
+        Gains of the mixtures and of the pool's columns, and the sum of squares that remains.
+
+    """
     gram, right = normal[:-1, :-1], normal[:-1, -1]
     projected = gram @ mixtures
     power = np.einsum('pc,pc->c', mixtures, projected)
     size = np.sqrt(np.where(power > 0, power, np.inf))
     inner = mixtures.T @ projected / np.outer(size, size)
-    own = np.linalg.solve(inner + _TINY_RIDGE * np.eye(len(inner)), mixtures.T @ right / size)
-    own = own / size
-    gains = mixtures @ own
+    scaled = np.linalg.solve(inner + _TINY_RIDGE * np.eye(len(inner)), mixtures.T @ right / size)
+    weights = scaled / size
+    gains = mixtures @ weights
     rest = normal[-1, -1] - 2 * gains @ right + gains @ gram @ gains
-    return own, gains, max(float(rest), 1e-12 * float(normal[-1, -1]), 1e-300)
+    return weights, gains, max(float(rest), 1e-12 * float(normal[-1, -1]), 1e-300)
+
+
+def jackknife_errors(estimates: Sequence[FloatArray]) -> FloatArray:
+    """Estimate standard errors of what was fitted without each fold in turn, shapes (…) to (…)."""
+    spread = (len(estimates) - 1) * np.var(estimates, axis=0)
+    return np.asarray(np.sqrt(spread))
+
+
+def time_constant_errors(tau_s: FloatArray, held_out_s: Sequence[FloatArray]) -> FloatArray:
+    """Estimate standard errors of time constants, (K,), by those without each fold in turn, s."""
+    return np.asarray(np.hypot(jackknife_errors(held_out_s), _MIXED * tau_s))

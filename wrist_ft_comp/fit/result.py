@@ -110,8 +110,6 @@ class AxisFit:
     time_constant_errors_s: tuple[float, ...] = ()
     #: Gains with standard errors, where the method determines them one by one.
     terms: tuple[Term, ...] = ()
-    #: What a person should be warned of, such as better candidates that could not be trusted.
-    doubts: tuple[str, ...] = ()
     #: Why this axis could not be learnt although it drifts; empty when it was.
     refusal: str = ''
     #: The errors behind rms_before and rms_after, for pictures.

@@ -6,8 +6,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import Drift, no_drift
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.bins import tare
-from wrist_ft_comp.fit.cross_validation import bin_means
+from wrist_ft_comp.fit.cross_validation import bin_means, tare
 from wrist_ft_comp.learning.entry import Cell, DayEntry, NONE
 from wrist_ft_comp.payload.at_work import payloads_of
 from wrist_ft_comp.payload.gains import contrast, COUNTS, unexplained_contrast

@@ -1,4 +1,4 @@
-"""The two-step methods, on data whose truth they can hold."""
+"""The paper's methods: what PLS must satisfy, agreement with others, and truths that are found."""
 
 from dataclasses import replace
 
@@ -7,13 +7,180 @@ import pytest
 
 from wrist_ft_comp.drift.arx import Orders
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.pls_arx import identify, OBSERVATION_WINDOW_S, observe_drift
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.fit.paper_methods import (
+    fit_pcr,
+    fit_pls,
+    identify,
+    OBSERVATION_WINDOW_S,
+    observe_drift,
+)
 
 TWO = Features('powers', np.array([30.0, 25.0]), np.zeros(2), np.full(2, 99.0), degree=2)
 ONE = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0))
 LAG = Orders(latents=1, outputs=1, inputs=1, first_lag=0)
 CELLS = 400
 LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
+
+
+def made_up(samples, inputs, outputs, seed=1):
+    """Correlated inputs, outputs that depend on them with noise; centred and scaled."""
+    rng = np.random.default_rng(seed)
+    x = rng.standard_normal((samples, inputs)) @ rng.standard_normal((inputs, inputs))
+    y = x @ rng.standard_normal((inputs, outputs)) + rng.standard_normal((samples, outputs))
+    return (x - x.mean(axis=0)) / x.std(axis=0), (y - y.mean(axis=0)) / y.std(axis=0)
+
+
+def textbook_nipals(x, y, latents):
+    """NIPALS as it is printed: W, P, b, Q, T with iterations over whole score vectors."""
+    e, f = x.copy(), y.copy()
+    parts = []
+    for _ in range(latents):
+        u = f[:, np.argmax(f.var(axis=0))]
+        w = np.zeros(x.shape[1])
+        for _ in range(20_000):
+            before = w
+            w = e.T @ u
+            w = w / np.sqrt(w @ w)
+            t = e @ w
+            q = f.T @ t
+            q = q / np.sqrt(q @ q)
+            u = f @ q
+            if np.max(np.abs(w - before)) < 1e-15:
+                break
+        if w[np.argmax(np.abs(w))] < 0:
+            w, t, q, u = -w, -t, -q, -u
+        p = e.T @ t / (t @ t)
+        b = u @ t / (t @ t)  # eq. 9
+        for i in range(len(x)):
+            e[i] -= t[i] * p
+            f[i] -= b * t[i] * q
+        parts.append((w, p, np.array(b), q, t))
+    w, p, b, q, t = (np.array(part).T for part in zip(*parts, strict=True))
+    return w, p, b, q, t
+
+
+shapes = pytest.mark.parametrize(
+    ('inputs', 'outputs', 'latents'),
+    [(m, k, r) for m, k in ((1, 1), (4, 1), (4, 2), (6, 3)) for r in range(1, m + 1)],
+)
+
+
+@shapes
+def test_scores_are_orthogonal_and_explain_their_part_of_the_inputs(inputs, outputs, latents):
+    x, y = made_up(60, inputs, outputs)
+    pls = fit_pls(x, y, latents)
+    assert pls.latents == latents
+    gram = pls.scores.T @ pls.scores
+    assert np.diagonal(gram).min() > 0
+    np.testing.assert_allclose(gram, np.diag(np.diagonal(gram)), atol=1e-10 * gram.max())
+    for directions in (pls.weights, pls.output_loadings):
+        np.testing.assert_allclose(np.linalg.norm(directions, axis=0), 1, rtol=1e-12)
+    remainder = x - pls.scores @ pls.loadings.T  # eq. 3
+    np.testing.assert_allclose(pls.scores.T @ remainder, 0, atol=1e-10)
+    assert np.sum(remainder**2) < np.sum(x**2)
+    if latents == inputs:
+        np.testing.assert_allclose(remainder, 0, atol=1e-10)
+    np.testing.assert_allclose(x @ pls.rotations, pls.scores, atol=1e-10)  # eq. 4
+    np.testing.assert_allclose(
+        x @ pls.coefficients, pls.scores * pls.inner @ pls.output_loadings.T
+    )
+
+
+@pytest.mark.parametrize('outputs', [1, 2, 3])
+def test_full_rank_pls_is_least_squares(outputs):
+    x, y = made_up(50, 4, outputs)
+    expected = np.linalg.lstsq(x, y, rcond=None)[0]
+    for fit in (fit_pls, fit_pcr):
+        np.testing.assert_allclose(fit(x, y, 4).coefficients, expected, atol=1e-10)
+
+
+@shapes
+def test_nipals_of_the_textbook_gives_the_same(inputs, outputs, latents):
+    x, y = made_up(60, inputs, outputs)
+    pls = fit_pls(x, y, latents)
+    w, p, b, q, t = textbook_nipals(x, y, latents)
+    np.testing.assert_allclose(pls.weights, w, atol=1e-10)
+    np.testing.assert_allclose(pls.loadings, p, atol=1e-10)
+    np.testing.assert_allclose(pls.inner, b, atol=1e-10)
+    np.testing.assert_allclose(pls.output_loadings, q, atol=1e-10)
+    np.testing.assert_allclose(pls.scores, t, atol=1e-9)
+
+
+@shapes
+def test_scikit_learn_predicts_the_same(inputs, outputs, latents):
+    cross = pytest.importorskip('sklearn.cross_decomposition', reason='no scikit-learn')
+    from sklearn.decomposition import PCA  # noqa: PLC0415 -- only where it is installed
+
+    x, y = made_up(60, inputs, outputs)
+    peer = cross.PLSRegression(latents, scale=False, tol=1e-24, max_iter=20_000).fit(x, y)
+    ours = x @ fit_pls(x, y, latents).coefficients
+    np.testing.assert_allclose(ours, peer.predict(x).reshape(ours.shape), atol=1e-9)
+    pcr, scores = fit_pcr(x, y, latents), PCA(latents, svd_solver='full').fit_transform(x)
+    np.testing.assert_allclose(np.abs(pcr.scores), np.abs(scores), atol=1e-9)
+    expected = scores @ np.linalg.lstsq(scores, y, rcond=None)[0]
+    np.testing.assert_allclose(x @ pcr.coefficients, expected, atol=1e-10)
+
+
+@pytest.mark.parametrize('fit', [fit_pls, fit_pcr])
+def test_units_and_axes_of_the_inputs_change_no_prediction(fit):
+    x, y = made_up(50, 4, 2)
+    expected = x @ fit(x, y, 2).coefficients
+    turn = np.linalg.qr(np.random.default_rng(3).standard_normal((4, 4)))[0]
+    np.testing.assert_allclose(1e6 * x @ fit(1e6 * x, y, 2).coefficients, expected, atol=1e-9)
+    np.testing.assert_allclose(x @ turn @ fit(x @ turn, y, 2).coefficients, expected, atol=1e-9)
+    np.testing.assert_allclose(x @ fit(x, 1e-6 * y, 2).coefficients, 1e-6 * expected, atol=1e-15)
+    order = np.random.default_rng(4).permutation(50)
+    shuffled = fit(x[order], y[order], 2).coefficients
+    np.testing.assert_allclose(x @ shuffled, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize('fit', [fit_pls, fit_pcr])
+class TestDegenerateBlocks:
+    def test_lost_rank_gives_fewer_latents_and_still_least_squares(self, fit):
+        full, y = made_up(40, 3, 2)
+        constant = np.insert(full, 2, 0.0, axis=1)
+        repeated = np.column_stack([full, full[:, 0] - full[:, 1], 2 * full[:, 2]])
+        for x in (constant, repeated):
+            outer = fit(x, y, x.shape[1])
+            assert outer.latents == 3
+            expected = x @ np.linalg.lstsq(x, y, rcond=None)[0]
+            np.testing.assert_allclose(x @ outer.coefficients, expected, atol=1e-9)
+        np.testing.assert_allclose(fit(constant, y, 4).coefficients[2], 0, atol=1e-12)
+
+    @pytest.mark.parametrize('silent', ['x', 'y', 'both'])
+    def test_a_silent_block_leaves_nothing(self, fit, silent):
+        x, y = made_up(40, 3, 2)
+        outer = fit(x * (silent == 'y'), y * (silent == 'x'), 3)
+        assert outer.latents == 0
+        assert outer.coefficients.shape == (3, 2)
+        assert not outer.coefficients.any()
+
+    def test_fewer_samples_than_inputs_are_fitted_exactly(self, fit):
+        x, y = made_up(5, 8, 1)
+        outer = fit(x, y, 8)
+        assert outer.latents <= 4
+        np.testing.assert_allclose(x @ outer.coefficients, y, atol=1e-9)
+
+    def test_less_than_one_latent_is_refused(self, fit):
+        with pytest.raises(SettingsError, match='at least 1 latent; got 0'):
+            fit(*made_up(10, 2, 1), 0)
+
+
+def test_pls_stops_when_the_output_is_explained():
+    x, _ = made_up(40, 4, 1)
+    direction = np.linalg.svd(x, full_matrices=False)[2][0]
+    outer = fit_pls(x, (x @ direction)[:, np.newaxis], 4)
+    assert outer.latents == 1
+    np.testing.assert_allclose(outer.coefficients[:, 0], direction, atol=1e-10)
+
+
+@pytest.mark.parametrize('fit', [fit_pls, fit_pcr])
+def test_the_largest_weight_is_positive_whatever_the_signs_of_the_data(fit):
+    x, y = made_up(40, 4, 2)
+    for outer in (fit(x, y, 3), fit(x, -y, 3)):
+        peaks = outer.weights[np.argmax(np.abs(outer.weights), axis=0), range(3)]
+        assert (peaks > 0).all()
 
 
 @pytest.fixture(scope='module')

@@ -1,0 +1,398 @@
+"""
+Axis by axis, what a person named: candidates compete, and the simplest good one runs.
+
+The paper's methods compete by their number of latents, ``arx_pls_oe`` by its number of free time
+constants, and at the plateaus of a chamber test drift in hats competes with none. Held-out folds
+decide; then the winner is fitted to everything, and its constants are fixed.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.fit.axis_data import AxisData
+from wrist_ft_comp.fit.cross_validation import (
+    day_over_blocks,
+    fold_bins,
+    hold_out,
+    part_errors,
+    Refit,
+    refit_bins,
+    Scores,
+    simplest_good,
+    unexplained,
+    WORTHWHILE,
+)
+from wrist_ft_comp.fit.model_building import (
+    anchored,
+    build_axis_model,
+    build_features,
+    by_relaxation,
+)
+from wrist_ft_comp.fit.moments import accumulate, bank_inputs, bin_axis_data, BinnedData
+from wrist_ft_comp.fit.paper_methods import identify, PaperMethod
+from wrist_ft_comp.fit.pool import (
+    FreeTimeConstants,
+    GRID_S,
+    jackknife_errors,
+    least_squares,
+    time_constant_errors,
+)
+from wrist_ft_comp.fit.result import AxisFit, Candidate, left_of_a_day, OUTPUTS, Term
+from wrist_ft_comp.fit.settings import IdentificationSettings
+from wrist_ft_comp.signals import FloatArray
+
+#: Most latents that compete, and most free time constants.
+_MAX_LATENTS = 8
+_MAX_TIME_CONSTANTS = 2
+#: Gain drift is learnt in hats when it leaves at most this share of what leaving it alone does.
+_GAIN_WORTH = 0.5
+#: Errors below this share of no compensation's are those of the pool's grid, and count as equal.
+_GRID_ERROR = 1e-3
+#: A time constant above this share of the longest that is searched may be a longer one.
+_AT_BOUND = 0.99
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A candidate, fitted up to constants, named as in AxisFit; None is "no compensation"."""
+
+    model: AxisModel | None
+    time_constants_s: tuple[float, ...] = ()
+    time_constant_errors_s: tuple[float, ...] = ()
+    terms: tuple[Term, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def identify_paper_method(
+    data: AxisData, settings: IdentificationSettings, method: PaperMethod
+) -> AxisFit:
+    """Let held-out folds choose the number of latents; TooShortError where an ARX has no data."""
+    refits: dict[str, Refit] = {
+        f'{method}, {r} latent{"s" * (r > 1)}': partial(_fit_latents, settings, method, r)
+        for r in _latents_to_try(settings, _observed_features(data, settings), method)
+    }
+    return _compete(data, refits)
+
+
+def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
+    """
+    Let held-out folds choose between none and piecewise linear drift.
+
+    This is what ``auto`` does at the plateaus of a chamber test. Gain drift is left alone unless
+    held-out gains come out better: between a few temperatures they are easily worse.
+    """
+    hats = replace(settings, features='hats')
+    latents = settings.latents or len(_observed_features(data, hats).names)
+    both: Refit = partial(_fit_latents, hats, 'pls', latents)
+
+    def zero(part: AxisData) -> tuple[AxisModel | None, tuple[str, ...]]:
+        """Fit zero drift beside gain drift, where there are loads, and leave the gain alone."""
+        model, notes = both(part)
+        return None if model is None else model.without_gain_drift(), notes
+
+    if data.load is not None and _gain_error(data, both) < _GAIN_WORTH * _gain_error(data, zero):
+        return _compete(data, {'zero and gain drift in hats': both}, may_be_none=True)
+    return _compete(data, {'zero drift in hats': zero}, may_be_none=True)
+
+
+def _gain_error(data: AxisData, refit: Refit) -> float:
+    """Root mean square difference of the gain of folds that were held out from the others'."""
+    errors = []
+    for held_out in data.fold_numbers:
+        remainders = unexplained(data, refit(data.without(held_out))[0])
+        gains = {fold: _gains(data, remainders, fold) for fold in data.fold_numbers}
+        others = [gain for fold, found in gains.items() if fold != held_out for gain in found]
+        if others:  # the gain at T_ref is open as yet
+            errors += [gain - np.mean(others) for gain in gains[held_out]]
+    return float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
+
+
+def _gains(data: AxisData, remainders: Sequence[FloatArray], fold: int) -> list[float]:
+    """Regress what is left in a fold on the load, in each recording where that varies."""
+    gains = []
+    for left, load, folds in zip(remainders, data.load or (), data.folds, strict=True):
+        rows = (folds == fold) & np.isfinite(left) & np.isfinite(load)
+        w = load[rows] - load[rows].mean() if rows.any() else load[rows]
+        if w.any():
+            gains.append(float(w @ left[rows]) / float(w @ w))
+    return gains
+
+
+def _compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = False) -> AxisFit:
+    """Let the simplest good one run; no compensation is scored beside them."""
+    competing = ['none', *refits] if may_be_none else list(refits)
+    refits = {'none': lambda _: (None, ()), **refits}
+    bins = {name: refit_bins(data, refit) for name, refit in refits.items()}
+    chosen = competing[simplest_good([part_errors(bins[name]) for name in competing])]
+    model, notes = refits[chosen](data)
+    return finish(data, Fitted(model, notes=notes), chosen, bins, competing)
+
+
+def _observed_features(data: AxisData, settings: IdentificationSettings) -> Features:
+    """Build the features of an axis, with knots only where there are samples."""
+    observed = [
+        temperature_c[np.isfinite(residual)]
+        for temperature_c, residual in zip(data.temperature_c, data.residual, strict=True)
+    ]
+    return build_features(data.temperature_c, settings, observed)
+
+
+def _fit_latents(
+    settings: IdentificationSettings, method: PaperMethod, latents: int, part: AxisData
+) -> tuple[AxisModel | None, tuple[str, ...]]:
+    """Fit one of the paper's methods to what is not held out."""
+    features = _observed_features(part, settings)
+    orders = replace(settings.orders, latents=latents)
+    dynamics, notes = identify(method, part, features, orders)
+    return None if dynamics is None else AxisModel(features, dynamics), notes
+
+
+def _latents_to_try(
+    settings: IdentificationSettings, features: Features, method: PaperMethod
+) -> Sequence[int]:
+    """List numbers of latents; hats take all, so that every knot keeps its own coefficients."""
+    if settings.latents is not None:
+        return [settings.latents]
+    width = len(features.names)
+    if method == 'filtered_pls':
+        # Hats behind a bank of filters are too many and too alike for each to keep its own.
+        return range(1, min(width * len(settings.orders.time_constants_s), _MAX_LATENTS) + 1)
+    return [width] if features.kind == 'hats' else range(1, min(width, _MAX_LATENTS) + 1)
+
+
+class LagFit(NamedTuple):
+    """Drift behind free time constants, fitted."""
+
+    #: Features of the temperatures behind one relaxation.
+    features: Features
+    #: Increasing, s, shape (K,); a single 0 is static.
+    time_constants_s: FloatArray
+    #: From the features behind each to zero and sensitivity drift, shape (K, F, M).
+    gains: FloatArray
+    #: None without any drift.
+    model: AxisModel | None
+
+
+def identify_lags(data: AxisData, settings: IdentificationSettings) -> AxisFit:
+    """
+    Let free time constants compete on the simulation error (eq. 16), as ``arx_pls_oe``.
+
+    They are searched in the pool of ``auto``. Standard errors are those of the jackknife over the
+    folds that were held out. A drift that goes on for longer than the recordings is refused.
+    """
+    features = build_features(data.temperature_c, settings)
+    # What runs is fitted cell by cell, the competition goes on in bins.
+    everything = fit_lags(bin_axis_data(data, 1), features, data.period_s)
+    held_out = {}
+    for fold in data.fold_numbers:
+        binned = bin_axis_data(data.without(fold), data.bin_cells[0])
+        held_out[fold] = fit_lags(binned, features, data.period_s, everything)
+    bins = {'none': refit_bins(data, lambda _: (None, ()))}
+    for name in everything:
+        bins[name] = [
+            scored
+            for fold, fits in held_out.items()
+            for scored in fold_bins(data, unexplained(data, fits[name].model), fold)
+        ]
+    competing = list(everything)
+    none = part_errors(bins['none'])
+    least = _GRID_ERROR**2 * none.mean()
+    errors = [np.maximum(part_errors(bins[name]), least) for name in competing]
+    chosen = competing[simplest_good(errors)]
+    fitted = _with_errors(everything[chosen], [fits[chosen] for fits in held_out.values()])
+    if max(fitted.time_constants_s, default=0.0) < data.longest_s:
+        return finish(data, fitted, chosen, bins, competing)
+    slow = (
+        f'its slowest time constant is at least {data.longest_s:.0f} s, as long as the longest '
+        'recording'
+    )
+    if simplest_good([none, part_errors(bins[chosen])]) == 0:
+        # No drift is found, so there is none that could be too slow.
+        nothing = Fitted(None, notes=(f'{chosen} was left out: {slow}',))
+        return finish(data, nothing, 'none', bins, ['none', chosen])
+    refusal = (
+        f'{data.axis} drifts too slowly for these recordings: {chosen} explains it best, but '
+        f'{slow}. Record at least {2 * data.longest_s / 3600:.1f} h from cold, or choose the '
+        'method pls'
+    )
+    fit = finish(data, Fitted(None), 'none', bins, ['none'])
+    return replace(fit, reason=f'{refusal}.', refusal=refusal)
+
+
+def fit_lags(
+    binned: BinnedData,
+    features: Features,
+    period_s: float,
+    starts: Mapping[str, LagFit] | None = None,
+) -> dict[str, LagFit]:
+    """
+    Fit all candidates of ``arx_pls_oe``.
+
+    Parameters
+    ----------
+    binned : BinnedData
+        What is not held out, in bins.
+    features : Features
+        Of the temperatures behind one relaxation, of the highest degree.
+    period_s : float
+        Thermal period of what runs, s.
+    starts : mapping from str to LagFit, optional
+        Where the searches begin; without it, on the grid of the pool.
+
+    Returns
+    -------
+    dict from str to LagFit
+        By name, the simplest first.
+
+    """
+    hats = features.kind == 'hats'
+    pool = accumulate(binned, bank_inputs(binned, features, GRID_S), len(GRID_S))
+    normal = pool.centred()
+    fits = {}
+    for count in range(_MAX_TIME_CONSTANTS + 1):
+        for degree in range(1, features.degree + 1):
+            lags = f'{count} time constant{"s" * (count > 1)}' if count else 'static'
+            name = f'{lags}, {"hats" if hats else f"degree {degree}"}'
+            of_degree = replace(features, degree=degree)
+            tau_s: FloatArray = np.zeros(1)
+            if count:
+                inputs = len(of_degree.names)
+                free = FreeTimeConstants(inputs, inputs, count)
+                start = (
+                    np.log(starts[name].time_constants_s)
+                    if starts
+                    else free.first_guess([pool], [normal])
+                )
+                tau_s = np.exp(np.sort(free.search([pool], [normal], start)))
+            fits[name] = _fit_gains(binned, of_degree, tau_s, period_s)
+    return fits
+
+
+def _fit_gains(
+    binned: BinnedData, features: Features, time_constants_s: FloatArray, period_s: float
+) -> LagFit:
+    """Fit gains for given time constants, and write what runs."""
+    count = len(time_constants_s)
+    inputs = bank_inputs(binned, features, time_constants_s)
+    moments = accumulate(binned, inputs, count)
+    normal = moments.centred()
+    values = least_squares(normal, np.eye(len(normal) - 1))[1]
+    gains = by_relaxation(values, count, moments.inputs, loaded=moments.loaded)
+    model = build_axis_model(features, time_constants_s, gains, inputs, period_s)
+    if model is not None and moments.loaded:
+        at_rest = features.expand(features.reference_c) @ gains[:, :, 1].sum(axis=0) + values[-1]
+        model = anchored(model, [0.0, float(at_rest)])
+    return LagFit(features, time_constants_s, gains, model)
+
+
+def _with_errors(fit: LagFit, held_out: Sequence[LagFit]) -> Fitted:
+    """State a fit with the standard errors that its fits without each fold tell."""
+    tau_s = fit.time_constants_s
+    errors_s = time_constant_errors(tau_s, [other.time_constants_s for other in held_out])
+    errors = jackknife_errors([other.gains for other in held_out])
+    terms = tuple(
+        Term(output, float(tau), feature, float(fit.gains[k, f, m]), float(errors[k, f, m]))
+        for m, output in enumerate(OUTPUTS[: fit.gains.shape[2]])
+        for k, tau in enumerate(tau_s)
+        for f, feature in enumerate(fit.features.names)
+    )
+    if not tau_s.any():
+        return Fitted(fit.model, terms=terms)
+    note = f'its slowest time constant is the longest that is searched, {GRID_S[-1]:.0f} s'
+    notes = (note,) if tau_s[-1] > _AT_BOUND * GRID_S[-1] else ()
+    return Fitted(fit.model, tuple(tau_s.tolist()), tuple(errors_s.tolist()), terms, notes)
+
+
+def finish(
+    data: AxisData, winner: Fitted, chosen: str, bins: Scores, competing: Sequence[str]
+) -> AxisFit:
+    """
+    Fix what the fit leaves open, and state held-out errors.
+
+    Parameters
+    ----------
+    data : AxisData
+        What was fitted.
+    winner : Fitted
+        The candidate that was chosen, fitted to everything.
+    chosen : str
+        Its name.
+    bins : Scores
+        What all candidates left of held-out folds, ``none`` among them, the simplest first.
+    competing : sequence of str
+        Names of those that could have been chosen.
+
+    Returns
+    -------
+    AxisFit
+        The model and its evidence.
+
+    """
+    notes = winner.notes
+    if data.no_sensitivity:
+        notes = (*notes, f'zero drift only: {data.no_sensitivity}')
+    elif winner.model is not None and winner.model.outputs == 1:
+        notes = (*notes, 'zero drift only: gain drift held no better than none on held-out data')
+    after = {
+        name: float(np.mean([np.sqrt(np.mean(fold.errors**2)) for fold in left]))
+        for name, left in bins.items()
+    }
+    factor = day_over_blocks(bin_axis_data(data, data.bin_cells[0]), after['none'])
+    rms = {name: left_of_a_day(left, after['none'], factor) for name, left in after.items()}
+    model = None if winner.model is None else anchor(data, winner.model)
+    time_constants_s, stated_errors_s = winner.time_constants_s, winner.time_constant_errors_s
+    if model is not None and not time_constants_s:
+        # Those of the real positive poles, without standard errors.
+        lasting = model.poles.real[(np.abs(model.poles.imag) < 1e-9) & (model.poles.real > 0)]
+        time_constants_s = tuple(np.unique(np.round(-data.period_s / np.log(lasting), 6)).tolist())
+        stated_errors_s = (float('nan'),) * len(time_constants_s)
+    return AxisFit(
+        model=model, chosen=chosen,
+        candidates=tuple(Candidate(name, value) for name, value in rms.items()),
+        rms_before=rms['none'], rms_after=rms[chosen],
+        reason=_reason(data.unit, chosen, bins, rms, competing), time_constants_s=time_constants_s,
+        time_constant_errors_s=stated_errors_s, terms=winner.terms, notes=notes, unit=data.unit,
+        held_out=hold_out(data, bins['none'], bins[chosen]))  # fmt: skip
+
+
+def anchor(data: AxisData, model: AxisModel) -> AxisModel:
+    """Fix the constants: no zero drift when soaked at T_ref, and the gain error there, if any."""
+    at_rest = [0.0] * model.outputs
+    without_gain_error = anchored(model, at_rest)
+    if data.load is None or model.outputs == 1:
+        return without_gain_error
+    above, below, whole = 0.0, 0.0, 0.0
+    for values, load in zip(unexplained(data, without_gain_error), data.load, strict=True):
+        rows = np.isfinite(values) & np.isfinite(load)
+        if rows.any():
+            w = load[rows] - load[rows].mean()
+            above += float(w @ values[rows])
+            below += float(w @ w)
+            whole += float(load[rows] @ load[rows])
+    # A load that is constant within each recording leaves the gain error at T_ref open.
+    gain_error = above / below if below > 1e-12 * whole else 0.0
+    return anchored(model, [0.0, gain_error])
+
+
+def _reason(
+    unit: str, chosen: str, bins: Scores, rms: Mapping[str, float], competing: Sequence[str]
+) -> str:
+    """Say in one sentence why a candidate was chosen."""
+    outcome = f'{chosen} leaves {rms[chosen]:.3g} {unit} RMS on held-out data'
+    if chosen != 'none':
+        outcome += f', no compensation {rms["none"]:.3g} {unit}'
+    if len(competing) == 1:
+        return f'{outcome}; nothing else competed.'
+    best = min(competing, key=lambda name: float(part_errors(bins[name]).mean()))
+    if best == chosen:
+        return f'{outcome}; of {len(competing)} candidates it is the best.'
+    return (
+        f'{outcome}; the best of {len(competing)}, {best}, is better by no more than chance, or '
+        f'than {100 * WORTHWHILE:.0f} % in mean square, and less simple.'
+    )
