@@ -143,9 +143,7 @@ def test_unstable_poles_come_inside_and_the_static_gain_stays(poles):
 
 
 @pytest.mark.parametrize('pole', [1.2, 1.0, 1.0 + 1e-9, 1.0 - 1e-9, 1.0 - 1e-12])
-def test_a_pole_at_or_beyond_one_comes_inside_and_the_response_stays_that_of_an_integrator(
-    pole,
-):
+def test_a_pole_at_or_beyond_one_comes_inside_and_the_response_stays_that_of_an_integrator(pole):
     """There is no static gain to keep: what counts is how the output sets out."""
     mended, moved = stabilise(Arx(np.array([-pole]), np.array([0.01])))
     assert moved

@@ -104,13 +104,7 @@ every_form = pytest.mark.parametrize(
 
 @every_form
 @pytest.mark.parametrize('outputs', [1, 2])
-def test_a_run_is_the_textbook_loop(
-    make_axis,
-    temperature_c,
-    filters,
-    latents,
-    outputs,
-):
+def test_a_run_is_the_textbook_loop(make_axis, temperature_c, filters, latents, outputs):
     axis = make_axis(filters, latents, outputs)
     assert (axis.thermometers, axis.outputs) == (2, outputs)
     _, track = axis.run(axis.start(temperature_c[0]), temperature_c)
@@ -123,11 +117,7 @@ def test_a_run_is_the_textbook_loop(
 @settings(deadline=None, max_examples=15, derandomize=True)
 @given(cuts=st.sets(st.integers(1, 119), max_size=4))
 def test_a_run_split_anywhere_is_the_fold_of_step(
-    make_axis,
-    temperature_c,
-    filters,
-    latents,
-    cuts,
+    make_axis, temperature_c, filters, latents, cuts
 ):
     axis = make_axis(filters, latents)
     state = first = axis.start(temperature_c[0])
@@ -148,9 +138,7 @@ def test_a_run_split_anywhere_is_the_fold_of_step(
     np.testing.assert_allclose(end, state, rtol=1e-11, atol=1e-12 * scale)
 
 
-def test_its_poles_are_those_of_its_parts_and_its_range_that_of_the_thermometers(
-    make_axis,
-):
+def test_its_poles_are_those_of_its_parts_and_its_range_that_of_the_thermometers(make_axis):
     axis = make_axis()
     expected = [pole for part in (*FILTERS, *LATENTS) for pole in part.poles]
     np.testing.assert_allclose(np.sort_complex(axis.poles), np.sort_complex(expected))
@@ -183,18 +171,26 @@ def test_without_gain_drift_the_zero_drift_stays_as_it_was(make_axis):
     np.testing.assert_allclose(drift, whole[:, :1], rtol=1e-12)
 
 
-class TestRefusals:
-    def test_filters_that_do_not_divide_the_filtered_temperatures(self, make_axis):
-        with pytest.raises(ModelFileError, match='4 filters cannot give 6 filtered temperatures'):
-            replace(make_axis(), filters=(*FILTERS, static_gain()))
+UNSTABLE = Arx(np.array([-1.01]), np.array([-0.01]))
+WRONG_GAIN = (FILTERS[0], relaxation(400.0, 10.0, 1.001), FILTERS[2])
+ONE_POWER = Features('powers', np.zeros(2), np.zeros(2), np.ones(2))
 
-    def test_a_filter_whose_gain_is_not_one(self, make_axis):
-        wrong = (FILTERS[0], relaxation(400.0, 10.0, 1.001), FILTERS[2])
-        with pytest.raises(ModelFileError, match=r'^Filter 2 .* 1\.001; .* be temperatures\.$'):
-            replace(make_axis(), filters=wrong)
 
-    def test_a_filter_that_would_run_away(self, make_axis):
-        unstable = Arx(np.array([-1.01]), np.array([-0.01]))
-        assert unstable.gain == pytest.approx(1.0)
-        with pytest.raises(ModelFileError, match=r'pole of radius 1\.01'):
-            replace(make_axis(), filters=(*FILTERS[:2], unstable))
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'filters': (*FILTERS, static_gain())}, '4 filters cannot give 6 filtered temperatures'),
+        ({'filters': WRONG_GAIN}, r'^Filter 2 .* 1\.001; .* be temperatures\.$'),
+        ({'filters': (*FILTERS[:2], UNSTABLE)}, r'pole of radius 1\.01'),
+        ({'features': ONE_POWER}, 'features give 2 inputs, the dynamics expect 12'),
+    ],
+)
+def test_parts_that_do_not_fit_are_refused(make_axis, change, sentence):
+    assert UNSTABLE.gain == pytest.approx(1.0)
+    with pytest.raises(ModelFileError, match=sentence):
+        replace(make_axis(), **change)
+
+
+def test_a_third_output_is_refused(make_axis):
+    with pytest.raises(ModelFileError, match=r'^An axis has one output .* or two .* got 3\.$'):
+        make_axis(outputs=3)

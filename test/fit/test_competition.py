@@ -11,16 +11,15 @@ from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.calibrate import identify_axis
 from wrist_ft_comp.fit.competition import (
-    _with_errors,
     anchor,
     finish,
     fit_lags,
-    Fitted,
+    state_errors,
 )
 from wrist_ft_comp.fit.cross_validation import FoldBins, simplest_good
 from wrist_ft_comp.fit.model_building import build_features
 from wrist_ft_comp.fit.moments import bin_axis_data
-from wrist_ft_comp.fit.result import OUTPUTS, Term
+from wrist_ft_comp.fit.result import AxisFit, OUTPUTS
 from wrist_ft_comp.fit.settings import IdentificationSettings
 
 CELLS = 200
@@ -73,13 +72,13 @@ class TestChoice:
         assert simplest_good([1.5 * best[::-1], best]) == 0
 
 
-def choose(problem, errors, chosen, competing=None, winner=None):
+def choose(problem, errors, chosen, competing=None, model=None):
     """Finish from the mean squares of each candidate, in parts of a bin."""
     bins = {}
     for name, squares in errors.items():
         left = np.sqrt(squares)
         bins[name] = [FoldBins(i, i, np.arange(len(left)), left, left) for i in range(2)]
-    return finish(problem, winner or Fitted(None), chosen, bins, competing or list(errors))
+    return finish(problem, (model, ('mended',)), chosen, bins, competing or list(errors))
 
 
 class TestReasons:
@@ -114,18 +113,14 @@ class TestReasons:
 class TestFinish:
     ERRORS = {'none': np.ones(4), 'lag': np.full(4, 0.1)}  # noqa: RUF012 -- never changed
 
-    def test_what_was_found_is_handed_on(self, make_problem):
-        term = Term('zero', 300.0, 'θ1', 0.5, 0.1)
-        winner = Fitted(lag(), (300.0,), (9.0,), (term,), ('mended',))
-        fit = choose(make_problem(), self.ERRORS, 'lag', winner=winner)
-        assert (fit.time_constants_s, fit.time_constant_errors_s) == ((300.0,), (9.0,))
-        assert fit.terms == (term,)
+    def test_what_was_mended_is_said_and_time_constants_are_read_from_the_poles(
+        self, make_problem
+    ):
+        fit = choose(make_problem(), self.ERRORS, 'lag', model=lag())
         assert fit.notes == ('mended', 'zero drift only: the reference was declared unloaded')
-
-    def test_time_constants_that_were_not_searched_are_read_from_the_poles(self, make_problem):
-        fit = choose(make_problem(), self.ERRORS, 'lag', winner=Fitted(lag()))
         assert fit.time_constants_s == pytest.approx((300.0,))
         assert fit.time_constant_errors_s == pytest.approx((np.nan,), nan_ok=True)
+        assert fit.terms == ()
 
 
 @pytest.mark.parametrize('error', [None, 0.0, 0.03, -0.2])
@@ -237,7 +232,7 @@ class TestFreeTimeConstants:
         temperature_c = problem.temperature_c[0]
         for fit in fits.values():
             names = fit.features.names
-            terms = _with_errors(fit, [fit, fit]).terms
+            terms = state_errors(AxisFit(None, '', (), 1.0, 1.0), fit, [fit, fit]).terms
             assert len(terms) == len(fit.time_constants_s) * len(names) * (1 + loaded)
             expected = np.zeros((len(temperature_c), 1 + loaded))
             for term in terms:

@@ -93,8 +93,11 @@ def static_gain(gain: float = 1.0) -> Arx:
 
 
 def relaxation(time_constant_s: float, period_s: float, gain: float = 1.0) -> Arx:
-    """Build a first-order lag: pole exp(-h/τ), with a direct term; without memory for τ = 0."""
-    # Exact for an input that is constant over each cell of length h.
+    """
+    Build a first-order lag: pole exp(-h/τ), with a direct term; without memory for τ = 0.
+
+    It is exact for an input that is constant over each cell of length h.
+    """
     if time_constant_s == 0:
         return static_gain(gain)
     pole = np.exp(-period_s / time_constant_s)
@@ -102,8 +105,12 @@ def relaxation(time_constant_s: float, period_s: float, gain: float = 1.0) -> Ar
 
 
 def mean_relaxation(time_constant_s: float, period_s: float, cells: int) -> Arx:
-    """Build what ``relaxation`` gives on average over bins of m cells, one step per bin."""
-    # Pole exp(-m h/τ), static gain 1; exact for an input that is constant over each bin.
+    """
+    Build what ``relaxation`` gives on average over bins of m cells, one step per bin.
+
+    Its pole is exp(-m h/τ), its static gain 1; it is exact for an input that is constant over
+    each bin.
+    """
     if time_constant_s == 0:
         return static_gain()
     ratio = np.exp(-period_s / time_constant_s)
@@ -114,9 +121,12 @@ def mean_relaxation(time_constant_s: float, period_s: float, cells: int) -> Arx:
 
 
 def free_run(arx: Arx, t: FloatArray) -> FloatArray:
-    """Run a model on its own past outputs, from the steady state of the first input."""
-    # Its static gain must exist. Scores t have shape (N,) or (N, K), one column per series.
-    # Here, because only fits call this: what runs live is light.
+    """
+    Run a model on its own past outputs, from the steady state of the first input.
+
+    Its static gain must exist. Scores t have shape (N,) or (N, K), one column per series.
+    """
+    # Imported here, because only fits call this: what runs live is light.
     from scipy.signal import lfilter  # noqa: PLC0415
 
     order = arx.longest_lag
@@ -130,11 +140,15 @@ def free_run(arx: Arx, t: FloatArray) -> FloatArray:
 def regressors(
     t: FloatArray, u: FloatArray, order: int, inputs: int, first_lag: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Stack the rows φ(k) of eq. 20 and 22, one per predicted sample, and the outputs u(k)."""
-    #   k = L:  u(L-1) … u(L-n) | t(L-g) … t(L-g-m+1)
-    #   …                       |
-    #   k = N-1:                |
-    # Score t and measured output u have shape (N,); when N <= L, TooShortError is raised.
+    """
+    Stack the rows φ(k) of eq. 20 and 22, one per predicted sample, and the outputs u(k).
+
+    Score t and measured output u have shape (N,); where N <= L, TooShortError is raised.
+
+        k = L:    u(L-1) … u(L-n) | t(L-g) … t(L-g-m+1)
+        …
+        k = N-1:  u(N-2) …        | t(N-1-g) …
+    """
     longest = max(order, first_lag + inputs - 1)
     rows = len(t) - longest
     if rows <= 0:
@@ -150,11 +164,14 @@ def regressors(
 def fit_one_step(
     segments: Sequence[tuple[FloatArray, FloatArray]], order: int, inputs: int, first_lag: int
 ) -> Arx:
-    """Least squares on the one-step error over one or several recordings (eq. 21 and 22)."""
-    # A segment is score t_r and output u_r of a recording, shape (N_i,), each with its own unknown
-    # constant in u; rows that touch a NaN are left out. Measurement noise biases it, and its poles
-    # may lie outside the unit circle; see ``stabilise``. Raises TooShortError when a segment is
-    # shorter than the longest lag, or too few rows are complete.
+    """
+    Fit by least squares on the one-step error over one or several recordings (eq. 21 and 22).
+
+    A segment is score t_r and output u_r of a recording, shapes (N_i,), with an unknown constant
+    in u; rows that touch a NaN are left out. Measurement noise biases the fit, and its poles may
+    lie outside the unit circle: see ``stabilise``. TooShortError is raised where a segment is
+    shorter than the longest lag, or where too few rows are complete.
+    """
     parts = []
     for t, u in segments:
         rows, outputs = regressors(t, u, order, inputs, first_lag)

@@ -119,9 +119,11 @@ class ArxPls:
 def _filter(
     numerator: FloatArray, denominator: FloatArray, t: FloatArray, state: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Filter a series as scipy.signal.lfilter does; return it and the state."""
-    # lfilter itself would bring most of scipy into the node, which runs this when a model goes
-    # live.
+    """
+    Filter a series as scipy.signal.lfilter does; return it and the state.
+
+    lfilter itself would bring most of scipy into the node, which runs this when a model goes live.
+    """
     direct = numerator[0] * t
     if len(state) == 1 and not numerator[1]:
         # A relaxation, as nearly all are: u(k) = b_0 t(k) - a_1 u(k-1).
@@ -139,9 +141,12 @@ def _filter(
 
 
 def _relax(x: FloatArray, pole: float) -> FloatArray:
-    """Compute u(k) = x(k) + p u(k-1) from rest: in blocks, then from block to block as well."""
-    # Within a block u = P x, with P_kj = p^(k-j) for j <= k; the block before adds p^(k+1) times
-    # its last u, and these last ones relax by p^B from block to block.
+    """
+    Compute u(k) = x(k) + p u(k-1) from rest: in blocks, then from block to block as well.
+
+    Within a block u = P x, with P_kj = p^(k-j) for j <= k; the block before adds p^(k+1) times
+    its last u, and these last values relax by p^B from block to block.
+    """
     size = min(len(x), _BLOCK)
     decay = np.append(pole ** np.arange(size), 0.0)[_lags(size)]
     if size == len(x):
@@ -156,7 +161,7 @@ def _relax(x: FloatArray, pole: float) -> FloatArray:
 
 @lru_cache(maxsize=_BLOCK)
 def _lags(size: int) -> IntArray:
-    """Tell by how many cells one follows another, (size, size); -1 where it does not."""
+    """Lay out by how many cells k follows j, shape (size, size); -1 where it comes before j."""
     return np.asarray(np.maximum(np.subtract.outer(np.arange(size), np.arange(size)), -1))
 
 
@@ -167,10 +172,13 @@ def from_gains(
     input_weight: FloatArray,
     output_weight: FloatArray,
 ) -> ArxPls | None:
-    """Write a sum of filtered linear maps as an ARX-PLS model, exactly (eq. 15)."""
-    # y ∘ W_y = Σ_k G_kᵀ H_k(x): singular vectors of W_x⁻¹ G_k are latents with the dynamics H_k.
-    # G_k, of shape (K, F, M), go from inputs in their own unit to outputs times output_weight.
-    # Inputs of weight 0 must have no gain. The output mean is zero; all gains zero give None.
+    """
+    Write a sum of filtered linear maps as an ARX-PLS model, exactly (eq. 15).
+
+    y ∘ W_y = Σ_k G_kᵀ H_k(x): singular vectors of W_x⁻¹ G_k are latents with the dynamics H_k.
+    G_k, of shape (K, F, M), go from inputs in their unit to outputs times output_weight. Inputs of
+    weight 0 must have no gain. The output mean is zero; all gains zero give None.
+    """
     rotations: list[FloatArray] = []
     loadings: list[FloatArray] = []
     latents: list[Arx] = []
@@ -184,6 +192,8 @@ def from_gains(
             latents.append(dynamics)
     if not latents:
         return None
-    known = np.stack(rotations, axis=1), tuple(latents), np.stack(loadings, axis=1)
-    output_mean = np.zeros(len(output_weight))
-    return ArxPls(input_mean, input_weight, *known, output_weight, output_mean)
+    return ArxPls(
+        input_mean=input_mean, input_weight=input_weight,
+        rotations=np.stack(rotations, axis=1), latents=tuple(latents),
+        output_loadings=np.stack(loadings, axis=1), output_weight=output_weight,
+        output_mean=np.zeros(len(output_weight)))  # fmt: skip

@@ -18,7 +18,8 @@ from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.signals import FloatArray
 
 _UNIT_GAIN_TOLERANCE = 1e-6
-#: A thermometer that hardly moved while it was learnt from counts as if it had by so much.
+#: Smallest calibrated range of a thermometer that counts: one that hardly moved during the
+#: calibration is not outside its range for a hundredth of a degree, K.
 _LEAST_RANGE_K = 1.0
 
 
@@ -51,17 +52,17 @@ class AxisModel:
                 f'{len(self.filters)} filters cannot give {self.features.thermometers} filtered '
                 'temperatures; it must be a multiple.'
             )
-        for number, each in enumerate(self.filters, start=1):
-            if abs(each.gain - 1.0) > _UNIT_GAIN_TOLERANCE:
+        for number, dynamics in enumerate(self.filters, start=1):
+            if abs(dynamics.gain - 1.0) > _UNIT_GAIN_TOLERANCE:
                 raise ModelFileError(
-                    f'Filter {number} has the static gain {each.gain:.6g}; it must be 1, or '
+                    f'Filter {number} has the static gain {dynamics.gain:.6g}; it must be 1, or '
                     'filtered temperatures would not be temperatures.'
                 )
         _ = self._filter_bank  # refuses unstable filters now, not in the first step
 
     @property
     def thermometers(self) -> int:
-        """J."""
+        """Number of thermometers J."""
         return self.features.thermometers // max(len(self.filters), 1)
 
     @property
@@ -81,7 +82,7 @@ class AxisModel:
 
     @property
     def outputs(self) -> int:
-        """M: 1 is zero drift only, 2 is sensitivity drift, too."""
+        """Number of outputs M: 1 is zero drift, 2 is zero and sensitivity drift."""
         return len(self.dynamics.output_mean)
 
     def without_gain_drift(self) -> 'AxisModel':
@@ -112,7 +113,7 @@ class AxisModel:
         return ArxPls(
             input_mean=np.zeros(thermometers), input_weight=np.ones(thermometers),
             rotations=np.tile(np.eye(thermometers), len(self.filters)),  # (J, K·J)
-            latents=tuple(each for each in self.filters for _ in range(thermometers)),
+            latents=tuple(dynamics for dynamics in self.filters for _ in range(thermometers)),
             output_loadings=np.eye(filtered), output_weight=np.ones(filtered),
             output_mean=np.zeros(filtered))  # fmt: skip
 
@@ -149,7 +150,7 @@ class AxisModel:
         return after, outputs[-1:] if last_only else outputs
 
     def beyond_range(self, temperature_c: FloatArray) -> FloatArray:
-        """Tell how far outside its range, in ranges, the farthest thermometer is, (...)."""
+        """Distance of the farthest thermometer from its calibrated range, in ranges, (...)."""
         below, above = self.lower_c - temperature_c, temperature_c - self.upper_c
         excess = np.maximum(np.maximum(below, above), 0.0)
         return np.asarray(

@@ -36,12 +36,13 @@ class DriftModel:
     period_ns: int
     #: J.
     thermometers: int
-    #: By axis name; an axis that is not there has no drift ("none").
+    #: By axis name; an axis that is missing has no drift ("none").
     axes: Mapping[str, AxisModel]
     #: By axis name, also of axes without drift: standard deviation of what the model leaves of the
     #: drift, from held-out data, N or N m.
     deviation: Mapping[str, float] = field(default_factory=dict)
-    #: A sensor has soaked at the mean temperatures of so long, s; of the first cell, when it is 0.
+    #: A sensor that starts has soaked at the mean temperatures of this time, s; where it is 0, at
+    #: those of the first cell.
     start_s: float = 0.0
     #: Of every axis where it is not N and N m; else empty.
     unit: str = ''
@@ -64,7 +65,7 @@ class DriftModel:
 
     @property
     def start_cells(self) -> int:
-        """How many cells a start looks at."""
+        """Number of cells whose mean temperatures a start takes."""
         return max(round(self.start_s / self.period_ns * NANOSECONDS), 1)
 
     def outside(self, temperature_c: FloatArray) -> list[int]:
@@ -76,10 +77,13 @@ class DriftModel:
         return [j for j in range(self.thermometers) if any(axis[j] for axis in beyond)]
 
     def uncertainty(self, temperature_c: FloatArray) -> FloatArray:
-        """Estimate how far the zero drift that is subtracted may be from the true one."""
-        # It grows by √(1 + d²) at d calibrated ranges beyond the calibrated temperatures: nobody
-        # saw how the drift goes on. A standard deviation, N and N m, shape (..., 6), from
-        # temperatures, °C, shape (..., J); NaN for axes that were not calibrated.
+        """
+        Estimate how far the zero drift that is subtracted may be from the true one.
+
+        It is a standard deviation, N and N m, shape (..., 6), from temperatures, °C, shape
+        (..., J); NaN for axes that were not calibrated. It grows by √(1 + d²) at d calibrated
+        ranges beyond the calibrated temperatures: nobody saw how the drift goes on there.
+        """
         deviations = np.full((*temperature_c.shape[:-1], len(AXES)), np.nan)
         for name, deviation in self.deviation.items():
             axis = self.axes.get(name)
@@ -102,21 +106,25 @@ class StoredModel:
 
     @property
     def sensor(self) -> SensorNames:
-        """What the sensor was called that it was learnt from; people may have edited that."""
-        known = ((fact, self.document['provenance'].get(fact)) for fact in SENSOR_FACTS)
-        named = ((fact, [n] if isinstance(n, str) else n) for fact, n in known if n)
-        return {fact: [*map(str, n)] for fact, n in named if isinstance(n, list)}
+        """Names of the sensor that the model was learnt from; people may have edited them."""
+        sensor = {}
+        for fact in SENSOR_FACTS:
+            names = self.document['provenance'].get(fact)
+            names = [names] if isinstance(names, str) and names else names
+            if names and isinstance(names, list):
+                sensor[fact] = [str(name) for name in names]
+        return sensor
 
 
 def check_unit(model: DriftModel, unit: str = '', name: object = 'The model') -> None:
     """Refuse a model, by ModelFileError, of another unit than wrenches; '' is N and N m."""
     for axis in model.axes:
-        theirs, ours = model.unit or axis_unit(axis), unit or axis_unit(axis)
-        if theirs != ours:
+        modelled, expected = model.unit or axis_unit(axis), unit or axis_unit(axis)
+        if modelled != expected:
             raise ModelFileError(
-                f'{name} corrects {axis} in {theirs}, but the wrenches are in {ours}. Calibrate '
-                f'from recordings in {ours}; or, if it is the same, write "unit: {ours}" into the '
-                "model's file."
+                f'{name} corrects {axis} in {modelled}, but the wrenches are in {expected}. '
+                f'Calibrate from recordings in {expected}; or, if it is the same, write '
+                f'"unit: {expected}" into the model\'s file.'
             )
 
 
@@ -145,9 +153,10 @@ def check_sensor(stored: StoredModel, sensor: SensorNames, where: str = 'here') 
 
 def order_problem(expected: SensorNames, sensor: SensorNames) -> str:
     """Say what to do where the expected thermometers are in another order; else nothing."""
-    order, other = (_alike(each.get('temperature_topics', ())) for each in (expected, sensor))
+    both = expected, sensor
+    order, other = (_alike(names.get('temperature_topics', ())) for names in both)
     # Of two arms, either may have the other's sensor as its second thermometer.
-    wrenches = {_alike(each.get('wrench_topic', ())) for each in (expected, sensor)} - {()}
+    wrenches = {_alike(names.get('wrench_topic', ())) for names in both} - {()}
     if order == other or set(order) != set(other) or len(wrenches) > 1:
         return ''
     return (
@@ -162,8 +171,11 @@ def differences(sensors: Mapping[str, SensorNames]) -> str:
     """List the facts in which sensors, by where they are, differ; empty where none does."""
     found = []
     for fact in SENSOR_FACTS:
-        known = {where: each[fact] for where, each in sensors.items() if fact in each}
-        distinct = {_alike(names): f'{", ".join(names)} {where}' for where, names in known.items()}
+        distinct = {
+            _alike(sensor[fact]): f'{", ".join(sensor[fact])} {where}'
+            for where, sensor in sensors.items()
+            if fact in sensor
+        }
         if len(distinct) > 1:
             found.append(f'{fact} {", ".join(distinct.values())}')
     return '; '.join(found)
@@ -201,9 +213,12 @@ def at_rest(model: DriftModel, temperature_c: FloatArray) -> DriftState:
 
 
 def run_from_rest(model: DriftModel, temperature_c: FloatArray) -> tuple[DriftState, Drift]:
-    """Run a soaked sensor through its first N cells, temperatures (N, J), drift (N, 6)."""
-    # A start looks at the mean of ``start_cells``, and in each of these at those that have come:
-    # one noisy temperature must not be remembered for an hour.
+    """
+    Run a soaked sensor through its first N cells, temperatures (N, J), drift (N, 6).
+
+    A start takes the mean of ``start_cells``, and during these the mean of those that have come:
+    one noisy temperature must not be remembered for an hour.
+    """
     cells = min(model.start_cells, len(temperature_c))
     parts = []
     for end in [*range(1, cells), len(temperature_c)]:

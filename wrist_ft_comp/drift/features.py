@@ -8,13 +8,14 @@ import numpy as np
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.signals import FloatArray
 
-#: What is clamped continues this share of the calibrated span beyond it: drift does not stop at
-#: the coldest morning that was recorded, but how it goes on is a guess that must stay small.
+#: Clamped features follow temperatures up to this share of the calibrated span beyond it: drift
+#: does not stop at the coldest morning that was recorded, but how it goes on is a guess that must
+#: stay small.
 MARGIN = 0.2
-#: Where tangents go on, they do so for this share: farther out is a faulty thermometer, or another
-#: robot.
+#: Tangents follow temperatures up to this share of the calibrated span beyond it: farther out is a
+#: faulty thermometer, or another robot.
 _FAR_MARGIN = 3.0
-#: Where tangents go on, squares keep their curvature for this share of the calibrated span.
+#: Squares keep their curvature for this share of the calibrated span before they become tangents.
 _CURVED_SHARE = 0.33
 
 FeatureKind = Literal['powers', 'hats']
@@ -24,11 +25,13 @@ Beyond = Literal['clamped', 'tangents']
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """How J temperatures become F features."""
+    """
+    How J temperatures become F features.
 
-    # Outside [lower_c, upper_c], the range that was calibrated, temperatures are clamped from
-    # MARGIN on; or powers go on for three ranges, as tangents at its edge, squares curved for a
-    # third. Hats, which have no slope beyond their last knot, stay constant from there.
+    Outside [lower_c, upper_c], the range that was calibrated, temperatures are clamped from
+    MARGIN on; or powers go on for three ranges, as tangents at its edge, squares curved for a
+    third. Hats, which have no slope beyond their last knot, stay constant from there.
+    """
 
     #: Powers of θ_j up to ``degree``, or one hat function per knot.
     kind: FeatureKind
@@ -94,9 +97,12 @@ class Features:
         return np.asarray(np.clip(temperature_c, self.lower_c - margin, self.upper_c + margin))
 
     def expand(self, temperature_c: FloatArray) -> FloatArray:
-        """Compute the features, shape (..., F), of temperatures, °C, shape (..., J)."""
-        # Powers: θ_1 … θ_J, then their squares, and so on (K, K² …). Hats: those of thermometer 1,
-        # then of 2, and so on, each between 0 and 1.
+        """
+        Compute the features, shape (..., F), of temperatures, °C, shape (..., J).
+
+        Powers: θ_1 … θ_J, then their squares, and so on (K, K² …). Hats: those of thermometer 1,
+        then those of thermometer 2, and so on, all between 0 and 1.
+        """
         return self.expand_within(self.clamp(temperature_c))
 
     def expand_within(self, temperature_c: FloatArray) -> FloatArray:

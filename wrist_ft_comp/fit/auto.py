@@ -173,20 +173,10 @@ class Body:
         self, skip: int | None, starts: Mapping[Kind, FloatArray]
     ) -> tuple[list[FloatArray], dict[Kind, FloatArray]]:
         """
-        Fit none and all candidates to all folds but one.
+        Fit none and all candidates to all folds but one: gains of the pool for every axis.
 
-        Parameters
-        ----------
-        skip : int, optional
-            The fold that is held out; none without it.
-        starts : mapping from Kind to ndarray
-            Where a search for free ln τ begins; where it is missing, on the grid.
-
-        Returns
-        -------
-        tuple of list of ndarray, shapes (C, P + 1), and dict from Kind to ndarray
-            Gains of the pool for every axis, -1 for r - w, and the ln τ that were found.
-
+        Gains have shape (C, P + 1), -1 for r - w. With them come the free ln τ by kind; their
+        searches begin at ``starts``, or else on the grid.
         """
         moments = [axis.moments for axis in self.axes]
         normals = {}
@@ -249,10 +239,9 @@ def identify_together(
         for of_axis, forms in zip(weighed, errors, strict=True)
     ]
     after = _held_out_errors(body, weights, held_out)
-    lags = _Lags(logs, held_out_logs)
     return [
         replace(
-            _axis_fit(body, axis, weights[n], errors[n].tared, lags),
+            _axis_fit(body, axis, weights[n], errors[n].tared, (logs, *held_out_logs)),
             model=_model(body, axis, weights[n] @ gains[n]) if weights[n][0] < 1 else None,
             held_out=after[n],
         )
@@ -279,24 +268,11 @@ def _root_mean_squares(weights: FloatArray, forms: FloatArray) -> FloatArray:
 
 def _weigh(errors: Sequence[FloatArray], days: int) -> list[FloatArray]:
     """
-    Weigh none and all candidates by their held-out errors.
+    Weigh none and all candidates by their held-out forms, (folds, C, C), of every axis: (C,).
 
     The weights are common to all axes, as their body is; the share of the correction that is used
     is not. The mean of a logarithm over folds and axes is a geometric mean of errors: no day and
     no axis outvotes the others.
-
-    Parameters
-    ----------
-    errors : sequence of ndarray, shapes (folds, C, C)
-        Held-out forms of every axis.
-    days : int
-        Number of recordings.
-
-    Returns
-    -------
-    list of ndarray, shape (C,)
-        Weights of every axis; their sum is 1.
-
     """
     logs = np.array(
         [np.log(np.maximum(np.einsum('fii->fi', form), _TINY)).mean(axis=0) / 2 for form in errors]
@@ -350,23 +326,14 @@ def _held_out_errors(
     ]
 
 
-class _Lags(NamedTuple):
-    """Free ln τ by kind, of the fit to everything and of those without each fold."""
-
-    everything: Mapping[Kind, FloatArray]
-    held_out: Sequence[Mapping[Kind, FloatArray]]
-
-    def stated(self, kind: Kind) -> tuple[FloatArray, FloatArray]:
-        """Time constants, increasing, and their standard errors by the jackknife over folds, s."""
-        held_out_s = [np.exp(np.sort(logs[kind])) for logs in self.held_out]
-        tau_s = np.exp(np.sort(self.everything[kind]))
-        return tau_s, time_constant_errors(tau_s, held_out_s)
-
-
 def _axis_fit(
-    body: Body, axis: Axis, weights: FloatArray, tared: FloatArray, lags: _Lags
+    body: Body,
+    axis: Axis,
+    weights: FloatArray,
+    tared: FloatArray,
+    logs: Sequence[Mapping[Kind, FloatArray]],
 ) -> AxisFit:
-    """Turn the weights of an axis into its evidence."""
+    """Turn the weights of an axis into its evidence; ln τ of all folds, then without each."""
     data = axis.data
     owners = [kind for kind in body.kinds for _ in range(kind.fits)]
 
@@ -388,10 +355,12 @@ def _axis_fit(
     names = np.array(['none', *(kind.name for kind in owners)])
     candidates = [state(name, names == name) for name in dict.fromkeys(names[1:].tolist())]
     shares = {candidate.name: candidate.weight for candidate in candidates}
-    free = list(lags.everything)
+    free = list(logs[0])
     tau_s, tau_errors_s = np.zeros((2, 0))
     if sum(shares[name] for name in {kind.name for kind in free}) > used / 2:
-        tau_s, tau_errors_s = lags.stated(max(free, key=lambda kind: shares[kind.name]))
+        heaviest_kind = max(free, key=lambda kind: shares[kind.name])
+        tau_s, *held_out_s = (np.exp(np.sort(found[heaviest_kind])) for found in logs)
+        tau_errors_s = time_constant_errors(tau_s, held_out_s)
     heaviest = sorted(candidates, key=lambda candidate: -candidate.weight)[:2]
     reason = (
         f'An average of {len(owners)} fits leaves {after.rms:.3g} {data.unit} RMS on held-out '

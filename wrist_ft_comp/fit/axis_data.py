@@ -19,14 +19,16 @@ from wrist_ft_comp.signals import (
     stretches,
 )
 
-#: Fits compete on sums over so many cells of this time: features hardly change within it, s.
+#: Candidates are fitted to sums over bins of this length: features hardly change within it, s.
 FITTED_BIN_S = 10.0
 #: Errors are averaged over this time before they are judged: drift is slow, noise is not, s.
 JUDGED_BIN_S = 30.0
-#: … but a fold of a short recording still has so many bins.
+#: In a short recording bins are shorter, so that a fold still has this many.
 _BINS_PER_FOLD = 8
-#: The load of an axis varies enough when its deviation is this many times the noise.
+#: The load of an axis varies enough where its deviation is this many times the noise.
 MIN_LOAD_TO_NOISE = 10.0
+#: A chamber test has at least and at most this many plateaus.
+_FEWEST_PLATEAUS, _MOST_PLATEAUS = 3, 12
 #: On a plateau temperature moves by less than this share of the smallest step between plateaus:
 #: a chamber holds to a tenth of that, and a warm-up moves more between any two of its gaps.
 _STILL = 0.25
@@ -36,7 +38,7 @@ FOLDS = 5
 
 @dataclass(frozen=True, eq=False)
 class AxisData:
-    """One axis over several recordings: tuples hold an array for each of them."""
+    """One axis over several recordings: the tuples hold an array for every recording."""
 
     axis: str
     #: N, N m, or what its recordings are in.
@@ -51,12 +53,12 @@ class AxisData:
     load: tuple[FloatArray, ...] | None
     #: Number of the cross-validation fold of each cell, shape (N_i,).
     folds: tuple[IntArray, ...]
-    #: Cells from which on a recording has a constant anew, because it may have been tared there.
+    #: Cells from which on a recording has a new constant, because it may have been tared there.
     steps: tuple[tuple[int, ...], ...]
     #: Why sensitivity drift is not learnt; empty when it is.
     no_sensitivity: str = ''
-    #: Whether a held-out fold has a constant of its own, because taring removes it. Plateaus of
-    #: a chamber test keep the constant of the others: their difference is the drift.
+    #: Whether a held-out fold has its own constant, because taring removes it. Plateaus of a
+    #: chamber test keep the constant of the others: their difference is the drift.
     tared: bool = True
 
     @property
@@ -95,21 +97,27 @@ class AxisData:
 def build_axis_data(
     recordings: Sequence[Recording], axis: str, reference: Reference, folds: Sequence[IntArray]
 ) -> AxisData:
-    """Take the reference off one axis; where it varied enough, the result has it as load."""
+    """
+    Take the reference off one axis, which not all recordings need to have.
+
+    The result has the reference as load where it varied enough to show sensitivity drift. Folds,
+    (N_i,), are those of ``assign_folds``.
+    """
     column = AXES.index(axis)
     residual = [recording.wrench[:, column] for recording in recordings]
     load: list[FloatArray] | None = None
-    why = f'the reference was declared {reference}'
+    no_sensitivity = f'the reference was declared {reference}'
     if reference in {'recorded', 'payload'}:
         load = [recording.reference[:, column] for recording in recordings]
         residual = [raw - true for raw, true in zip(residual, load, strict=True)]
-        why = _why_no_sensitivity(residual, load)
-    # What is left out of a working day leaves gaps, but no plateaus.
+        no_sensitivity = _why_no_sensitivity(residual, load)
+    # Samples that are left out of a working day leave gaps, but no plateaus.
     return AxisData(
         axis=axis, unit=recordings[0].unit_of(axis), period_s=recordings[0].period_s,
         temperature_c=tuple(recording.temperature_c for recording in recordings),
-        residual=tuple(residual), load=None if why or load is None else tuple(load),
-        folds=tuple(folds), no_sensitivity=why,
+        residual=tuple(residual),
+        load=None if no_sensitivity or load is None else tuple(load),
+        folds=tuple(folds), no_sensitivity=no_sensitivity,
         steps=tuple(recording.steps for recording in recordings),
         tared=reference == 'payload' or find_plateaus(recordings) is None)  # fmt: skip
 
@@ -146,7 +154,7 @@ def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
     plateaus = find_plateaus(recordings)
     if plateaus is not None:
         return [plateaus]
-    # Whole bins, so that none of those that are judged holds samples of two folds.
+    # Folds end at whole bins, so that no bin that is judged holds samples of two folds.
     cells = _bin_cells(len(recordings[0]), recordings[0].period_s)[1]
     bins = np.arange(len(recordings[0])) // cells
     return [bins * FOLDS // (bins[-1] + 1)]
@@ -154,21 +162,24 @@ def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
 
 def _bin_cells(longest: int, period_s: float) -> tuple[int, int]:
     """Cells per bin that is fitted, and per bin that is judged: a multiple of the former."""
-    room = max(longest // (FOLDS * _BINS_PER_FOLD), 1)
-    judged = min(max(round(JUDGED_BIN_S / period_s), 1), room)
+    longest_bin = max(longest // (FOLDS * _BINS_PER_FOLD), 1)
+    judged = min(max(round(JUDGED_BIN_S / period_s), 1), longest_bin)
     fitted = max(min(round(FITTED_BIN_S / period_s), judged // 3), 1)
     return fitted, judged - judged % fitted
 
 
 def find_plateaus(recordings: Sequence[Recording]) -> IntArray | None:
-    """Count a chamber test's plateaus, shape (N,); None unless there are 3 to 12 of them."""
-    # A plateau is a stretch of wrenches in which temperature stands still, and between them it
-    # moves: a warm-up with gaps has none.
+    """
+    Count the plateaus of a chamber test, shape (N,); None unless there are 3 to 12 of them.
+
+    A plateau is a stretch of wrenches in which temperature stands still; between plateaus it
+    moves. A warm-up with gaps has none.
+    """
     if len(recordings) > 1:
         return None
     present = np.any(np.isfinite(recordings[0].wrench), axis=1)
     plateaus = stretches(present, recordings[0].period_s)
-    if not 3 <= plateaus[-1] + 1 <= 12:
+    if not _FEWEST_PLATEAUS <= plateaus[-1] + 1 <= _MOST_PLATEAUS:
         return None
     temperature_c = recordings[0].temperature_c
     leading = temperature_c[:, np.argmax(np.ptp(temperature_c, axis=0))]

@@ -17,10 +17,9 @@ from wrist_ft_comp.payload.at_work import learn_at_work
 from wrist_ft_comp.payload.doubts import follows_gravity
 from wrist_ft_comp.signals import AXES, IntArray, Progress, Recording
 
-#: What a start looks at: long enough for the noise of a thermometer, short for a thermal body, s.
+#: A start takes the mean temperatures of this time: long enough for the noise of a thermometer,
+#: short for a thermal body, s.
 _START_S = 10.0
-#: A time constant below this many thermal cells is at its lower bound.
-_AT_BOUND = 1.01
 
 
 def calibrate(
@@ -38,7 +37,7 @@ def calibrate(
     settings : CalibrationSettings, optional
         What a person chose.
     progress : callable, optional
-        Told the share that is done, 0 to 1.
+        Called with the share that is done, 0 to 1.
 
     Returns
     -------
@@ -68,19 +67,19 @@ def calibrate(
     recordings, spikes = data_checks.check_loads(recordings, axes, settings.reference)
     recordings, dropped = data_checks.drop_stuck_cells(recordings, axes)
     folds = assign_folds(recordings)
-    tell = progress or (lambda _: None)
+    progress = progress or (lambda _: None)
     if settings.reference == 'payload':
         work = learn_at_work(recordings)
         _, model = _learn(work.drift, axes, folds, settings, lambda _: None)
-        # What is drift is known better once there is a model of it.
+        # With a model, drift can be told from payloads better: so once more.
         work = learn_at_work(recordings, (work, model))
-        fits, model = _learn(work.drift, axes, folds, settings, tell)
+        fits, model = _learn(work.drift, axes, folds, settings, progress)
     else:
         work = None
-        fits, model = _learn(recordings, axes, folds, settings, tell)
-    duration_s = sum(recording.duration_s for recording in recordings)
+        fits, model = _learn(recordings, axes, folds, settings, progress)
     sensors = {
-        f'in recording {n}, {each.name}': each.sensor for n, each in enumerate(recordings, 1)
+        f'in recording {number}, {recording.name}': recording.sensor
+        for number, recording in enumerate(recordings, 1)
     }
     apart = differences(sensors)
     warnings = [
@@ -94,10 +93,13 @@ def calibrate(
         *(work.warnings if work else ()),
         *_doubts(recordings, fits),
     ]
-    sources = tuple(recording.name for recording in recordings)
-    at_work = (work.payloads, work.separation) if work else (None, None)
-    known = model, fits, ranges, duration_s, tuple(warnings), sources, settings
-    return Calibration(*known, *at_work, ChainMap(*map(dict, sensors.values())))
+    return Calibration(
+        model=model, fits=fits, temperature_range_c=ranges,
+        duration_s=sum(recording.duration_s for recording in recordings),
+        warnings=tuple(warnings), sources=tuple(recording.name for recording in recordings),
+        settings=settings, payloads=work.payloads if work else None,
+        separation=work.separation if work else None,
+        sensor=ChainMap(*map(dict, sensors.values())))  # fmt: skip
 
 
 def _learn(
@@ -107,8 +109,8 @@ def _learn(
     settings: CalibrationSettings,
     progress: Progress,
 ) -> tuple[dict[str, AxisFit], DriftModel]:
-    """Learn some axes, or refuse."""
-    problems = []
+    """Learn some axes, or refuse by CalibrationRefusedError."""
+    axis_data = []
     for axis in axes:
         data = build_axis_data(recordings, axis, settings.reference, folds)
         if data.samples < data_checks.MIN_SAMPLES or len(data.fold_numbers) < 2:
@@ -116,11 +118,10 @@ def _learn(
                 f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
                 f'least {data_checks.MIN_SAMPLES} in 2 blocks are needed. Record longer.'
             )
-        problems.append(data)
-    found = identify(problems, settings.identification, progress)
-    fits = dict(zip(axes, found, strict=True))
-    refusals = [fit.refusal for fit in found if fit.refusal]
-    if refusals and all(fit.model is None for fit in found):
+        axis_data.append(data)
+    fits = dict(zip(axes, identify(axis_data, settings.identification, progress), strict=True))
+    refusals = [fit.refusal for fit in fits.values() if fit.refusal]
+    if refusals and all(fit.model is None for fit in fits.values()):
         raise CalibrationRefusedError(f'{refusals[0]}.')
     model = DriftModel(
         period_ns=recordings[0].period_ns, thermometers=recordings[0].thermometers,
@@ -153,10 +154,9 @@ def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
 
 
 def _doubts(recordings: Sequence[Recording], fits: dict[str, AxisFit]) -> list[str]:
-    """Say what a person should doubt in the fits."""
+    """Say what a person should doubt in the fits, in sentences."""
     doubts = []
     longest_s = max(recording.duration_s for recording in recordings)
-    period_s = recordings[0].period_s
     searched = [
         (tau, axis)
         for axis, fit in fits.items()
@@ -169,12 +169,6 @@ def _doubts(recordings: Sequence[Recording], fits: dict[str, AxisFit]) -> list[s
             f'The slowest time constant, {slowest_s:.0f} s of {axis}, is more than half of the '
             f'longest recording ({longest_s:.0f} s); record at least '
             f'{4 * slowest_s / 3600:.1f} h to be sure of it.'
-        )
-    quickest = [axis for tau, axis in searched if tau <= _AT_BOUND * period_s]
-    if quickest:
-        doubts.append(
-            f'The quickest time constant of {", ".join(quickest)} is at its lower bound, one '
-            f'thermal cell of {period_s:g} s; drift that is quicker is taken as instantaneous.'
         )
     doubts += [f'{fit.refusal}. It is left uncompensated.' for fit in fits.values() if fit.refusal]
     return doubts + [
@@ -199,10 +193,10 @@ def _axis_line(axis: str, fit: AxisFit) -> str:
     if fit.model is None:
         return f'{axis}: no compensation; drift held out {fit.rms_before:.3g} {fit.unit} RMS'
     outputs = len(fit.model.dynamics.output_mean)
-    what = 'zero and sensitivity' if outputs == 2 else 'zero'
+    drifts = 'zero and sensitivity' if outputs == 2 else 'zero'
     # A method that a person named is kept although it may do harm; it must not do so silently.
     harm = ': WORSE THAN NONE' if fit.harmful else ''
     return (
         f'{axis}: {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit} RMS held out '
-        f'({what}; {fit.chosen}){harm}'
+        f'({drifts}; {fit.chosen}){harm}'
     )

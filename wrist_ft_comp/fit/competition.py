@@ -7,7 +7,7 @@ decide; then the winner is fitted to everything, and its constants are fixed.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.fit.cross_validation import (
     day_over_blocks,
+    Fitted,
     fold_bins,
     hold_out,
     part_errors,
@@ -58,17 +59,6 @@ _GRID_ERROR = 1e-3
 _AT_BOUND = 0.99
 
 
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """A candidate, fitted up to constants, named as in AxisFit; None is "no compensation"."""
-
-    model: AxisModel | None
-    time_constants_s: tuple[float, ...] = ()
-    time_constant_errors_s: tuple[float, ...] = ()
-    terms: tuple[Term, ...] = ()
-    notes: tuple[str, ...] = ()
-
-
 def identify_paper_method(
     data: AxisData, settings: IdentificationSettings, method: PaperMethod
 ) -> AxisFit:
@@ -91,7 +81,7 @@ def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     latents = settings.latents or len(_observed_features(data, hats).names)
     both: Refit = partial(_fit_latents, hats, 'pls', latents)
 
-    def zero(part: AxisData) -> tuple[AxisModel | None, tuple[str, ...]]:
+    def zero(part: AxisData) -> Fitted:
         """Fit zero drift beside gain drift, where there are loads, and leave the gain alone."""
         model, notes = both(part)
         return None if model is None else model.without_gain_drift(), notes
@@ -130,8 +120,7 @@ def _compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool =
     refits = {'none': lambda _: (None, ()), **refits}
     bins = {name: refit_bins(data, refit) for name, refit in refits.items()}
     chosen = competing[simplest_good([part_errors(bins[name]) for name in competing])]
-    model, notes = refits[chosen](data)
-    return finish(data, Fitted(model, notes=notes), chosen, bins, competing)
+    return finish(data, refits[chosen](data), chosen, bins, competing)
 
 
 def _observed_features(data: AxisData, settings: IdentificationSettings) -> Features:
@@ -145,7 +134,7 @@ def _observed_features(data: AxisData, settings: IdentificationSettings) -> Feat
 
 def _fit_latents(
     settings: IdentificationSettings, method: PaperMethod, latents: int, part: AxisData
-) -> tuple[AxisModel | None, tuple[str, ...]]:
+) -> Fitted:
     """Fit one of the paper's methods to what is not held out."""
     features = _observed_features(part, settings)
     orders = replace(settings.orders, latents=latents)
@@ -205,23 +194,24 @@ def identify_lags(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     least = _GRID_ERROR**2 * none.mean()
     errors = [np.maximum(part_errors(bins[name]), least) for name in competing]
     chosen = competing[simplest_good(errors)]
-    fitted = _with_errors(everything[chosen], [fits[chosen] for fits in held_out.values()])
-    if max(fitted.time_constants_s, default=0.0) < data.longest_s:
-        return finish(data, fitted, chosen, bins, competing)
+    lags = everything[chosen]
+    if lags.time_constants_s[-1] < data.longest_s:
+        fit = finish(data, (lags.model, ()), chosen, bins, competing)
+        return state_errors(fit, lags, [fits[chosen] for fits in held_out.values()])
     slow = (
         f'its slowest time constant is at least {data.longest_s:.0f} s, as long as the longest '
         'recording'
     )
     if simplest_good([none, part_errors(bins[chosen])]) == 0:
         # No drift is found, so there is none that could be too slow.
-        nothing = Fitted(None, notes=(f'{chosen} was left out: {slow}',))
+        nothing = None, (f'{chosen} was left out: {slow}',)
         return finish(data, nothing, 'none', bins, ['none', chosen])
     refusal = (
         f'{data.axis} drifts too slowly for these recordings: {chosen} explains it best, but '
         f'{slow}. Record at least {2 * data.longest_s / 3600:.1f} h from cold, or choose the '
         'method pls'
     )
-    fit = finish(data, Fitted(None), 'none', bins, ['none'])
+    fit = finish(data, (None, ()), 'none', bins, ['none'])
     return replace(fit, reason=f'{refusal}.', refusal=refusal)
 
 
@@ -232,24 +222,10 @@ def fit_lags(
     starts: Mapping[str, LagFit] | None = None,
 ) -> dict[str, LagFit]:
     """
-    Fit all candidates of ``arx_pls_oe``.
+    Fit all candidates of ``arx_pls_oe`` to what is not held out, by name, the simplest first.
 
-    Parameters
-    ----------
-    binned : BinnedData
-        What is not held out, in bins.
-    features : Features
-        Of the temperatures behind one relaxation, of the highest degree.
-    period_s : float
-        Thermal period of what runs, s.
-    starts : mapping from str to LagFit, optional
-        Where the searches begin; without it, on the grid of the pool.
-
-    Returns
-    -------
-    dict from str to LagFit
-        By name, the simplest first.
-
+    Features are of the highest degree. Searches begin where those of ``starts`` ended, or else on
+    the grid of the pool.
     """
     hats = features.kind == 'hats'
     pool = accumulate(binned, bank_inputs(binned, features, GRID_S), len(GRID_S))
@@ -291,53 +267,39 @@ def _fit_gains(
     return LagFit(features, time_constants_s, gains, model)
 
 
-def _with_errors(fit: LagFit, held_out: Sequence[LagFit]) -> Fitted:
-    """State a fit with the standard errors that its fits without each fold tell."""
-    tau_s = fit.time_constants_s
+def state_errors(fit: AxisFit, lags: LagFit, held_out: Sequence[LagFit]) -> AxisFit:
+    """Add time constants and gains, with the standard errors that fits without a fold tell."""
+    tau_s = lags.time_constants_s
     errors_s = time_constant_errors(tau_s, [other.time_constants_s for other in held_out])
     errors = jackknife_errors([other.gains for other in held_out])
     terms = tuple(
-        Term(output, float(tau), feature, float(fit.gains[k, f, m]), float(errors[k, f, m]))
-        for m, output in enumerate(OUTPUTS[: fit.gains.shape[2]])
+        Term(output, float(tau), feature, float(lags.gains[k, f, m]), float(errors[k, f, m]))
+        for m, output in enumerate(OUTPUTS[: lags.gains.shape[2]])
         for k, tau in enumerate(tau_s)
-        for f, feature in enumerate(fit.features.names)
+        for f, feature in enumerate(lags.features.names)
     )
     if not tau_s.any():
-        return Fitted(fit.model, terms=terms)
+        return replace(fit, terms=terms)
     note = f'its slowest time constant is the longest that is searched, {GRID_S[-1]:.0f} s'
-    notes = (note,) if tau_s[-1] > _AT_BOUND * GRID_S[-1] else ()
-    return Fitted(fit.model, tuple(tau_s.tolist()), tuple(errors_s.tolist()), terms, notes)
+    return replace(
+        fit, time_constants_s=tuple(tau_s.tolist()),
+        time_constant_errors_s=tuple(errors_s.tolist()), terms=terms,
+        notes=(note, *fit.notes) if tau_s[-1] > _AT_BOUND * GRID_S[-1] else fit.notes)  # fmt: skip
 
 
 def finish(
     data: AxisData, winner: Fitted, chosen: str, bins: Scores, competing: Sequence[str]
 ) -> AxisFit:
     """
-    Fix what the fit leaves open, and state held-out errors.
+    Fix the constants of the winner, and state held-out errors.
 
-    Parameters
-    ----------
-    data : AxisData
-        What was fitted.
-    winner : Fitted
-        The candidate that was chosen, fitted to everything.
-    chosen : str
-        Its name.
-    bins : Scores
-        What all candidates left of held-out folds, ``none`` among them, the simplest first.
-    competing : sequence of str
-        Names of those that could have been chosen.
-
-    Returns
-    -------
-    AxisFit
-        The model and its evidence.
-
+    Scores are those of all candidates, ``none`` among them, the simplest first; competing are the
+    names of those that could have been chosen.
     """
-    notes = winner.notes
+    model, notes = winner
     if data.no_sensitivity:
         notes = (*notes, f'zero drift only: {data.no_sensitivity}')
-    elif winner.model is not None and winner.model.outputs == 1:
+    elif model is not None and model.outputs == 1:
         notes = (*notes, 'zero drift only: gain drift held no better than none on held-out data')
     after = {
         name: float(np.mean([np.sqrt(np.mean(fold.errors**2)) for fold in left]))
@@ -345,20 +307,20 @@ def finish(
     }
     factor = day_over_blocks(bin_axis_data(data, data.bin_cells[0]), after['none'])
     rms = {name: left_of_a_day(left, after['none'], factor) for name, left in after.items()}
-    model = None if winner.model is None else anchor(data, winner.model)
-    time_constants_s, stated_errors_s = winner.time_constants_s, winner.time_constant_errors_s
-    if model is not None and not time_constants_s:
-        # Those of the real positive poles, without standard errors.
+    time_constants_s: list[float] = []
+    if model is not None:
+        model = anchor(data, model)
+        # Those of the real positive poles.
         lasting = model.poles.real[(np.abs(model.poles.imag) < 1e-9) & (model.poles.real > 0)]
-        time_constants_s = tuple(np.unique(np.round(-data.period_s / np.log(lasting), 6)).tolist())
-        stated_errors_s = (float('nan'),) * len(time_constants_s)
+        time_constants_s = np.unique(np.round(-data.period_s / np.log(lasting), 6)).tolist()
     return AxisFit(
         model=model, chosen=chosen,
         candidates=tuple(Candidate(name, value) for name, value in rms.items()),
         rms_before=rms['none'], rms_after=rms[chosen],
-        reason=_reason(data.unit, chosen, bins, rms, competing), time_constants_s=time_constants_s,
-        time_constant_errors_s=stated_errors_s, terms=winner.terms, notes=notes, unit=data.unit,
-        held_out=hold_out(data, bins['none'], bins[chosen]))  # fmt: skip
+        reason=_reason(data.unit, chosen, bins, rms, competing),
+        time_constants_s=tuple(time_constants_s),
+        time_constant_errors_s=(float('nan'),) * len(time_constants_s), notes=notes,
+        unit=data.unit, held_out=hold_out(data, bins['none'], bins[chosen]))  # fmt: skip
 
 
 def anchor(data: AxisData, model: AxisModel) -> AxisModel:

@@ -33,8 +33,10 @@ class FoldBins(NamedTuple):
 
 #: The bins that each candidate left, by its name; ``none`` is no compensation.
 Scores = Mapping[str, Sequence[FoldBins]]
-#: Fits an axis, of which a fold may be held out: a model or None, and what had to be mended.
-Refit = Callable[[AxisData], tuple[AxisModel | None, tuple[str, ...]]]
+#: A model, None for "no compensation", and what had to be mended, in sentences.
+Fitted = tuple[AxisModel | None, tuple[str, ...]]
+#: Fits an axis, of which a fold may be held out.
+Refit = Callable[[AxisData], Fitted]
 
 
 def refit_bins(data: AxisData, refit: Refit) -> list[FoldBins]:
@@ -110,18 +112,7 @@ def simplest_good(errors: Sequence[FloatArray]) -> int:
     Find the simplest candidate within one standard error of the best, or within 15 % of it.
 
     The standard error is that of the difference to the best, part by part: parts differ far more
-    than candidates do.
-
-    Parameters
-    ----------
-    errors : sequence of ndarray, shapes (parts,)
-        Mean square errors of every candidate, the simplest one first.
-
-    Returns
-    -------
-    int
-        Its position.
-
+    than candidates do. Mean square errors have shape (parts,), the simplest candidate's first.
     """
     means = [float(error.mean()) for error in errors]
     best = int(np.argmin(means))

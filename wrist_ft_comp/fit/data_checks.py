@@ -22,32 +22,34 @@ from wrist_ft_comp.signals import (
 
 #: Fewer cells with a wrench than this cannot be divided into folds worth holding out.
 MIN_SAMPLES = 30
-#: A jump between neighbouring cells counts as load when it exceeds this many times the noise …
+#: A jump between neighbouring cells counts as load where it exceeds this many times the noise …
 _JUMP_TO_NOISE = 12.0
 #: … and this share of the axis' whole range.
 _JUMP_TO_RANGE = 0.2
 #: … and this many steps of its resolution.
 _JUMP_TO_RESOLUTION = 3.5
-#: An axis that moves no more often than this may have been loaded and unloaded, and shows none.
+#: An axis with no more steps than this may only have been loaded and unloaded: its steps do not
+#: show its resolution.
 _FEW_STEPS = 4
-#: A cell is a spike when its axis comes back by all but this share of the jump …
-_BACK = 0.3
-#: … and cells are no longer than this: in longer ones lies more than a spike, s.
-_SPIKE_S = 10.0
-#: More spikes than this, or than this share of the cells, are a load that moves.
-_SPIKES, _SPIKE_SHARE = 3, 1e-3
-#: A channel is lively when so many of its neighbouring cells differ …
-_LIVELY = 0.9
-#: … and then stuck when it keeps a value for so many cells.
+#: A cell is a spike where its axis comes back by all but this share of the jump …
+_RETURN_SHARE = 0.3
+#: … and cells are no longer than this: a longer cell averages more than a spike, s.
+_LONGEST_SPIKE_S = 10.0
+#: Most spikes of an axis; with more, and with more than a share of the cells, a load moves.
+_MOST_SPIKES = 3
+_MOST_SPIKES_SHARE = 1e-3
+#: A channel is lively where this share of its neighbouring cells differ …
+_LIVELY_SHARE = 0.9
+#: … and then stuck where it keeps a value for this many cells.
 _STUCK_CELLS = 30
 #: Stuck cells up to this share are left out; with more, the recording is refused.
 _STUCK_SHARE = 0.05
-#: Thermometers say the same when one leaves less than this share of another unexplained.
-_SAME = 0.03
+#: Two thermometers read the same where one leaves less than this share of the other unexplained.
+_SAME_SHARE = 0.03
 
 
 def check_alike(recordings: Sequence[Recording]) -> None:
-    """Refuse no recordings, and such whose thermometers, periods or units differ."""
+    """Refuse to calibrate from none, or from recordings that differ in what must be the same."""
     require_recordings(recordings)
     if not recordings:
         raise CalibrationRefusedError('A calibration needs at least one recording; got none.')
@@ -98,8 +100,8 @@ def check_loads(
                 'recorded. Record wrench_reference beside the raw wrench, or declare the '
                 'reference unloaded or constant.'
             )
-        known = reference == 'payload' and recording.specific_force is not None
-        for axis in axes if reference != 'recorded' and not known else ():
+        weighed = reference == 'payload' and recording.specific_force is not None
+        for axis in axes if reference != 'recorded' and not weighed else ():
             raw = recording.wrench[:, AXES.index(axis)]
             jumps = _find_jumps(raw, recording.period_s)
             spikes = _find_spikes(raw, recording.period_s) if len(jumps) else []
@@ -138,14 +140,14 @@ def _find_spikes(raw: FloatArray, period_s: float) -> list[int]:
     """Find the cells that an axis jumps to and back from; none where they are too many."""
     raw, spikes = raw.copy(), list[int]()
     at = np.flatnonzero(np.isfinite(raw))
-    most = max(_SPIKES, _SPIKE_SHARE * len(at)) if period_s <= _SPIKE_S else 0
+    most = max(_MOST_SPIKES, _MOST_SPIKES_SHARE * len(at)) if period_s <= _LONGEST_SPIKE_S else 0
     while len(jumps := _find_jumps(raw, period_s)):
         at = np.flatnonzero(np.isfinite(raw))
         place = np.searchsorted(at, jumps)
         before, spike = raw[at[place - 1]], raw[jumps]
         after = raw[at[np.minimum(place + 1, len(at) - 1)]]
         found = jumps[
-            np.isin(place + 1, place) & (abs(after - before) < _BACK * abs(spike - before))
+            np.isin(place + 1, place) & (abs(after - before) < _RETURN_SHARE * abs(spike - before))
         ]
         if not len(found):  # the first cell and the last have one neighbour only
             found = at[[0, -1]][np.isin(at[[1, -1]], jumps)]
@@ -162,11 +164,13 @@ def _refuse_jumps(recording: Recording, axis: str, reference: Reference, cells: 
     at = np.flatnonzero(np.isfinite(raw))
     steps = np.abs(raw[cells] - raw[at[np.searchsorted(at, cells) - 1]])
     declared = reference.replace('payload', 'constant, as there is no specific force')
-    place = ' to '.join(_stamp(recording, cell) for cell in dict.fromkeys(cells[[0, -1]].tolist()))
+    stamps = ' to '.join(
+        _stamp(recording, cell) for cell in dict.fromkeys(cells[[0, -1]].tolist())
+    )
     raise CalibrationRefusedError(
         f'{axis} of {recording.name} jumps by {steps.max():.3g} {recording.unit_of(axis)} after '
         f'{cells[np.argmax(steps)] * recording.period_s:.0f} s, although the load was declared '
-        f'{declared} ({len(cells)} jumps, at stamp {place}). Record again without contact or '
+        f'{declared} ({len(cells)} jumps, at stamp {stamps}). Record again without contact or '
         'payload change, or record the load as reference.'
         + ' Or declare it payload, because specific force was recorded.'
         * (recording.specific_force is not None)
@@ -179,11 +183,11 @@ def _stamp(recording: Recording, cell: int) -> str:
 
 
 def _resolution(values: FloatArray) -> float:
-    """Smallest step between neighbours, where there are more than a few; else what rounding is."""
+    """Smallest step between neighbours, where there are more than a few; else of rounding."""
     steps = np.abs(np.diff(values))
     rounding = 1e-12 * float(np.max(np.abs(values), initial=0.0))
-    real = steps[steps > rounding]
-    return float(real.min()) if len(real) > _FEW_STEPS else rounding
+    steps = steps[steps > rounding]
+    return float(steps.min()) if len(steps) > _FEW_STEPS else rounding
 
 
 def drop_stuck_cells(
@@ -209,8 +213,8 @@ def drop_stuck_cells(
                 'connected. It is left uncompensated.'
             )
             continue
-        steps = [np.diff(_present(each.wrench[:, column])) for each in recordings]
-        lively = any((each != 0).mean() >= _LIVELY for each in steps if len(each))
+        steps = [np.diff(_present(recording.wrench[:, column])) for recording in recordings]
+        lively = any((step != 0).mean() >= _LIVELY_SHARE for step in steps if len(step))
         for i, recording in enumerate(sound):
             stuck = _find_stuck(recording.wrench[:, column])
             if lively and stuck.any():
@@ -286,7 +290,7 @@ def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[
 
 
 def idle_thermometers(recordings: Sequence[Recording]) -> list[str]:
-    """Name thermometers that tell the fit nothing of their own."""
+    """Name thermometers that stand still, or read the same as another one."""
     centred = np.concatenate([r.temperature_c - r.temperature_c.mean(axis=0) for r in recordings])
     deviation = centred.std(axis=0)
     sentences = [
@@ -299,7 +303,7 @@ def idle_thermometers(recordings: Sequence[Recording]) -> list[str]:
         for k in moving[:n]:
             slope = float(centred[:, k] @ centred[:, j] / (centred[:, k] @ centred[:, k]))
             apart_k = float(np.std(centred[:, j] - slope * centred[:, k]))
-            if apart_k < _SAME * deviation[j]:
+            if apart_k < _SAME_SHARE * deviation[j]:
                 sentences.append(
                     f'Thermometers {k + 1} and {j + 1} say the same: apart from a factor and a '
                     f'constant they differ by {apart_k:.2g} K, while they move by '

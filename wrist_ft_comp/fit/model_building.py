@@ -24,24 +24,10 @@ def build_features(
     beyond: Beyond = 'clamped',
 ) -> Features:
     """
-    Choose reference, range and knots of the features that settings ask for.
+    Choose reference, range and knots of features from temperatures, °C, shapes (N_i, J).
 
-    Parameters
-    ----------
-    temperature_c : sequence of ndarray, shapes (N_i, J)
-        Temperatures of every recording, °C.
-    settings : IdentificationSettings
-        Kind, degree and knots.
-    observed : sequence of ndarray, shapes (n_i, J), optional
-        Temperatures of the cells with samples, for the knots of hats; all of them without it.
-    beyond : Beyond
-        How powers go on outside the range.
-
-    Returns
-    -------
-    Features
-        Of the temperatures behind one relaxation.
-
+    Knots of hats stand where samples were observed, (n_i, J), if that is given. The features are
+    those of the temperatures behind one relaxation.
     """
     everything = np.concatenate(list(temperature_c))
     knots: tuple[FloatArray, ...] = ()
@@ -82,29 +68,11 @@ def build_axis_model(
     period_s: float,
 ) -> AxisModel | None:
     """
-    Write gains of the features of relaxed temperatures in the form that runs.
+    Write gains, (K, F, M), of the features of K relaxed temperatures in the form that runs.
 
-    Relaxations become filters, and all filtered temperatures one set of features. The constants
-    of the outputs stay open: ``anchored`` fixes them.
-
-    Parameters
-    ----------
-    features : Features
-        Of the temperatures behind one relaxation.
-    time_constants_s : ndarray, shape (K,)
-        Of the relaxations, s; 0 is static.
-    gains : ndarray, shape (K, F, M)
-        From the features to zero drift and, where M is 2, sensitivity drift.
-    inputs : sequence of ndarray, shapes (n_i, K·F)
-        From ``bank_inputs``: how far each feature moves.
-    period_s : float
-        Thermal period, s.
-
-    Returns
-    -------
-    AxisModel or None
-        None where all gains are zero.
-
+    Relaxations become filters, and all filtered temperatures one set of features; ``inputs``,
+    (n_i, K·F), of ``bank_inputs``, say how far they move. The constants of the outputs stay open
+    (``anchored`` fixes them), and all gains zero give None.
     """
     count = len(time_constants_s)
     joined = replace(

@@ -163,29 +163,10 @@ def identify(
     method: PaperMethod, data: AxisData, features: Features, orders: Orders
 ) -> tuple[ArxPls | None, tuple[str, ...]]:
     """
-    Identify an axis by one of the paper's methods.
+    Identify an axis by one of the paper's methods; None where the inputs explain nothing.
 
-    Parameters
-    ----------
-    method : PaperMethod
-        Its name.
-    data : AxisData
-        Drift observations.
-    features : Features
-        Of the temperatures.
-    orders : Orders
-        Number of latents, and orders of the inner models.
-
-    Returns
-    -------
-    tuple of ArxPls or None, and tuple of str
-        None where the inputs explain nothing; and what had to be mended, in sentences.
-
-    Raises
-    ------
-    TooShortError
-        When an ARX does not find enough consecutive samples.
-
+    Beside the model, sentences say what had to be mended. TooShortError is raised where an ARX
+    does not find enough consecutive samples.
     """
     xy_block = _build_xy_block(data, features)
     if not any(valid.any() for valid in xy_block.valid):
@@ -209,16 +190,11 @@ def identify(
 
 def observe_drift(data: AxisData) -> list[FloatArray]:
     """
-    Observe zero drift and, when there is load, sensitivity drift directly in r - w.
+    Observe zero drift and, when there is load, sensitivity drift directly in r - w, (N_i, M).
 
     Sensitivity is a least-squares slope over windows of at most OBSERVATION_WINDOW_S that do not
-    cross gaps: "coefficients recorded at discrete temperatures" (the paper's 3.2).
-
-    Returns
-    -------
-    list of ndarray, shapes (N_i, M)
-        Up to a constant of each recording; NaN where either is not known.
-
+    cross gaps: "coefficients recorded at discrete temperatures" (the paper's 3.2). Observations
+    hold up to a constant of each recording, and are NaN where either is not known.
     """
     if data.load is None:
         return [residual[:, np.newaxis] for residual in data.residual]

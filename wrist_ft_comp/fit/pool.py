@@ -161,20 +161,10 @@ def least_squares(
     normal: FloatArray, mixtures: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
     """
-    Regress r - w on mixtures of the pool's columns.
+    Regress r - w on mixtures, (P, C), of the pool's columns, by their products, (P + 1, P + 1).
 
-    Parameters
-    ----------
-    normal : ndarray, shape (P + 1, P + 1)
-        Products of the pool's columns and, last, r - w, from ``Moments.centred``.
-    mixtures : ndarray, shape (P, C)
-        Columns to regress on, as combinations of the pool's.
-
-    Returns
-    -------
-    tuple of ndarray (C,), ndarray (P,) and float
-        Gains of the mixtures and of the pool's columns, and the sum of squares that remains.
-
+    Return gains of the mixtures, (C,), and of the pool's columns, (P,), and the sum of squares
+    that remains.
     """
     gram, right = normal[:-1, :-1], normal[:-1, -1]
     projected = gram @ mixtures

@@ -31,15 +31,16 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Term:
-    """A gain of a fitted model: N or N m (zero) or 1 (sensitivity drift) per unit of a feature."""
-
-    # A feature such as ``θ1`` or ``θ2²``, or the knot of a hat, is taken behind the relaxation of
-    # a time constant; 0 s is static.
+    """A gain of a fitted model, from a feature behind a relaxation to an output."""
 
     output: Output
+    #: Of the relaxation, s; 0 is static.
     time_constant_s: float
+    #: Such as ``θ1`` or ``θ2²``, or the knot of a hat.
     feature: str
+    #: Per unit of the feature: N or N m for zero drift, 1 for sensitivity drift.
     gain: float
+    #: Its standard error.
     error: float
 
 
@@ -52,10 +53,12 @@ class FoldErrors(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Errors of one axis on held-out folds, means of bins by recording and time, (n,)."""
+    """
+    Errors of one axis on held-out folds, means of bins by recording and time, (n,).
 
-    # Both errors are counted from the first minute of the fold, as if the sensor had been tared in
-    # it, or, for plateaus of a chamber test, from the mean of the other plateaus.
+    Both errors are counted from the first minute of the fold, as if the sensor had been tared in
+    it, or, for plateaus of a chamber test, from the mean of the other plateaus.
+    """
 
     #: Which recording, counted from 0, and which fold was held out.
     recording: IntArray
@@ -82,8 +85,11 @@ def rms_by_fold(held_out: HeldOut) -> FoldErrors:
 
 
 def left_of_a_day(after: float, before: float, factor: float) -> float:
-    """State what is left of a day, where blocks leave some, RMS, by ``day_over_blocks``."""
-    # What leaves less of the blocks than no compensation is not said to leave more of a day.
+    """
+    State what is left of a day from what is left of its blocks, RMS, by ``day_over_blocks``.
+
+    A fit that leaves less of the blocks than no compensation does not leave more of a day.
+    """
     return max(after, min(factor * after, before))
 
 
@@ -93,20 +99,21 @@ class AxisFit:
 
     #: None is "no compensation".
     model: AxisModel | None
-    #: The winning candidate; and all that were tried, simplest first.
+    #: The winning candidate.
     chosen: str
+    #: All that were tried, simplest first.
     candidates: tuple[Candidate, ...]
-    #: Root mean square error in the unit, mean over held-out folds: of no compensation, and what
-    #: is stated to be left (``left_of_a_day``); those of candidates are stated, too.
+    #: Root mean square error of no compensation, mean over held-out folds, in the unit.
     rms_before: float
+    #: The same of the winner, as it is stated of a day (``left_of_a_day``).
     rms_after: float
-    #: Of the model's relaxations, increasing, s.
+    #: Time constants of the model's relaxations, increasing, s.
     time_constants_s: tuple[float, ...] = ()
-    #: What had to be mended, and what could not be learnt.
+    #: What had to be mended, and what could not be learnt, in sentences.
     notes: tuple[str, ...] = ()
     #: Why this candidate, in a sentence with its numbers.
     reason: str = ''
-    #: Standard errors, s; NaN where they were not searched.
+    #: Standard errors of the time constants, s; NaN where these were not searched.
     time_constant_errors_s: tuple[float, ...] = ()
     #: Gains with standard errors, where the method determines them one by one.
     terms: tuple[Term, ...] = ()
@@ -125,22 +132,21 @@ class AxisFit:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """
-    A model that is ready to run, and its evidence: by axis what was chosen and why.
-
-    The range holds lowest and highest temperature of each thermometer, °C, shape (J, 2); warnings
-    are what a person should know, in sentences; sources are the names of the recordings. With the
-    reference payload, payloads are those that could be told, and separation is what they rest on.
-    The sensor is what the recordings call it, the first one where they differ.
-    """
+    """A model that is ready to run, and its evidence: by axis what was chosen and why."""
 
     model: DriftModel
     fits: dict[str, AxisFit]
+    #: Lowest and highest temperature of each thermometer, °C, shape (J, 2).
     temperature_range_c: FloatArray
+    #: Of all recordings together, s.
     duration_s: float
+    #: What a person should know, in sentences.
     warnings: tuple[str, ...]
+    #: Names of the recordings.
     sources: tuple[str, ...] = ()
     settings: CalibrationSettings | None = None
+    #: With the reference payload: those that were learnt, and what they rest on.
     payloads: LearntPayloads | None = None
     separation: Separation | None = None
+    #: What the recordings call the sensor, the first one where they differ.
     sensor: SensorNames = field(default_factory=dict)

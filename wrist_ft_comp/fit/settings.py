@@ -22,13 +22,14 @@ class IdentificationSettings:
     #: One of METHODS.
     method: Method = 'auto'
     features: FeatureKind = 'powers'
-    #: Highest power of temperature, 1 to 4; auto and arx_pls_oe also try the lower ones. None is
-    #: 3 for auto, which shrinks the higher ones, and 2 for the others.
+    #: Highest power of temperature, 1 to 4; auto and arx_pls_oe also try the lower ones. None
+    #: means 3 for auto, which shrinks gains of high powers, and 2 for the others.
     degree: int | None = None
     #: Knots of the hats, °C, for every thermometer; empty takes the plateaus that were seen.
     hat_temperatures_c: tuple[float, ...] = ()
-    #: Number of latents, None lets held-out folds choose, and orders of the paper's methods.
+    #: Number of latents of the paper's methods; None lets held-out folds choose.
     latents: int | None = None
+    #: Orders of the paper's methods.
     orders: Orders = field(default_factory=Orders)
 
     def __post_init__(self) -> None:
@@ -52,7 +53,7 @@ class IdentificationSettings:
 
     @property
     def highest_degree(self) -> int:
-        """The degree that was chosen, or the method's own."""
+        """The degree that was chosen, or else the default of the method."""
         return self.degree or (3 if self.method == 'auto' else 2)
 
 
@@ -86,5 +87,5 @@ class CalibrationSettings:
 
     @property
     def moves(self) -> bool:
-        """Whether the load may move."""
+        """Whether the load may move while it is recorded."""
         return self.reference in {'payload', 'recorded'}
