@@ -70,7 +70,7 @@ class TestWhatIsFound:
         assert single.chosen == COMBINATION
         assert single.rms_after < 1.2 * 0.01
         assert single.rms_before > 100 * single.rms_after
-        weights = {each.name: each.weight for each in single.candidates}
+        weights = {fit.name: fit.weight for fit in single.candidates}
         assert sum(weights.values()) == pytest.approx(1.0)
         heaviest = max(weights, key=weights.get)
         share = 100 * weights[heaviest] / (1 - weights['none'])

@@ -90,7 +90,7 @@ class TestReasons:
             'is the best.'
         )
         assert (fit.chosen, fit.rms_before, fit.rms_after) == ('lag', 2.0, 0.5)
-        assert {each.name: each.rms for each in fit.candidates} == pytest.approx(
+        assert {candidate.name: candidate.rms for candidate in fit.candidates} == pytest.approx(
             {'none': 2.0, 'line': 1.0, 'lag': 0.5}
         )
 

@@ -106,15 +106,15 @@ def test_errors_stand_in_time_order_and_add_up_to_the_figures(method, count, run
     held_out = fit.held_out
     before, after = rms_by_fold(held_out)
     assert len(before) == (5 if count == 1 else count)
-    drift = [each.wrench[:, 2] for each in recordings]
+    drift = [recording.wrench[:, 2] for recording in recordings]
     folds = drift if count > 1 else np.split(drift[0], [144, 288, 432, 576])
-    squares = [np.mean((each - each[:6].mean()) ** 2) for each in folds]
+    squares = [np.mean((fold - fold[:6].mean()) ** 2) for fold in folds]
     assert fit.rms_before == pytest.approx(np.mean(np.sqrt(squares)), rel=1e-9)
     whole = np.sqrt(np.mean((drift[0] - drift[0][:6].mean()) ** 2))
     factor = np.sqrt(whole / fit.rms_before) if count == 1 else 1.0
     stated = max(after.mean(), min(factor * after.mean(), fit.rms_before))
     assert fit.rms_after == pytest.approx(stated, rel=1e-9)
-    rms = {each.name: each.rms for each in fit.candidates}
+    rms = {candidate.name: candidate.rms for candidate in fit.candidates}
     assert rms['none'] == fit.rms_before
     assert fit.rms_after in {*rms.values()} or method == 'auto'
     assert set(held_out.recording.tolist()) == set(range(count))

@@ -34,7 +34,7 @@ class TestInterpolation:
     @pytest.mark.parametrize('tau', [22.0, 40.0, 300.0, 1000.0, 5000.0])
     def test_one_between_is_nearly_its_mixture(self, warm_up, lagged, tau):
         temperature_c = warm_up(CELLS, 0)
-        grid = np.stack([lagged(temperature_c, each) for each in GRID_S[1:]], axis=1)
+        grid = np.stack([lagged(temperature_c, tau_s) for tau_s in GRID_S[1:]], axis=1)
         exact = lagged(temperature_c, tau)
         weights, _ = interpolate(np.log(tau))
         assert weights[0] == 0
