@@ -145,14 +145,18 @@ class WrenchInput(Part):
 
     def _silence(self, publishers: int) -> str:
         """Say that no wrenches come, and guess why."""
-        policy, silence = self._hub.incompatible.get('wrench_raw'), 'no raw wrenches arrive'
-        if policy:
-            return f'{silence}: their publisher offers less {policy} than is asked for'
+        if policy := self._hub.incompatible.get('wrench_raw'):
+            return (
+                f'no raw wrenches arrive: their publisher offers less {policy} than is asked for'
+            )
         if self.newest() is None and (problem := wrong_type(self._hub, self._topic, WRENCH)):
-            return f'{silence}: {problem}'
+            return f'no raw wrenches arrive: {problem}'
         if publishers:
-            return f'{silence}, though {self._topic} has a publisher; is the sensor running?'
-        return f'{silence}; is the driver running?'
+            return (
+                f'no raw wrenches arrive, though {self._topic} has a publisher; is the sensor '
+                'running?'
+            )
+        return 'no raw wrenches arrive; is the driver running?'
 
     def _doubts(self, publishers: int) -> Iterator[str]:
         """Say what is suspicious about wrenches that do arrive, the worst first."""
