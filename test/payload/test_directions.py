@@ -1,6 +1,6 @@
 import numpy as np
 
-from wrist_ft_comp.payload.directions import fit_norm
+from wrist_ft_comp.payload.accelerometer import fit_norm
 from wrist_ft_comp.signals import GRAVITY
 
 BIAS = np.array([0.1, -0.05, 0.08])

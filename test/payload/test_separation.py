@@ -11,7 +11,7 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.payload import states
 from wrist_ft_comp.payload.accelerometer import set_right
-from wrist_ft_comp.payload.cells import cut
+from wrist_ft_comp.payload.gains import cut
 from wrist_ft_comp.payload.separation import separate, separate_again
 from wrist_ft_comp.stream.offline import simulate_drift
 

@@ -18,21 +18,36 @@ from wrist_ft_comp.stream.offline import simulate_drift
 class AtWork:
     """What recordings at work say."""
 
-    #: All of them, with the weight as their reference; nothing where no specific force is.
+    #: All recordings, with the weight as their reference; zero where no specific force is.
     drift: list[Recording]
-    #: Of those that hold specific force.
+    #: Of those that hold specific force; None where none does.
     separation: Separation | None
     #: By number; None where none can be told.
     payloads: LearntPayloads | None
-    #: What to doubt.
+    #: What to doubt, in sentences.
     warnings: tuple[str, ...]
 
 
 def learn_at_work(
     recordings: Sequence[Recording], first: tuple[AtWork, DriftModel] | None = None
 ) -> AtWork:
-    """Learn payloads and what is drift; CalibrationRefusedError where neither can be."""
-    # What was learnt ``first``, and a drift model from it, let it be told apart better.
+    """
+    Learn payloads and what is drift.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        A load counts as constant in those that hold no specific force.
+    first : tuple of AtWork and DriftModel, optional
+        What was learnt from the same recordings before, and a model of its drift: with that
+        drift taken off, weight, contacts and drift are told apart better.
+
+    Raises
+    ------
+    CalibrationRefusedError
+        Where neither can be learnt.
+
+    """
     warnings = [
         f'{recording.name} holds no specific force; its load counts as constant.'
         for recording in recordings
@@ -40,7 +55,7 @@ def learn_at_work(
     ]
     moved = [recording for recording in recordings if recording.specific_force is not None]
     if not moved:
-        return AtWork([_constant(each) for each in recordings], None, None, tuple(warnings))
+        return AtWork(list(map(_constant, recordings)), None, None, tuple(warnings))
     before = first[0].separation if first else None
     if first and before:
         drift = [simulate_drift(first[1], recording).zero for recording in moved]
@@ -48,27 +63,27 @@ def learn_at_work(
     else:
         separation = separate(moved)
     bodies = separation.bodies()
-    said, told = doubts(separation, bodies)
-    told_apart = iter(separation.drift)
+    sentences, certain = doubts(separation, bodies)
+    separated = iter(separation.drift)
     return AtWork(
-        [_constant(r) if r.specific_force is None else next(told_apart) for r in recordings],
+        [_constant(r) if r.specific_force is None else next(separated) for r in recordings],
         separation,
-        payloads_of(separation, bodies) if bodies and told else None,
-        (*warnings, *said),
+        payloads_of(separation, bodies) if bodies and certain else None,
+        (*warnings, *sentences),
     )
 
 
 def payloads_of(separation: Separation, bodies: RigidBodies) -> LearntPayloads:
-    """Give what was mounted numbers, lightest first."""
+    """Give the payloads that were mounted numbers, lightest first."""
     states = np.concatenate(separation.states)
     shares = [float(np.mean(states[states >= 0] == k)) for k in range(len(bodies.mass_kg))]
-    there = bodies.tangible & (np.array(shares) > 0)
-    order = [int(k) for k in np.argsort(bodies.mass_kg) if there[k]]
+    mounted = bodies.tangible & (np.array(shares) > 0)
+    order = [int(k) for k in np.argsort(bodies.mass_kg) if mounted[k]]
     frame = replace(separation.accelerometer.frame, rotation=bodies.rotation)
     numbered = {str(n): bodies.payload(k, shares[k]) for n, k in enumerate(order, 1)}
     return LearntPayloads(frame, numbered)
 
 
 def _constant(recording: Recording) -> Recording:
-    """Take a load that is constant as nothing: it goes into the recording's offset."""
+    """Count a load that is constant as none: it goes into the recording's offset."""
     return replace(recording, reference=np.zeros_like(recording.reference))

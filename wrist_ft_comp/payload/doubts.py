@@ -6,10 +6,11 @@ import numpy as np
 
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.accelerometer import FROZEN_S, known_force, set_right
-from wrist_ft_comp.payload.cells import axes_of, cut
 from wrist_ft_comp.payload.gains import (
+    axes_of,
     contrast,
     COUNTS,
+    cut,
     Fit,
     leveled,
     solve,
@@ -22,28 +23,41 @@ from wrist_ft_comp.signals import FloatArray, Recording, Reference
 
 #: Cells by which clocks may be apart.
 _LAGS = 20
-#: Shares that are doubted: of time in contact, and without specific force.
-_CONTACT, _MISSING = 0.5, 0.1
-#: Share of the contrast between poses that does not turn with the specific force, from which on
-#: no payload is told, and nothing is learnt at all.
-_UNEXPLAINED, _NOTHING_LEARNT = 0.2, 0.6
-#: Share of the contrast that turns with gravity and is no chance.
+#: Share of the time in contact that is doubted.
+_CONTACT = 0.5
+#: Share of the time without specific force that is doubted.
+_MISSING = 0.1
+#: Share of the contrast between poses that may not turn with the specific force; above it no
+#: payload is told, …
+_UNEXPLAINED = 0.2
+#: … and above this one nothing is learnt at all.
+_NOTHING_LEARNT = 0.6
+#: Share of the contrast that turns with gravity by no chance.
 _FOLLOWS = 0.5
 
 
 def doubts(separation: Separation, bodies: RigidBodies | None) -> tuple[list[str], bool]:
-    """Say all that is to be doubted, and whether payloads can be told; or refuse."""
+    """
+    Say all that is to be doubted, and whether payloads can be told.
+
+    Raises
+    ------
+    CalibrationRefusedError
+        Where the wrench turns so little with the specific force that nothing can be learnt.
+
+    """
     recordings = separation.recordings
     lag = list(_lag(recordings))
-    said = [*_missing(recordings), *_contact(separation), *lag, *_tool_change(separation)]
+    sentences = [*_missing(recordings), *_contact(separation), *lag, *_tool_change(separation)]
     no_axes = ['A payload is told only where all six axes were recorded.']
-    why_not = [*_unexplained(separation, lag), *(bodies.doubts() if bodies else no_axes)]
-    return said + why_not, not why_not
+    objections = [*_unexplained(separation, lag), *(bodies.doubts() if bodies else no_axes)]
+    return sentences + objections, not objections
 
 
 def _missing(recordings: Sequence[Recording]) -> Iterator[str]:
     """Doubt where there is no specific force for much of the time."""
-    lost = ~np.isfinite(np.concatenate([known_force(each) for each in recordings])).all(axis=1)
+    force = np.concatenate([known_force(recording) for recording in recordings])
+    lost = ~np.isfinite(force).all(axis=1)
     if lost.mean() > _MISSING:
         yield (
             f'The specific force is missing or stands still for {FROZEN_S} s and more in '
@@ -52,7 +66,7 @@ def _missing(recordings: Sequence[Recording]) -> Iterator[str]:
 
 
 def _contact(separation: Separation) -> Iterator[str]:
-    """Doubt where more than half of the time something pushed."""
+    """Doubt where something pushed for more than half of the time."""
     usable = separation.cells.usable
     share = float(np.mean(separation.fit.weights[usable] < COUNTS))
     if share > _CONTACT:
@@ -82,22 +96,20 @@ def _unexplained(separation: Separation, lag: Sequence[str]) -> Iterator[str]:
 
 
 def _lag(recordings: Sequence[Recording]) -> Iterator[str]:
-    """Doubt clocks where changes of the wrench follow those of the specific force, or precede."""
+    """Doubt clocks where the wrench changes before or after the specific force."""
     total = np.zeros(2 * _LAGS + 1)
     axes = axes_of(recordings)[:3]
     for recording in recordings:
         if len(recording) < 4 * _LAGS:
             continue
-        moved, pushed = (
-            _changes(each) for each in (known_force(recording), recording.wrench[:, axes])
-        )
+        moved, pushed = _changes(known_force(recording)), _changes(recording.wrench[:, axes])
         inner, last = pushed[_LAGS:-_LAGS], len(moved) - _LAGS
         total += [moved[_LAGS - k : last - k] @ inner for k in range(-_LAGS, _LAGS + 1)]
     lag = int(total.argmax()) - _LAGS
-    # A peak that stands out of what is far from it, or they do not belong together at all; and
-    # on one side alone: presses while a robot rests follow one motion and precede another.
-    alone = min(total[:_LAGS].max(), total[_LAGS + 1 :].max()) < 0.7 * total.max()
-    if lag and alone and total.max() > 5 * np.median(np.abs(total)):
+    # Where no peak stands out, wrench and specific force do not belong together at all. The peak
+    # of a lag is on one side; presses while a robot rests follow one motion and precede another.
+    one_sided = min(total[:_LAGS].max(), total[_LAGS + 1 :].max()) < 0.7 * total.max()
+    if lag and one_sided and total.max() > 5 * np.median(np.abs(total)):
         yield (
             f'The wrench lags the specific force by {lag * recordings[0].period_s:g} s: their '
             'clocks differ. Record both by one clock.'
@@ -137,7 +149,7 @@ def follows_gravity(recordings: Sequence[Recording], reference: Reference) -> It
         )
         parts = (cells.wrench, cells.wrench - weight_of(cells, fit))
         before, after = (
-            np.einsum('nb,nbi->', weights, (each - leveled(each, weights)) ** 2) for each in parts
+            np.einsum('nb,nbi->', weights, (part - leveled(part, weights)) ** 2) for part in parts
         )
         mass_kg = float(np.linalg.norm(fit.gains[0]) / np.sqrt(3))
         if before > 0 and 1 - after / before > _FOLLOWS and mass_kg > LIGHTEST_KG:

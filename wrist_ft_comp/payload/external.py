@@ -3,7 +3,7 @@
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import correct, DriftModel
-from wrist_ft_comp.payload.cells import axes_of
+from wrist_ft_comp.payload.gains import axes_of
 from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.signals import (
     AXES,
@@ -15,22 +15,35 @@ from wrist_ft_comp.signals import (
 )
 from wrist_ft_comp.stream.offline import correct_many, simulate_drift, track_drift
 
-#: Specific force that is farther away in time says nothing, ns, or so many usual distances.
-_TIMEOUT_NS, _DISTANCES = NANOSECONDS // 5, 1.5
+#: Specific force says nothing of a wrench that is farther away in time, ns …
+_TIMEOUT_NS = NANOSECONDS // 5
+#: … and farther than so many usual distances between its samples.
+_DISTANCES = 1.5
 
 
 def external_correction(separation: Separation, model: DriftModel, fine: Recording) -> Correction:
-    """Make what turns raw wrenches of one recording into external ones, zero in free motion."""
-    # Its payload states and what it weighs come from the separation, specific force from the same
-    # recording on a finer grid. NaN where that is missing.
+    """
+    Make what turns raw wrenches of one recording into external ones, zero in free motion.
+
+    Parameters
+    ----------
+    separation : Separation
+        Of that recording alone: its payload states, and what they weigh.
+    model : DriftModel
+        Its drift is taken off.
+    fine : Recording
+        The same recording on a finer grid, whose specific force is taken; where that is missing,
+        the external wrench is NaN.
+
+    """
     recording, axes = separation.recordings[0], axes_of(separation.recordings)
     gains = np.full((len(separation.fit.gains), 3, len(AXES)), np.nan)
     gains[:, :, axes] = separation.fit.gains
     force = np.full((len(fine), 3), np.nan) if fine.specific_force is None else fine.specific_force
-    known = np.flatnonzero(np.isfinite(force).all(axis=1))
-    at_ns = (fine.first_cell + known) * fine.period_ns + fine.period_ns // 2
+    felt = np.flatnonzero(np.isfinite(force).all(axis=1))
+    at_ns = (fine.first_cell + felt) * fine.period_ns + fine.period_ns // 2
     held = _held(separation.states[0])[_cells(recording, at_ns)]
-    right = separation.accelerometer.frame.turn(force[known])
+    right = separation.accelerometer.frame.turn(force[felt])
     weight = np.einsum('ni,nia->na', right, gains[held])
     usual = float(np.median(np.diff(at_ns))) if len(at_ns) > 1 else 0.0
     farthest = max(_TIMEOUT_NS, _DISTANCES * usual)
@@ -38,10 +51,10 @@ def external_correction(separation: Separation, model: DriftModel, fine: Recordi
 
     def external(stamps_ns: IntArray, raw: FloatArray) -> FloatArray:
         """Take drift, weight and offset off."""
-        wanted, there_ns = stamps_ns - at_ns[0], at_ns - at_ns[0]
-        nearest = np.rint(np.interp(wanted, there_ns, np.arange(len(at_ns)))).astype(np.int64)
-        near = np.abs(wanted - there_ns[nearest]) <= farthest
-        pushed = [np.interp(wanted, there_ns, each) for each in weight.T]
+        wanted_ns, felt_ns = stamps_ns - at_ns[0], at_ns - at_ns[0]
+        nearest = np.rint(np.interp(wanted_ns, felt_ns, np.arange(len(at_ns)))).astype(np.int64)
+        near = np.abs(wanted_ns - felt_ns[nearest]) <= farthest
+        pushed = [np.interp(wanted_ns, felt_ns, axis) for axis in weight.T]
         rest = correct_many(track, stamps_ns, raw) - np.stack(pushed, axis=1)
         rest -= offset[_cells(recording, stamps_ns)]
         return np.where(near[:, None], rest, np.nan)
@@ -50,7 +63,7 @@ def external_correction(separation: Separation, model: DriftModel, fine: Recordi
 
 
 def _offset(separation: Separation, model: DriftModel) -> FloatArray:
-    """Find what free motion leaves between tares of the driver, (N, 6); NaN where nothing is."""
+    """Find what is left in free motion between tares of the driver, (N, 6); NaN where none is."""
     recording, drift = separation.recordings[0], separation.drift[0]
     rest = correct(recording.wrench, simulate_drift(model, recording), 0.0) - drift.reference
     free = np.asarray(np.isfinite(drift.wrench).any(axis=1))
@@ -63,13 +76,13 @@ def _offset(separation: Separation, model: DriftModel) -> FloatArray:
 
 
 def _held(states: IntArray) -> IntArray:
-    """Hold the last state that counted, and before the first that one."""
+    """Hold the last state that counted, and the first one before it."""
     counted = np.flatnonzero(states >= 0)
     last = np.searchsorted(counted, np.arange(len(states)), side='right') - 1
     return np.asarray(states[counted[np.maximum(last, 0)]])
 
 
 def _cells(recording: Recording, stamps_ns: IntArray) -> IntArray:
-    """Find the cells of stamps, the ends going on."""
+    """Find the cells of stamps; those beyond the ends are in the first or last cell."""
     numbers = stamps_ns // recording.period_ns - recording.first_cell
     return np.clip(numbers, 0, len(recording) - 1)

@@ -17,14 +17,14 @@ class LearntPayloads:
     payloads: dict[str, Payload]
 
     def lines(self) -> list[str]:
-        """Describe each in a line, and the frame in another."""
-        said = [f'payload {payload_line(*each)}' for each in self.payloads.items()]
-        return [*said, f'specific force {self.frame}']
+        """Describe each payload in a line, and the frame in another."""
+        lines = [f'payload {payload_line(*payload)}' for payload in self.payloads.items()]
+        return [*lines, f'specific force {self.frame}']
 
 
 def payload_line(name: str, payload: Payload) -> str:
     """Describe a payload in a line; how long it was on only where that is known."""
-    center = ', '.join(f'{1e3 * each:.1f}' for each in payload.center_m)
+    center = ', '.join(f'{1e3 * center_m:.1f}' for center_m in payload.center_m)
     line = (
         f'{name}: {payload.mass_kg:.3f} ± {payload.mass_error_kg:.2g} kg, centre of mass at '
         f'{center} mm (± {1e3 * float(np.max(payload.center_error_m)):.2g})'
@@ -33,7 +33,7 @@ def payload_line(name: str, payload: Payload) -> str:
 
 
 def same_payload(one: Payload, other: Payload) -> bool:
-    """Tell whether two findings may be of one payload: within 3 % and 5 mm, or their errors."""
+    """Tell whether two findings may be of one payload: within 3 % and 5 mm, or three errors."""
     errors_kg = np.nan_to_num([one.mass_error_kg, other.mass_error_kg])
     errors_m = np.nan_to_num([one.center_error_m, other.center_error_m])
     apart_kg, apart_m = abs(one.mass_kg - other.mass_kg), np.abs(one.center_m - other.center_m)

@@ -1,9 +1,9 @@
 """
-First layer, states and weights: which payload is on in a cell, and whether something else pushes.
+Which payload is on in a cell, and whether something else pushes.
 
-Contacts are outliers of all axes of a cell at once, and lose their weight by
-1 / (1 + (e / c σ)²)², with c falling to 4. Gains, states and weights are found by turns. One state
-more is believed where it explains more of blocks that it was not fitted to.
+Contacts are outliers of all axes of a cell at once, and lose their robust weight, whose width
+falls to WIDTH. Gains, states and weights are found by turns. One state more is believed where it
+explains more of blocks that it was not fitted to.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrist_ft_comp.payload.cells import Cells, dense
 from wrist_ft_comp.payload.gains import (
     bodies_of,
+    Cells,
     contrast,
+    dense,
     Fit,
     held,
     leveled,
@@ -26,52 +27,65 @@ from wrist_ft_comp.payload.gains import (
     weight_of,
 )
 from wrist_ft_comp.payload.rigid_body import CONTRAST, LIGHTEST_KG, MISFIT
+from wrist_ft_comp.robust import robust_cost, robust_weight
 from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, IntArray
 
-TUNING, _START, _ROUNDS = 4.0, 40.0, 25
-#: Most payloads, and the share of cells not fitted to that another one has to explain.
-#: Two states that weigh the same up to this share are one.
-_MOST, _SHARE, _ALIKE = 4, 0.02, 0.03
-#: So many blocks are searched for payloads at most: ten hours say as much as a month.
-_SEARCHED = 120
-#: A block is cut into the first of these that it can be cut into, to follow sudden heat.
+#: Width of the robust weight in the end, in units of the noise of an axis …
+WIDTH = 4.0
+#: … and in the first round; it narrows by a factor in each.
+_FIRST_WIDTH, _NARROWER = 40.0, 0.8
+#: Rounds of a fit by turns.
+_ROUNDS = 25
+#: Most payloads that are told apart.
+_MOST_STATES = 4
+#: Share of the cells it was not fitted to that another state has to explain.
+_LEAST_GAIN = 0.02
+#: Two states whose gains differ by a smaller share weigh the same.
+_ALIKE = 0.03
+#: Blocks that are searched for payloads at most: ten hours say as much as a month.
+_SEARCHED_BLOCKS = 120
+#: To follow sudden heat, a block is cut into the first number of parts that divides it.
 _PARTS = (4, 3, 2, 1)
 #: Parts of a block whose medians are tried as levels.
 _WINDOWS = 8
-#: A state is cut in two only where it holds in so many cells.
-_FEWEST = 100
+#: Fewest cells of a state that is cut in two.
+_FEWEST_TO_SPLIT = 100
 
 
 def find_states(cells: Cells) -> Fit:
     """Fit as many states as explain blocks that they were not fitted to, and then all blocks."""
-    spread = np.linspace(0, len(cells.wrench) - 1, min(len(cells.wrench), _SEARCHED)).astype(int)
-    learnt, held = cells.part(spread[::2]), cells.part(spread[1::2])
+    count = min(len(cells.wrench), _SEARCHED_BLOCKS)
+    spread = np.linspace(0, len(cells.wrench) - 1, count).astype(int)
+    learnt, held_out = cells.part(spread[::2]), cells.part(spread[1::2])
     fit = fit_states(learnt, np.zeros(learnt.usable.shape, dtype=np.int64), 1)
     moved = contrast(cells, cells.usable.astype(float)) > CONTRAST
-    while moved and len(fit.gains) < _MOST and (more := _one_more(learnt, fit)) is not None:
+    while moved and len(fit.gains) < _MOST_STATES:
+        more = _one_more(learnt, fit)
+        if more is None:
+            break
         noise = np.minimum(fit.noise, more.noise)
-        gained = _unexplained(held, fit, noise) - _unexplained(held, more, noise)
+        gained = _unexplained(held_out, fit, noise) - _unexplained(held_out, more, noise)
         # A press that comes again in the same pose is explained by a state, too, but by no body.
         pressed = _misfit(learnt, more) > MISFIT >= _misfit(learnt, fit)
-        if gained < _SHARE or _alike(more.gains) or pressed:
+        if gained < _LEAST_GAIN or _alike(more.gains) or pressed:
             break
         fit = more
-    states = explained(cells, fit.gains, fit.noise).states
+    states = _explained(cells, fit.gains, fit.noise).states
     return fit_states(cells, states, len(fit.gains), rounds=12)
 
 
 def fit_states(cells: Cells, states: IntArray, count: int, *, rounds: int = _ROUNDS) -> Fit:
-    """Fit so many states by turns from a start, contacts losing their weight on the way."""
+    """Fit ``count`` states by turns from a start, contacts losing their weight on the way."""
     weights = cells.usable.astype(float)
     gains = solve(cells, states, weights, count)
     fit = Fit(gains, states, weights, np.zeros_like(cells.wrench), np.ones(cells.axes))
     fit = _assign(cells, fit, 1e9, [_followed(cells, fit)], 1)
     for step in range(rounds):
         fit = rescaled(cells, fit)
-        width = max(TUNING, _START * 0.8**step)
+        width = max(WIDTH, _FIRST_WIDTH * _NARROWER**step)
         fit = _assign(cells, fit, width, [_followed(cells, fit)], 2)
         if step % 5 == 4:
-            starts = _anew(cells, fit, width) if step > 5 else _everywhere(cells, fit)
+            starts = _all_starts(cells, fit, width) if step > 5 else _everywhere(cells, fit)
             fit = _assign(cells, fit, width, [_followed(cells, fit), *starts], 6)
         fit = replace(fit, gains=solve(cells, fit.states, fit.weights, count))
     return fit
@@ -80,8 +94,8 @@ def fit_states(cells: Cells, states: IntArray, count: int, *, rounds: int = _ROU
 def fit_again(cells: Cells, fit: Fit) -> Fit:
     """Fit cells anew that have changed a little, from gains and weights that are about right."""
     for step in range(4):
-        starts = _anew(cells, fit, TUNING) if step == 0 else []
-        fit = _assign(cells, fit, TUNING, [_followed(cells, fit), *starts], 4)
+        starts = _all_starts(cells, fit, WIDTH) if step == 0 else []
+        fit = _assign(cells, fit, WIDTH, [_followed(cells, fit), *starts], 4)
         fit = replace(fit, gains=solve(cells, fit.states, fit.weights, len(fit.gains)))
         fit = rescaled(cells, fit)
     return fit
@@ -89,32 +103,26 @@ def fit_again(cells: Cells, fit: Fit) -> Fit:
 
 def follow_closely(cells: Cells, fit: Fit) -> Fit:
     """Give states and weights anew along shorter parabolas: sudden heat is no contact."""
-    blocks, length = cells.usable.shape
+    count, length = cells.usable.shape
     parts = next(p for p in _PARTS if length % p == 0)
 
     def cut(values: NDArray[Any]) -> NDArray[Any]:
-        return values.reshape(blocks * parts, length // parts, *values.shape[2:])
+        return values.reshape(count * parts, length // parts, *values.shape[2:])
 
     usable, rests = dense(cut(cells.usable)), [cut(rest) for rest in _rests(cells, fit)]
-    states, weights = _turn(rests, usable, cut(fit.levels / fit.noise), 4 * TUNING)
-    for width in (2 * TUNING, TUNING, TUNING):
+    states, weights = _turn(rests, usable, cut(fit.levels / fit.noise), 4 * WIDTH)
+    for width in (2 * WIDTH, WIDTH, WIDTH):
         states, weights = _turn(rests, usable, leveled(held(rests, states), weights), width)
-    return replace(
-        fit, states=states.reshape(blocks, length), weights=weights.reshape(blocks, length)
-    )
+    shape = count, length
+    return replace(fit, states=states.reshape(shape), weights=weights.reshape(shape))
 
 
-def _anew(cells: Cells, fit: Fit, width: float) -> list[FloatArray]:
-    """Start from all levels that are worth a trial."""
-    return [*_everywhere(cells, fit), *_windows(cells, fit, width)]
-
-
-def explained(cells: Cells, gains: FloatArray, noise: FloatArray) -> Fit:
+def _explained(cells: Cells, gains: FloatArray, noise: FloatArray) -> Fit:
     """Assign cells to states whose gains were not fitted to them."""
-    nowhere = np.zeros(cells.usable.shape, dtype=np.int64)
+    states = np.zeros(cells.usable.shape, dtype=np.int64)
     weights = cells.usable.astype(float)
-    start = Fit(gains, nowhere, weights, np.zeros_like(cells.wrench), noise)
-    return _assign(cells, start, TUNING, _everywhere(cells, start), 8)
+    start = Fit(gains, states, weights, np.zeros_like(cells.wrench), noise)
+    return _assign(cells, start, WIDTH, _everywhere(cells, start), 8)
 
 
 def _followed(cells: Cells, fit: Fit) -> FloatArray:
@@ -129,12 +137,13 @@ def _everywhere(cells: Cells, fit: Fit) -> list[FloatArray]:
     return [leveled(rest, weights, cells.powers) for rest in _rests(cells, fit)]
 
 
-def _windows(cells: Cells, fit: Fit, width: float) -> Iterator[FloatArray]:
-    """Start from medians over parts of the blocks, by the noise: contacts are not in all."""
+def _all_starts(cells: Cells, fit: Fit, width: float) -> Iterator[FloatArray]:
+    """Start from each state everywhere, and from medians over parts of the blocks."""
+    yield from _everywhere(cells, fit)
     rests = _rests(cells, fit)
     for rest in rests:
-        known = np.where(cells.usable[..., None], rest, np.nan)
-        for window in np.array_split(known, _WINDOWS, axis=1):
+        measured = np.where(cells.usable[..., None], rest, np.nan)
+        for window in np.array_split(measured, _WINDOWS, axis=1):  # contacts are not in all
             level = medians(window)[:, None]
             states, weights = _turn(rests, cells.usable, level, 4 * width)
             yield leveled(held(rests, states), weights, cells.powers)
@@ -157,48 +166,48 @@ def _turn(
     rests: Sequence[FloatArray], usable: BoolArray, levels: FloatArray, width: float
 ) -> tuple[IntArray, FloatArray]:
     """Give every cell the state that explains it best, and a weight, (n, B) each."""
-    far = [np.einsum('nbi,nbi->nb', left, left) for left in (rest - levels for rest in rests)]
-    states, least = np.zeros(usable.shape, dtype=np.int64), far[0]
-    for state, square in enumerate(far[1:], 1):
+    errors = (rest - levels for rest in rests)
+    squares = [np.einsum('nbi,nbi->nb', error, error) for error in errors]
+    states, least = np.zeros(usable.shape, dtype=np.int64), squares[0]
+    for state, square in enumerate(squares[1:], 1):
         states = np.where(square < least, state, states)
         least = np.minimum(square, least)
-    weights = usable / (1 + least / (rests[0].shape[2] * width**2)) ** 2
-    return states, weights
+    return states, usable * robust_weight(least / (rests[0].shape[2] * width**2))
 
 
 def _assign(cells: Cells, fit: Fit, width: float, starts: Iterable[FloatArray], turns: int) -> Fit:
     """Give every cell the state that explains it best, in each block from the best levels."""
     rests, usable = _rests(cells, fit), cells.usable
     best_states, best_weights, best_levels = fit.states, fit.weights, fit.levels / fit.noise
-    cost: FloatArray = np.full(len(cells.wrench), np.inf)
+    least_cost: FloatArray = np.full(len(cells.wrench), np.inf)
     for start in starts:
         levels = start
         states, weights = _turn(rests, usable, levels, width)
         for _ in range(turns - 1):
             levels = leveled(held(rests, states), weights, cells.powers)
             states, weights = _turn(rests, usable, levels, width)
-        lost = _loss(weights, usable)
-        better = (lost < cost - 1.0)[:, None]
-        cost = np.where(better[:, 0], lost, cost)
+        cost = _cost(weights, usable)
+        better = (cost < least_cost - 1.0)[:, None]
+        least_cost = np.where(better[:, 0], cost, least_cost)
         best_states = np.where(better, states, best_states)
         best_weights = np.where(better, weights, best_weights)
         best_levels = np.where(better[..., None], levels, best_levels)
     return replace(fit, states=best_states, weights=best_weights, levels=best_levels * fit.noise)
 
 
-def _loss(weights: FloatArray, usable: BoolArray) -> FloatArray:
-    """Sum over the cells of a block what is not explained: 1 each far out, (n,)."""
-    return np.asarray((usable * (1 - np.sqrt(weights))).sum(axis=1))
+def _cost(weights: FloatArray, usable: BoolArray) -> FloatArray:
+    """Sum the cost of a block's usable cells, (n,)."""
+    return np.asarray((usable * robust_cost(weights)).sum(axis=1))
 
 
 def _one_more(cells: Cells, fit: Fit) -> Fit | None:
-    """Fit one state more, from the split that explains most."""
+    """Fit one state more, from the split that explains most; None where there is no split."""
     count = len(fit.gains) + 1
     tried = [fit_states(cells, start, count, rounds=10) for start in _splits(cells, fit)]
     if not tried:
         return None
-    noise = np.min([each.noise for each in tried], axis=0)
-    best = min(tried, key=lambda each: _unexplained(cells, each, noise))
+    noise = np.min([candidate.noise for candidate in tried], axis=0)
+    best = min(tried, key=lambda candidate: _unexplained(cells, candidate, noise))
     return fit_states(cells, best.states, count)
 
 
@@ -206,21 +215,22 @@ def _splits(cells: Cells, fit: Fit) -> list[IntArray]:
     """Start one state more: cut each in two where cells weigh more or less than it says."""
     starts = []
     rest = cells.wrench - fit.levels
-    for k, gains in enumerate(fit.gains):
-        pull = cells.force @ gains
-        excess = np.sum((rest - pull) * pull, axis=2) / np.maximum(np.sum(pull**2, axis=2), 1e-9)
-        mine = cells.usable & (fit.states == k)
-        for share in (0.3, 0.5, 0.7):
-            if mine.sum() > _FEWEST:
-                limit = np.quantile(excess[mine], share)
-                starts.append(np.where(mine & (excess > limit), len(fit.gains), fit.states))
+    for state, gains in enumerate(fit.gains):
+        weight = cells.force @ gains
+        excess = np.sum((rest - weight) * weight, axis=2)
+        excess = excess / np.maximum(np.sum(weight**2, axis=2), 1e-9)
+        cells_of_state = cells.usable & (fit.states == state)
+        if cells_of_state.sum() > _FEWEST_TO_SPLIT:
+            for limit in np.quantile(excess[cells_of_state], (0.3, 0.5, 0.7)):
+                cut_off = cells_of_state & (excess > limit)
+                starts.append(np.where(cut_off, len(fit.gains), fit.states))
     return starts
 
 
 def _unexplained(cells: Cells, fit: Fit, noise: FloatArray) -> float:
     """Share of usable cells that the states do not explain, the gains left as they are."""
-    fit = explained(cells, fit.gains, noise)
-    return float(_loss(fit.weights, cells.usable).sum() / max(cells.usable.sum(), 1))
+    fit = _explained(cells, fit.gains, noise)
+    return float(_cost(fit.weights, cells.usable).sum() / max(cells.usable.sum(), 1))
 
 
 def _misfit(cells: Cells, fit: Fit) -> float:

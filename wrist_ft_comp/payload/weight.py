@@ -13,22 +13,26 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.signals import FloatArray, Topics
 
-#: Heaviest that is believed, kg, and farthest centre of mass, m.
-MOST_KG, FARTHEST_M = 1000.0, 10.0
-#: A frame that turns by less, deg, and whose bias, m/s², and scale are smaller, does nothing.
-_NO_TURN_DEG, _NO_BIAS, _NO_SCALE = 3.0, 0.02, 0.002
+#: Heaviest payload that is believed, kg, and farthest centre of mass, m.
+MOST_KG = 1000.0
+FARTHEST_M = 10.0
+#: A frame does nothing where it turns by less, deg, its bias is smaller, m/s², and its scale is
+#: nearer to one.
+_NO_TURN_DEG = 3.0
+_NO_BIAS = 0.02
+_NO_SCALE = 0.002
 
 
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """Everything that is mounted on the sensor; standard errors are NaN where nobody knows."""
+    """Everything that is mounted on the sensor; standard errors are NaN where unknown."""
 
     #: Mass, and centre of mass in the wrench's frame, shape (3,).
     mass_kg: float
     center_m: FloatArray
     mass_error_kg: float = np.nan
     center_error_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    #: Share of the time in which it was on, where it was learnt.
+    #: Share of the time in which it was mounted; NaN where it was not learnt.
     share: float = np.nan
 
     def __post_init__(self) -> None:
@@ -38,8 +42,8 @@ class Payload:
                 f'A centre of mass is three numbers in m; got {np.shape(self.center_m)}.'
             )
         check_range('mass_kg', self.mass_kg, 0.0, MOST_KG)
-        for each in self.center_m:
-            check_range('center_of_mass_m', each, -FARTHEST_M, FARTHEST_M)
+        for coordinate in self.center_m:
+            check_range('center_of_mass_m', coordinate, -FARTHEST_M, FARTHEST_M)
 
     def weight(self, specific_force: FloatArray) -> FloatArray:
         """Push at specific forces in the wrench's frame, m/s² (…, 3): N and N m, (…, 6)."""
@@ -48,7 +52,7 @@ class Payload:
 
 
 class FrameIds(NamedTuple):
-    """The frame_id of a specific force, and that of the wrench; empty where nobody knows."""
+    """The frame_id of a specific force, and that of the wrench; empty where unknown."""
 
     force_frame: str = ''
     wrench_frame: str = ''
@@ -63,9 +67,9 @@ class ForceFrame:
     #: Of the accelerometer along its own axes, m/s² and 1, shape (3,).
     bias: FloatArray = field(default_factory=lambda: np.zeros(3))
     scale: FloatArray = field(default_factory=lambda: np.ones(3))
-    #: What tells specific force, imu or tf; empty where nobody knows.
+    #: What measured the specific force, imu or tf; empty where unknown.
     source: str = ''
-    #: As those of FrameIds, when it was learnt.
+    #: As in FrameIds, when the frame was learnt.
     force_frame: str = ''
     wrench_frame: str = ''
 
@@ -74,7 +78,7 @@ class ForceFrame:
         return np.asarray(((specific_force - self.bias) / self.scale) @ self.rotation.T)
 
     def learnt_by(self, source: str, topics: Topics) -> 'ForceFrame':
-        """Say what told it, and of which sensor."""
+        """Note what measured the specific force, and the frames of both sensors."""
         return replace(
             self, source=source, force_frame=topics.force_frame, wrench_frame=topics.wrench_frame
         )
@@ -92,9 +96,9 @@ class ForceFrame:
         return not (turned or biased or np.abs(self.scale - 1).max() > _NO_SCALE)
 
     def __str__(self) -> str:
-        """Say how it turns."""
+        """Describe the rotation."""
         r = self.rotation
         roll, yaw = np.arctan2((r[2, 1], r[1, 0]), (r[2, 2], r[0, 0]))
         angles = np.degrees([roll, -np.arcsin(np.clip(r[2, 0], -1, 1)), yaw])
-        said = ', '.join(f'{angle:.1f}' for angle in np.round(angles, 1) + 0.0)
-        return f'turned by roll, pitch, yaw of {said} degrees'
+        rounded = ', '.join(f'{angle:.1f}' for angle in np.round(angles, 1) + 0.0)
+        return f'turned by roll, pitch, yaw of {rounded} degrees'
