@@ -31,10 +31,15 @@ from stand import make_model, message, Sensor, write_warm_up
 from wrist_ft_comp.cli.tables import days_text
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.learning.diary import diary_path, load_diary, save_diary
-from wrist_ft_comp.learning.entry import DayEntry, Diary
+from wrist_ft_comp.learning.diary import (
+    DayEntry,
+    Diary,
+    diary_path,
+    load_diary,
+    save_diary,
+    survey,
+)
 from wrist_ft_comp.learning.memory import load_memory, Memory, save_memory
-from wrist_ft_comp.learning.survey import survey
 from wrist_ft_comp.recordings.recordings import read_recording
 from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stored.model_file import load_model

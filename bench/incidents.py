@@ -26,7 +26,7 @@ from worlds import DEVELOPMENT_SEED, report_seed
 from years_drawn import Year
 
 from wrist_ft_comp.learning.day import describe, look_at
-from wrist_ft_comp.learning.entry import DayEntry
+from wrist_ft_comp.learning.diary import DayEntry
 from wrist_ft_comp.learning.incidents import incident
 
 #: Days before that are looked at, and days within which something has to be named.

@@ -47,9 +47,8 @@ from years_drawn import CELL_S, day_name, Events, Year, YearDay
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.learning.challenge import worthiest
 from wrist_ft_comp.learning.day import Day, look_at
-from wrist_ft_comp.learning.entry import DayEntry
+from wrist_ft_comp.learning.diary import DayEntry, worthiest
 from wrist_ft_comp.learning.lesson import Champion, take
 from wrist_ft_comp.signals import FloatArray, Recording
 from wrist_ft_comp.stream.offline import simulate_drift

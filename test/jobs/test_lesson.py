@@ -16,8 +16,7 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.jobs.calibration import _answer
 from wrist_ft_comp.jobs.request import CalibrationJob, encode_job, Learning
 from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
-from wrist_ft_comp.learning.diary import alone, diary_path, load_diary, save_diary
-from wrist_ft_comp.learning.entry import DayEntry, Diary
+from wrist_ft_comp.learning.diary import alone, DayEntry, Diary, diary_path, load_diary, save_diary
 from wrist_ft_comp.stored.model_file import load_model
 
 QUICK = CalibrationSettings('payload', identification=IdentificationSettings('pls', degree=1))

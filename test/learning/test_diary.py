@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.learning.day_files import days
-from wrist_ft_comp.learning.diary import diary_path, load_diary, prune, save_diary
-from wrist_ft_comp.learning.entry import DayEntry, Decision, Diary, NONE
+from wrist_ft_comp.learning.diary import (
+    DayEntry,
+    Decision,
+    Diary,
+    diary_path,
+    load_diary,
+    NONE,
+    prune,
+    save_diary,
+)
 
 DAY = DayEntry(
     name='day_00001.csv',

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.learning.day import describe
-from wrist_ft_comp.learning.entry import DayEntry
+from wrist_ft_comp.learning.diary import DayEntry
 from wrist_ft_comp.learning.incidents import incident, pause
 
 

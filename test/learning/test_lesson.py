@@ -9,9 +9,9 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.learning import challenge
 from wrist_ft_comp.learning import lesson as lessons
-from wrist_ft_comp.learning.challenge import judge, reason, worthiest
-from wrist_ft_comp.learning.day import describe, left, share
-from wrist_ft_comp.learning.entry import DayEntry, NONE
+from wrist_ft_comp.learning.challenge import judge, reason
+from wrist_ft_comp.learning.day import describe, left
+from wrist_ft_comp.learning.diary import DayEntry, NONE, share_left, worthiest
 from wrist_ft_comp.learning.lesson import Champion, describe_day, take
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
 from wrist_ft_comp.stream.offline import simulate_drift
@@ -226,7 +226,7 @@ def test_days_that_know_what_no_other_does_are_kept():
 
 
 def test_what_a_model_left_of_no_drift_is_no_number():
-    assert np.isnan(share(DayEntry('day'), 'a')).all()
+    assert np.isnan(share_left(DayEntry('day'), 'a')).all()
     assert challenge.MOST_DAYS < 30
 
 

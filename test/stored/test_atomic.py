@@ -7,8 +7,7 @@ import pytest
 
 from wrist_ft_comp.errors import OutputError, StateFileError, WristFtCompError
 from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.learning.diary import save_diary
-from wrist_ft_comp.learning.entry import Diary
+from wrist_ft_comp.learning.diary import Diary, save_diary
 from wrist_ft_comp.learning.memory import Memory, save_memory
 from wrist_ft_comp.stored.documents import (
     beginning,

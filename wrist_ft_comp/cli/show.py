@@ -13,8 +13,8 @@ from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.tables import days_text, payloads_json, table_text
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError
+from wrist_ft_comp.learning.diary import node_folders, survey
 from wrist_ft_comp.learning.memory import load_memory, Memory
-from wrist_ft_comp.learning.survey import node_folders, survey
 from wrist_ft_comp.payload.directions import ForceSummary
 from wrist_ft_comp.payload.learnt import payload_line
 from wrist_ft_comp.ranges import rounded

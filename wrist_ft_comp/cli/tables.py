@@ -9,7 +9,7 @@ import textwrap
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.learning.entry import Diary, forces_left
+from wrist_ft_comp.learning.diary import Diary, forces_left
 from wrist_ft_comp.learning.memory import Memory
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.ranges import rounded

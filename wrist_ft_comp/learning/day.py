@@ -7,65 +7,64 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import Drift, no_drift
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.cross_validation import bin_means, tare
-from wrist_ft_comp.learning.entry import Cell, DayEntry, NONE
+from wrist_ft_comp.learning.diary import Cell, DayEntry, NONE
 from wrist_ft_comp.payload.at_work import payloads_of
 from wrist_ft_comp.payload.gains import contrast, COUNTS, unexplained_contrast
 from wrist_ft_comp.payload.learnt import LearntPayloads
 from wrist_ft_comp.payload.rigid_body import CONTRAST
-from wrist_ft_comp.payload.separation import (
-    separate,
-    separate_again,
-    Separation,
-    Step,
-)
+from wrist_ft_comp.payload.separation import separate, separate_again, Separation, Step
 from wrist_ft_comp.payload.slow_drift import slow_drift, SLOW_S
 from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, Recording
 
-#: Errors are judged as means over so long, s.
+#: Errors are judged as means over this time, s: less noise, and thermal drift is slower.
 _MEAN_S = 10.0
-#: Temperatures count as known in steps of this, K, when a day was there for so long, s.
-_STEP_K, _LONG_S = 4.0, 120.0
+#: Edge of a cell of coarse temperatures, K.
+_COARSE_K = 4.0
+#: A day knows the coarse temperatures that it had for this time, s.
+_LONG_S = 120.0
 
 
 @dataclass(frozen=True, eq=False)
 class Day:
-    """What a day says."""
+    """A day that was separated."""
 
     recording: Recording
     #: The same with its weight as the reference, contacts and steps left out.
     drift: Recording
     steps: list[Step]
-    #: Shares of the time in contact, and of changes between poses that no payload makes; noise of
-    #: a cell, (A,).
+    #: Share of the time in contact.
     contact: float
+    #: Share of the changes between poses that no payload makes.
     unexplained: float
+    #: σ of a cell, N and N m, (A,).
     noise: FloatArray
-    #: None where no payload can be told, and then why; no reason if the robot did not move enough.
+    #: None where no payload can be told …
     payloads: LearntPayloads | None
+    #: … and then why; empty where the robot only did not move enough.
     doubt: str
 
 
 def look_at(recording: Recording) -> Day:
-    """Separate drift from weight and contacts; CalibrationRefusedError where that cannot be."""
+    """Separate a day's drift from weight and contacts; CalibrationRefusedError if impossible."""
     if recording.specific_force is None:
         raise CalibrationRefusedError(
             f'{recording.name} holds no specific force, which learning from days needs. Set '
             'gravity.source, so that it is recorded.'
         )
-    found = separate([recording])
+    separation = separate([recording])
     if recording.duration_s > SLOW_S:  # presses of more than a minute looked like drift
-        drift = slow_drift(recording, found.drift[0], found.fit.noise)
-        found = separate_again(found, [drift])
-    return tell(found)
+        drift = slow_drift(recording, separation.drift[0], separation.fit.noise)
+        separation = separate_again(separation, [drift])
+    return _day(separation)
 
 
-def tell(separation: Separation) -> Day:
+def _day(separation: Separation) -> Day:
     """Take what counts from a day that was separated."""
     (recording,), (drift,), (steps,) = separation.recordings, separation.drift, separation.steps
     bodies, fit = separation.bodies(), separation.fit
-    said = bodies.doubts() if bodies else ['']
-    payloads = payloads_of(separation, bodies) if bodies and not said else None
-    doubt = said[-1] if said and bodies and bodies.contrast[1] >= CONTRAST else ''
+    doubts = bodies.doubts() if bodies else ['']
+    payloads = payloads_of(separation, bodies) if bodies and not doubts else None
+    doubt = doubts[-1] if doubts and bodies and bodies.contrast[1] >= CONTRAST else ''
     moved = contrast(separation.cells, fit.weights) >= CONTRAST
     unexplained = unexplained_contrast(separation.cells, fit) if moved else 0.0
     contact = float(np.mean(fit.weights[separation.cells.usable] < COUNTS))
@@ -73,7 +72,7 @@ def tell(separation: Separation) -> Day:
 
 
 def describe(day: Day) -> DayEntry:
-    """Write down what a day saw, and how far it drifts by itself."""
+    """Write a day's entry: what it saw, and its drift without a model."""
     recording, learnt = day.recording, day.payloads
     low, high = recording.temperature_c.min(axis=0), recording.temperature_c.max(axis=0)
     found = learnt.payloads.values() if learnt else ()
@@ -87,7 +86,7 @@ def describe(day: Day) -> DayEntry:
         ),
         known=known_cells(recording),
         left={NONE: left(no_drift(len(recording)), day)},
-        payloads=tuple((each.mass_kg, *each.center_m.tolist()) for each in found),
+        payloads=tuple((payload.mass_kg, *payload.center_m.tolist()) for payload in found),
         rotation=tuple(learnt.frame.rotation.ravel().tolist()) if learnt else (),
         noise=tuple(day.noise.tolist()),
     )
@@ -108,11 +107,12 @@ def left(simulated: Drift, day: Day) -> tuple[float, ...]:
 
 
 def known_cells(recording: Recording) -> frozenset[Cell]:
-    """List the coarse temperatures of a recording, in which others differ from the first."""
-    apart_c = recording.temperature_c - recording.temperature_c[:, :1]
-    apart_c[:, 0] = recording.temperature_c[:, 0]
-    cells, counts = np.unique(np.floor(apart_c / _STEP_K).astype(int), axis=0, return_counts=True)
-    return frozenset(tuple(c) for c in cells[counts * recording.period_s >= _LONG_S].tolist())
+    """List the coarse temperatures of a recording: the first, and differences of the others."""
+    coarse_c = recording.temperature_c - recording.temperature_c[:, :1]
+    coarse_c[:, 0] = recording.temperature_c[:, 0]
+    numbers = np.floor(coarse_c / _COARSE_K).astype(int)
+    cells, counts = np.unique(numbers, axis=0, return_counts=True)
+    return frozenset(map(tuple, cells[counts * recording.period_s >= _LONG_S].tolist()))
 
 
 def longest_stills(recording: Recording) -> list[BoolArray]:
@@ -125,10 +125,3 @@ def longest_stills(recording: Recording) -> list[BoolArray]:
         runs = np.cumsum(changed)
         marks.append(runs == np.bincount(runs).argmax())
     return marks
-
-
-def share(entry: DayEntry, model: str) -> FloatArray:
-    """Drift that a model left of a day by what was there, (6,); NaN where it is not known."""
-    nothing = (np.nan,) * len(AXES)
-    there = np.maximum(entry.left.get(NONE, nothing), 1e-12)
-    return np.asarray(np.array(entry.left.get(model, nothing)) / there)

@@ -19,14 +19,21 @@ from wrist_ft_comp.recordings.csv_file import (
 from wrist_ft_comp.signals import AXES, NANOSECONDS, REFERENCE_CHANNELS, SensorNames
 from wrist_ft_comp.stored.documents import beginning, writing
 
-#: Length of a day, silence that ends one, and what is too short to be one, ns.
-DAY_NS, SILENCE_NS, SHORTEST_NS = 86_400 * NANOSECONDS, 7200 * NANOSECONDS, 600 * NANOSECONDS
-#: Rows between two looks at how large day and folder are; they take less than the margin, bytes.
-_ROWS, _MARGIN = 600, 200_000
-#: Share of all days' room that a day may take, and no day takes more, bytes: 24 h of cells of
-#: 0.1 s and a dozen thermometers. A larger file in the folder is no day of a node.
-_SHARE, LARGEST_BYTES = 0.2, 200_000_000
-#: A header and a row are shorter, bytes.
+#: Length of a day, ns.
+DAY_NS = 86_400 * NANOSECONDS
+#: Silence that ends a day, ns.
+SILENCE_NS = 7200 * NANOSECONDS
+#: Shorter days, ns, are not kept.
+SHORTEST_NS = 600 * NANOSECONDS
+#: Rows between two looks at how large day and folder are …
+_ROWS = 600
+#: … which take less than this, bytes.
+_MARGIN = 200_000
+#: Share of all days' room that a day may take.
+_SHARE = 0.2
+#: Largest day, bytes: 24 h of cells of 0.1 s and a dozen thermometers. A larger file is no day.
+LARGEST_BYTES = 200_000_000
+#: Bytes in which a header or a row ends.
 _PIECE = 8192
 
 
@@ -41,11 +48,11 @@ class DayWriter(CsvRecordingWriter):
         return (f'{seconds}.{rest:09d}'.rstrip('0').rstrip('.'), *map(_short, values))
 
     def sync(self) -> None:
-        """Leave it to the operating system: no wrench waits for a disk."""
+        """Leave writing to the operating system: no wrench waits for a disk."""
 
 
 def _short(value: float) -> str:
-    """Write a number."""
+    """Write a number with few digits; NaN as nothing."""
     if isnan(value):
         return ''
     return f'{value:.5g}' if abs(value) < 100.0 else f'{value:.3f}'
@@ -88,7 +95,7 @@ def days(directory: Path) -> list[Path]:
 
 
 def size_of(path: Path) -> int:
-    """Measure a file in a node's folder, bytes; 0 where it is gone, or no node made it."""
+    """Measure a file in a node's folder, bytes; 0 where it is gone or larger than a day."""
     with suppress(OSError):
         size = path.stat().st_size if path.is_file() else 0
         return size if size <= LARGEST_BYTES else 0
@@ -96,21 +103,23 @@ def size_of(path: Path) -> int:
 
 
 class DayFiles:
-    """What rows of the diary are written to; RecordingError when it can take no more."""
+    """
+    Writes rows into the file of their day; RecordingError where there is no room.
 
-    # Below a node's directory; of the rows' channels those of a reference are left out, and no
-    # more is written when all days take max_bytes. ``known`` is the newest day that was known
-    # before: its name and older ones are not given again.
+    The files lie below a node's directory. Channels of a reference are left out. No row is written
+    when all days take max_bytes. ``known`` is the newest day that was known before: its name and
+    older ones are not given again.
+    """
 
     def __init__(
         self, directory: Path, channels: Sequence[str], max_bytes: float, known: str = ''
     ) -> None:
         self._directory, self._folder = directory, directory / 'days'
-        self._columns = [j for j, each in enumerate(channels) if each not in REFERENCE_CHANNELS]
+        self._columns = [j for j, name in enumerate(channels) if name not in REFERENCE_CHANNELS]
         self._channels = [channels[j] for j in self._columns]
-        self._wrench = [j for j, each in enumerate(channels) if each in AXES]
+        self._wrench = [j for j, name in enumerate(channels) if name in AXES]
         self._max_bytes = max_bytes
-        #: Tells what the sensor is called.
+        #: Names the sensor.
         self.sensor: Callable[[], SensorNames] = dict
         names = [path.name for path in days(directory)]
         self._number = max(map(day_number, [known, *names]))
@@ -127,7 +136,7 @@ class DayFiles:
         return [path for path in days(self._directory) if path != self.path]
 
     def used(self) -> int:
-        """Tell what is used of the disk, bytes."""
+        """Measure what all files take, bytes."""
         return sum(map(size_of, self._folder.glob('*')))
 
     def append(self, stamp_ns: int, values: Sequence[float]) -> None:
@@ -180,7 +189,7 @@ class DayFiles:
         return self._writer
 
     def leave(self) -> None:
-        """End the day; one of a few minutes was none, if it was begun here."""
+        """End the day; remove its file if it is too short and of this writer's columns."""
         self.close()
         path, self.path = self.path, None
         if path is None:

@@ -11,18 +11,19 @@ from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning.challenge import (
-    ANOTHER_DAY,
-    evidence,
+from wrist_ft_comp.learning.challenge import ANOTHER_DAY, evidence, judge, MOST_DAYS, reason
+from wrist_ft_comp.learning.day import Day, describe, left
+from wrist_ft_comp.learning.diary import (
+    CHALLENGER,
+    DayEntry,
+    forces_left,
     good_days,
-    judge,
-    MOST_DAYS,
-    reason,
+    LEARNT_FROM,
+    NONE,
+    UNREADABLE,
     worthiest,
 )
-from wrist_ft_comp.learning.day import Day, describe, left
-from wrist_ft_comp.learning.entry import CHALLENGER, DayEntry, forces_left, NONE
-from wrist_ft_comp.learning.incidents import incident, LEARNT_FROM, pause, UNREADABLE
+from wrist_ft_comp.learning.incidents import incident, pause
 from wrist_ft_comp.signals import FloatArray
 from wrist_ft_comp.stream.offline import simulate_drift
 
@@ -32,18 +33,21 @@ Look = Callable[[str], Day]
 
 @dataclass(frozen=True, eq=False)
 class Champion:
-    """The live model: what its figures stand under, and the newest day that it may know."""
+    """The live model."""
 
+    #: Name under which entries hold what it left; empty where no model is live.
     key: str = ''
     model: DriftModel | None = None
+    #: Name of the newest day that it may have been learnt from.
     newest: str = ''
 
 
 @dataclass(frozen=True, eq=False)
 class Lesson:
-    """The newest day's entry, and a better model with the names of its days, if there is one."""
+    """What came of the newest day."""
 
     entry: DayEntry
+    #: A better model, if there is one, and the names of the days that it was learnt from.
     better: Calibration | None = None
     days: tuple[str, ...] = ()
 
@@ -52,20 +56,20 @@ def describe_day(
     name: str, look: Look, before: Sequence[DayEntry], champion: Champion
 ) -> DayEntry:
     """Write a day's entry: what it saw, what happened, and what the live model left."""
-    known: FloatArray | float = 0.0
+    drift: FloatArray | float = 0.0
     try:
         day = look(name)
         entry = replace(describe(day), name=name, live=champion.key)
         with suppress(WristFtCompError):  # a model for other thermometers, or another period
             if champion.model is not None:
                 simulated = simulate_drift(champion.model, day.drift)
-                known, theirs = simulated.zero, left(simulated, day)
-                entry = replace(entry, left={**entry.left, champion.key: theirs})
-        kind, what = incident(day, entry, before, known)
+                drift = simulated.zero
+                entry = replace(entry, left={**entry.left, champion.key: left(simulated, day)})
+        kind, sentence = incident(day, entry, before, drift)
     except WristFtCompError as error:
-        what = f'Nothing can be told of this day: {error}'
-        return DayEntry(name, live=champion.key, kind=UNREADABLE, incident=what)
-    return replace(entry, kind=kind, incident=what)
+        sentence = f'Nothing can be told of this day: {error}'
+        return DayEntry(name, live=champion.key, kind=UNREADABLE, incident=sentence)
+    return replace(entry, kind=kind, incident=sentence)
 
 
 def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
@@ -73,47 +77,46 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
     look: Look,
     before: Sequence[DayEntry],
     champion: Champion,
-    there: Sequence[str],
+    kept: Sequence[str],
     since: str = '',
     settings: CalibrationSettings | None = None,
 ) -> Lesson:
     """
-    Learn from the newest day: ``there`` are the names of days whose recordings are kept.
+    Learn from the newest day, of that name; ``kept`` are names of days with a recording.
 
     Days up to ``since`` are no evidence for a change any more; they may still be learnt from.
     """
     entry = describe_day(name, look, before, champion)
-    said, entries = drift_words(entry), [*before, entry]
+    words, entries = drift_words(entry), [*before, entry]
     if pause(entries, since) or entry.kind not in LEARNT_FROM:
-        return Lesson(replace(entry, verdict=f'{said}Nothing is learnt from it.'))
+        return Lesson(replace(entry, verdict=f'{words}Nothing is learnt from it.'))
     (due, why), good = reason(entries, champion.key), good_days(entries)[:-1]
-    learnt = worthiest([each for each in good if each.name in there], MOST_DAYS)
+    learnt = worthiest([day for day in good if day.name in kept], MOST_DAYS)
     if not due or not learnt:
-        return Lesson(replace(entry, verdict=f'{said}{ANOTHER_DAY if due else why}'))
+        return Lesson(replace(entry, verdict=f'{words}{ANOTHER_DAY if due else why}'))
     settings = replace(settings or CalibrationSettings(), reference='recorded')
-    asked = {each.name: each for each in good if each.name > max(since, champion.newest)}
+    fair = {day.name: day for day in good if day.name > max(since, champion.newest)}
     entry, better = replace(entry, challenged=True), None
     try:
         learnt = list(_readable(look, learnt))
-        challenger = calibrate([look(each.name).drift for each in learnt], settings)
-        days = [each.name for each in learnt]
+        challenger = calibrate([look(day.name).drift for day in learnt], settings)
+        names = [day.name for day in learnt]
         entry = _judged(entry, challenger, look)
-        unseen = [asked[each] for each in there if each in asked and each not in days]
-        readable = _readable(look, unseen)
-        direct = [entry, *(_judged(each, challenger, look) for each in readable)]
-        judgement = judge(*evidence(direct, asked, challenger, days, champion.key or NONE))
+        unseen = [fair[day] for day in kept if day in fair and day not in names]
+        direct = [entry, *(_judged(day, challenger, look) for day in _readable(look, unseen))]
+        judgement = judge(*evidence(direct, fair, challenger, names, champion.key or NONE))
         if judgement.better:
             learnt = worthiest([*learnt, entry], MOST_DAYS)
-            better = calibrate([look(each.name).drift for each in learnt], settings)
+            better = calibrate([look(day.name).drift for day in learnt], settings)
             settings = replace(settings, reference='payload')
             better = replace(better, payloads=look(name).payloads, settings=settings)
     except WristFtCompError as error:
-        return Lesson(replace(entry, verdict=f'{said}No new model could be learnt: {error}'))
+        return Lesson(replace(entry, verdict=f'{words}No new model could be learnt: {error}'))
     verdict = (
-        f'{said}A new model ({why}) would have left {forces_left(entry)[2]:.2g} N. '
+        f'{words}A new model ({why}) would have left {forces_left(entry)[2]:.2g} N. '
         f'{judgement.words("the live model" if champion.key else "no model")}'
     )
-    return Lesson(replace(entry, verdict=verdict), better, tuple(each.name for each in learnt))
+    return Lesson(replace(entry, verdict=verdict), better, tuple(day.name for day in learnt))
 
 
 def drift_words(entry: DayEntry) -> str:
@@ -125,15 +128,15 @@ def drift_words(entry: DayEntry) -> str:
 
 
 def _readable(look: Look, days: Sequence[DayEntry]) -> Iterator[DayEntry]:
-    """Choose the days that can still be looked at: files get damaged, and cells shorter."""
-    for each in days:
+    """Choose the days that can still be separated: files get damaged, cells become shorter."""
+    for day in days:
         with suppress(WristFtCompError):
-            look(each.name)
-            yield each
+            look(day.name)
+            yield day
 
 
 def _judged(entry: DayEntry, challenger: Calibration, look: Look) -> DayEntry:
     """Write down what a challenger leaves of a day that it was not learnt from."""
     day = look(entry.name)
-    theirs = left(simulate_drift(challenger.model, day.drift), day)
-    return replace(entry, left={**entry.left, CHALLENGER: theirs})
+    rest = left(simulate_drift(challenger.model, day.drift), day)
+    return replace(entry, left={**entry.left, CHALLENGER: rest})

@@ -17,11 +17,11 @@ KIND = Kind(
 
 @dataclass(frozen=True)
 class Memory:
-    """What the node decided and was told; names are those of days, empty where there is none."""
+    """What the node decided and was told; names of days are empty where there is none."""
 
     #: SHA-256 of the model that was live; None when there was none.
     champion: str | None = None
-    #: Newest day that a job has judged, what it said, and what happened to the sensor.
+    #: Newest day that a job has judged, its verdict, and what happened to the sensor.
     judged: str = ''
     verdict: str = ''
     incident: str = ''
@@ -31,11 +31,11 @@ class Memory:
     paused: str = ''
     #: When the live model changed last, and why.
     change: str = ''
-    #: File below models/ of a better model, what is said of it; empty where none is offered.
+    #: A better model: its file below models/, its SHA-256, and why; empty where none is offered.
     offered: str = ''
     sha256: str = ''
     why: str = ''
-    #: Whether it goes live by itself; a kill may come before it does.
+    #: Whether it goes live by itself, which a kill may delay until after the restart.
     automatic: bool = False
 
 

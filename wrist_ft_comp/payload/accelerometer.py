@@ -65,22 +65,9 @@ def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArr
     """
     Fit bias, scale and bias per kelvin to the norm at rest.
 
-    Parameters
-    ----------
-    force : ndarray, shape (n, 3)
-        Specific force as it was measured, m/s².
-    theta : ndarray, shape (n, J)
-        Temperatures less their mean, K.
-
-    Returns
-    -------
-    frame : ForceFrame
-        Bias and scale, without rotation.
-    drift : ndarray, shape (J, 3)
-        Bias per kelvin.
-    covariance : ndarray, shape (3, 3)
-        Of the scale that is left.
-
+    Specific force as it was measured, m/s² (n, 3), and temperatures less their mean, K (n, J),
+    give a frame without rotation, the bias per kelvin (J, 3), and the covariance (3, 3) of the
+    scale that is left.
     """
     norms = np.linalg.norm(force, axis=1)
     common = (float(np.median(norms)) if len(force) else 0.0) / GRAVITY or 1.0

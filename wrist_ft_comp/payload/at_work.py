@@ -32,21 +32,10 @@ def learn_at_work(
     recordings: Sequence[Recording], first: tuple[AtWork, DriftModel] | None = None
 ) -> AtWork:
     """
-    Learn payloads and what is drift.
+    Learn payloads and what is drift; CalibrationRefusedError where neither can be.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        A load counts as constant in those that hold no specific force.
-    first : tuple of AtWork and DriftModel, optional
-        What was learnt from the same recordings before, and a model of its drift: with that
-        drift taken off, weight, contacts and drift are told apart better.
-
-    Raises
-    ------
-    CalibrationRefusedError
-        Where neither can be learnt.
-
+    What was learnt ``first`` from the same recordings, and a model of its drift, help to tell
+    weight, contacts and drift apart: that drift is taken off.
     """
     warnings = [
         f'{recording.name} holds no specific force; its load counts as constant.'

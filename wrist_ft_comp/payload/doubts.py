@@ -37,15 +37,7 @@ _FOLLOWS = 0.5
 
 
 def doubts(separation: Separation, bodies: RigidBodies | None) -> tuple[list[str], bool]:
-    """
-    Say all that is to be doubted, and whether payloads can be told.
-
-    Raises
-    ------
-    CalibrationRefusedError
-        Where the wrench turns so little with the specific force that nothing can be learnt.
-
-    """
+    """Say all that is to be doubted, and whether payloads can be told; or refuse."""
     recordings = separation.recordings
     lag = list(_lag(recordings))
     sentences = [*_missing(recordings), *_contact(separation), *lag, *_tool_change(separation)]

@@ -25,16 +25,8 @@ def external_correction(separation: Separation, model: DriftModel, fine: Recordi
     """
     Make what turns raw wrenches of one recording into external ones, zero in free motion.
 
-    Parameters
-    ----------
-    separation : Separation
-        Of that recording alone: its payload states, and what they weigh.
-    model : DriftModel
-        Its drift is taken off.
-    fine : Recording
-        The same recording on a finer grid, whose specific force is taken; where that is missing,
-        the external wrench is NaN.
-
+    Its payload states and what they weigh come from the separation; specific force comes from
+    ``fine``, the same recording on a finer grid. NaN where that is missing.
     """
     recording, axes = separation.recordings[0], axes_of(separation.recordings)
     gains = np.full((len(separation.fit.gains), 3, len(AXES)), np.nan)

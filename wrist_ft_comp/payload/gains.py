@@ -203,8 +203,8 @@ def leveled(values: FloatArray, weights: FloatArray, powers: int = POWERS) -> Fl
     return np.asarray(phi @ np.linalg.solve(inner, phi.T @ (weights[..., None] * values)))
 
 
-def held(by_state: Sequence[FloatArray], states: IntArray) -> FloatArray:
-    """Choose the values of the state that holds in a cell, (n, B, A)."""
+def held(by_state: Sequence[FloatArray] | FloatArray, states: IntArray) -> FloatArray:
+    """Choose the values of the state that holds in a cell, (n, B, A) or (N, A)."""
     chosen = by_state[0]
     for state, values in enumerate(by_state[1:], 1):
         chosen = np.where((states == state)[..., None], values, chosen)

@@ -138,21 +138,11 @@ def rigid_bodies(
     scale: FloatArray | None = None,
 ) -> RigidBodies:
     """
-    Find the rigid bodies behind gains of specific force.
+    Find the rigid bodies behind gains (K, 3, 6) of specific force, kg and kg m.
 
-    Parameters
-    ----------
-    gains : ndarray, shape (K, 3, 6)
-        Of K states, kg and kg m.
-    normal : ndarray, shape (3K, 3K)
-        Products of specific forces, levels taken out, m²/s⁴.
-    spread : ndarray, shape (6,)
-        The covariance of an axis' gains is its spread times the inverse of ``normal``.
-    cells : float
-        Sum of the weights of the cells.
-    scale : ndarray, shape (3, 3), optional
-        Covariance that is left of the accelerometer's scale.
-
+    ``normal`` (3K, 3K) are products of specific forces, levels taken out, ``cells`` is the sum of
+    their weights. The covariance of gains is spread (6,) times the inverse of normal; scale (3, 3)
+    is the covariance that is left of the accelerometer's scale.
     """
     count = len(gains)
     by_body = normal.reshape(count, 3, count, 3)
@@ -197,24 +187,10 @@ def information(
     contrast: FloatArray, rest: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """
-    Tell how well gains are known, the errors of a block depending on one another.
+    Tell how well gains are known: normal matrix (C, C), and its divisor per axis (A,).
 
-    Parameters
-    ----------
-    contrast : ndarray, shape (n, B, C)
-        Specific force less its level.
-    rest : ndarray, shape (n, B, A)
-        What the fit leaves.
-    weights : ndarray, shape (n, B)
-        Robust weights.
-
-    Returns
-    -------
-    normal : ndarray, shape (C, C)
-        Normal matrix.
-    spread : ndarray, shape (A,)
-        Its inverse times this is the covariance of an axis' gains.
-
+    Given are specific force less its level (n, B, C), what the fit leaves (n, B, A), and weights
+    (n, B). The errors of a block are taken to depend on one another, those of others not.
     """
     weighted = weights[..., None] * contrast
     normal = np.einsum('nbi,nbj->ij', weighted, contrast, optimize=True)

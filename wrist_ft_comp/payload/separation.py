@@ -31,6 +31,7 @@ from wrist_ft_comp.payload.gains import (
     COUNTS,
     cut,
     Fit,
+    held,
     LONG_BLOCK_S,
 )
 from wrist_ft_comp.payload.rigid_body import RigidBodies
@@ -102,18 +103,9 @@ class Separation:
 
 def separate(recordings: Sequence[Recording]) -> Separation:
     """
-    Separate payload, contacts, steps and drift.
+    Separate payload, contacts, steps and drift; every recording holds specific force.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Every one holds specific force.
-
-    Raises
-    ------
-    CalibrationRefusedError
-        Where too few cells hold both wrench and specific force, or rows are too far apart.
-
+    CalibrationRefusedError where too few cells hold both wrench and specific force.
     """
     accelerometer = set_right(recordings)
     for recording, force in zip(recordings, accelerometer.forces, strict=True):
@@ -187,7 +179,7 @@ def _separated(
         cells, fit = _fit_changed(cells, fit, cut(stepless, forces, ends, block_s))
     told_apart = []
     for n, recording in enumerate(stepless):
-        weight = _held(forces[n] @ fit.gains, states[n])
+        weight = held(forces[n] @ fit.gains, states[n])
         for step in steps[n]:
             counts[n][max(0, step.cell - _UNSURE) : step.cell + _UNSURE] = False
         wrench = np.where(counts[n][:, None], recording.wrench[:, axes], np.nan)
@@ -218,11 +210,6 @@ def _with_wrench(recording: Recording, wrench: FloatArray, axes: Sequence[int]) 
     return replace(recording, wrench=whole)
 
 
-def _held(by_state: FloatArray, states: IntArray) -> FloatArray:
-    """Choose the values of the state that holds, (K, N, A) to (N, A)."""
-    return np.asarray(by_state[states, np.arange(len(states))])
-
-
 class _Suspicion(NamedTuple):
     """Means between which lines do not meet."""
 
@@ -239,7 +226,7 @@ def _find_steps(
 ) -> list[Step]:
     """Find steps in what each payload leaves, (K, N, A), by means over ``length`` cells."""
     found = []
-    rest = np.nan_to_num(_held(rests, states))
+    rest = np.nan_to_num(held(rests, states))
     means = _means(rest, counts, length)
     for before, after, jump, slope in _suspect(means, noise):
         first = max(0, before - 1) * length
@@ -298,20 +285,9 @@ def _lines(
 
 def _locate(rests: FloatArray, level: FloatArray, jump: FloatArray, noise: FloatArray) -> int:
     """
-    Find the first cell after a step.
+    Find the first cell after a step, counted in what each payload leaves, (K, n, A).
 
-    Parameters
-    ----------
-    rests : ndarray, shape (K, n, A)
-        What each payload leaves near the step, N and N m.
-    level, jump, noise : ndarray, shape (A,)
-        Level before the step, how far the step goes, and noise of a cell.
-
-    Returns
-    -------
-    int
-        Counted in ``rests``.
-
+    Level before the step, how far it goes, and noise of a cell are N and N m, (A,).
     """
     size = np.sqrt(np.sum((jump / noise) ** 2))
     off = (rests - level) / noise

@@ -5,7 +5,7 @@ from datetime import datetime, timezone
 
 import numpy as np
 
-from wrist_ft_comp.learning.entry import DayEntry, Diary, forces_left
+from wrist_ft_comp.learning.diary import DayEntry, Diary, forces_left
 from wrist_ft_comp.signals import NANOSECONDS
 
 #: Most dates that are written below the picture.
