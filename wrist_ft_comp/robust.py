@@ -2,7 +2,8 @@
 The robust weight of an observation, the same wherever contacts or outliers must not count.
 
 Of Geman and McClure: an observation whose error is e, in units of a width, weighs 1 / (1 + e²)²
-and costs e² / (1 + e²), so that an outlier costs at most 1, however far out it is.
+and costs e² / (1 + e²), so that an outlier costs at most 1, however far out it is. The weight is
+the derivative of the cost by e².
 """
 
 import numpy as np

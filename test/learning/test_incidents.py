@@ -46,8 +46,7 @@ def test_a_weight_that_is_lost_on_two_days_is_another_gain(looked, before):
     day = replace(looked(3), payloads=None, doubt='It is crooked.')
     lost = replace(before[-1], payloads=())
     assert incident(day, lost, before) == ('', '')
-    kind, sentence = incident(day, lost, [*before, lost])
-    assert (kind, 'It is crooked.' in sentence) == ('gain', True)
+    assert incident(day, lost, [*before, lost])[0] == 'gain'
 
 
 def test_a_thermometer_that_says_nothing_is_silent(looked, before):
@@ -57,21 +56,40 @@ def test_a_thermometer_that_says_nothing_is_silent(looked, before):
     assert 'was silent' in incident(replace(day, recording=recording), describe(day), before)[1]
 
 
-def test_a_tare_of_the_driver_is_no_incident(looked, before):
-    day = looked(9, jump=5.0)
-    (step,) = day.steps
-    raw = day.recording.wrench - day.recording.wrench[step.cell - 3 : step.cell].mean(axis=0)
-    zeroed = replace(day.recording, wrench=raw - step.jump)
-    assert incident(replace(day, recording=zeroed), describe(day), before) == ('', '')
+def with_raw(day, wrench):
+    return replace(day, recording=replace(day.recording, wrench=wrench))
 
 
-def test_a_tare_that_a_press_hides_is_no_incident(looked, before):
+def tared(day, step):
+    raw = day.recording.wrench
+    return with_raw(day, raw - raw[step.cell - 3 : step.cell].mean(axis=0) - step.jump)
+
+
+def tared_behind_a_press(day, step):
+    raw = day.recording.wrench.copy()
+    raw[step.cell - 30] = -0.9 * step.jump
+    return with_raw(day, raw)
+
+
+def pressed_from_then_on(day, step):
+    free = day.drift.wrench.copy()
+    free[step.cell : step.cell + 60] = np.nan
+    return replace(day, drift=replace(day.drift, wrench=free))
+
+
+def gone_beyond(day, step):
+    raw = day.recording.wrench.copy()
+    raw[step.cell + 20 :] += 2 * step.jump
+    return with_raw(day, raw)
+
+
+@pytest.mark.parametrize(
+    'harmless', [tared, tared_behind_a_press, pressed_from_then_on, gone_beyond]
+)
+def test_a_step_that_is_no_jump_of_the_zero_is_no_incident(looked, before, harmless):
     day = looked(9, jump=5.0)
-    (step,) = day.steps
-    wrench = day.recording.wrench.copy()
-    wrench[step.cell - 30] = -0.9 * step.jump
-    hidden = replace(day, recording=replace(day.recording, wrench=wrench))
-    assert incident(hidden, describe(day), before) == ('', '')
+    day = harmless(day, *day.steps)
+    assert incident(day, describe(day), before) == ('', '')
 
 
 def test_a_jump_that_matters_on_one_axis_is_told(looked, before):
@@ -80,24 +98,6 @@ def test_a_jump_that_matters_on_one_axis_is_told(looked, before):
     drift = np.array(entry.left['none']) * [1, 100, 100, 100, 100, 100]
     assert incident(day, replace(entry, left={'none': tuple(drift)}), before)[0] == 'zero'
     assert incident(day, replace(entry, left={'none': tuple(100 * drift)}), before) == ('', '')
-
-
-def test_a_press_that_lasts_is_no_incident(looked, before):
-    day = looked(9, jump=5.0)
-    (step,) = day.steps
-    pressed = day.drift.wrench.copy()
-    pressed[step.cell : step.cell + 60] = np.nan
-    day = replace(day, drift=replace(day.drift, wrench=pressed))
-    assert incident(day, describe(day), before) == ('', '')
-
-
-def test_a_step_that_cells_near_it_go_beyond_is_no_incident(looked, before):
-    day = looked(9, jump=5.0)
-    (step,) = day.steps
-    wrench = day.recording.wrench.copy()
-    wrench[step.cell + 20 :] += 2 * step.jump
-    day = replace(day, recording=replace(day.recording, wrench=wrench))
-    assert incident(day, describe(day), before) == ('', '')
 
 
 def test_the_next_day_with_another_tool_is_ordinary(looked, before):

@@ -11,11 +11,9 @@ from wrist_ft_comp.payload.gains import (
     contrast,
     COUNTS,
     cut,
-    Fit,
     leveled,
     solve,
     unexplained_contrast,
-    weight_of,
 )
 from wrist_ft_comp.payload.rigid_body import CONTRAST, LIGHTEST_KG, RigidBodies
 from wrist_ft_comp.payload.separation import Separation
@@ -136,18 +134,16 @@ def follows_gravity(recordings: Sequence[Recording], reference: Reference) -> It
             continue
         cells = cut([recording], set_right([recording]).forces)
         weights, states = cells.usable.astype(float), np.zeros(cells.usable.shape, dtype=np.int64)
-        fit = Fit(
-            solve(cells, states, weights, 1), states, weights, cells.wrench, np.ones(len(axes))
-        )
-        parts = (cells.wrench, cells.wrench - weight_of(cells, fit))
+        (gains,) = solve(cells, states, weights, 1)
+        parts = (cells.wrench, cells.wrench - cells.force @ gains)
         before, after = (
             np.einsum('nb,nbi->', weights, (part - leveled(part, weights)) ** 2) for part in parts
         )
-        mass_kg = float(np.linalg.norm(fit.gains[0]) / np.sqrt(3))
-        if before > 0 and 1 - after / before > _FOLLOWS and mass_kg > LIGHTEST_KG:
+        share = 1 - after / before if before > 0 else 0.0
+        mass_kg = float(np.linalg.norm(gains) / np.sqrt(3))
+        if share > _FOLLOWS and mass_kg > LIGHTEST_KG:
             yield (
-                f'The wrench of {recording.name} follows gravity: {1 - after / before:.0%} of '
-                f'what changes within minutes turns with the specific force, as about '
-                f'{mass_kg:.2g} kg would, but it was declared {reference}. Use the reference '
-                'payload.'
+                f'The wrench of {recording.name} follows gravity: {share:.0%} of what changes '
+                f'within minutes turns with the specific force, as about {mass_kg:.2g} kg would, '
+                f'but it was declared {reference}. Use the reference payload.'
             )
