@@ -12,8 +12,7 @@ import yaml
 
 from wrist_ft_comp.cli.tables import table_text, verdict_text, verdicts_json
 from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.learning.diary import diary_path, save_diary
-from wrist_ft_comp.learning.entry import DayEntry, Decision, Diary
+from wrist_ft_comp.learning.diary import DayEntry, Decision, Diary, diary_path, save_diary
 from wrist_ft_comp.learning.memory import Memory, save_memory
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.report.verdict import Verdict

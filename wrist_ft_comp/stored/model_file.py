@@ -6,7 +6,7 @@ from datetime import datetime, timezone
 import hashlib
 from pathlib import Path
 import platform
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 import yaml
@@ -18,9 +18,11 @@ from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import Document, DriftModel, StoredModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.signals import axis_unit, FloatArray, SENSOR_FACTS
 from wrist_ft_comp.stored.documents import Kind, plain
+
+if TYPE_CHECKING:  # what runs live reads models without loading what fits them
+    from wrist_ft_comp.fit.result import Calibration
 
 #: Models are nested by less than half of this.
 _MAX_DEPTH = 30
@@ -171,7 +173,7 @@ def _array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> Floa
 
 
 def save_model(
-    path: Path | str, calibration: Calibration, provenance: Mapping[str, Any] | None = None
+    path: Path | str, calibration: 'Calibration', provenance: Mapping[str, Any] | None = None
 ) -> StoredModel:
     """
     Write a model file; an existing one is replaced in one step.
