@@ -59,26 +59,26 @@ lint: $(READY)
 	$(BIN)/mypy
 
 bench: $(READY)
-	$(BIN)/python bench/reading.py
-	$(BIN)/python bench/accuracy.py
-	$(BIN)/python bench/worlds.py
-	$(BIN)/python bench/practice.py
-	$(BIN)/python bench/identification.py
-	$(BIN)/python bench/stream.py
-	$(BIN)/python bench/identify.py
-	$(BIN)/python bench/memory.py
-	$(BIN)/python bench/footprint.py
-	$(BIN)/python bench/rewriting.py
+	$(BIN)/python bench/cost/reading.py
+	$(BIN)/python bench/accuracy/residuals.py
+	$(BIN)/python bench/accuracy/worlds.py
+	$(BIN)/python bench/accuracy/practice.py
+	$(BIN)/python bench/cost/calibration.py
+	$(BIN)/python bench/cost/stream.py
+	$(BIN)/python bench/accuracy/identify.py
+	$(BIN)/python bench/cost/memory.py
+	$(BIN)/python bench/cost/footprint.py
+	$(BIN)/python bench/cost/rewriting.py
 
 # What docs/reliability.md is made from; most of an hour.
 reliability: $(READY)
-	$(BIN)/python bench/pauses.py
-	$(BIN)/python bench/fuzz.py
-	$(BIN)/python bench/kills.py
-	$(BIN)/python bench/learning_kills.py 200
-	$(BIN)/python bench/restart.py
-	$(BIN)/python bench/comes_back.py
-	$(BIN)/python bench/endurance.py
+	$(BIN)/python bench/faults pauses
+	$(BIN)/python bench/faults fuzz
+	$(BIN)/python bench/faults kills
+	$(BIN)/python bench/faults learning_kills 200
+	$(BIN)/python bench/faults restart
+	$(BIN)/python bench/faults comes_back
+	$(BIN)/python bench/faults endurance
 
 # Solves for the newest versions that Python 3.10 can run; 3.11 to 3.13 run them, too.
 lock:

@@ -4,13 +4,13 @@ import json
 
 
 def test_a_killed_node_goes_on_where_it_was(run_bench):
-    code, printed = run_bench('restart.py', '1', '--seed', '27')
+    code, printed = run_bench('faults', 'restart', '1', '--seed', '27')
     assert code == 0, printed
     assert 'restarted: off by 0.' in printed
 
 
 def test_a_killed_node_comes_back(run_bench):
-    code, printed = run_bench('comes_back.py', '1')
+    code, printed = run_bench('faults', 'comes_back', '1')
     assert code == 0, printed
     figures = json.loads(printed)
     assert (figures['kills'], figures['deaf']) == (1, 0)
@@ -19,7 +19,7 @@ def test_a_killed_node_comes_back(run_bench):
 
 def test_nothing_wrong_comes_out_while_faults_come_in(run_bench):
     """How long the stream was away depends on the machine, so only what came is judged."""
-    _, printed = run_bench('endurance.py', '0.15', '--rate', '200')
+    _, printed = run_bench('faults', 'endurance', '0.15', '--rate', '200')
     figures = json.loads(printed)
     assert figures['counts']['arrived'] > 0, printed
     assert sum(figures['faults'].values()) >= 4

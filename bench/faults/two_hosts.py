@@ -1,17 +1,17 @@
 """
 Sensor and node on two hosts, which are two network namespaces of this machine, and a cut between.
 
-``python bench/two_hosts.py [CUT_S]``, as root, with iproute2. The sensor publishes a kilohertz and
-temperatures in one namespace; the compensator and a listener run in the other, over a virtual
-cable and UDP only (shared memory would go past the cable). The cable loses packets: by chance
-where the kernel has netem, else because it is too narrow for all of them. It is pulled for CUT_S
-seconds. Figures on standard output and in ``out/two_hosts.json``; exit code 1 when the stream does
-not come back.
+``python bench/faults/two_hosts.py [CUT_S]``, as root, with iproute2. The sensor publishes a
+kilohertz and temperatures in one namespace; the compensator and a listener run in the other, over
+a virtual cable and UDP only (shared memory would go past the cable). The cable loses packets: by
+chance where the kernel has netem, else because it is too narrow for all of them. It is pulled for
+CUT_S seconds. Figures on standard output and in ``out/two_hosts.json``; exit code 1 when the
+stream does not come back.
 """
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from itertools import pairwise
 import json
 import os
@@ -22,8 +22,13 @@ import tempfile
 import time
 from typing import Any
 
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
-from stand import make_model, message, Sensor, Stand, TIMEOUT_S, write_warm_up
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import Temperature
+from stand import make_model, message, Sensor, Stand, tell, TIMEOUT_S, write_warm_up
 
 RATE_HZ = 1000
 NAMES = ('wfc_sensor', 'wfc_node')
@@ -70,12 +75,6 @@ def cable() -> Iterator[str]:
 
 def sense(seconds: float) -> None:
     """Be the sensor: publish, and print what was sent."""
-    from geometry_msgs.msg import WrenchStamped  # noqa: PLC0415 -- after the environment is set
-    from rclpy.context import Context  # noqa: PLC0415
-    from rclpy.node import Node  # noqa: PLC0415
-    from rclpy.qos import qos_profile_sensor_data  # noqa: PLC0415
-    from sensor_msgs.msg import Temperature  # noqa: PLC0415
-
     context: Any = Context()
     context.init([])
     node: Any = Node('two_hosts_sensor', context=context)
@@ -97,12 +96,9 @@ def sense(seconds: float) -> None:
 
 def receive(seconds: float, folder: Path) -> None:
     """Be the node's host: run it, listen, and print when outputs came."""
-    from geometry_msgs.msg import WrenchStamped  # noqa: PLC0415 -- after the environment is set
-
     came: list[float] = []
     model = make_model(write_warm_up(folder / 'warm_up.csv'), folder / 'm.yaml')
-    stand = Stand(folder / 'data', f'model_file:={model}')
-    try:
+    with closing(Stand(folder / 'data', f'model_file:={model}')) as stand:
         stand.start_node()
         stand.node.create_subscription(
             WrenchStamped, 'wrench', lambda _: came.append(time.monotonic()), 1000, raw=True
@@ -110,8 +106,6 @@ def receive(seconds: float, folder: Path) -> None:
         stand.wait(lambda: stand.ready('tare'), 'the node')
         print('ready', flush=True)
         time.sleep(seconds)
-    finally:
-        stand.close()
     print(json.dumps([round(at - came[0], 4) for at in came] if came else []))
     print(stand.log.read_text('utf-8'), file=sys.stderr)
 
@@ -171,10 +165,7 @@ def main() -> int:
     if os.geteuid() != 0:
         sys.exit('Network namespaces need root.')
     result = run(arguments.cut)
-    print(json.dumps(result, indent=1))
-    out = Path(__file__).resolve().parent.parent / 'out'
-    out.mkdir(exist_ok=True)
-    (out / 'two_hosts.json').write_text(json.dumps(result, indent=1), 'utf-8')
+    tell('two_hosts', result)
     return 0 if result['came_after_the_cut'] > 0 else 1
 
 

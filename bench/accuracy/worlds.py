@@ -1,15 +1,16 @@
 """
 Drift left on the next day, in worlds that nobody tuned on, against what a careful engineer does.
 
-``python bench/worlds.py`` draws the worlds from the last commit that touched identification or
-calibration; ``--dev`` draws the ones to develop on. Learnt are some days, judged is another one,
-tared in its first minute, over means of ten seconds: root mean square left, over raw. Intervals
-are bootstrapped over worlds. ``family(name, seed)`` of ``worlds_drawn`` draws a single world.
+``python bench/accuracy/worlds.py`` draws the worlds from the last commit that touched how drift is
+learnt; ``--dev`` draws the ones to develop on. Learnt are some days, judged is another one, tared
+in its first minute, over means of ten seconds: root mean square left, over raw. Intervals are
+bootstrapped over worlds. ``family(name, seed)`` of ``worlds_drawn`` draws a single world.
 """
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 import os
 from pathlib import Path
@@ -19,24 +20,24 @@ import time
 os.environ.setdefault('OMP_NUM_THREADS', '1')
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-from baseline import baseline, ROOT
 import numpy as np
+from peers import block_means, day_of, Peer, PEERS, root_mean_square, tared
 from real_worlds import chamber_rows, CREDITS, load_cell_world, six_axes, SPLITS
 from scenarios import SCENARIOS
-from world_autos import Answer, auto_before, auto_here
-from world_peers import block_means, day_of, Peer, PEERS, root_mean_square, tared
-from world_tables import draw, pooled, print_family, Result
 from worlds_drawn import FAMILIES, family, World
 
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.signals import AXES, FloatArray
+from wrist_ft_comp.stream.offline import simulate_drift
 
-__all__ = ['FAMILIES', 'World', 'family']
-
-#: What decides how drift is learnt, now and after it has moved: its last commit draws the worlds.
-LEARNING = ('identification', 'calibration')
+ROOT = Path(__file__).resolve().parents[2]
+#: The folders that decide how drift is learnt: their last commit draws the worlds.
+LEARNING = ('fit', 'payload')
 DEVELOPMENT_SEED = 1000
-AUTO, BEFORE_AUTO, TRUTH = 'auto', 'auto of 0.1.0', 'the truth'
-METHODS = (*PEERS, BEFORE_AUTO, AUTO, TRUTH)
+AUTO, TRUTH = 'auto', 'the truth'
+METHODS = (*PEERS, AUTO, TRUTH)
 OVERALL_PEER = 'mean of 30'
 #: The best peer of each family on the development seeds (least median times mean), fixed before
 #: anything was judged; of the others it is the best of all families together.
@@ -49,6 +50,144 @@ BEST_PEER = {
     'noise only': 'nothing',
     'no drift': 'nothing',
 }
+
+
+#: Statistics over axes, NaN left out.
+STATISTICS: dict[str, Callable[[FloatArray], float]] = {
+    'median': lambda shares: float(np.nanmedian(shares)),
+    'mean': lambda shares: float(np.nanmean(shares)),
+    '95 %': lambda shares: float(np.nanquantile(shares, 0.95)),
+    'worst': lambda shares: float(np.nanmax(shares)),
+}
+_DRAWS = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Drift of the judged day (N, 6), and the RMS that is said to be left (6,), NaN for none."""
+
+    drift: FloatArray
+    claim: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """
+    What a method left in the worlds of a family.
+
+    Attributes
+    ----------
+    left : ndarray, shape (worlds, 6)
+        Of the drift of each axis; NaN where there was none.
+    kept : ndarray, shape (worlds, 6)
+        What was left by what had been claimed; NaN without a claim.
+    seconds : ndarray, shape (worlds,)
+        Time it took.
+
+    """
+
+    left: FloatArray
+    kept: FloatArray
+    seconds: FloatArray
+
+
+def intervals(
+    statistic: Callable[[FloatArray], float], *shares: FloatArray
+) -> tuple[float, float]:
+    """Draw worlds again and again: 95 % of a statistic, or of its ratio between two methods."""
+    rng = np.random.default_rng(0)
+    worlds = len(shares[0])
+    drawn = []
+    for _ in range(_DRAWS):
+        rows = rng.integers(worlds, size=worlds)
+        values = [statistic(each[rows]) for each in shares]
+        drawn.append(values[0] / values[1] if len(values) > 1 else values[0])
+    low, high = np.quantile(drawn, (0.025, 0.975))
+    return float(low), float(high)
+
+
+def print_family(title: str, results: Mapping[str, Result], peer: str) -> None:
+    """Print one family: every method, and how auto stands to the family's best peer."""
+    worlds = len(next(iter(results.values())).left)
+    print(f'\n{title}: drift left in {worlds} worlds, as a share of the uncompensated')
+    print(f'{"":16}{"median":>21}{"mean":>21}{"95 %":>21}{"worst":>8}{"s":>7}')
+    for name, result in results.items():
+        cells = ''
+        for key in ('median', 'mean', '95 %'):
+            low, high = intervals(STATISTICS[key], result.left)
+            cells += f'{STATISTICS[key](result.left):7.3f} ({low:.3f}–{high:.3f})'.rjust(21)
+        cells += f'{STATISTICS["worst"](result.left):8.2f}{np.median(result.seconds):7.1f}'
+        print(f'{name:16}{cells}')
+    if AUTO in results and peer in results:
+        print(f'{AUTO} by {peer}: ' + ratios(results[AUTO].left, results[peer].left))
+    if AUTO in results and np.isfinite(results[AUTO].kept).any():
+        print(f'{AUTO}, left by claimed: ' + claims(results[AUTO].kept))
+
+
+def ratios(ours: FloatArray, peers: FloatArray) -> str:
+    """Say how the statistics stand to a peer's."""
+    words = []
+    for key in ('median', 'mean', '95 %'):
+        low, high = intervals(STATISTICS[key], ours, peers)
+        ratio = STATISTICS[key](ours) / STATISTICS[key](peers)
+        words.append(f'{key} {ratio:.2f} ({low:.2f}–{high:.2f})')
+    return ', '.join(words)
+
+
+def claims(kept: FloatArray) -> str:
+    """Say how much more is left than was claimed."""
+    there = kept[np.isfinite(kept)]
+    return f'median {np.median(there):.2f}, below 2: {np.mean(there < 2):.0%}'
+
+
+def pooled(families: Sequence[Mapping[str, Result]]) -> dict[str, Result]:
+    """Put the worlds of several families together."""
+    return {
+        name: Result(
+            np.concatenate([each[name].left for each in families]),
+            np.concatenate([each[name].kept for each in families]),
+            np.concatenate([each[name].seconds for each in families]),
+        )
+        for name in families[0]
+    }
+
+
+def draw(families: Mapping[str, Mapping[str, Result]], target: Path) -> None:
+    """Draw the share of axes below a drift left, one panel per family."""
+    import matplotlib as mpl  # noqa: PLC0415 -- needed for a picture only
+
+    mpl.use('Agg')
+    import matplotlib.pyplot as plt  # noqa: PLC0415
+
+    rows = -(-len(families) // 3)
+    figure, axes = plt.subplots(rows, 3, figsize=(15, 4 * rows), squeeze=False, sharex=True)
+    for panel in axes.flat[len(families) :]:
+        panel.axis('off')
+    for panel, (title, results) in zip(axes.flat, families.items(), strict=False):
+        for name, result in results.items():
+            shares = np.sort(result.left[np.isfinite(result.left)])
+            part = np.arange(1, len(shares) + 1) / len(shares)
+            width = 2.5 if name.startswith('auto') else 1.0
+            panel.step(np.maximum(shares, 1e-3), part, where='post', label=name, linewidth=width)
+        panel.set(xscale='log', title=title, ylabel='share of axes', xlabel='drift left / raw')
+        panel.grid(alpha=0.3)
+    axes.flat[0].legend(fontsize=7)
+    figure.tight_layout()
+    figure.savefig(target, dpi=110)
+
+
+def by_auto(world: World) -> Answer:
+    """Calibrate; a refusal leaves the sensor as it is and claims nothing."""
+    drift, claim = np.zeros_like(world.judge.wrench), np.full(len(AXES), np.nan)
+    settings = CalibrationSettings(reference=world.reference)
+    try:
+        calibration = calibrate(world.learn, settings)
+    except WristFtCompError:
+        return Answer(drift, claim)
+    zero, gain = simulate_drift(calibration.model, world.judge)
+    drift = zero + np.where(gain == 0.0, 0.0, gain * world.judge.reference)
+    deviation = calibration.model.uncertainty(world.judge.temperature_c)
+    return Answer(drift, np.sqrt(np.mean(deviation**2, axis=0)))
 
 
 def by_peer(peer: Peer, world: World) -> Answer:
@@ -64,11 +203,7 @@ def by_truth(world: World) -> Answer:
 
 def answerer(method: str) -> Callable[[World], Answer]:
     """Find a method by its name."""
-    ours = {
-        AUTO: auto_here,
-        BEFORE_AUTO: auto_before,
-        TRUTH: by_truth,
-    }
+    ours = {AUTO: by_auto, TRUTH: by_truth}
     return ours.get(method) or partial(by_peer, PEERS[method])
 
 
@@ -181,8 +316,6 @@ def main() -> None:
     """Judge all methods in all worlds."""
     options = arguments()
     first = DEVELOPMENT_SEED if options.dev else report_seed()
-    if BEFORE_AUTO in options.methods:
-        baseline()  # once, before several processes want it
     results: dict[str, dict[str, Result]] = {}
     with ProcessPoolExecutor(options.jobs) as pool:
         for name in options.families:
@@ -196,11 +329,11 @@ def main() -> None:
                 for i, method in enumerate(options.methods)
             }
             peer = BEST_PEER.get(name, OVERALL_PEER)
-            print_family(f'{title} [{name}]', results[title], peer, (BEFORE_AUTO, AUTO))
+            print_family(f'{title} [{name}]', results[title], peer)
     ours = [FAMILIES[name].title for name in options.families if name in FAMILIES]
     if ours:
         together = pooled([results[title] for title in ours])
-        print_family('all families', together, OVERALL_PEER, (BEFORE_AUTO, AUTO))
+        print_family('all families', together, OVERALL_PEER)
     if not options.no_real:
         print_real([each for each in options.methods if each != TRUTH])
         print_chamber()

@@ -1,11 +1,9 @@
 """
-Hostile input: tens of thousands of damaged messages and files, and what readers make of them.
+``fuzz``: tens of thousands of damaged messages and files, and what readers make of them.
 
-``python bench/fuzz.py [INPUTS] [--seed N] [--target NAME]``. Each input is a good one that was
-cut, flipped, spliced, or had words of its format put in or repeated. A reader may take it, or
-refuse it with one of the package's own errors within MAX_S; anything else is a fault. A table on
-standard output, figures in ``out/fuzz.json``, faulty inputs in ``out/``; exit code 1 when there
-was one.
+Each input is a good one that was cut, flipped, spliced, or had words of its format put in or
+repeated. A reader may take it, or refuse it with one of the package's own errors within MAX_S;
+anything else is a fault, and its input is kept in ``out/``.
 """
 
 import argparse
@@ -16,8 +14,6 @@ import json
 import math
 from pathlib import Path
 import signal
-import sys
-import tempfile
 import time
 import traceback
 from types import FrameType
@@ -26,7 +22,7 @@ from typing import Any
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
-from stand import make_model, message, Sensor, write_warm_up
+from stand import keep, make_model, message, Sensor, write_warm_up
 
 from wrist_ft_comp.cli.tables import days_text
 from wrist_ft_comp.errors import WristFtCompError
@@ -213,13 +209,13 @@ def too_slow(_number: int, _frame: FrameType | None) -> None:
     raise TooSlow(f'longer than {MAX_S} s')
 
 
-def fuzz(name: str, targets: Targets, inputs: int, seed: int, out: Path) -> dict[str, Any]:
-    """Feed one reader."""
+def feed(name: str, targets: Targets, inputs: int, seed: int) -> dict[str, Any]:
+    """Feed one reader; count what it took and refused, and its faults."""
     good, read = targets.readers[name]
     read(good)
     rng = np.random.default_rng(seed)
     counts: Counter[str] = Counter()
-    slowest = 0.0
+    slowest_s = 0.0
     for number in range(inputs):
         data = damaged(good, rng)
         before = time.perf_counter()
@@ -230,41 +226,27 @@ def fuzz(name: str, targets: Targets, inputs: int, seed: int, out: Path) -> dict
             counts['refused'] += 1
         except (Exception, TooSlow):
             counts['FAULTS'] += 1
-            (out / f'fuzz_{name.replace(" ", "_")}_{number}').write_bytes(data)
+            keep(f'fuzz_{name.replace(" ", "_")}_{number}', data)
             print(f'{name}, input {number}:\n{traceback.format_exc()}')
         else:
             counts['taken'] += 1
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
-        slowest = max(slowest, time.perf_counter() - before)
-    return {'inputs': inputs, **counts, 'slowest_ms': round(1e3 * slowest, 1)}
+        slowest_s = max(slowest_s, time.perf_counter() - before)
+    return {'inputs': inputs, **counts, 'slowest_ms': round(1e3 * slowest_s, 1)}
 
 
-def main() -> int:
-    """Feed every reader, print a table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1] if __doc__ else '')
-    parser.add_argument('inputs', nargs='?', type=int, default=10_000)
-    parser.add_argument('--seed', type=int, default=0)
-    parser.add_argument('--target')
-    arguments = parser.parse_args()
+def fuzz(arguments: argparse.Namespace, folder: Path) -> bool:
+    """Feed every reader, print a table; whether there was no fault."""
     signal.signal(signal.SIGALRM, too_slow)
-    out = Path(__file__).resolve().parent.parent / 'out'
-    out.mkdir(exist_ok=True)
-    results = {}
+    targets, results = Targets(folder), {}
     print('reader            inputs   taken  refused  FAULTS  slowest, ms')
-    with tempfile.TemporaryDirectory() as name:
-        targets = Targets(Path(name))
-        for target in [arguments.target] if arguments.target else targets.readers:
-            tally = fuzz(target, targets, arguments.inputs, arguments.seed, out)
-            results[target] = tally
-            print(
-                f'{target:16}{tally["inputs"]:8}{tally.get("taken", 0):8}'
-                f'{tally.get("refused", 0):9}{tally.get("FAULTS", 0):8}{tally["slowest_ms"]:13}',
-                flush=True,
-            )
-    (out / 'fuzz.json').write_text(json.dumps(results, indent=1), 'utf-8')
-    return 1 if any('FAULTS' in tally for tally in results.values()) else 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    for name in [arguments.target] if arguments.target else targets.readers:
+        tally = results[name] = feed(name, targets, arguments.inputs, arguments.seed)
+        counts = ''.join(
+            f'{tally.get(what, 0):{width}}'
+            for what, width in (('inputs', 8), ('taken', 8), ('refused', 9), ('FAULTS', 8))
+        )
+        print(f'{name:16}{counts}{tally["slowest_ms"]:13}', flush=True)
+    keep('fuzz.json', json.dumps(results, indent=1))
+    return not any('FAULTS' in tally for tally in results.values())

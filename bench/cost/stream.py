@@ -1,7 +1,7 @@
 """
 What the stream costs: processor time and latency of a wrench, against relays a user would write.
 
-``python bench/stream.py [--seconds S] [--repeats N] [RATE …]``. Real processes over DDS on
+``python bench/cost/stream.py [--seconds S] [--repeats N] [RATE …]``. Real processes over DDS on
 loopback: a sensor, a receiver, and between them by turns a plain typed relay on the default
 executor, a relay of bytes on the events executor, and the compensator with a model. All are up all
 the time and are used one after the other in short runs, so that a noisy machine is as noisy to
@@ -29,11 +29,13 @@ import tempfile
 import time
 from typing import Any
 
-from learning_kills import write_days
 import numpy as np
 from stream_roles import STATE_ENTRY, wrench_bytes
 from stream_table import draw, print_header, print_row, Run, summary
 from warm_up import make_model, write_warm_up
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'faults'))
+from kills import write_days
 
 from wrist_ft_comp.learning.memory import load_memory
 from wrist_ft_comp.payload.weight import ForceFrame, Payload

@@ -5,13 +5,12 @@ Load cell: hmd83, TANEN project, CC BY 4.0. Inertial sensor: Copyright (c) 2024 
 """
 
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scenarios import LOAD_CELL, load_cell
+from scenarios import LOAD_CELL, load_cell, with_zero_reference
 from worlds_drawn import World
 
 from wrist_ft_comp.drift.drift_model import DriftModel
@@ -30,7 +29,7 @@ from wrist_ft_comp.signals import AXES, Recording, Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 
 IMU = LOAD_CELL.parents[1] / 'imu_chamber' / 'imu_chamber.csv'
-TABLES = Path(__file__).parents[1] / 'data' / 'keller_pa10'
+TABLES = Path(__file__).parents[2] / 'data' / 'keller_pa10'
 CREDITS = {
     'load cell': 'load cell: hmd83, TANEN project, CC BY 4.0',
     'six axes': 'six axes: inertial sensor, Copyright (c) 2024 tofupilot, MIT',
@@ -57,11 +56,6 @@ def chamber_part(rows: NDArray[np.void]) -> Recording:
         name='six axes',
         period_s=1.0,
     )
-
-
-def with_zero_reference(each: Recording) -> Recording:
-    """Say that the true load did not change."""
-    return replace(each, reference=np.where(np.isfinite(each.wrench), 0.0, np.nan))
 
 
 def six_axes(split: int) -> World | None:

@@ -1,12 +1,12 @@
 """
 What ``wrist_ft_comp compensate`` costs on a long recording, against the script a user would write.
 
-``python bench/rewriting.py [MINUTES]``, 60 by default, at 1 kHz with a thermometer at 10 Hz, as
-mcap, sqlite3 and CSV. The script reads, computes and writes one message by one, in typed Python;
-it gets the first PEER_MINUTES only, and is compared per wrench, in processor time, which other
-programs disturb less. The command is run as a process of its own, start-up included. Peak memory
-is shown for the whole and for a quarter of it, because it must not grow. Figures are written to
-``out/rewriting.json``.
+``python bench/cost/rewriting.py [MINUTES]``, 60 by default, at 1 kHz with a thermometer at 10 Hz,
+as mcap, sqlite3 and CSV. The script reads, computes and writes one message by one, in typed
+Python; it gets the first PEER_MINUTES only, and is compared per wrench, in processor time, which
+other programs disturb less. The command is run as a process of its own, start-up included. Peak
+memory is shown for the whole and for a quarter of it, because it must not grow. Figures are
+written to ``out/rewriting.json``.
 """
 
 import argparse

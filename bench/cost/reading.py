@@ -1,7 +1,7 @@
 """
 Reading a bag of 1 kHz wrenches: messages per second, and memory against length.
 
-``python bench/reading.py [MINUTES]``, 20 by default (1.2 million wrenches). read_recording is
+``python bench/cost/reading.py [MINUTES]``, 20 by default (1.2 million wrenches). read_recording is
 compared with rosbags' deserialize_cdr, one message by one, on the same bag.
 """
 

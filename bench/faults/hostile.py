@@ -1,17 +1,18 @@
 """
 A hostile robot: whatever can come to the node comes, in any order; after every step it is judged.
 
-``python bench/hostile.py [--steps N] [--seed N]``. Good, damaged, late and foreign messages;
-services in any order, also while others run; parameters right and wrong; files broken, removed or
-replaced; a full disk; clocks that leap; temperatures that no body has; parts that are sabotaged;
-kills and restarts. After every step: nothing has left a callback, every good wrench in was one
-wrench out, finite, within the limits, its header untouched, no part has stopped that was not
-sabotaged, and the diagnostics name what is wrong. Prints what was done; a finding is a traceback
-with the shortest way to it, and exit code 1.
+``python bench/faults/hostile.py [--steps N] [--seed N]``. Good, damaged, late and foreign
+messages; services in any order, also while others run; parameters right and wrong; files broken,
+removed or replaced; a full disk; clocks that leap; temperatures that no body has; parts that are
+sabotaged; kills and restarts. After every step: nothing has left a callback, every good wrench in
+was one wrench out, finite, within the limits, its header untouched, no part has stopped that was
+not sabotaged, and the diagnostics name what is wrong. Prints what was done; a finding is a
+traceback with the shortest way to it, and exit code 1.
 """
 
 import argparse
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 import errno
 import faulthandler
@@ -28,6 +29,7 @@ from typing import Any
 from unittest import mock
 
 from hypothesis import HealthCheck, settings
+from hypothesis import seed as with_seed
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     initialize,
@@ -37,9 +39,16 @@ from hypothesis.stateful import (
     RuleBasedStateMachine,
     run_state_machine_as_test,
 )
+from rclpy.context import Context
+from rclpy.impl.logging_severity import LoggingSeverity
+from rclpy.logging import set_logger_level
+from rclpy.parameter import Parameter
 from stand import make_model, message, write_warm_up
+from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.ros.raw_node import RawNode
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -81,6 +90,8 @@ RUBBISH = (
     b'', b'{', b'[]', b'null', b'\xff\xfe\0', b'[' * 2000, b'{"a": ' + b'9' * 5000 + b'}',
     b'format: wrist_ft_comp drift model\nversion: 1\n', b'stamp_s,force_z\n1,x\n', b'NaN\n' * 100,
 )  # fmt: skip
+#: What is put in a file's place, if anything.
+REPLACEMENTS = ('nothing', 'folder', 'link', 'pipe') * 2
 numbers = st.floats(-500.0, 500.0)
 celsius = st.floats(15.0, 60.0)
 odd_celsius = st.sampled_from([math.nan, math.inf, 1e10, -273.15, 3276.7, 300.0, -1e308])
@@ -88,6 +99,11 @@ steps_ns = st.sampled_from([0, 1, SECOND // 1000, SECOND, 5 * SECOND, 70 * SECON
 leaps_ns = st.sampled_from(
     [-1, -SECOND, -3600 * SECOND, 3600 * SECOND, 8 * 3600 * SECOND, 10**18, -START]
 )
+
+
+def imu_at(force: Sequence[float]) -> list[float]:
+    """Give the doubles of an Imu that measures a specific force."""
+    return [*[0.0] * 25, *force, *[0.0] * 9]
 
 
 class FakeProcess:
@@ -113,8 +129,6 @@ class Ground:
     """What all lives share: a ROS context, a model, and a count of what was done."""
 
     def __init__(self, folder: Path) -> None:
-        from rclpy.context import Context
-
         self.folder = folder
         self.model = make_model(write_warm_up(folder / 'warm_up.csv', 1800), folder / 'm.yaml')
         self.context: Any = Context()
@@ -136,8 +150,8 @@ class HostileRobot(RuleBasedStateMachine):
         self.ground.lives += 1
         self.stack = ExitStack()
         self.data = self.ground.folder / 'data'
-        for target in ('services.calibrate', 'learning.learning'):
-            patched = f'wrist_ft_comp.ros.{target}.CalibrationProcess'
+        for module in ('calibrate', 'learning'):
+            patched = f'wrist_ft_comp.node.{module}.CalibrationProcess'
             self.stack.enter_context(mock.patch(patched, FakeProcess))
         self.stack.enter_context(mock.patch('os.fsync', self._fsync))
         self.full = False
@@ -161,12 +175,6 @@ class HostileRobot(RuleBasedStateMachine):
 
     def _start(self) -> None:
         """Start the node; WristFtCompError when it refuses."""
-        from rclpy.impl.logging_severity import LoggingSeverity
-        from rclpy.logging import set_logger_level
-        from rclpy.parameter import Parameter
-
-        from wrist_ft_comp.node.compensator import CompensatorNode
-
         given = {
             'data_directory': str(self.data), 'model_file': 'models/m.yaml',
             'temperature_topics': ['temperature', 'temperature_2'][:1],
@@ -250,15 +258,17 @@ class HostileRobot(RuleBasedStateMachine):
         self._force(data)
         self.out[before:] = []
 
+    def _temperature(self, value: float, stamp_ns: int) -> None:
+        """Give a temperature to what reads them."""
+        inputs = self.node.inputs
+        self.node.do(inputs, inputs.on_temperature, 0, message(stamp_ns, [value, 0.0]))
+
     @rule(value=celsius, step=steps_ns)
     def temperature(self, value: float, step: int) -> None:
         """Send a temperature as thermometers send them."""
         self._did('good temperatures')
         self.now_ns += step
-        self.node.do(
-            self.node.inputs, self.node.inputs.on_temperature, 0,
-            message(self.now_ns, [value, 0.0]),
-        )  # fmt: skip
+        self._temperature(value, self.now_ns)
 
     @rule(value=celsius, cells=st.integers(2, 20))
     def warm_cells(self, value: float, cells: int) -> None:
@@ -266,16 +276,14 @@ class HostileRobot(RuleBasedStateMachine):
         self._did('seconds of warmth')
         for _ in range(cells):
             self.now_ns += SECOND
-            data = message(self.now_ns, [value, 0.0])
-            self.node.do(self.node.inputs, self.node.inputs.on_temperature, 0, data)
+            self._temperature(value, self.now_ns)
             self._wrench([1.0] * 6, self.now_ns)
 
     @rule(value=odd_celsius)
     def odd_temperature(self, value: float) -> None:
         """Send a temperature that no body has."""
         self._did('impossible temperatures')
-        data = message(self.now_ns, [value, 0.0])
-        self.node.do(self.node.inputs, self.node.inputs.on_temperature, 0, data)
+        self._temperature(value, self.now_ns)
         if 'temperature' not in self.sabotaged:
             self.expected['temperature'] = WARN
 
@@ -283,9 +291,7 @@ class HostileRobot(RuleBasedStateMachine):
     def temperature_of_another_time(self, value: float, leap: int) -> None:
         """Send a temperature whose stamp leaps."""
         self._did('temperatures of another time')
-        stamp_ns = max(self.now_ns + leap, 0) % (2**31 * SECOND)
-        data = message(stamp_ns, [value, 0.0])
-        self.node.do(self.node.inputs, self.node.inputs.on_temperature, 0, data)
+        self._temperature(value, max(self.now_ns + leap, 0) % (2**31 * SECOND))
 
     @rule(leap=leaps_ns)
     def clock(self, leap: int) -> None:
@@ -305,9 +311,7 @@ class HostileRobot(RuleBasedStateMachine):
     def imu(self, force: list[float], odd: float) -> None:
         """Send a specific force, mostly good."""
         self._did('specific forces')
-        doubles = [0.0] * 37
-        doubles[25:28] = [force[0] + odd, *force[1:]]
-        self._force(message(self.now_ns, doubles))
+        self._force(message(self.now_ns, imu_at([force[0] + odd, *force[1:]])))
 
     @rule(force=st.sampled_from([(0.0, 0.0, 9.807), (0.0, 0.0, 0.0)]), noisy=st.booleans())
     def minute_at_rest(self, force: tuple[float, float, float], noisy: bool) -> None:
@@ -315,9 +319,7 @@ class HostileRobot(RuleBasedStateMachine):
         self._did('minutes at rest')
         for k in range(130):
             self.now_ns += SECOND // 2
-            doubles = [0.0] * 37
-            doubles[25:28] = force
-            self._force(message(self.now_ns, doubles))
+            self._force(message(self.now_ns, imu_at(force)))
             self._wrench([float(noisy and k % 3)] * 6, self.now_ns)
 
     # What people ask for
@@ -325,8 +327,6 @@ class HostileRobot(RuleBasedStateMachine):
     @rule(name=st.sampled_from(SERVICES), flag=st.booleans())
     def service(self, name: str, flag: bool) -> None:
         """Call a service, whatever else runs."""
-        from std_srvs.srv import SetBool, Trigger
-
         self._did('service calls')
         full = f'/wrist_ft_comp/{name}'
         (served,) = (each for each in self.node.services if each.service_name == full)
@@ -341,8 +341,6 @@ class HostileRobot(RuleBasedStateMachine):
     @rule(row=st.sampled_from(PARAMETERS), which=st.integers(0, 5))
     def parameter(self, row: tuple[str, tuple[Any, ...]], which: int) -> None:
         """Set a parameter, rightly or wrongly."""
-        from rclpy.parameter import Parameter
-
         self._did('parameters')
         name, values = row
         untyped: Any = Parameter
@@ -351,31 +349,23 @@ class HostileRobot(RuleBasedStateMachine):
 
     # What happens around it
 
-    @rule(name=st.sampled_from(FILES), content=st.sampled_from(RUBBISH))
-    def broken_file(self, name: str, content: bytes) -> None:
-        """Break a file that the node may read."""
-        self._did('broken files')
-        path = self.data / name
-        with suppress(OSError):
-            path.parent.mkdir(exist_ok=True)
-            path.unlink(missing_ok=True)
-            path.write_bytes(content)
-
-    @rule(name=st.sampled_from(FILES), what=st.sampled_from(['gone', 'folder', 'link', 'pipe']))
-    def replaced_file(self, name: str, what: str) -> None:
-        """Remove a file, or put what is none in its place."""
-        self._did('removed and replaced files')
+    @rule(name=st.sampled_from(FILES), content=st.sampled_from((*RUBBISH, *REPLACEMENTS)))
+    def broken_file(self, name: str, content: bytes | str) -> None:
+        """Break a file that the node may read, remove it, or put what is none in its place."""
+        self._did('broken, removed and replaced files')
         path = self.data / name
         with suppress(OSError):
             if path.is_dir():
                 shutil.rmtree(path)
             path.unlink(missing_ok=True)
             path.parent.mkdir(exist_ok=True)
-            if what == 'folder':
+            if isinstance(content, bytes):
+                path.write_bytes(content)
+            elif content == 'folder':
                 path.mkdir()
-            elif what == 'link':
+            elif content == 'link':
                 path.symlink_to('/nowhere/at/all')
-            elif what == 'pipe':
+            elif content == 'pipe':
                 os.mkfifo(path)
 
     @rule(full=st.booleans())
@@ -444,8 +434,6 @@ class HostileRobot(RuleBasedStateMachine):
 
     def _end(self, *, die: bool) -> None:
         """End the node, or drop it as a kill does."""
-        from rclpy.node import Node as RawNode
-
         node, self.node = self.node, None
         if node is None:
             return
@@ -470,8 +458,6 @@ def resident_mb() -> float:
 
 def run(steps: int, seed: int) -> tuple[Counter[str], int]:
     """Take steps; what was done, and how many lives that were."""
-    from hypothesis import seed as with_seed
-
     with (
         tempfile.TemporaryDirectory() as folder,
         mock.patch('wrist_ft_comp.ros.hub.FAREWELL_S', 0.0),

@@ -1,10 +1,10 @@
 """
 How well ``~/identify_payload`` does: a minute of the simulated robot's work, in many worlds.
 
-``python bench/identify.py [--worlds N] [--seed S]``. Each world has a tool, a program and an
-accelerometer of its own (3° off, 0.1 m/s², 0.5 %) that no calibration has looked at. A row tells
-how many were refused, errors of mass and of the centre of mass, the share within 3 % and 5 mm, and
-which multiple of the stated standard error of the mass nine of ten keep within.
+``python bench/accuracy/identify.py [--worlds N] [--seed S]``. Each world has a tool, a program and
+an accelerometer of its own (3° off, 0.1 m/s², 0.5 %) that no calibration has looked at. A row
+tells how many were refused, errors of mass and of the centre of mass, the share within 3 % and 5
+mm, and which multiple of the stated standard error of the mass nine of ten keep within.
 """
 
 import argparse

@@ -1,7 +1,7 @@
 """
 Memory of the node over a day: 24 h of stamps through its callbacks, as fast as they go.
 
-``python bench/memory.py [HOURS] [RATE]``, 24 h at 100 Hz by default, a thermometer at 10 Hz
+``python bench/cost/memory.py [HOURS] [RATE]``, 24 h at 100 Hz by default, a thermometer at 10 Hz
 and diagnostics every second of stamps. The node is the real one, with a model and a publisher
 that nobody hears; only the transport is left out. Figures in ``out/memory.json``.
 """

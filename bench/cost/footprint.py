@@ -1,12 +1,12 @@
 """
-What an idle node takes, beside a plain typed relay and version 0.1.0.
+What an idle node takes, beside a plain typed relay.
 
-``python bench/footprint.py [--repeats N]``. By turns, each as a process of its own: the relay
-that a user would write, the compensator without and with a model, and that of 0.1.0 with it. Ten
-wrenches a second are sent, and a temperature with each. Measured are the processor time until the
-first wrench has passed, and the resident memory a while later. Bytecode is kept, as an installed
-package's is; the first turn makes it and does not count. Medians go to standard output, everything
-to ``out/footprint.json``. Aimed at is LIMIT times the relay.
+``python bench/cost/footprint.py [--repeats N]``. By turns, each as a process of its own: the relay
+that a user would write, and the compensator without and with a model. Ten wrenches a second are
+sent, and a temperature with each. Measured are the processor time until the first wrench has
+passed, and the resident memory a while later. Bytecode is kept, as an installed package's is; the
+first turn makes it and does not count. Medians go to standard output, everything to
+``out/footprint.json``. Aimed at is LIMIT times the relay.
 """
 
 import argparse
@@ -23,7 +23,6 @@ import tempfile
 import time
 from typing import Any
 
-from baseline import baseline, ROOT, VERSION
 from geometry_msgs.msg import WrenchStamped
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -31,6 +30,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import Temperature
 from warm_up import make_model
 
+ROOT = Path(__file__).resolve().parents[2]
 LIMIT = 1.5
 TIMEOUT_S = 60.0
 SETTLE_S = 3.0
@@ -85,12 +85,11 @@ class Sensor:
 
 
 @contextmanager
-def process(words: list[str], path: Path) -> Iterator[int]:
-    """Run Python with the package of a folder; gives the process id."""
+def process(words: list[str]) -> Iterator[int]:
+    """Run Python with this tree's package; gives the process id."""
     running = subprocess.Popen(
         [sys.executable, *words],
-        cwd=path,  # which Python looks into first
-        env={**os.environ, 'PYTHONPATH': str(path)},
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
@@ -101,9 +100,9 @@ def process(words: list[str], path: Path) -> Iterator[int]:
         running.wait(TIMEOUT_S)
 
 
-def measure(sensor: Sensor, words: list[str], path: Path) -> dict[str, float]:
+def measure(sensor: Sensor, words: list[str]) -> dict[str, float]:
     """Start a process, and measure it."""
-    with process(words, path) as pid:
+    with process(words) as pid:
         sensor.send(TIMEOUT_S, until_heard=True)
         fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
         sensor.send(SETTLE_S, until_heard=False)
@@ -135,13 +134,12 @@ def main() -> int:
         folder, model = Path(name), ('-p', f'model_file:={make_model(Path(name))}')
         os.environ |= {'PYTHONDONTWRITEBYTECODE': '', 'PYTHONPYCACHEPREFIX': f'{name}/bytecode'}
         for number in range(repeats + 1):
-            for who, words, path in (
-                ('relay', ['-c', RELAY], ROOT),
-                ('no model', compensator(folder / f'{number}_none'), ROOT),
-                ('compensator', compensator(folder / f'{number}_new', *model), ROOT),
-                (VERSION, compensator(folder / f'{number}_old', *model), baseline()),
+            for who, words in (
+                ('relay', ['-c', RELAY]),
+                ('no model', compensator(folder / f'{number}_none')),
+                ('compensator', compensator(folder / f'{number}_new', *model)),
             ):
-                measured = measure(sensor, words, path)
+                measured = measure(sensor, words)
                 if number:
                     runs.setdefault(who, []).append(measured)
     sensor.close()

@@ -12,25 +12,33 @@ import numpy as np
 from wrist_ft_comp.drift.arx import free_run, relaxation
 from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS, Recording, Samples
 from wrist_ft_comp.simulation import ft_sensor
-from wrist_ft_comp.simulation import run as simulated_run
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
+from wrist_ft_comp.simulation.run import draw_run, drive, RunSettings, true_wrench
 from wrist_ft_comp.stream.batch_grid import grid_samples
 
 Z = AXES.index('force_z')
 #: From a seed to recordings to learn from, one to be judged on, and the drift behind its noise.
-Scenario = Callable[[int], tuple[list[Recording], Recording, FloatArray]]
+Drawn = tuple[list[Recording], Recording, FloatArray]
+Scenario = Callable[[int], Drawn]
 
 #: The load cell of the TANEN project (by hmd83, CC BY 4.0): 22 kg for 40.8 h, beside the project.
-LOAD_CELL = Path(__file__).parents[2] / 'shared' / 'data' / 'load_cell' / 'constant_load_run1.csv'
+LOAD_CELL = Path(__file__).parents[3] / 'shared' / 'data' / 'load_cell' / 'constant_load_run1.csv'
 LEARNT_H = 20.0
+#: The duty cycle of the wrist changes this often, s.
+DUTY_S = 1200.0
 
 
-def recording(temperature_c: FloatArray, raw: FloatArray, true: FloatArray) -> Recording:
-    """Make a recording of force z with cells of 1 s."""
+def recording(temperature_c: FloatArray, wrench: FloatArray, true: FloatArray) -> Recording:
+    """Make a recording with cells of 1 s."""
+    measured = np.ones(temperature_c.shape, dtype=bool)
+    return Recording('simulated', NANOSECONDS, 0, temperature_c, measured, wrench, true)
+
+
+def only_z(temperature_c: FloatArray, raw: FloatArray, true: FloatArray) -> Recording:
+    """Make a recording of force z, (N,)."""
     wrench, reference = (np.full((len(raw), len(AXES)), np.nan) for _ in range(2))
     wrench[:, Z], reference[:, Z] = raw, true
-    measured = np.ones(temperature_c.shape, dtype=bool)
-    return Recording('simulated', NANOSECONDS, 0, temperature_c, measured, wrench, reference)
+    return recording(temperature_c, wrench, reference)
 
 
 def lag(values: FloatArray, tau_s: float) -> FloatArray:
@@ -42,49 +50,59 @@ def two_lags(seed: int, hours: float, noise: float = 1.0) -> Recording:
     """Two hidden lags of 300 s and 1500 s, quadratic zero drift, 0.04 %/K gain drift, loads."""
     rng = np.random.default_rng(seed)
     cells = int(hours * 3600)
-    drive = np.repeat(rng.uniform(0, 30, cells // 900 + 1), 900)[:cells]
-    temperature = 22 + lag(drive, 600.0)
+    room_k = np.repeat(rng.uniform(0, 30, cells // 900 + 1), 900)[:cells]
+    temperature = 22 + lag(room_k, 600.0)
     fast, slow = lag(temperature - 22, 300.0), lag(temperature - 22, 1500.0)
     zero = 2.0 * fast - 1.2 * slow + 0.01 * slow**2
     true = np.repeat(rng.normal(0, 20, cells // 5 + 1), 5)[:cells]
     raw = (1 - 0.0004 * slow) * true + zero + noise * rng.normal(0, 0.1, cells)
-    return recording((temperature + rng.normal(0, 0.02, cells))[:, np.newaxis], raw, true)
+    return only_z((temperature + rng.normal(0, 0.02, cells))[:, np.newaxis], raw, true)
 
 
-def wrist(
-    seed: int, run: int, thermometers: int, *, loaded: bool, noise: float = 1.0
+def warm_up(  # noqa: PLR0913 -- what a run can differ in
+    rng: np.random.Generator,
+    seed: int,
+    hours: float,
+    *,
+    loaded: bool = False,
+    noise: float = 1.0,
+    contact_n: FloatArray | float = 0.0,
 ) -> Recording:
-    """Warm the heat-conducting wrist up for 2.5 h, with duty cycles that change every 20 min."""
-    rng = np.random.default_rng([seed, run])
+    """Warm the heat-conducting wrist of a seed up; a contact pushes along z beside the loads."""
     usual = FtSensorSettings()
     sensor = ft_sensor.build_sensor(
         replace(usual, force_noise_n=noise * usual.force_noise_n), seed
     )
-    starts = np.arange(0.0, 9000.0, 1200.0)
+    starts = np.arange(0.0, hours * 3600, DUTY_S)
     levels = rng.uniform(0, 1, len(starts)) * (rng.random(len(starts)) > 0.35)
-    settings = simulated_run.RunSettings(
-        duty_start_s=tuple(starts),
-        duty_level=tuple(levels),
-        force_n=20.0 if loaded else 0.0,
-        torque_nm=1.0 if loaded else 0.0,
+    force_n, torque_nm = (20.0, 1.0) if loaded else (0.0, 0.0)
+    run = draw_run(
+        RunSettings(tuple(starts), tuple(levels), force_n=force_n, torque_nm=torque_nm), rng
     )
-    drawn = simulated_run.draw_run(settings, rng)
-    elapsed_s: FloatArray = np.arange(9000, dtype=float) + 0.5
-    true = simulated_run.true_wrench(drawn, elapsed_s)
-    drive = simulated_run.drive(drawn, elapsed_s)
-    wrench, temperature_c = read_sensor(sensor, drive, true, rng)
-    return recording(temperature_c[:, :thermometers], wrench[:, Z], true[:, Z])
-
-
-def read_sensor(
-    sensor: ft_sensor.FtSensor, drive: FloatArray, true: FloatArray, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Warm a sensor up from rest; its wrenches, (N, 6), and its thermometers, (N, 2)."""
-    start = ft_sensor.start(sensor, float(drive[0, 1]))
-    nodes_c = ft_sensor.trajectory(sensor, start, drive)[:-1]
-    measured = ft_sensor.measured_wrench(sensor, nodes_c, true)
+    elapsed_s: FloatArray = np.arange(round(hours * 3600), dtype=float) + 0.5
+    true = true_wrench(run, elapsed_s)
+    true[:, Z] += contact_n
+    driven = drive(run, elapsed_s)
+    nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(sensor, float(driven[0, 1])), driven)
+    measured = ft_sensor.measured_wrench(sensor, nodes_c[:-1], true)
     wrench = ft_sensor.digitised_wrench(sensor, measured, rng)
-    return wrench, ft_sensor.digitised_temperatures(sensor, nodes_c, rng)
+    return recording(ft_sensor.digitised_temperatures(sensor, nodes_c[:-1], rng), wrench, true)
+
+
+def wrist(  # noqa: PLR0913 -- the same
+    seed: int,
+    run: int,
+    thermometers: int,
+    *,
+    loaded: bool = False,
+    noise: float = 1.0,
+    contact_n: FloatArray | float = 0.0,
+) -> Recording:
+    """Warm the wrist up for 2.5 h; force z only."""
+    rng = np.random.default_rng([seed, run])
+    whole = warm_up(rng, seed, 2.5, loaded=loaded, noise=noise, contact_n=contact_n)
+    temperature_c = whole.temperature_c[:, :thermometers]
+    return only_z(temperature_c, whole.wrench[:, Z], whole.reference[:, Z])
 
 
 def still(seed: int, run: int, noise_n: float) -> Recording:
@@ -92,33 +110,36 @@ def still(seed: int, run: int, noise_n: float) -> Recording:
     rng = np.random.default_rng([seed, run])
     temperature = 22 + lag(np.repeat(rng.uniform(0, 20, 10), 720), 600.0)
     raw = rng.normal(0, noise_n, len(temperature))
-    return recording(temperature[:, np.newaxis], raw, np.zeros_like(raw))
+    return only_z(temperature[:, np.newaxis], raw, np.zeros_like(raw))
 
 
-def two_lag_runs(seed: int) -> tuple[list[Recording], Recording, FloatArray]:
+def two_lag_runs(seed: int) -> Drawn:
     """Two recordings to learn from, a third to judge."""
     last = 100 * seed + 3
     learnt = [two_lags(100 * seed + 1, 2.0), two_lags(100 * seed + 2, 2.0)]
     return learnt, two_lags(last, 3.0), drift(two_lags(last, 3.0, noise=0.0))
 
 
-def wrists(
-    thermometers: int, loaded: bool, seed: int
-) -> tuple[list[Recording], Recording, FloatArray]:
+def wrists(thermometers: int, loaded: bool, seed: int) -> Drawn:
     """Four recordings to learn from, a fifth to judge."""
     runs = [wrist(seed, run, thermometers, loaded=loaded) for run in range(5)]
     return runs[:4], runs[4], drift(wrist(seed, 4, thermometers, loaded=loaded, noise=0.0))
 
 
-def stills(noise_n: float, seed: int) -> tuple[list[Recording], Recording, FloatArray]:
+def stills(noise_n: float, seed: int) -> Drawn:
     """Three recordings without drift to learn from, a fourth to judge."""
     runs = [still(seed, run, noise_n) for run in range(4)]
     return runs[:3], runs[3], np.zeros(len(runs[3]))
 
 
-def drift(each: Recording) -> FloatArray:
+def drift(day: Recording) -> FloatArray:
     """Raw minus true wrench of force z, shape (N,)."""
-    return each.wrench[:, Z] - each.reference[:, Z]
+    return day.wrench[:, Z] - day.reference[:, Z]
+
+
+def with_zero_reference(day: Recording) -> Recording:
+    """Say that the true load did not change."""
+    return replace(day, reference=np.where(np.isfinite(day.wrench), 0.0, np.nan))
 
 
 def load_cell() -> tuple[Recording, Recording] | None:
@@ -131,28 +152,24 @@ def load_cell() -> tuple[Recording, Recording] | None:
     elapsed_s = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
     stamps_ns = (elapsed_s * NANOSECONDS).astype(np.int64)
     values = np.array([[float(row['T_C']), 1000 * float(row['W_raw_kg'])] for row in rows])
-    whole = grid_samples(
-        [
-            Samples(('temperature_c',), stamps_ns, values[:, :1]),
-            Samples(('force_z',), stamps_ns, values[:, 1:]),
-        ],
-        name='load cell',
-        period_s=30.0,
-    )
-    whole = replace(whole, reference=np.where(np.isfinite(whole.wrench), 0.0, np.nan))
+    samples = [
+        Samples(('temperature_c',), stamps_ns, values[:, :1]),
+        Samples(('force_z',), stamps_ns, values[:, 1:]),
+    ]
+    whole = with_zero_reference(grid_samples(samples, name='load cell', period_s=30.0))
     cut = int(LEARNT_H * 3600 / whole.period_s)
     return part(whole, 0, cut), part(whole, cut, len(whole))
 
 
-def part(each: Recording, first: int, last: int) -> Recording:
+def part(whole: Recording, first: int, last: int) -> Recording:
     """Take some cells of a recording."""
     return replace(
-        each,
-        first_cell=each.first_cell + first,
-        temperature_c=each.temperature_c[first:last],
-        measured=each.measured[first:last],
-        wrench=each.wrench[first:last],
-        reference=each.reference[first:last],
+        whole,
+        first_cell=whole.first_cell + first,
+        temperature_c=whole.temperature_c[first:last],
+        measured=whole.measured[first:last],
+        wrench=whole.wrench[first:last],
+        reference=whole.reference[first:last],
     )
 
 

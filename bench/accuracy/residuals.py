@@ -1,18 +1,31 @@
 """
 Residual drift on recordings that the fit never saw, against what is usual today.
 
-``python bench/accuracy.py [SEEDS]``, 6 by default. Per scenario and method: median and worst
-residual over the seeds, in % of the uncompensated drift, both tared on the first minute and
+``python bench/accuracy/residuals.py [SEEDS]``, 6 by default. Per scenario and method: median and
+worst residual over the seeds, in % of the uncompensated drift, both tared on the first minute and
 averaged over 10 s. "the truth" is what noise leaves, of the tare above all, of a model that knows
 the sensor. Then what ``auto`` states of itself, and a real load cell.
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-from peers import Method, PEERS, Predictor, tare_only
+from peers import (
+    BANKS,
+    block_means,
+    Day,
+    described,
+    fold,
+    parts,
+    Peer,
+    PEERS,
+    root_mean_square,
+    solved,
+    STRENGTHS,
+    tared,
+)  # fmt: skip
 from scenarios import drift, LEARNT_H, LOAD_CELL, load_cell, SCENARIOS, Z
 
 from wrist_ft_comp.drift.drift_model import DriftModel
@@ -23,56 +36,75 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.signals import FloatArray, Recording
 from wrist_ft_comp.stream.offline import simulate_drift
 
+#: Predicts the drift of force z on a day that loads push, (N,), from other recordings.
+Method = Callable[[Sequence[Recording], Recording], FloatArray]
+TRUTH = 'the truth'
+
 
 def calibrated(method: str, recordings: Sequence[Recording]) -> Calibration | None:
     """Calibrate with one of the package's methods; None when it refuses."""
-    settings = CalibrationSettings(
-        reference='recorded',
-        identification=IdentificationSettings(method=method),  # type: ignore[arg-type] # a name
-    )
+    identification = IdentificationSettings(method=method)  # type: ignore[arg-type] # a name
+    settings = CalibrationSettings(reference='recorded', identification=identification)
     try:
         return calibrate(recordings, settings)
     except WristFtCompError:
         return None
 
 
-def predicted(model: DriftModel, each: Recording) -> FloatArray:
+def predicted(model: DriftModel, day: Recording) -> FloatArray:
     """Zero drift, and sensitivity drift times the load, shape (N,)."""
-    simulated = simulate_drift(model, each)
-    return np.asarray(simulated.zero[:, Z] + simulated.sensitivity[:, Z] * each.reference[:, Z])
+    zero, sensitivity = simulate_drift(model, day)
+    return np.asarray(zero[:, Z] + sensitivity[:, Z] * day.reference[:, Z])
 
 
-def ours(method: str, recordings: Sequence[Recording]) -> Predictor:
+def by_package(method: str, recordings: Sequence[Recording], day: Recording) -> FloatArray:
     """Use one of the package's methods; a refusal leaves the sensor as it is."""
     calibration = calibrated(method, recordings)
-    if calibration is None:
-        return tare_only(recordings)
-    return partial(predicted, calibration.model)
+    return np.zeros(len(day)) if calibration is None else predicted(calibration.model, day)
 
 
-def residual(each: Recording, prediction: FloatArray) -> float:
-    """Root mean square of what is left, tared on the first minute, in bins of 10 s."""
-    error = drift(each) - prediction
-    return root_mean_square(bin_means(error - error[:60].mean(), 10))
+def by_peer(peer: Peer, recordings: Sequence[Recording], day: Recording) -> FloatArray:
+    """Use a peer on whole cells; it knows zero drift only."""
+    days = [
+        Day(one.temperature_c, one.wrench - one.reference, np.zeros_like(one.wrench), one.period_s)
+        for one in (*recordings, day)
+    ]
+    return peer(days[:-1], days[-1])[:, Z]
 
 
-def bin_means(values: FloatArray, cells: int) -> FloatArray:
-    """Average over bins, leaving the last incomplete one out."""
-    return np.asarray(values[: len(values) // cells * cells].reshape(-1, cells).mean(axis=1))
-
-
-def root_mean_square(values: FloatArray) -> float:
-    """Root of the mean square."""
-    return float(np.sqrt(np.mean(values**2)))
+def ridge_bank(days: Sequence[Day], judged: Day) -> FloatArray:
+    """Fit ridge on a bank; its strength leaves the least variance of days, or thirds, left out."""
+    bank = BANKS[1]
+    pieces = [fold(bank, piece, Z) for piece in parts(days)]
+    variances = []
+    for strength in STRENGTHS[2:]:
+        variance = 0.0
+        for out in pieces:
+            gains = solved([piece for piece in pieces if piece is not out], strength)
+            variance += float(np.var(out.drift - out.columns @ gains))
+        variances.append(variance)
+    strength = STRENGTHS[2:][int(np.argmin(variances))]
+    result = np.zeros_like(judged.drift)
+    gains = solved([fold(bank, day, Z) for day in days], strength)
+    result[:, Z] = described(bank, judged)[0] @ gains
+    return result
 
 
 METHODS: dict[str, Method] = {
-    **PEERS,
-    'arx_pls': partial(ours, 'arx_pls'),
-    'auto': partial(ours, 'auto'),
+    'tare only': partial(by_peer, PEERS['nothing']),
+    'straight line': partial(by_peer, PEERS['line']),
+    'cubic': partial(by_peer, PEERS['cubic']),
+    'PLS on lags': partial(by_peer, PEERS['PLS on lags']),
+    'ridge bank': partial(by_peer, ridge_bank),
+    'arx_pls': partial(by_package, 'arx_pls'),
+    'auto': partial(by_package, 'auto'),
 }
 
-TRUTH = 'the truth'
+
+def residual(day: Recording, prediction: FloatArray) -> float:
+    """Root mean square of what is left, tared on the first minute, in bins of 10 s."""
+    error = block_means((drift(day) - prediction)[:, np.newaxis], 10)
+    return float(root_mean_square(tared(error, 10.0))[0])
 
 
 def print_table(seeds: range) -> None:
@@ -86,7 +118,7 @@ def print_table(seeds: range) -> None:
             training, test, truth = scenario(seed)
             before = residual(test, np.zeros(len(test)))
             for name, method in METHODS.items():
-                shares[name].append(100 * residual(test, method(training)(test)) / before)
+                shares[name].append(100 * residual(test, method(training, test)) / before)
             shares[TRUTH].append(100 * residual(test, truth) / before)
         ratios = np.array(shares['auto']) / np.array(shares['straight line'])
         cells = [f'{np.median(s):.2f} ({max(s):.2f})' for s in shares.values()]
@@ -103,9 +135,9 @@ def print_stated(seeds: range) -> None:
             training, test, _ = scenario(seed)
             calibration = calibrated('auto', training)
             if calibration is not None:
-                error = bin_means(drift(test) - predicted(calibration.model, test), 30)
+                error = (drift(test) - predicted(calibration.model, test))[:, np.newaxis]
                 stated = calibration.model.deviation['force_z']
-                ratios.append(float(np.std(error)) / stated)
+                ratios.append(float(np.std(block_means(error, 30))) / stated)
         print(f'{title:22}{np.median(ratios):6.2f} ({max(ratios):.2f})', flush=True)
 
 
@@ -116,12 +148,12 @@ def print_load_cell() -> None:
         print(f'\nload cell: skipped, {LOAD_CELL.name} is not beside the project')
         return
     learnt, rest = both
-    there = np.isfinite(drift(rest))
-    time_s = rest.elapsed_s[there]
+    measured = np.isfinite(drift(rest))
+    time_s = rest.elapsed_s[measured]
     print(f'\nload cell, learnt from {LEARNT_H:g} h, the other {rest.duration_s / 3600:.1f} h:')
     print(f'{"":15}{"spread, g":>12}{"around its creep, g":>22}{"creep, g/day":>15}')
     for name, method in METHODS.items():
-        error = (drift(rest) - method([learnt])(rest))[there]
+        error = (drift(rest) - method([learnt], rest))[measured]
         creep = np.polynomial.Polynomial.fit(time_s, error, 1).convert()
         around = np.std(error - creep(time_s))
         print(f'{name:15}{np.std(error):12.1f}{around:22.1f}{86400 * creep.coef[1]:15.1f}')

@@ -1,7 +1,7 @@
 """
 The processes of the stream benchmark: sensors, receiver, and the relays a user would write.
 
-``python bench/stream_roles.py ROLE …``. Sensor and receiver obey lines on standard input and
+``python bench/cost/stream_roles.py ROLE …``. Sensor and receiver obey lines on standard input and
 answer with one line of JSON each.
 """
 

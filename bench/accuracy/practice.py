@@ -12,89 +12,68 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-from peers import polynomial
-from scenarios import read_sensor, recording, wrist, Z
+from peers import block_means, PEERS
+from residuals import by_peer
+from scenarios import wrist, Z
 from scipy.signal import butter, lfilter
 
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.signals import FloatArray, Recording
-from wrist_ft_comp.simulation import ft_sensor
-from wrist_ft_comp.simulation import run as simulated_run
-from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
 from wrist_ft_comp.stream.offline import simulate_drift
 
 CONTACT_N = 20.0
-DURATION_S = 9000
 STARTS_S = tuple(range(600, 5400, 600))
 CONTACT_S = 60
-HOLD_S = (5400, DURATION_S)
+HOLD_S = (5400, 9000)
 REZERO_S = 5
+#: Which run of the wrist is judged; the first four are learnt from.
+JUDGED_RUN = 99
 #: Estimates the true force of a day, shape (N,), from its readings and other days.
 Practice = Callable[[Sequence[Recording], Recording], FloatArray]
 
 
 def contacts() -> FloatArray:
     """Draw the contact force, N, shape (N,)."""
-    force: FloatArray = np.zeros(DURATION_S)
+    force: FloatArray = np.zeros(HOLD_S[1])
     for start in STARTS_S:
         force[start : start + CONTACT_S] = CONTACT_N
     force[slice(*HOLD_S)] = CONTACT_N
     return force
 
 
-def day(seed: int) -> Recording:
-    """Work for a day with contacts; the reference is the true force."""
-    rng = np.random.default_rng([seed, 99])
-    sensor = ft_sensor.build_sensor(FtSensorSettings(), seed)
-    starts = np.arange(0.0, DURATION_S, 1200.0)
-    levels = rng.uniform(0, 1, len(starts)) * (rng.random(len(starts)) > 0.35)
-    settings = simulated_run.RunSettings(
-        duty_start_s=tuple(starts), duty_level=tuple(levels), force_n=0.0, torque_nm=0.0
-    )
-    drawn = simulated_run.draw_run(settings, rng)
-    elapsed_s: FloatArray = np.arange(DURATION_S, dtype=float) + 0.5
-    true = simulated_run.true_wrench(drawn, elapsed_s)
-    true[:, Z] += contacts()
-    drive = simulated_run.drive(drawn, elapsed_s)
-    wrench, temperature_c = read_sensor(sensor, drive, true, rng)
-    return recording(temperature_c, wrench[:, Z], true[:, Z])
-
-
 def tared(force: FloatArray) -> FloatArray:
     """Zero on the first minute."""
-    result: FloatArray = force - force[:CONTACT_S].mean()
-    return result
+    return np.asarray(force - force[:60].mean())
 
 
-def zero_once(_: Sequence[Recording], each: Recording) -> FloatArray:
+def zero_once(_: Sequence[Recording], day: Recording) -> FloatArray:
     """Zero at the start of the day only."""
-    return tared(each.wrench[:, Z])
+    return tared(day.wrench[:, Z])
 
 
-def rezero(_: Sequence[Recording], each: Recording) -> FloatArray:
+def rezero(_: Sequence[Recording], day: Recording) -> FloatArray:
     """Zero on the last seconds before every contact, as sensor vendors advise."""
-    force = tared(each.wrench[:, Z])
+    force = tared(day.wrench[:, Z])
     for start in (*STARTS_S, HOLD_S[0]):
         force[start:] -= force[start - REZERO_S : start].mean()
     return force
 
 
-def high_pass(cut_off_hz: float, _: Sequence[Recording], each: Recording) -> FloatArray:
+def high_pass(cut_off_hz: float, _: Sequence[Recording], day: Recording) -> FloatArray:
     """Pass the force through a first-order high-pass."""
     b, a = butter(1, cut_off_hz, 'highpass', fs=1.0)
-    return np.asarray(lfilter(b, a, tared(each.wrench[:, Z])))
+    return np.asarray(lfilter(b, a, tared(day.wrench[:, Z])))
 
 
-def cubic(training: Sequence[Recording], each: Recording) -> FloatArray:
+def cubic(training: Sequence[Recording], day: Recording) -> FloatArray:
     """Subtract a cubic polynomial of the thermometer in the sensor."""
-    return tared(each.wrench[:, Z] - polynomial(3, training)(each))
+    return tared(day.wrench[:, Z] - by_peer(PEERS['cubic'], training, day))
 
 
-def ours(training: Sequence[Recording], each: Recording) -> FloatArray:
+def ours(training: Sequence[Recording], day: Recording) -> FloatArray:
     """Calibrate with this package, by default settings."""
-    drift = simulate_drift(calibrate(training, CalibrationSettings()).model, each)
-    return tared((each.wrench[:, Z] - drift.zero[:, Z]) / (1.0 + drift.sensitivity[:, Z]))
+    zero, sensitivity = simulate_drift(calibrate(training).model, day)
+    return tared((day.wrench[:, Z] - zero[:, Z]) / (1.0 + sensitivity[:, Z]))
 
 
 PRACTICES: dict[str, Practice] = {
@@ -108,23 +87,17 @@ PRACTICES: dict[str, Practice] = {
 }
 
 
-def errors(estimate: FloatArray, each: Recording) -> list[float]:
+def errors(estimate: FloatArray, day: Recording) -> list[float]:
     """Measure RMS in short contacts, RMS in between, and the worst of the long one, N."""
-    error = estimate - each.reference[:, Z]
-    touching = contacts() > 0
-    short = touching & (np.arange(DURATION_S) < HOLD_S[0])
-    free, hold = ~touching, slice(*HOLD_S)
+    error = estimate - day.reference[:, Z]
+    touching, hold = contacts() > 0, slice(*HOLD_S)
+    short = touching & (np.arange(len(error)) < HOLD_S[0])
     # Means of 10 s, because noise is no drift.
-    return [
-        *(float(np.sqrt(np.mean(smooth(error[rows]) ** 2))) for rows in (short, free)),
-        float(np.max(np.abs(smooth(error[hold])))),
-    ]
-
-
-def smooth(values: FloatArray) -> FloatArray:
-    """Means of ten seconds, shape (N // 10,)."""
-    means: FloatArray = values[: len(values) // 10 * 10].reshape(-1, 10).mean(axis=1)
-    return means
+    in_contact, free, held = (
+        block_means(error[rows, np.newaxis], 10) for rows in (short, ~touching, hold)
+    )
+    rms = [float(np.sqrt(np.mean(means**2))) for means in (in_contact, free)]
+    return [*rms, float(np.max(np.abs(held)))]
 
 
 def main() -> None:
@@ -134,8 +107,8 @@ def main() -> None:
     seeds = range(parser.parse_args().seeds)
     found: dict[str, list[list[float]]] = {name: [] for name in PRACTICES}
     for seed in seeds:
-        training = [wrist(seed, run, 2, loaded=False) for run in range(4)]
-        test = day(seed)
+        training = [wrist(seed, run, 2) for run in range(4)]
+        test = wrist(seed, JUDGED_RUN, 2, contact_n=contacts())
         for name, practice in PRACTICES.items():
             found[name].append(errors(practice(training, test), test))
     print(

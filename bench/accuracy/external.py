@@ -1,12 +1,12 @@
 """
 The wrench without drift and payload, and a payload from a minute of motion, on simulated robots.
 
-``python bench/external.py`` draws twelve robots from the last commit that touched how drift is
-learnt, as ``worlds.py`` does; ``--dev`` draws the ones to develop on. Each works for a day with a
-tool and a part, contacts included, from which drift and payload are learnt, by an accelerometer
-(crooked, biased, drifting) or by TF, which knows no acceleration. On another day it moves freely
-while it warms up, up to 1 rad/s and 1 m/s², and what the stream takes off is compared with what
-pushed on the tool, over means of 1 s, tared in the first minute:
+``python bench/accuracy/external.py`` draws twelve robots from the last commit that touched how
+drift is learnt, as ``worlds.py`` does; ``--dev`` draws the ones to develop on. Each works for a
+day with a tool and a part, contacts included, from which drift and payload are learnt, by an
+accelerometer (crooked, biased, drifting) or by TF, which knows no acceleration. On another day it
+moves freely while it warms up, up to 1 rad/s and 1 m/s², and what the stream takes off is compared
+with what pushed on the tool, over means of 1 s, tared in the first minute:
 
     RMS of the error <= sqrt(drift left² + (twice the noise)² + (3 % of the weight)²)
 

@@ -1,11 +1,12 @@
 """
-A stand for reliability benches: a compensator as a process of its own, a sensor and a listener.
+A stand for the benches of faults: a compensator as a process of its own, a sensor and a listener.
 
-The sensor's drift follows its temperature with a lag that the model knows, and nothing is loaded,
-so whatever comes out beyond noise is wrong.
+The sensor's drift follows its temperature with a lag that the model has learnt, and nothing loads
+the sensor, so whatever comes out beyond noise is wrong.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+import json
 import os
 from pathlib import Path
 import signal
@@ -17,16 +18,23 @@ import time
 from typing import Any
 
 import numpy as np
+from rclpy.context import Context
+from rclpy.node import Node
+from std_srvs.srv import Trigger
 
 from wrist_ft_comp.jobs.calibration import run_job
 from wrist_ft_comp.jobs.request import CalibrationJob
-from wrist_ft_comp.signals import AXES, NANOSECONDS
+from wrist_ft_comp.ros.running import make_executor, spin
+from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS
 
+BENCH = Path(__file__).resolve().parents[1]
 NODE = 'stand'
-#: Lag of the sensor, s, and its drift, N/K and N m/K.
+#: Time constant of the sensor's lag behind its thermometer, s.
 LAG_S = 600.0
+#: Drift per kelvin, N/K and N m/K, axis order AXES.
 GAINS = (0.05, -0.1, 0.4, 0.01, -0.01, 0.02)
 COLD_C = 20.0
+#: Standard deviation of a reading, N and N m.
 NOISE = np.array([0.02, 0.02, 0.02, 0.002, 0.002, 0.002])
 TIMEOUT_S = 60.0
 
@@ -44,26 +52,28 @@ class Sensor:
 
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
-        self._heat = 0.0
-        self._lagged = 0.0
-        self._at_s = 0.0
+        self._warmth_k = 0.0
+        self._lagged_k = 0.0
+        self._elapsed_s = 0.0
 
-    def advance(self, seconds: float) -> None:
-        """Let time pass up to some seconds after the start."""
-        while self._at_s < seconds:
-            self._at_s += 0.1
-            self._heat = 15.0 * (1 - np.exp(-self._at_s / 400)) + np.sin(self._at_s / 40)
-            self._lagged += (1 - np.exp(-0.1 / LAG_S)) * (self._heat - self._lagged)
+    def advance(self, elapsed_s: float) -> None:
+        """Let time pass until so many seconds after the start."""
+        while self._elapsed_s < elapsed_s:
+            self._elapsed_s += 0.1
+            self._warmth_k = 15.0 * (1 - np.exp(-self._elapsed_s / 400)) + np.sin(
+                self._elapsed_s / 40
+            )
+            self._lagged_k += (1 - np.exp(-0.1 / LAG_S)) * (self._warmth_k - self._lagged_k)
 
     @property
     def celsius(self) -> float:
         """Temperature, °C."""
-        return COLD_C + float(self._heat)
+        return COLD_C + float(self._warmth_k)
 
     @property
-    def zero(self) -> Any:
+    def zero(self) -> FloatArray:
         """Zero drift, shape (6,), N and N m."""
-        return self._lagged * np.array(GAINS)
+        return self._lagged_k * np.array(GAINS)
 
     def raw(self) -> list[float]:
         """Read the sensor, N and N m."""
@@ -97,7 +107,7 @@ def message(stamp_ns: int, doubles: Sequence[float], frame: bytes = b'tool0\0\0\
 
 class Stand:
     """
-    The compensator's process, and a node that talks to it.
+    The compensator's process, and nodes that talk to it and listen to it.
 
     Parameters
     ----------
@@ -109,41 +119,33 @@ class Stand:
     """
 
     def __init__(self, data: Path, *parameters: str) -> None:
-        from rclpy.context import Context  # noqa: PLC0415 -- after the environment is set
-        from rclpy.node import Node  # noqa: PLC0415
-
-        from wrist_ft_comp.ros.running import make_executor, spin  # noqa: PLC0415
-
         self.data = data
         self.log = data / 'node.log'
+        self.process: subprocess.Popen[bytes] | None = None
         self._parameters = parameters
         self._context: Any = Context()
         self._context.init([])
         self.node: Any = Node('stand_helper', context=self._context)
         #: Publishes; no executor waits for its publishers, so they may come and go.
         self.talker: Any = Node('stand_sensor', context=self._context)
-        executor = make_executor('default', self._context)
-        executor.add_node(self.node)
-        self._executor = executor
+        self._executor = make_executor('default', self._context)
+        self._executor.add_node(self.node)
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=spin, args=(executor, self._context, self._stop))
+        arguments = (self._executor, self._context, self._stop)
+        self._thread = threading.Thread(target=spin, args=arguments)
         self._thread.start()
-        self.process: subprocess.Popen[bytes] | None = None
         self._clients: dict[str, Any] = {}
 
     def start_node(self) -> None:
         """Start the compensator."""
-        words = [f'data_directory:={self.data}', *self._parameters]
-        arguments = [word for pair in words for word in ('-p', pair)]
+        words = ['-r', f'__node:={NODE}']
+        for parameter in (f'data_directory:={self.data}', *self._parameters):
+            words += ['-p', parameter]
+        module = 'wrist_ft_comp.node.compensator'
         self.data.mkdir(parents=True, exist_ok=True)
         with self.log.open('ab') as log:
             self.process = subprocess.Popen(
-                [
-                    *(sys.executable, '-m', 'wrist_ft_comp.node.compensator', '--ros-args'),
-                    *('-r', f'__node:={NODE}', *arguments),
-                ],
-                stderr=log,
-                stdout=log,
+                [sys.executable, '-m', module, '--ros-args', *words], stderr=log, stdout=log
             )
 
     def end_node(self, number: int = signal.SIGKILL) -> int:
@@ -153,22 +155,23 @@ class Stand:
         self.process.send_signal(number)
         return self.process.wait(TIMEOUT_S)
 
-    def call(self, name: str, kind: Any, request: Any) -> None:
-        """Ask for a service, if it is there, and wait for nothing."""
+    def _client(self, name: str, kind: Any) -> Any:
+        """Give the client of one of the node's services."""
         if name not in self._clients:
             self._clients[name] = self.node.create_client(kind, f'/{NODE}/{name}')
-        if self._clients[name].service_is_ready():
-            self._clients[name].call_async(request)
+        return self._clients[name]
+
+    def call(self, name: str, kind: Any = Trigger, request: Any = None) -> None:
+        """Ask for a service, if the node offers it now, and wait for nothing."""
+        client = self._client(name, kind)
+        if client.service_is_ready():
+            client.call_async(request or kind.Request())
 
     def ready(self, name: str) -> bool:
-        """Whether a Trigger service of the node is there."""
-        from std_srvs.srv import Trigger  # noqa: PLC0415 -- after the environment is set
+        """Tell whether the node offers a Trigger service now."""
+        return bool(self._client(name, Trigger).service_is_ready())
 
-        if name not in self._clients:
-            self._clients[name] = self.node.create_client(Trigger, f'/{NODE}/{name}')
-        return bool(self._clients[name].service_is_ready())
-
-    def wait(self, condition: Any, what: str) -> None:
+    def wait(self, condition: Callable[[], bool], what: str) -> None:
         """Wait until something holds."""
         end = time.monotonic() + TIMEOUT_S
         while not condition():
@@ -201,5 +204,18 @@ def own_domain(domain: int, *, shared_memory: bool = False) -> None:
     if not shared_memory:
         # LOCALHOST would put shared memory back.
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
-        profile = Path(__file__).with_name('loopback.xml')
-        os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profile)
+        os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(BENCH / 'loopback.xml')
+
+
+def keep(name: str, content: str | bytes) -> None:
+    """Write a file into out/."""
+    folder = BENCH.parent / 'out'
+    folder.mkdir(exist_ok=True)
+    (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+
+
+def tell(name: str, figures: object) -> None:
+    """Print figures, and keep them in out/."""
+    text = json.dumps(figures, indent=1)
+    print(text)
+    keep(f'{name}.json', text)

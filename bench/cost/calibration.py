@@ -1,0 +1,50 @@
+"""
+How long ``auto`` takes: six axes of the simulated wrist, unloaded and loaded.
+
+``python bench/cost/calibration.py``. 24 h, half and a quarter of it for the growth, five times
+2.5 h, and a fortnight of 8 h a day, with the largest memory of the process.
+"""
+
+import os
+from pathlib import Path
+import resource
+import sys
+import time
+
+from wrist_ft_comp import ONE_THREAD
+
+os.environ.update(ONE_THREAD)  # as the command and the node's calibration do, before numpy loads
+
+import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'accuracy'))
+from scenarios import warm_up
+
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.signals import Reference
+
+#: Hours of a recording, and how many recordings.
+LENGTHS = ((6.0, 1), (12.0, 1), (24.0, 1), (2.5, 5), (8.0, 14))
+
+
+def main() -> None:
+    """Print how long a calibration of six axes takes."""
+    references: tuple[tuple[str, Reference], ...] = (
+        ('unloaded', 'unloaded'), ('loaded', 'recorded'),
+    )  # fmt: skip
+    for hours, count in LENGTHS:
+        for what, reference in references:
+            runs = [
+                warm_up(np.random.default_rng(run), 1, hours, loaded=what == 'loaded')
+                for run in range(count)
+            ]
+            start = time.perf_counter()
+            calibrate(runs, CalibrationSettings(reference=reference))
+            took = time.perf_counter() - start
+            print(f'auto, six axes, {count} x {hours:g} h at 1 s, {what}: {took:.1f} s')
+    print(f'memory at most {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB')
+
+
+if __name__ == '__main__':
+    main()

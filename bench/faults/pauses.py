@@ -1,0 +1,79 @@
+"""
+``pauses``: what holds the stream up, by how long things take beside correcting wrenches.
+
+A node with six axes and six hours of history. Messages that wait meanwhile are those of 8 kHz, of
+which the subscription keeps 1000.
+"""
+
+import argparse
+from collections.abc import Callable
+import json
+from pathlib import Path
+import time
+from typing import Any
+
+import numpy as np
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+from stand import keep, make_model, Sensor, write_warm_up
+
+from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.signals import NANOSECONDS
+from wrist_ft_comp.stored.model_file import load_model, restore_model
+from wrist_ft_comp.stored.state_file import save_state, SavedState
+
+#: Wrenches per second that the last column is for.
+RATE_HZ = 8000
+HISTORY_S = 6 * 3600
+
+
+def took_ms(work: Callable[[], object], times: int) -> tuple[float, float]:
+    """Run something some times; median and longest, ms."""
+    took = []
+    for _ in range(times):
+        before = time.perf_counter()
+        work()
+        took.append(1e3 * (time.perf_counter() - before))
+    return float(np.median(took)), max(took)
+
+
+def measure(arguments: argparse.Namespace, folder: Path) -> bool:
+    """Make a node, time what it does, and print a table."""
+    model_path = make_model(write_warm_up(folder / 'warm_up.csv'), folder / 'models/m.yaml')
+    context: Any = Context()
+    context.init([])
+    untyped: Any = Parameter
+    given = {'data_directory': str(folder), 'model_file': str(model_path)}
+    node: Any = CompensatorNode(
+        context=context,
+        parameter_overrides=[untyped(name, value=value) for name, value in given.items()],
+    )
+    sensor = Sensor(arguments.seed)
+    for second in range(HISTORY_S):
+        sensor.advance(float(second))
+        node.compensator.add_temperature(0, second * NANOSECONDS, sensor.celsius)
+    stored = node.live.stored
+    state = SavedState(1, stored.sha256, np.zeros(6), node.compensator.memory())
+    work: dict[str, tuple[Callable[[], object], int]] = {
+        'state: take it and hand it over (callback)': (node.state_keeper.save, 200),
+        'state: write it, fsync (thread)': (lambda: save_state(folder / 'other.json', state), 50),
+        'model: read and check a file (set at run time)': (lambda: load_model(model_path), 10),
+        'model: restore a calibration (callback)': (
+            lambda: restore_model(model_path, stored.sha256, stored.document), 50,
+        ),
+        'model: go live with 6 h of history (callback)': (
+            lambda: node.compensator.go_live(stored.model), 5,
+        ),
+        'model: remember it (callback)': (lambda: node.store.activate([None, model_path]), 50),
+        'housekeeping, 10 times a second': (node._keep_house, 200),  # noqa: SLF001
+        'diagnostics, once a second': (node._diagnose, 200),  # noqa: SLF001
+    }  # fmt: skip
+    measured = {}
+    print(f'{"what":50} median, ms  longest, ms  messages at 8 kHz')
+    for what, (do, times) in work.items():
+        median, longest = measured[what] = took_ms(do, times * arguments.times)
+        print(f'{what:50}{median:11.2f}{longest:13.2f}{longest * RATE_HZ / 1000:19.0f}')
+    keep('pauses.json', json.dumps(measured, indent=1))
+    node.destroy_node()
+    context.try_shutdown()
+    return True
