@@ -59,7 +59,7 @@ lint: $(READY)
 	$(BIN)/mypy
 
 bench: $(READY)
-	$(BIN)/python bench/cost/reading.py
+	$(BIN)/python bench/cost/rewriting.py 20 --reading
 	$(BIN)/python bench/accuracy/residuals.py
 	$(BIN)/python bench/accuracy/worlds.py
 	$(BIN)/python bench/accuracy/practice.py

@@ -1,12 +1,15 @@
 """
-What ``wrist_ft_comp compensate`` costs on a long recording, against the script a user would write.
+What long recordings cost: to read them, and to compensate them, against scripts of a user.
 
-``python bench/cost/rewriting.py [MINUTES]``, 60 by default, at 1 kHz with a thermometer at 10 Hz,
-as mcap, sqlite3 and CSV. The script reads, computes and writes one message by one, in typed
-Python; it gets the first PEER_MINUTES only, and is compared per wrench, in processor time, which
-other programs disturb less. The command is run as a process of its own, start-up included. Peak
-memory is shown for the whole and for a quarter of it, because it must not grow. Figures are
-written to ``out/rewriting.json``.
+``python bench/cost/rewriting.py [MINUTES]``, 60 by default, runs ``wrist_ft_comp compensate`` at
+1 kHz with a thermometer at 10 Hz, as mcap, sqlite3 and CSV. The script reads, computes and writes
+one message by one, in typed Python; it gets the first PEER_MINUTES only, and is compared per
+wrench, in processor time, which other programs disturb less. The command is run as a process of
+its own, start-up included. Peak memory is shown for the whole and for a quarter of it, because it
+must not grow. Figures are written to ``out/rewriting.json``.
+
+``--reading`` compares read_recording with rosbags' deserialize_cdr, one message by one, on bags of
+1 kHz: messages per second, and peak memory of a quarter and of the whole.
 """
 
 import argparse
@@ -16,6 +19,7 @@ import json
 import math
 import os
 from pathlib import Path
+import resource
 import struct
 import subprocess
 import sys
@@ -28,6 +32,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from warm_up import make_model
 
+from wrist_ft_comp.recordings.recordings import read_recording
 from wrist_ft_comp.signals import AXES, NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
@@ -184,11 +189,63 @@ def compare(kind: str, minutes: float, folder: Path, model: Path) -> dict[str, f
     }
 
 
+def read_one_by_one(path: Path) -> None:
+    """Deserialize every message, as most scripts do."""
+    with Reader(path) as reader:
+        for connection, _, data in reader.messages():
+            STORE.deserialize_cdr(data, connection.msgtype)
+
+
+def seconds_of(read: Callable[[Path], object], path: Path) -> float:
+    """Time a reader, s."""
+    start = time.perf_counter()
+    read(path)
+    return time.perf_counter() - start
+
+
+def peak_mib(path: Path) -> float:
+    """Peak memory of a process that reads the bag, MiB."""
+    command = [sys.executable, __file__, '--peak', str(path)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    return float(done.stdout)
+
+
+def compare_readers(minutes: float) -> None:
+    """Print a table of messages per second, and of peak memory."""
+    print(
+        f'{"storage":8} {"read_recording":>15} {"one by one":>11} {"ratio":>6} {"peak, MiB":>22}'
+    )
+    messages = round(minutes * 60 * RATE_HZ) * (1 + 1 / THERMAL)
+    for storage in (StoragePlugin.SQLITE3, StoragePlugin.MCAP):
+        with tempfile.TemporaryDirectory() as folder:
+            long, short = Path(folder, 'long'), Path(folder, 'short')
+            write_bag(long, minutes, storage)
+            write_bag(short, minutes / 4, storage)
+            bulk, single = (
+                messages / seconds_of(read, long) for read in (read_recording, read_one_by_one)
+            )
+            peaks = peak_mib(short), peak_mib(long)
+        print(
+            f'{storage.name.lower():8} {bulk:13,.0f}/s {single:9,.0f}/s {bulk / single:6.1f} '
+            f'{peaks[0]:7.1f} (x1) {peaks[1]:7.1f} (x4)'
+        )
+
+
 def main() -> None:
     """Measure, print a table, write JSON."""
     parser = argparse.ArgumentParser(description='Speed and memory of compensate.')
     parser.add_argument('minutes', nargs='?', type=float, default=60.0)
-    minutes = parser.parse_args().minutes
+    parser.add_argument('--reading', action='store_true', help='compare readers')
+    parser.add_argument('--peak', type=Path, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    minutes = arguments.minutes
+    if arguments.peak:
+        read_recording(arguments.peak)
+        print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+        return
+    if arguments.reading:
+        compare_readers(minutes)
+        return
     print(f'{minutes:g} minutes; wrenches per second of processor time')
     print(
         'storage   compensate  typed script  ratio  whole: CPU, s  elapsed, s  peak MiB of 1/4, 1'

@@ -180,21 +180,38 @@ class Line:
         )
 
 
+def by_turns(
+    line: Line, names: Sequence[str], rate_hz: float, seconds: float, repeats: int, **beside: float
+) -> dict[str, list[Run]]:
+    """Measure nodes one after the other, again and again."""
+    runs: dict[str, list[Run]] = {name: [] for name in names}
+    for _ in range(repeats):
+        for name in names:
+            runs[name].append(line.measure(name, rate_hz, seconds, **beside))
+    return runs
+
+
+def rows_of(runs: dict[str, list[Run]], rate_hz: float) -> list[dict[str, Any]]:
+    """Sum up and print."""
+    rows = [summary(name, rate_hz, measured) for name, measured in runs.items()]
+    for row in rows:
+        print_row(row)
+    return rows
+
+
+def cpu_ratio(runs: dict[str, list[Run]], name: str, other: str) -> float:
+    """Compare runs that followed each other, and take the median."""
+    pairs = zip(runs[name], runs[other], strict=True)
+    return median(run.cpu_us / beside.cpu_us for run, beside in pairs)
+
+
 def compare_rates(line: Line, rates: Sequence[float], seconds: float, repeats: int) -> list[Any]:
     """Measure relays and node by turns at every rate."""
     rows = []
     for rate_hz in rates:
-        runs: dict[str, list[Run]] = {name: [] for name in (*RELAYS, NODE)}
-        for _ in range(repeats):
-            for name, measured in runs.items():
-                measured.append(line.measure(name, rate_hz, seconds))
-        for name, measured in runs.items():
-            rows.append(summary(name, rate_hz, measured))
-            print_row(rows[-1])
-        cpu = {name: [run.cpu_us for run in measured] for name, measured in runs.items()}
-        for name in RELAYS:  # runs that followed each other are compared, then the median taken
-            pairs = zip(cpu[NODE], cpu[name], strict=True)
-            rows[-1][f'cpu_to_{name}'] = median(node / other for node, other in pairs)
+        runs = by_turns(line, (*RELAYS, NODE), rate_hz, seconds, repeats)
+        rows += rows_of(runs, rate_hz)
+        rows[-1] |= {f'cpu_to_{relay}': cpu_ratio(runs, NODE, relay) for relay in RELAYS}
         print(
             f"          compensator: {rows[-1]['cpu_to_typed']:.2f} of the typed relay's CPU, "
             f"{rows[-1]['cpu_to_bytes']:.2f} of the bytes relay's, "
@@ -213,9 +230,7 @@ def during_calibration(line: Line, folder: Path, seconds: float) -> list[Any]:
     busy = [line.measure(NODE, 1000, seconds)]
     while not busy[-1].calibrated:
         busy.append(line.measure(NODE, 1000, seconds))
-    rows = [summary('idle', 1000, idle), summary('calibrating', 1000, busy)]
-    for row in rows:
-        print_row(row)
+    rows = rows_of({'idle': idle, 'calibrating': busy}, 1000)
     print(f'          p99 while calibrating: {rows[1]["p99_us"] / rows[0]["p99_us"]:.2f} of idle')
     return rows
 
@@ -227,20 +242,14 @@ def with_a_field(folder: Path, seconds: float, repeats: int) -> list[Any]:
         name: compensator(folder, name, f'temperature_topics:=["{entry}"]')
         for name, entry in entries.items()
     }
-    runs: dict[str, list[Run]] = {name: [] for name in nodes}
     with ExitStack() as stack:
         line = Line(stack, nodes)
         line.measure('field', 1000, 3.0, states=True)  # until it has found out what there is
-        for _ in range(repeats):
-            for name, measured in runs.items():
-                measured.append(line.measure(name, 1000, seconds, states=True))
+        runs = by_turns(line, list(nodes), 1000, seconds, repeats, states=True)
     for name in nodes:
         print(f'{name:>19}: {line.topics[name]["temperatures_hz"]:.1f} temperatures a second')
-    rows = [summary(name, 1000, measured) for name, measured in runs.items()]
-    for row in rows:
-        print_row(row)
-    pairs = zip(runs['field'], runs['topic'], strict=True)
-    rows[1]['cpu_to_topic'] = median(field.cpu_us / topic.cpu_us for field, topic in pairs)
+    rows = rows_of(runs, 1000)
+    rows[1]['cpu_to_topic'] = cpu_ratio(runs, 'field', 'topic')
     print(
         f'          a field of 1 kHz: {rows[1]["cpu_to_topic"]:.2f} of the CPU, '
         f'{rows[1]["p99_us"] / rows[0]["p99_us"]:.2f} of the p99'
@@ -252,9 +261,8 @@ def with_a_payload(
     folder: Path, rates: Sequence[float], seconds: float, repeats: int
 ) -> list[Any]:
     """Compare a node that holds a payload, with an IMU of 1 kHz, with one that holds none."""
-    add_payloads(
-        folder / PAYLOADS, 'bench', [Payload(1.5, np.array([0.0, 0.0, 0.06]))], ForceFrame()
-    )
+    payload = Payload(1.5, np.array([0.0, 0.0, 0.06]))
+    add_payloads(folder / PAYLOADS, 'bench', [payload], ForceFrame())
     held = ('gravity.source:=imu', 'payload.active:=bench-1')
     nodes: dict[str, Sequence[str]] = {
         'bare': compensator(folder, 'bare'),
@@ -271,11 +279,8 @@ def with_a_payload(
                 every = max(round(rate_hz / 1000), 1)
                 runs['payload'].append(line.measure('payload', rate_hz, seconds, imu_every=every))
                 external += line.topics['payload']['external']
-            for name, measured in runs.items():
-                rows.append(summary(name, rate_hz, measured))
-                print_row(rows[-1])
-            pairs = zip(runs['payload'], runs['bare'], strict=True)
-            rows[-1]['cpu_to_bare'] = median(held.cpu_us / bare.cpu_us for held, bare in pairs)
+            rows += rows_of(runs, rate_hz)
+            rows[-1]['cpu_to_bare'] = cpu_ratio(runs, 'payload', 'bare')
             rows[-1]['external_missing'] = sum(run.sent for run in runs['payload']) - external
             print(
                 f'          with a payload: {rows[-1]["cpu_to_bare"]:.2f} of the CPU, '
@@ -288,9 +293,9 @@ def with_a_payload(
 def while_learning(folder: Path, seconds: float) -> list[Any]:
     """Measure at 1 kHz while the node learns from days that it finds, and afterwards."""
     write_days(folder / 'learns', np.random.default_rng(0), LEARNT_DAYS, cell_s=1)
-    told = 'gravity.source:=imu', 'calibration.reference:=payload', 'learning:=auto'
+    given = 'gravity.source:=imu', 'calibration.reference:=payload', 'learning:=auto'
     with ExitStack() as stack:
-        line = Line(stack, {'learns': compensator(folder, 'learns', *told)})
+        line = Line(stack, {'learns': compensator(folder, 'learns', *given)})
 
         def measure() -> Run:
             return line.measure('learns', 1000, seconds, imu_every=1)
@@ -299,12 +304,9 @@ def while_learning(folder: Path, seconds: float) -> list[Any]:
         while not (found := load_memory(folder / 'learns')) or not found.verdict:
             busy.append(measure())
         runs = {'learning': busy[:-1], 'afterwards': [measure() for _ in busy[:-1]]}
-    rows = [summary(name, 1000, measured) for name, measured in runs.items()]
-    for row in rows:
-        print_row(row)
-    print(
-        f'          p99 while learning: {rows[0]["p99_us"] / rows[1]["p99_us"]:.2f} of afterwards'
-    )
+    rows = rows_of(runs, 1000)
+    ratio = rows[0]['p99_us'] / rows[1]['p99_us']
+    print(f'          p99 while learning: {ratio:.2f} of afterwards')
     return rows
 
 
@@ -317,9 +319,8 @@ def several_sensors(folder: Path, seconds: float, repeats: int) -> list[Any]:
         words = compensator(folder, f'n{count}', f'sensors:=[{", ".join(names)}]')
         with ExitStack() as stack:
             line = Line(stack, {group: words})
-            runs = [line.measure(group, 1000, seconds) for _ in range(repeats)]
-        rows.append(summary(f'{count} sensors', 1000, runs))
-        print_row(rows[-1])
+            runs = by_turns(line, [group], 1000, seconds, repeats)[group]
+        rows += rows_of({f'{count} sensors': runs}, 1000)
     return rows
 
 

@@ -62,28 +62,21 @@ def sense(context: Any, namespaces: Sequence[str]) -> None:
     ``"imu_every": n`` a message of the IMU beside every n-th.
     """
     node: Any = Node('bench_sensor', context=context)
-    wrenches = {
-        name: node.create_publisher(WrenchStamped, f'/{name}/wrench_raw', qos.FAST_SENSOR)
-        for name in namespaces
-    }
-    thermometers = {
-        name: node.create_publisher(Temperature, f'/{name}/temperature', qos.SLOW_SENSOR)
-        for name in namespaces
-    }
-    states = {
-        name: node.create_publisher(JointState, f'/{name}/state', qos.FAST_SENSOR)
-        for name in namespaces
-    }
-    imus = {
-        name: node.create_publisher(Imu, f'/{name}/imu', qos.FAST_SENSOR) for name in namespaces
-    }
+    wrenches, thermometers, states, imus = (
+        {name: node.create_publisher(kind, f'/{name}/{topic}', profile) for name in namespaces}
+        for kind, topic, profile in (
+            (WrenchStamped, 'wrench_raw', qos.FAST_SENSOR),
+            (Temperature, 'temperature', qos.SLOW_SENSOR),
+            (JointState, 'state', qos.FAST_SENSOR),
+            (Imu, 'imu', qos.FAST_SENSOR),
+        )
+    )
     for line in sys.stdin:
         order = json.loads(line)
         to = order.pop('to')
-        told = [states[n] for n in to] if order.pop('states', False) else []
-        every = order.pop('imu_every', 0)
-        beside = {'states': told, 'imus': [imus[n] for n in to] if every else []}
-        order |= {**beside, 'imu_every': every}
+        order['states'] = [states[n] for n in to] if order.get('states') else []
+        order['imu_every'] = every = order.get('imu_every', 0)
+        order['imus'] = [imus[n] for n in to] if every else []
         result = _publish([wrenches[n] for n in to], [thermometers[n] for n in to], **order)
         print(json.dumps(result), flush=True)
     node.destroy_node()
