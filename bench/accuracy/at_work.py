@@ -102,8 +102,8 @@ def left_of(calibration: Calibration, judged: Recording) -> FloatArray:
     """Share of an empty day's drift that is left, (6,)."""
     rest = judged.wrench - simulate_drift(calibration.model, judged).zero
     left, raw = (
-        root_mean_square(tared(block_means(each, int(BLOCK_S)), BLOCK_S))
-        for each in (rest, judged.wrench)
+        root_mean_square(tared(block_means(wrench, int(BLOCK_S)), BLOCK_S))
+        for wrench in (rest, judged.wrench)
     )
     return np.asarray(left / raw)
 
@@ -115,8 +115,8 @@ def errors_of(world: Working, calibration: Calibration) -> tuple[FloatArray, Flo
     if calibration.payloads is None:
         return mass, center
     for n, true in enumerate(world.payloads):
-        each = calibration.payloads.payloads.values()
-        found = min(each, key=lambda payload: abs(payload.mass_kg - true.mass_kg))
+        payloads = calibration.payloads.payloads.values()
+        found = min(payloads, key=lambda payload: abs(payload.mass_kg - true.mass_kg))
         mass[n] = found.mass_kg - true.mass_kg, found.mass_error_kg
         mass[n] /= true.mass_kg
         center[n] = np.stack((found.center_m - true.center_m, found.center_error_m), axis=1)
@@ -127,7 +127,7 @@ def judge(name: str, seed: int) -> Judged:
     """Judge one world."""
     world = working(name, seed)
     judged = recording_of(*world.judged)
-    empty = left_of(calibrate([recording_of(*each) for each in world.empty]), judged)
+    empty = left_of(calibrate([recording_of(*day) for day in world.empty]), judged)
     began = time.perf_counter()
     calibration = at_work(world.days)
     left = left_of(calibration, judged)
@@ -151,8 +151,8 @@ def print_scenario(name: str, results: list[Judged]) -> bool:
     low, high = intervals(MEDIAN, left, empty)
     mass = np.concatenate([r.mass for r in results])
     center = np.concatenate([r.center for r in results])
-    told = np.isfinite(mass[:, 0])
-    mass, center = mass[told], center[told]
+    reported = np.isfinite(mass[:, 0])
+    mass, center = mass[reported], center[reported]
     off = np.linalg.norm(center[..., 0], axis=1)
     sigmas = np.abs(np.append(mass[:, 0] / mass[:, 1], center[..., 0] / center[..., 1]))
     covered = [float(np.mean(sigmas < limit)) for limit in (1.645, 3.0)]
@@ -164,14 +164,14 @@ def print_scenario(name: str, results: list[Judged]) -> bool:
         f'axis by axis {np.median(left / empty):.2f}, worst {np.max(left / empty):.1f}'
     )
     print(
-        f'  payloads    {told.sum()} of {len(told)} reported; mass off by '
+        f'  payloads    {reported.sum()} of {len(reported)} reported; mass off by '
         f'{np.median(percent):.2f} % (worst {percent.max():.2f}), centre by '
         f'{np.median(mm):.2f} mm (worst {mm.max():.2f}); '
         f'within 1.64 and 3 stated errors: {covered[0]:.0%} and {covered[1]:.0%}'
     )
     counted = [(r.payloads, r.tares) for r in results]
-    states = sum(found == there for (found, there), _ in counted)
-    tares = [sum(column) for column in zip(*(each for _, each in counted), strict=True)]
+    states = sum(found == drawn for (found, drawn), _ in counted)
+    tares = [sum(column) for column in zip(*(tares for _, tares in counted), strict=True)]
     seconds = np.median([r.seconds for r in results])
     print(
         f'  found       number of payloads right in {states}, {tares[0]} steps for '

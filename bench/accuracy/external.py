@@ -137,7 +137,9 @@ def judge(seed: int, *, tf: bool) -> Judged:
         print(f'  robot {seed}: {calibration.warnings}')
         nothing = np.full(len(AXES), np.nan)
         return Judged(nothing, nothing, (np.nan, np.nan), (np.nan, np.nan))
-    tool = min(learnt.payloads.values(), key=lambda each: abs(each.mass_kg - settings.tool_kg))
+    tool = min(
+        learnt.payloads.values(), key=lambda payload: abs(payload.mass_kg - settings.tool_kg)
+    )
     # The fastest moment of a smooth motion is 5.774 times its way over its time squared.
     quickest = 5.774 * np.linalg.norm(work.ways_m, axis=1) / work.moves_s**2
     gentle = replace(
@@ -179,8 +181,8 @@ def followed(stream: Compensator, day: Day, held: LivePayload) -> tuple[FloatArr
 
 def tared(error: FloatArray) -> FloatArray:
     """Root mean square of means of 1 s, tared in the first minute, (6,)."""
-    each = means(error)
-    return np.asarray(np.sqrt(np.mean((each - each[:TARE_S].mean(axis=0)) ** 2, axis=0)))
+    averaged = means(error)
+    return np.asarray(np.sqrt(np.mean((averaged - averaged[:TARE_S].mean(axis=0)) ** 2, axis=0)))
 
 
 def in_a_minute(stream: Compensator, day: Day, frame: ForceFrame) -> Payload | None:
@@ -208,21 +210,23 @@ def errors(found: Payload | None, true: Payload) -> tuple[float, float]:
 
 def print_kind(title: str, judged: Sequence[Judged]) -> None:
     """Print what came of all robots."""
-    share = np.stack([each.share for each in judged])
-    external = np.stack([each.external for each in judged])
+    share = np.stack([robot.share for robot in judged])
+    external = np.stack([robot.external for robot in judged])
     print(f'\n{title}, {len(judged)} robots')
     print('  ' + ''.join(f'{axis:>12}' for axis in AXES))
     print(
-        '  ' + ''.join(f'{each:12.4f}' for each in np.nanmedian(external, axis=0)) + '  median RMS'
+        '  '
+        + ''.join(f'{value:12.4f}' for value in np.nanmedian(external, axis=0))
+        + '  median RMS'
     )
     print(
         '  '
-        + ''.join(f'{each:12.2f}' for each in np.nanmax(share, axis=0))
+        + ''.join(f'{value:12.2f}' for value in np.nanmax(share, axis=0))
         + '  worst, by what is '
         f'allowed; {np.mean(share <= 1):.0%} of axes within'
     )
     for name in ('learnt', 'minute'):
-        mass, center = np.array([getattr(each, name) for each in judged]).T
+        mass, center = np.array([getattr(robot, name) for robot in judged]).T
         within = (mass <= MASS) & (center <= CENTER_M)
         print(
             f'  {name}: mass off by {100 * np.nanmedian(mass):.2f} % (worst '

@@ -35,35 +35,39 @@ Features = Callable[[Day], tuple[FloatArray, IntArray]]
 
 
 def block_means(values: FloatArray, cells: int) -> FloatArray:
-    """Means of so many rows, leaving the last incomplete ones out."""
+    """Average blocks of rows; an incomplete block at the end is left out."""
     whole = values[: len(values) // cells * cells]
     return np.asarray(whole.reshape(-1, cells, values.shape[1]).mean(axis=1))
 
 
-def day_of(each: Recording) -> Day:
+def day_of(recording: Recording) -> Day:
     """Average a recording."""
-    cells = max(1, round(BLOCK_S / each.period_s))
+    cells = max(1, round(BLOCK_S / recording.period_s))
     temperature_c, drift, load = (
         block_means(part, cells)
-        for part in (each.temperature_c, each.wrench - each.reference, each.reference)
+        for part in (
+            recording.temperature_c,
+            recording.wrench - recording.reference,
+            recording.reference,
+        )
     )
-    return Day(temperature_c, drift, load, cells * each.period_s)
+    return Day(temperature_c, drift, load, cells * recording.period_s)
 
 
 def tared(error: FloatArray, period_s: float) -> FloatArray:
-    """Zero every column on its first minute; a NaN there counts for nothing."""
+    """Zero every column on its first minute; its NaN count for nothing."""
     first = error[: max(1, round(TARE_S / period_s))]
-    there = np.isfinite(first)
-    mean = np.where(there, first, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
+    finite = np.isfinite(first)
+    mean = np.where(finite, first, 0.0).sum(axis=0) / np.maximum(finite.sum(axis=0), 1)
     return np.asarray(error - mean)
 
 
 def root_mean_square(values: FloatArray) -> FloatArray:
     """Root of the mean square of every column without its NaN; NaN where nothing is left."""
-    there = np.isfinite(values)
-    squares = np.where(there, values, 0.0) ** 2
+    finite = np.isfinite(values)
+    squares = np.where(finite, values, 0.0) ** 2
     with np.errstate(invalid='ignore'):
-        return np.asarray(np.sqrt(squares.sum(axis=0) / there.sum(axis=0)))
+        return np.asarray(np.sqrt(squares.sum(axis=0) / finite.sum(axis=0)))
 
 
 def polynomial(degree: int, day: Day) -> tuple[FloatArray, IntArray]:
@@ -126,8 +130,8 @@ class Fold:
 def fold(features: Features, day: Day, axis: int) -> Fold:
     """Centre a day and form its normal equations."""
     columns, _ = design(features, day, axis)
-    there = np.isfinite(day.drift[:, axis])
-    columns, drift = columns[there], day.drift[there, axis]
+    measured = np.isfinite(day.drift[:, axis])
+    columns, drift = columns[measured], day.drift[measured, axis]
     x, y = columns - columns.mean(axis=0), drift - drift.mean()
     return Fold(x.T @ x, x.T @ y, columns, drift, day.period_s)
 
@@ -146,8 +150,8 @@ def parts(days: Sequence[Day]) -> list[Day]:
 
 def solved(folds: Sequence[Fold], strength: float) -> FloatArray:
     """Solve ridge, its strength relative to the diagonal of the normal matrix."""
-    normal = np.sum([each.normal for each in folds], axis=0)
-    right = np.sum([each.right for each in folds], axis=0)
+    normal = np.sum([piece.normal for piece in folds], axis=0)
+    right = np.sum([piece.right for piece in folds], axis=0)
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     scaled = normal / np.outer(size, size) + strength * np.eye(len(size))
     return np.asarray(np.linalg.solve(scaled, right / size) / size)
@@ -156,11 +160,11 @@ def solved(folds: Sequence[Fold], strength: float) -> FloatArray:
 def held_out(folds: Sequence[Fold], strength: float) -> float:
     """Tared error of parts that were left out, relative to what no model leaves."""
     after, before = [], []
-    for each in folds:
-        gains = solved([other for other in folds if other is not each], strength)
-        error = tared((each.drift - each.columns @ gains)[:, None], each.period_s)
+    for out in folds:
+        gains = solved([other for other in folds if other is not out], strength)
+        error = tared((out.drift - out.columns @ gains)[:, None], out.period_s)
         after.append(error)
-        before.append(tared(each.drift[:, None], each.period_s))
+        before.append(tared(out.drift[:, None], out.period_s))
     return float(np.std(np.concatenate(after)) / np.std(np.concatenate(before)))
 
 
@@ -196,16 +200,19 @@ def averaged(
     sources = list(dict.fromkeys(features for features, _ in candidates))
     pieces_of_days = parts(days)
     for axis in axes_of(days):
-        pieces = {each: [fold(each, part, axis) for part in pieces_of_days] for each in sources}
-        whole = {each: [fold(each, day, axis) for day in days] for each in sources}
-        errors = np.array([held_out(pieces[each], s) for each, s in candidates])
+        pieces = {
+            features: [fold(features, part, axis) for part in pieces_of_days]
+            for features in sources
+        }
+        whole = {features: [fold(features, day, axis) for day in days] for features in sources}
+        errors = np.array([held_out(pieces[features], s) for features, s in candidates])
         weights = (errors / errors.min()) ** -SHARPNESS
         if best_only:
             weights = np.eye(len(errors))[int(np.argmin(errors))]
-        for weight, (each, strength) in zip(weights / weights.sum(), candidates, strict=True):
+        for weight, (features, strength) in zip(weights / weights.sum(), candidates, strict=True):
             if weight > 0:
-                columns, _ = design(each, judged, axis)
-                result[:, axis] += weight * columns @ solved(whole[each], strength)
+                columns, _ = design(features, judged, axis)
+                result[:, axis] += weight * columns @ solved(whole[features], strength)
     return result
 
 
@@ -220,11 +227,11 @@ def most_likely(features: Features, days: Sequence[Day], judged: Day) -> FloatAr
 
 def likely(folds: Sequence[Fold], degrees: IntArray) -> FloatArray:
     """Find the gains of the most likely prior variances, one per degree, shape (p,)."""
-    rows = sum(len(each.drift) - 1 for each in folds)
-    total = sum(float(np.sum((each.drift - each.drift.mean()) ** 2)) for each in folds)
-    normal = np.sum([each.normal for each in folds], axis=0)
+    rows = sum(len(piece.drift) - 1 for piece in folds)
+    total = sum(float(np.sum((piece.drift - piece.drift.mean()) ** 2)) for piece in folds)
+    normal = np.sum([piece.normal for piece in folds], axis=0)
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300) / rows)
-    right = np.sum([each.right for each in folds], axis=0) / size
+    right = np.sum([piece.right for piece in folds], axis=0) / size
     kinds, which = np.unique(degrees, return_inverse=True)
 
     def inner(logs: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -247,8 +254,8 @@ def lagged_pls(days: Sequence[Day], judged: Day) -> FloatArray:
     result = np.zeros_like(judged.drift)
     for axis in axes_of(days):
         folds = [fold(lags, day, axis) for day in days]
-        x = np.concatenate([each.columns - each.columns.mean(axis=0) for each in folds])
-        y = np.concatenate([each.drift - each.drift.mean() for each in folds])
+        x = np.concatenate([piece.columns - piece.columns.mean(axis=0) for piece in folds])
+        y = np.concatenate([piece.drift - piece.drift.mean() for piece in folds])
         estimator = PLSRegression(n_components=6).fit(x, y)
         result[:, axis] = np.ravel(estimator.predict(design(lags, judged, axis)[0]))
     return result

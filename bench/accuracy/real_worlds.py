@@ -97,7 +97,7 @@ def chamber_rows() -> dict[str, ChamberFigures | None]:
             with suppress(WristFtCompError):
                 model = learnt_from_one(settings, table_recording(table, 1.0))
                 fitted = compensate_table(table, model)
-            for what, each in (('in sample', fitted), ('left out', left_out)):
-                figures = None if each is None else chamber_figures(each)
+            for what, judged in (('in sample', fitted), ('left out', left_out)):
+                figures = None if judged is None else chamber_figures(judged)
                 result[f'{sensor}, {title}, {what}'] = figures
     return result

@@ -21,6 +21,7 @@ from thermal_networks import between, draw_day, draw_others, draw_sources, netwo
 from worlds_drawn import draw_gauges, draw_thermometers, FACTORY_C, Gauges, LOADS, read, shift_of
 
 from wrist_ft_comp.signals import AXES, FloatArray, IntArray
+from wrist_ft_comp.simulation.work import lever
 
 GRAVITY, RATE = 9.807, 10
 DAYS, SECONDS = 4, 9000
@@ -206,11 +207,11 @@ def move(rng: np.random.Generator, scenario: Scenario, samples: int) -> Motion:
         length_s = max(1.875 * float(np.linalg.norm(turn)) / speed, 0.8 + reach_m)
         count = max(2, int(length_s * RATE))
         share = (np.arange(count) + 0.5)[:, None] / count
-        way_done, rate, bend = smooth(share)
+        done, rate, bend = smooth(share)
         rest = int(rng.exponential(dwell_s) * RATE) + RATE
         part = slice(at, min(at + count, samples))
         rows = part.stop - part.start
-        rotation = current * Rotation.from_rotvec(way_done[:rows] * turn)
+        rotation = current * Rotation.from_rotvec(done[:rows] * turn)
         pushed = way * bend[:rows] / length_s**2 + [0, 0, GRAVITY]
         gravity[part] = rotation.inv().apply(np.broadcast_to(base, pushed.shape))
         force[part] = rotation.inv().apply(pushed)
@@ -242,20 +243,20 @@ def touch(rng: np.random.Generator, samples: int, share: float) -> FloatArray:
         length = int(between(rng, 1.0, 20.0) * RATE)
         direction = rng.normal(0, 0.4, 3) - [0, 0, 1]
         pressed = between(rng, 3.0, 80.0) * direction / np.linalg.norm(direction)
-        lever = np.array([*rng.normal(0, 0.03, 2), rng.uniform(0.08, 0.2)])
+        at_m = np.array([*rng.normal(0, 0.03, 2), rng.uniform(0.08, 0.2)])
         at += int(rng.exponential(7.0 * (1 - share) / share) * RATE)
         part = slice(at, min(at + length, samples))
         rows = max(0, part.stop - part.start)
         swell = np.minimum(1, (np.arange(rows) + 1) / (0.3 * RATE))
         swell = swell * (1 + 0.1 * np.sin(np.arange(rows) / RATE * rng.uniform(0.3, 6)))
-        wrench[part] = swell[:, None] * np.concatenate((pressed, np.cross(lever, pressed)))
+        wrench[part] = swell[:, None] * np.concatenate((pressed, np.cross(at_m, pressed)))
         at += length
     return wrench
 
 
 def weight(payload: Payload, motion: Motion) -> FloatArray:
     """Push on the sensor with a rigid body, (samples, 6)."""
-    felt = motion.force + lever(motion, payload.center_m)
+    felt = motion.force + lever(motion.omega, motion.alpha, payload.center_m)
     pushed = weight_of(payload.mass_kg, payload.center_m, felt)
     turned = payload.inertia * motion.alpha
     turned += np.cross(motion.omega, payload.inertia * motion.omega)
@@ -265,13 +266,6 @@ def weight(payload: Payload, motion: Motion) -> FloatArray:
 def weight_of(mass_kg: float, center_m: FloatArray, felt: FloatArray) -> FloatArray:
     """Push with a mass where a specific force (n, 3) is felt, (n, 6)."""
     return np.concatenate((-mass_kg * felt, np.cross(center_m, -mass_kg * felt)), axis=1)
-
-
-def lever(motion: Motion, at_m: FloatArray) -> FloatArray:
-    """Accelerate a point by rotation alone, (samples, 3)."""
-    omega = motion.omega
-    turned = np.cross(motion.alpha, at_m) + np.cross(omega, np.cross(omega, at_m))
-    return np.asarray(turned)
 
 
 def unit(vector: FloatArray) -> FloatArray:
@@ -292,17 +286,17 @@ def work(
     motion = move(rng, scenario, samples)
     states = hold(rng, samples, part=scenario.part)
     touched = touch(rng, samples, scenario.contacts)
-    each = np.stack([weight(payload, motion) for payload in payloads])
+    pushes = np.stack([weight(payload, motion) for payload in payloads])
     shaken = motion.moving * rng.normal(0, [0.3, 0.3, 0.3, 0.02, 0.02, 0.02], (samples, 6))
     cells = states.reshape(-1, RATE)
     return WorkDay(
         temperature_c=np.zeros((SECONDS, 0)),
-        wrench=seconds(each[states, np.arange(samples)] + touched + shaken),
+        wrench=seconds(pushes[states, np.arange(samples)] + touched + shaken),
         force=seconds(motion.gravity),
         spin=np.sqrt(seconds(np.sum(motion.omega**2, axis=1))),
         states=np.where((cells == cells[:, :1]).all(axis=1), cells[:, 0], -1),
         touched=seconds(np.abs(touched).sum(axis=1) > 0),
-    ), seconds(motion.force + lever(motion, IMU_M))
+    ), seconds(motion.force + lever(motion.omega, motion.alpha, IMU_M))
 
 
 def measure(
@@ -351,7 +345,7 @@ def working(name: str, seed: int) -> Working:
     learnt = np.concatenate([day[:, node] for _, day in nights[:-1]])
     shift = shift_of(rng, learnt, nights[-1][1][:, node])
     nights[-1] = (nights[-1][0] + shift, nights[-1][1] + shift)
-    seen = [read(rng, thermometers, *each) for each in nights]
+    seen = [read(rng, thermometers, *night) for night in nights]
     rng = np.random.default_rng([seed, 14, list(SCENARIOS).index(name)])
     payloads = draw_payloads(np.random.default_rng([seed, 15]), part=scenario.part)
     rotation = Rotation.random(random_state=seed) if not scenario.tf else Rotation.identity()

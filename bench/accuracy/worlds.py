@@ -100,7 +100,7 @@ def intervals(
     drawn = []
     for _ in range(_DRAWS):
         rows = rng.integers(worlds, size=worlds)
-        values = [statistic(each[rows]) for each in shares]
+        values = [statistic(share[rows]) for share in shares]
         drawn.append(values[0] / values[1] if len(values) > 1 else values[0])
     low, high = np.quantile(drawn, (0.025, 0.975))
     return float(low), float(high)
@@ -136,17 +136,17 @@ def ratios(ours: FloatArray, peers: FloatArray) -> str:
 
 def claims(kept: FloatArray) -> str:
     """Say how much more is left than was claimed."""
-    there = kept[np.isfinite(kept)]
-    return f'median {np.median(there):.2f}, below 2: {np.mean(there < 2):.0%}'
+    finite = kept[np.isfinite(kept)]
+    return f'median {np.median(finite):.2f}, below 2: {np.mean(finite < 2):.0%}'
 
 
 def pooled(families: Sequence[Mapping[str, Result]]) -> dict[str, Result]:
     """Put the worlds of several families together."""
     return {
         name: Result(
-            np.concatenate([each[name].left for each in families]),
-            np.concatenate([each[name].kept for each in families]),
-            np.concatenate([each[name].seconds for each in families]),
+            np.concatenate([family[name].left for family in families]),
+            np.concatenate([family[name].kept for family in families]),
+            np.concatenate([family[name].seconds for family in families]),
         )
         for name in families[0]
     }
@@ -192,7 +192,7 @@ def by_auto(world: World) -> Answer:
 
 def by_peer(peer: Peer, world: World) -> Answer:
     """Predict with a peer, which claims nothing."""
-    predicted = peer([day_of(each) for each in world.learn], day_of(world.judge))
+    predicted = peer([day_of(day) for day in world.learn], day_of(world.judge))
     return Answer(predicted, np.full(6, np.nan))
 
 
@@ -335,7 +335,7 @@ def main() -> None:
         together = pooled([results[title] for title in ours])
         print_family('all families', together, OVERALL_PEER)
     if not options.no_real:
-        print_real([each for each in options.methods if each != TRUTH])
+        print_real([method for method in options.methods if method != TRUTH])
         print_chamber()
     if options.picture:
         draw(results, options.picture)

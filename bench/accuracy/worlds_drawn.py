@@ -235,4 +235,4 @@ def family(name: str, seed: int) -> World:
             slept = lag(seen, tau_s, seen[0], NIGHT_STEP_S)[-1]
             felt = lag(np.repeat(day[:, thermometers.nodes], body.nodes, axis=1), tau_s, slept)
         recorded.append(record(rng, gauges, readings, felt, int(kind.loaded)))
-    return World([each for each, _ in recorded[:-1]], *recorded[-1])
+    return World([recording for recording, _ in recorded[:-1]], *recorded[-1])

@@ -136,17 +136,17 @@ class Robot:
 
         def look(asked: str) -> Day:
             """Give a day, and note that a job would have to separate it."""
-            known, seconds[asked] = self.kept[asked]
-            if known is None:
+            day, seconds[asked] = self.kept[asked]
+            if day is None:
                 raise CalibrationRefusedError(f'{asked} cannot be separated.')
-            return known
+            return day
 
         began = time.process_time()
         lesson = take(name, look, self.entries, self.champion, list(self.kept))
         spent = time.process_time() - began + sum(seconds.values())
         self.entries.append(replace(lesson.entry, seconds=spent))
-        there = worthiest([each for each in self.entries if each.name in self.kept], _KEPT)
-        self.kept = {each.name: self.kept[each.name] for each in there}
+        worthy = worthiest([entry for entry in self.entries if entry.name in self.kept], _KEPT)
+        self.kept = {entry.name: self.kept[entry.name] for entry in worthy}
         if lesson.better is not None:
             self.before = self.champion.model
             self.champion = Champion(f'after {name}', lesson.better.model, name)
@@ -229,7 +229,7 @@ def print_targets(years: Sequence[Lived]) -> None:
     day = np.max([year.left[4:, LEARNING] - year.left[4:, ONCE] for year in years])
     worse = np.concatenate([year.worse() for year in years])
     named, false = zip(*(year.alarms() for year in years), strict=True)
-    missed = sum(n < 0 for each in named for n in each.values())
+    missed = sum(n < 0 for delays in named for n in delays.values())
     seconds = [np.mean([entry.seconds for entry in year.entries]) for year in years]
     rows = [
         ('from day 4 on by one warm-up', max(early), 1.0),

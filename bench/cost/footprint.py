@@ -145,21 +145,21 @@ def main() -> int:
     sensor.close()
     context.try_shutdown()
     figures = {
-        who: {what: median(run[what] for run in each) for what in each[0]}
-        for who, each in runs.items()
+        who: {what: median(run[what] for run in measured) for what in measured[0]}
+        for who, measured in runs.items()
     }
     print(f'{"":12}  until the first wrench, s  idle, MB   beside the relay')
-    for who, each in figures.items():
-        times = [each[what] / figures['relay'][what] for what in ('processor_s', 'resident_mb')]
+    for who, row in figures.items():
+        times = [row[what] / figures['relay'][what] for what in ('processor_s', 'resident_mb')]
         print(
-            f'{who:12}{each["processor_s"]:27.2f}{each["resident_mb"]:10.0f}'
+            f'{who:12}{row["processor_s"]:27.2f}{row["resident_mb"]:10.0f}'
             f'{times[0]:9.2f}, {times[1]:.2f}'
         )
-        each |= dict(zip(('processor_times', 'resident_times'), times, strict=True))
+        row |= dict(zip(('processor_times', 'resident_times'), times, strict=True))
     out = ROOT / 'out'
     out.mkdir(exist_ok=True)
     (out / 'footprint.json').write_text(json.dumps({'medians': figures, 'runs': runs}, indent=1))
-    worst = max(figures['compensator'][each] for each in ('processor_times', 'resident_times'))
+    worst = max(figures['compensator'][what] for what in ('processor_times', 'resident_times'))
     print(f'compensator: at most {worst:.2f} times the relay; aimed at: {LIMIT}')
     return 0
 

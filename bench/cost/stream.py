@@ -96,7 +96,7 @@ def order(running: 'subprocess.Popen[str]', words: str) -> None:
 def compensator(folder: Path, namespace: str, *parameters: str) -> list[str]:
     """Words that start the compensator with the model."""
     settings = [f'model_file:={folder / "model.yaml"}', f'data_directory:={folder / namespace}']
-    words = [word for each in (*settings, *parameters) for word in ('-p', each)]
+    words = [word for setting in (*settings, *parameters) for word in ('-p', setting)]
     module = 'wrist_ft_comp.node.compensator'
     return ['-m', module, '--ros-args', '-r', f'__ns:=/{namespace}', *words]
 
@@ -162,10 +162,10 @@ class Line:
         time.sleep(DIAGNOSTICS_S if counts else 0.0)
         taken = self._take([group])
         topics = [taken['topics'][name] for name in group.split()]
-        each = int(sent['sent'])
+        sent_to_each = int(sent['sent'])
         heard = sum(topic['heard'] for topic in topics)
         received, published = (sum(topic['delta'][k] for topic in topics) for k in (0, 1))
-        total = each * len(topics)
+        total = sent_to_each * len(topics)
         return Run(
             cpu_us=used / total,
             p50_us=median(topic['latencies_us'][0] for topic in topics),

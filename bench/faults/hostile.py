@@ -329,11 +329,11 @@ class HostileRobot(RuleBasedStateMachine):
         """Call a service, whatever else runs."""
         self._did('service calls')
         full = f'/wrist_ft_comp/{name}'
-        (served,) = (each for each in self.node.services if each.service_name == full)
+        (served,) = (service for service in self.node.services if service.service_name == full)
         kind: Any = SetBool if name == 'record' else Trigger
         request = SetBool.Request(data=flag) if name == 'record' else Trigger.Request()
         response = served.callback(request, kind.Response())
-        (deferred,) = (each for each in self.node._offered if each.service is served)
+        (deferred,) = (offered for offered in self.node._offered if offered.service is served)
         deferred._on_header(response, self.answers)
         assert all(answer.message for answer in self.answers), 'every answer is a sentence'
         self.answers.clear()
@@ -414,8 +414,8 @@ class HostileRobot(RuleBasedStateMachine):
 
     def _judge_report(self, array: Any) -> None:
         """Compare a report with what was done since the one before."""
-        levels = {each.name.split(': ')[1]: each.level[0] for each in array.status}
-        assert all(each.message for each in array.status)
+        levels = {status.name.split(': ')[1]: status.level[0] for status in array.status}
+        assert all(status.message for status in array.status)
         for name, level in self.expected.items():
             assert levels[name] >= level, f'{name} says nothing of what is wrong'
         for title in self.sabotaged:
