@@ -42,13 +42,13 @@ from hypothesis.stateful import (
 from rclpy.context import Context
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.logging import set_logger_level
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from stand import make_model, message, write_warm_up
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.node.compensator import CompensatorNode
-from wrist_ft_comp.ros.raw_node import RawNode
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -438,7 +438,7 @@ class HostileRobot(RuleBasedStateMachine):
         if node is None:
             return
         if die:
-            RawNode.destroy_node(node)  # type: ignore[no-untyped-call]
+            Node.destroy_node(node)  # type: ignore[no-untyped-call]
         else:
             node.destroy_node()
 

@@ -176,7 +176,7 @@ class DayFiles:
         """Go on with the day from before a restart or a full disk, behind its last whole row."""
         path = self.path
         with writing(self._folder):
-            span = span_of(path) if path and path.exists() else None
+            span = span_of(path) if path and path.is_file() else None
             columns = span.header.split(',') if span else []
             same = columns[:-1] == [DayWriter.stamp, *self._channels] and not differences(
                 {'before': sensor_in(columns), 'now': self.sensor()}
@@ -192,12 +192,11 @@ class DayFiles:
         """End the day; remove its file if it is too short and of this writer's columns."""
         self.close()
         path, self.path = self.path, None
-        if path is None:
+        if path is None or not path.is_file():
             return
         with writing(path):
             header = ','.join((DayWriter.stamp, *self._channels))
-            own = header.startswith(beginning(path)[: len(header)])
-            if not path.exists() or not own:
+            if not header.startswith(beginning(path)[: len(header)]):
                 return
             span, size = span_of(path), path.stat().st_size
             if span.last_ns - span.first_ns < SHORTEST_NS if span else size < _PIECE:
