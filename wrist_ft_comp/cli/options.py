@@ -30,7 +30,7 @@ _OF_BAGS = (
 Number = TypeVar('Number', int, float)
 RECORDING_HELP = (
     'a rosbag2 folder, a bare .mcap or .db3, a CSV file, or a chamber table '
-    '(see the README for their columns)'
+    '(docs/files.md has their columns)'
 )
 
 
