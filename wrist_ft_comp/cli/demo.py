@@ -31,6 +31,10 @@ _LOOK_AFTER_S = 0.5
 _DOMAINS = range(60, 101)
 _Process = subprocess.Popen[bytes]
 _Event = dict[str, object]
+#: Of each thermometer, as fast as a real one: a node that waits for the processor keeps a second.
+_TEMPERATURE_RATE_HZ = 100.0
+#: Length of a thermal cell, in which there is a temperature then, s.
+_THERMAL_PERIOD_S = 5.0
 #: Duty cycle of the recorded day, s and level: the sensor warms up, rests, works, and cools.
 _RECORD_DUTY = ((0, 0.0), (300, 0.9), (3600, 0.0), (5700, 0.5), (8100, 1.0), (9600, 0.0))
 _RECORD_S = 11400
@@ -55,7 +59,10 @@ class Plan:
         learns: dict[str, object] = {'calibration.reference': 'recorded'}
         if self.at_work:
             learns = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
-        where = {'data_directory': folder / 'data', 'temperature_topics': _array(TOPICS)}
+        where = {
+            'data_directory': folder / 'data', 'temperature_topics': _array(TOPICS),
+            'thermal_period': _THERMAL_PERIOD_S,
+        }  # fmt: skip
         return _program('compensator', where | learns)
 
     def operator(self, log_file: Path) -> list[str]:
@@ -75,7 +82,7 @@ class Plan:
         }  # fmt: skip
         parameters = {
             'seed': self.seed, 'speed': self.speed, 'wrench_rate': 500.0,
-            'temperature_rate': self.speed,
+            'temperature_rate': min(self.speed, _TEMPERATURE_RATE_HZ),
             'duty_cycle.start_s': _array([float(start) for start, _ in duty]),
             'duty_cycle.level': _array([float(level) for _, level in duty]),
         }  # fmt: skip
