@@ -27,7 +27,7 @@ from wrist_ft_comp.ros.arguments import tell_unknown, usage
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.parameters import declare, NODE_NAME, values
 from wrist_ft_comp.ros.running import node_per_sensor, run_nodes
-from wrist_ft_comp.signals import SensorNames, Topics
+from wrist_ft_comp.signals import LARGEST, SensorNames, Topics
 from wrist_ft_comp.stored.model_store import ModelStore, node_directory
 from wrist_ft_comp.stored.state_file import StateWriter
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
@@ -132,8 +132,8 @@ class CompensatorNode(Hub):
             counts.malformed += 1
             return
         stamp_ns, raw = layout.decode(data)
-        if not math.isfinite(sum(raw)):
-            counts.not_finite += 1
+        if not -LARGEST < (total := sum(raw)) < LARGEST:  # one comparison for six numbers, NaN too
+            counts.drop(max(raw, key=abs) if math.isfinite(total) else total)
             return
         stamp_ns = stamp_ns or self.now_ns()
         corrected = self.compensator.correct(stamp_ns, raw)

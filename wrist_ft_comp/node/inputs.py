@@ -17,9 +17,10 @@ from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.node_log import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.topic_types import wrong_type
-from wrist_ft_comp.signals import is_plausible, NANOSECONDS, PLAUSIBLE_C
+from wrist_ft_comp.signals import AXES, is_plausible, NANOSECONDS, temperature_channel
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.input_checks import SensorWatch, ThermometerWatch
+from wrist_ft_comp.stream.sample_checks import why_unusable
 from wrist_ft_comp.stream.stream_grid import CompletedCells
 from wrist_ft_comp.wire.cdr import locate, TEMPERATURE_DOUBLES, WRENCH, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import other_unit, TemperatureSource, unit_remedy
@@ -41,7 +42,18 @@ class Counts:
     published: int = 0
     malformed: int = 0
     not_finite: int = 0
+    implausible: int = 0
     bad_references: int = 0
+    #: A number of the newest wrench that no sensor reads.
+    strange: float = 0.0
+
+    def drop(self, value: float) -> None:
+        """Count a wrench by a number in it that no sensor reads."""
+        self.strange = value
+        if math.isfinite(value):
+            self.implausible += 1
+        else:
+            self.not_finite += 1
 
 
 class _Events:
@@ -116,8 +128,9 @@ class WrenchInput(Part):
         """Judge the raw wrenches: stale, unusable, suspicious, or well."""
         self.poll()
         counts, publishers = self._counts, self._hub.count_publishers(self._topic)
+        strange = counts.not_finite + counts.implausible
         grown, elapsed_s = self._growth.since(
-            wrenches=counts.wrenches, unusable=counts.malformed + counts.not_finite
+            wrenches=counts.wrenches, unusable=counts.malformed + strange, strange=strange
         )
         rate_hz = grown['wrenches'] / elapsed_s
         numbers = {
@@ -127,6 +140,7 @@ class WrenchInput(Part):
             'received': str(counts.wrenches),
             'dropped_malformed': str(counts.malformed),
             'dropped_not_finite': str(counts.not_finite),
+            'dropped_implausible': str(counts.implausible),
             'dropped_references': str(counts.bad_references),
             'publishers': str(publishers),
             'stamps_ran_back': str(self.sensor.ran_back),
@@ -135,7 +149,8 @@ class WrenchInput(Part):
         }
         if grown['unusable']:
             which = 'some wrenches are' if rate_hz else 'all wrenches are'
-            message = f'{which} unusable and dropped; check the driver'
+            why = f': they are {why_unusable(AXES[0], counts.strange)}' * (grown['strange'] > 0)
+            message = f'{which} unusable and dropped; check the driver{why}'
             yield Status(self.title, WARN, message, numbers)
         elif not rate_hz:
             yield Status(self.title, STALE, self._silence(publishers), numbers)
@@ -287,11 +302,10 @@ class TemperatureInput(Part):
         """Say what is wrong with temperatures, the worst first; counts grew since a report."""
         if grown['unusable'] and self._last_unusable is not None:
             j, value = self._last_unusable
-            low, high = PLAUSIBLE_C
+            remedy = unit_remedy(value, self._sources[j].in_unit)
             yield (
-                f'thermometer {j + 1} reads {value:.4g} °C, which is dropped: no sensor is '
-                f'outside {low:g} to {high:g} °C. {unit_remedy(value, self._sources[j].in_unit)} '
-                'Drift is held meanwhile'
+                f'readings of thermometer {j + 1} are dropped; they are '
+                f'{why_unusable(temperature_channel(j), value)}. {remedy} Drift is held meanwhile'
             )
         yield from self._silence()
         if 0 < grown['rejected'] >= grown['usable'] / 2:

@@ -104,15 +104,13 @@ class SampleChecks:
         self, channels: tuple[str, ...], tally: Tally, dropped: int, max_bad_share: float
     ) -> tuple[str, bool]:
         """Say what was dropped of a group, and whether it is too much."""
-        low, high = _limits(channels[0])
-        unit = ' °C' if _is_temperature(channels) else ''
-        reasons = {
-            'are not finite': tally.not_finite,
-            'have a stamp that does not increase': tally.out_of_order,
-            f'are outside {low:g} to {high:g}{unit}, which no sensor reads, such as '
-            f'{tally.first_implausible:.4g}{unit}': tally.implausible,
-        }
-        first, *others = [(count, reason) for reason, count in reasons.items() if count]
+        strange = why_unusable(channels[0], tally.first_implausible)
+        reasons = (
+            (tally.not_finite, 'are not finite'),
+            (tally.out_of_order, 'have a stamp that does not increase'),
+            (tally.implausible, f'are {strange}'),
+        )
+        first, *others = [(count, reason) for count, reason in reasons if count]
         sentence = f'{_title(channels)} of {self._name}: {first[0]} of {tally.samples} samples '
         sentence += ' and '.join([first[1], *(f'{count} {reason}' for count, reason in others)])
         if dropped <= max_bad_share * tally.samples:
@@ -127,6 +125,14 @@ class SampleChecks:
         source = self._sources.get(channels[0])
         column = channels[0].removesuffix('c')
         return unit_remedy(value, source.in_unit if source else lambda u: column + u.lower())
+
+
+def why_unusable(channel: str, value: float) -> str:
+    """Say what is wrong with readings of a channel such as a value that no sensor makes."""
+    if not math.isfinite(value):
+        return 'not finite'
+    (low, high), unit = _limits(channel), ' °C' if _is_temperature((channel,)) else ''
+    return f'outside {low:g} to {high:g}{unit}, which no sensor reads, such as {value:.4g}{unit}'
 
 
 def _in_order(stamps_ns: IntArray, last_ns: int) -> BoolArray:

@@ -90,6 +90,7 @@ def noisy(count, scale=0.01):
     return RAW + np.random.default_rng(0).normal(0, scale, (count, 6))
 
 
+@pytest.mark.usefixtures('ros_domain')
 def test_looks_without_a_new_wrench_do_not_count():
     data = serialize_message(wrench_message(START, 'tool0', RAW))
     wrenches = WrenchInput(Counts(wrenches=1), lambda: (START, RAW.tolist(), data))
@@ -195,7 +196,7 @@ class TestTemperature:
         node = warm()
         node.put_temperature_bytes(0, b'\0\1\0\0 too short')
         node.warm(START + 20 * SECOND, value)
-        words = f'thermometer 1 reads {value:.4g} °C, which is dropped'
+        words = 'readings of thermometer 1 are dropped; they are '
         assert told(node, 'temperature', words).values['unusable'] == '2'
         assert node.node.compensator.tracker.temperature_c == pytest.approx([30.0])
         unharmed(node)
