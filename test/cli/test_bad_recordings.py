@@ -2,7 +2,8 @@
 One table of bad recordings: whatever door they come through, one sentence, and nothing is lost.
 
 A row is a kind of bad input, how it is made of a good recording, what the sentence says, and the
-doors it can come through: a CSV file, a bag of either storage, and a table in memory. A refusal is
+doors it can come through: a CSV file, a bag of either storage, a table in memory, and the messages
+of a bag as they come to a running node (test/node/compensator/test_bad_input.py). A refusal is
 a RecordingError or a CalibrationRefusedError, exit code 1 and one line on standard error; what is
 only dropped or doubted is a warning of ``calibrate``, beside its model.
 """
@@ -85,6 +86,23 @@ def fahrenheit(values):
     return values * 1.8 + 32
 
 
+def slow(table):
+    """Sample every third second."""
+    table['stamp_s'] = EPOCH_S + 3 * (table['stamp_s'] - EPOCH_S)
+
+
+def gravity(*force):
+    """Add the specific force of a sensor at rest, m/s², every axis but those that are None."""
+    names = zip('xyz', force, strict=True)
+    axes = [put(f'linear_acceleration_{name}', value) for name, value in names if value is not None]
+    return both(*axes)
+
+
+def frozen(first, last):
+    """Let force z keep its value for some rows."""
+    return lambda table: table['force_z'].__setitem__(slice(first, last + 1), table['force_z'][first])
+
+
 EVERY_TENTH = range(0, ROWS, 10)
 #: Name: change, pattern of the sentence, doors. These are refused …
 REFUSED = {
@@ -159,6 +177,14 @@ REFUSED = {
     'no warm-up': (put('temperature_c', 22.0), 'spans 0.0 K; at least 3.0 K', ALL),
     'every axis dead': (
         both(put('force_z', 0.0), put('force_x', 0.0)), 'keeps one value throughout', ALL),
+    'an axis frozen for minutes': (
+        frozen(400, 599), r'force_z of .* freezes at 1\S+ N: 200 s \(33\S+ %\) without.*up to 5 %', ALL),
+    'an axis at its end for a minute': (
+        put('force_z', lambda v: np.minimum(v, 16.0)),
+        r'force_z of .* saturates at 16 N: .* without any change.*up to 5 %', ALL),
+    'a few seconds': (
+        lambda table: table.update({c: v[::40].copy() for c, v in table.items()}),
+        'at least 30', ALL),
 }  # fmt: skip
 #: … and these give a model, with a warning.
 WARNED = {
@@ -189,7 +215,38 @@ WARNED = {
     'months': (
         put('stamp_s', lambda v: 2000 * (v - EPOCH_S)), r'lasts 13.9 days', COLUMNS),
     'a wrench without a stamp': (None, '1 of 600 samples have a stamp that', BAGS),
+    'a dead axis': (put('force_y', 0.1), 'force_y reads 0.1 N throughout: the channel is', ALL),
+    'an axis frozen for seconds': (
+        frozen(200, 229), r'force_z of .* freezes at \S+ N: 30 s', ALL),
+    'a thermometer that stands still': (
+        put('temperature_2_c', 24.0), 'Thermometer 2 reads 24.0 °C throughout; it tells', ALL),
+    'one thermometer under two names': (
+        lambda table: table.update(temperature_2_c=table['temperature_c'] + 1),
+        'Thermometers 1 and 2 say the same', ALL),
+    'a thermometer that never reports': (
+        put('temperature_2_c', np.nan), 'temperature_2_c of .* holds no sample; it is', COLUMNS),
+    'a thermometer silent for minutes': (
+        both(slow, put('temperature_c', np.nan, *range(100, 500))),
+        'Thermometer 1 of .* is silent for 1\\d{3} s; a straight line', ALL),
+    'a thermometer that comes late': (
+        put('temperature_c', np.nan, *range(90)),
+        'Thermometer 1 of .* came after 90 s of wrenches', ALL),
+    'a wrench missing for minutes': (
+        both(slow, *(put(axis, np.nan, *range(100, 500)) for axis in ('force_x', 'force_z'))),
+        'The raw wrench of .* is missing for 1\\d{3} s', ALL),
+    'an IMU that feels no gravity': (
+        gravity(0.0, 0.0, 0.0), 'has a norm of 0 at rest, where gravity makes 9.807', COLUMNS),
+    'an IMU in g': (gravity(0.0, 0.0, 1.0), r'has a norm of 1 at rest, -90% off', COLUMNS),
+    'an IMU with two axes': (
+        gravity(0.0, None, 9.807), 'has no cell with linear_acceleration_x, _y and _z', COLUMNS),
 }  # fmt: skip
+
+
+#: What ``show`` cannot know, which looks at samples one by one.
+UNSEEN = (
+    'one spike', 'months', 'a dead axis', 'an axis frozen', 'a thermometer that', 'an IMU',
+    'one thermometer under', 'a thermometer silent', 'a wrench missing',
+)  # fmt: skip
 
 
 def cases(rows):
@@ -216,23 +273,32 @@ class Door:
         """Write wrenches and temperatures, received when they should have been measured."""
         tell = self.messages
         state = tell.learn('rokubi_like_msgs/msg/State', STATE)
-        for k, (stamp_s, x, z, t) in enumerate(zip(*table.values(), strict=True)):
-            at_ns, received_ns = round(stamp_s * 1e9), round((EPOCH_S + k) * 1e9)
+        for k, row in enumerate(zip(*table.values(), strict=True)):
+            row = dict(zip(table, row, strict=True))
+            at_ns, received_ns = round(row['stamp_s'] * 1e9), round((EPOCH_S + k) * 1e9)
             wrench_ns = at_ns - round(EPOCH_S * 1e9) if kind == 'two clocks' else at_ns
             if kind == 'no stamp at all' or (kind == 'a wrench without a stamp' and not k):
                 wrench_ns = 0
             stamp_ns = 0 if kind == 'thermometer without a stamp' else at_ns
-            wrench = tell.wrench(wrench_ns, [x, 0.1, z, 0.01, 0.02, 0.03])
+            force = [row['force_x'], row.get('force_y', 0.1), row['force_z']]
+            topic = '/other' if kind == 'no topic of a wrench' else '/wrench_raw'
             if kind == 'wrench and temperature in one message':
-                body = tell._make('geometry_msgs/msg/Vector3', x, 0.0, z)
+                body = tell._make('geometry_msgs/msg/Vector3', *force)
                 inside = tell._make('geometry_msgs/msg/Wrench', body, body)
-                yield '/wrench_raw', state, received_ns, tell.pack(state, at_ns, inside, t)
-            elif kind == 'no topic of a wrench':
-                yield '/other', tell.wrench_type, received_ns, wrench
-            else:
-                yield '/wrench_raw', tell.wrench_type, received_ns, wrench
-            warm = tell.temperature(stamp_ns, t)
-            yield '/temperature', tell.temperature_type, received_ns + 1000, warm
+                data = tell.pack(state, at_ns, inside, row['temperature_c'])
+                yield topic, state, received_ns, data
+            elif not np.isnan(force).any():
+                data = tell.wrench(wrench_ns, [*force, 0.01, 0.02, 0.03])
+                yield topic, tell.wrench_type, received_ns, data
+            for topic in thermometers(table):
+                value = row[f'{topic[1:]}_c']
+                if not np.isnan(value):
+                    data = tell.temperature(stamp_ns, value)
+                    yield topic, tell.temperature_type, received_ns + 1000, data
+
+
+def thermometers(table):
+    return [f'/{name[:-2]}' for name in table if name.startswith('temperature')]
 
 
 STATE = """
@@ -255,9 +321,10 @@ def changed(rows, kind):
     return table, pattern
 
 
-def arguments(path, kind):
-    more = ['--temperature-topic', '/temperature:header.stamp.sec'] if 'taken for' in kind else []
-    return ['calibrate', path, '-o', path.parent / 'model.yaml', '--method', 'pls', *more]
+def arguments(path, kind, table, way):
+    topics = thermometers(table) if way in BAGS else []
+    topics = ['/temperature:header.stamp.sec'] if 'taken for' in kind else topics
+    return [path, *(word for topic in topics for word in ('--temperature-topic', topic))]
 
 
 @pytest.mark.parametrize(('kind', 'way'), cases(REFUSED))
@@ -269,7 +336,8 @@ def test_a_bad_recording_is_refused_in_one_sentence(kind, way, door):
         return
     path = door.csv(table) if way == 'csv' else door.bag(table, kind, way)
     before = sorted(door.folder.rglob('*'))
-    assert re.search(pattern, door.run(*arguments(path, kind)).sentence)
+    command = ['calibrate', *arguments(path, kind, table, way), '--method', 'pls']
+    assert re.search(pattern, door.run(*command, '-o', door.folder / 'model.yaml').sentence)
     assert sorted(door.folder.rglob('*')) == before
 
 
@@ -280,11 +348,12 @@ def test_what_is_dropped_or_doubted_is_said(kind, way, door):
         warnings = calibrate([recording_from_columns(table)], SETTINGS).warnings
     else:
         path = door.csv(table) if way == 'csv' else door.bag(table, kind, way)
-        outcome = door.run(*arguments(path, kind), '--json')
+        words, model = arguments(path, kind, table, way), door.folder / 'model.yaml'
+        outcome = door.run('calibrate', *words, '-o', model, '--method', 'pls', '--json')
         assert outcome.code == 0, outcome
         warnings = json.loads(outcome.out)['warnings']
-        if not pattern.startswith(('force_z of', 'lasts')):  # what only a calibration can know
-            shown = json.loads(door.run('show', path, '--json').out)
+        if not kind.startswith(UNSEEN):
+            shown = json.loads(door.run('show', *words, '--json').out)
             assert any(re.search(pattern, each) for each in shown['warnings'])
     assert [each for each in warnings if re.search(pattern, each)]
 

@@ -213,10 +213,14 @@ def drop_stuck_cells(
                 'connected. It is left uncompensated.'
             )
             continue
-        steps = [np.diff(_present(recording.wrench[:, column])) for recording in recordings]
+        # Where it is stuck it is not lively, however long that lasts.
+        stuck_cells = [_find_stuck(recording.wrench[:, column]) for recording in recordings]
+        steps = [
+            np.diff(_present(recording.wrench[~stuck, column]))
+            for recording, stuck in zip(recordings, stuck_cells, strict=True)
+        ]
         lively = any((step != 0).mean() >= _LIVELY_SHARE for step in steps if len(step))
-        for i, recording in enumerate(sound):
-            stuck = _find_stuck(recording.wrench[:, column])
+        for i, (recording, stuck) in enumerate(zip(sound, stuck_cells, strict=True)):
             if lively and stuck.any():
                 sentences.append(_describe_stuck(recording, axis, stuck))
                 wrench = recording.wrench.copy()

@@ -82,6 +82,8 @@ class SampleChecks:
     def judge(self, max_bad_share: float = 0.01) -> Iterator[tuple[str, bool]]:
         """Say what was dropped and what is doubtful, and of each whether it is too much."""
         for channels, tally in self.tallies.items():
+            if _is_temperature(channels) and not tally.samples:
+                yield f'{_title(channels)} of {self._name} holds no sample; it is left out.', False
             dropped = tally.not_finite + tally.out_of_order + tally.implausible
             if dropped:
                 yield self._describe_dropped(channels, tally, dropped, max_bad_share)
