@@ -1,12 +1,12 @@
 """
-What version 0.1.0 wrote: every later version loads it and runs it to the same drift.
+What versions 0.1.0 and 0.2.0 wrote: every later one loads it and runs it to the same drift.
 
-How the files were made is told beside them, in fixtures/v0_1_0/README.md. They are never made
-again: a later version has to read them, however it writes its own.
+How the files were made is told beside them, in a README.md. They are never made again: a later
+version has to read them, however it writes its own.
 """
 
 import csv
-from dataclasses import replace
+from dataclasses import asdict, replace
 import hashlib
 import json
 from pathlib import Path
@@ -17,31 +17,52 @@ import pytest
 import yaml
 
 from wrist_ft_comp.cli.main import main
+from wrist_ft_comp.learning.memory import load_memory
+from wrist_ft_comp.payload.live_weight import LivePayload
 from wrist_ft_comp.recordings.recordings import read_recording
 from wrist_ft_comp.signals import AXES, Topics
 
 # All that these tests know of the package; what moves is renamed here and in the four helpers.
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.payload_file import load_payloads
 from wrist_ft_comp.stored.state_file import load_state
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.offline import simulate_drift
 
-HERE = Path(__file__).parent / 'fixtures' / 'v0_1_0'
-MODELS = sorted([*HERE.glob('models/*.yaml'), *HERE.glob('store/models/*.yaml')])
+FIXTURES = Path(__file__).parent / 'fixtures'
+V0_1_0, V0_2_0 = VERSIONS = sorted(FIXTURES.glob('v*'))
+MODELS = sorted([*FIXTURES.glob('*/models/*.yaml'), *FIXTURES.glob('*/store/models/*.yaml')])
 #: N, N m, and without unit for sensitivity.
 TOLERANCE = 1e-9
 SECOND = 1_000_000_000
-STORED_HISTORY = [None, 'model_20261121T220509Z.yaml', 'model_20261121T220520Z.yaml']
+#: Model and recording that recordings/compensated.csv was made with.
+COMPENSATED = {
+    V0_1_0: ('models/arx_pls_oe_loaded.yaml', 'recordings/loaded.csv'),
+    V0_2_0: ('models/at_work.yaml', 'store/days/day_00003.csv'),
+}
 
 
-def read_json(name):
-    return json.loads((HERE / name).read_text(encoding='utf-8'))
+def read_json(path):
+    return json.loads(path.read_text(encoding='utf-8'))
 
 
-EVALUATIONS = read_json('evaluations.json')
-RECORDINGS = read_json('recordings.json')
+def home(path):
+    """The folder of the version that wrote a file."""
+    return FIXTURES / path.relative_to(FIXTURES).parts[0]
 
+
+def named(value):
+    """Name a version's folder, an evaluation or a recording."""
+    return value.name if isinstance(value, Path) else value.get('path') or value['words'][0]
+
+
+EVALUATIONS = [
+    (here, then) for here in VERSIONS for then in read_json(here / 'evaluations.json').values()
+]
+RECORDINGS = [(here, then) for here in VERSIONS for then in read_json(here / 'recordings.json')]
+
+every_version = pytest.mark.parametrize('here', VERSIONS, ids=lambda here: here.name)
 every_model = pytest.mark.parametrize('path', MODELS, ids=lambda path: path.stem)
 
 
@@ -64,7 +85,7 @@ def in_newtons(model):
 def resumed(model, state):
     """A compensator that goes on from a saved state, as the node does."""
     compensator = fresh(model)
-    compensator.restore_tare(state.tare)
+    compensator.restore_tare(state.tare, state.external_tare)
     compensator.resume(state.thermal, 0.0)
     return compensator
 
@@ -88,9 +109,9 @@ def stream(compensator, path, first_ns):
 @pytest.fixture
 def printed(monkeypatch, capsys):
     """Run the command line where the fixtures lie; it has to succeed."""
-    monkeypatch.chdir(HERE)
 
-    def run(*words):
+    def run(here, *words):
+        monkeypatch.chdir(here)
         capsys.readouterr()
         assert main([str(word) for word in words]) == 0, words
         return capsys.readouterr().out
@@ -100,8 +121,8 @@ def printed(monkeypatch, capsys):
 
 @pytest.fixture
 def store(tmp_path):
-    """A copy of the node's folder."""
-    return ModelStore(Path(shutil.copytree(HERE / 'store', tmp_path / 'moved')))
+    """Copy a node's folder."""
+    return lambda here: ModelStore(Path(shutil.copytree(here / 'store', tmp_path / 'moved')))
 
 
 def close(expected):
@@ -109,7 +130,7 @@ def close(expected):
 
 
 def test_the_models_are_of_every_method_and_structure():
-    assert len(MODELS) == 18
+    assert len(MODELS) == 18 + 4
     axes = [
         axis
         for path in MODELS
@@ -118,7 +139,7 @@ def test_the_models_are_of_every_method_and_structure():
     chosen = {axis['chosen'].split(',')[0] for axis in axes}
     assert chosen >= {
         'none', 'static', 'pcr', 'pls', 'filtered_pls', 'arx_pls', 'PLS on a bank',
-        '1 time constant', '2 time constants', '3 time constants',
+        '1 time constant', '2 time constants', '3 time constants', 'combination',
     }  # fmt: skip
     running = [axis['model'] for axis in axes if axis['model'] is not None]
     assert {model['features']['kind'] for model in running} == {'powers', 'hats'}
@@ -129,12 +150,14 @@ def test_the_models_are_of_every_method_and_structure():
 
 @every_model
 def test_a_model_gives_the_same_drift_in_a_batch(path):
-    expected = read_json(str(path.relative_to(HERE).with_suffix('.json')))
+    expected = read_json(path.with_suffix('.json'))
     stored = load_model(path)
     assert stored.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
     drifts = dict(
         zip(
-            ('zero', 'sensitivity'), simulated(stored.model, HERE / expected['input']), strict=True
+            ('zero', 'sensitivity'),
+            simulated(stored.model, home(path) / expected['input']),
+            strict=True,
         )
     )
     for part, drift in drifts.items():
@@ -146,8 +169,8 @@ def test_a_model_gives_the_same_drift_in_a_batch(path):
 
 @every_model
 def test_a_model_corrects_a_stream_to_the_same_wrenches(path):
-    expected = read_json(str(path.relative_to(HERE).with_suffix('.json')))
-    outputs = stream(fresh(load_model(path).model), HERE / expected['input'], 0)
+    expected = read_json(path.with_suffix('.json'))
+    outputs = stream(fresh(load_model(path).model), home(path) / expected['input'], 0)
     np.testing.assert_allclose(outputs, expected['stream'], rtol=0, atol=TOLERANCE)
 
 
@@ -156,16 +179,18 @@ def same_numbers(value, expected):
     if isinstance(expected, dict):
         for key, each in expected.items():
             same_numbers(value[key], each)
+    elif isinstance(expected, list):
+        for element, each in zip(value, expected, strict=True):
+            same_numbers(element, each)
     elif isinstance(expected, float):
         assert value == pytest.approx(expected, rel=1e-9, abs=0)
     else:
         assert value == expected
 
 
-@pytest.mark.parametrize('name', EVALUATIONS)
-def test_a_model_is_evaluated_to_the_same_figures(printed, name):
-    then = EVALUATIONS[name]
-    now = json.loads(printed('evaluate', *then['words'], '--json'))
+@pytest.mark.parametrize(('here', 'then'), EVALUATIONS, ids=named)
+def test_a_model_is_evaluated_to_the_same_figures(printed, here, then):
+    now = json.loads(printed(here, 'evaluate', *then['words'], '--json'))
     assert then['printed']['axes']
     same_numbers(now, then['printed'])
 
@@ -173,48 +198,83 @@ def test_a_model_is_evaluated_to_the_same_figures(printed, name):
 @every_model
 def test_a_model_is_shown(printed, path):
     content = path.read_bytes()
-    shown = json.loads(printed('show', path, '--json'))
+    shown = json.loads(printed(home(path), 'show', path, '--json'))
     assert shown['sha256'] == hashlib.sha256(content).hexdigest()
     for axis, entry in yaml.safe_load(content)['axes'].items():
         assert shown['axes'][axis]['chosen'] == entry['chosen']
-        assert axis in printed('show', path)
+        assert axis in printed(home(path), 'show', path)
 
 
-def test_a_stream_goes_on_from_the_saved_state():
-    expected = read_json('state.json')
-    stored = load_model(HERE / 'store/models' / str(STORED_HISTORY[-1]))
-    state = load_state(HERE / 'store/state.json')
+@every_version
+def test_a_stream_goes_on_from_the_saved_state(here, store):
+    expected, stored = read_json(here / 'state.json'), load_model(store(here).history()[-1])
+    state = load_state(here / 'store/state.json')
     assert state is not None
     assert state.thermal is not None
     assert state.model_sha256 == stored.sha256
     assert state.tare.all()
-    compensator = resumed(stored.model, state)
-    held = compensator.correct(state.thermal.end_ns, [1.0] * len(AXES))
-    assert held == close(expected['held'])
-    first_ns = state.thermal.end_ns + 3 * stored.model.period_ns
-    outputs = stream(compensator, HERE / 'input_2.csv', first_ns)
+    assert state.external_tare.all() == ('external' in expected)
+    compensator, end_ns = resumed(stored.model, state), state.thermal.end_ns
+    assert compensator.correct(end_ns, [1.0] * len(AXES)) == close(expected['held'])
+    for live in live_payloads(here / 'store/models/payloads.json'):
+        external = compensator.correct(end_ns, [1.0] * len(AXES), external=True)
+        for force, wanted in zip(FORCES, expected['external'], strict=True):
+            assert live.taken_off(external, force) == close(wanted)
+    first_ns, inputs = end_ns + 3 * stored.model.period_ns, V0_1_0 / 'input_2.csv'
+    outputs = stream(compensator, inputs, first_ns)
     np.testing.assert_allclose(outputs, expected['stream'], rtol=0, atol=TOLERANCE)
-    new = stream(fresh(stored.model), HERE / 'input_2.csv', first_ns)
+    new = stream(fresh(stored.model), inputs, first_ns)
     assert not np.allclose(outputs, new, rtol=0, atol=0.1), 'the state counts'
 
 
-def test_the_list_of_models_is_read_where_it_was_moved_to_and_rolled_back(store):
+@every_version
+def test_the_list_of_models_is_read_where_it_was_moved_to_and_rolled_back(here, store):
+    models = store(here)
+    then = [name and Path(name).name for name in read_json(here / 'store/active.json')['history']]
+
     def names():
-        return [path and path.name for path in ModelStore(store.directory).history()]
+        return [path and path.name for path in ModelStore(models.directory).history()]
 
-    assert names() == STORED_HISTORY
-    assert store.given() == ''
-    assert [path.name for path in store.recordings()] == ['recording_20261121T220452Z.csv']
-    assert all(load_model(path).model.thermometers == 2 for path in store.history()[1:])
-    store.activate(store.history()[:-1])
-    assert names() == STORED_HISTORY[:-1]
+    assert then[0] is None
+    assert names() == then
+    assert models.given() == ''
+    there = sorted(path.name for path in here.glob('store/recordings/*.csv'))
+    assert [path.name for path in models.recordings()] == there
+    assert all(load_model(path).model.thermometers == 2 for path in models.history()[1:])
+    models.activate(models.history()[:-1])
+    assert names() == then[:-1]
 
 
-@pytest.mark.parametrize('then', RECORDINGS, ids=lambda r: f'{r["path"]} {r["wrench_topic"]}')
-def test_a_recording_is_read_to_the_same_cells(then, printed):
-    assert 'temperature' in printed('show', then['path'], '--wrench-topic', then['wrench_topic'])
+#: Specific forces, m/s².
+FORCES = ((0.0, 0.0, 9.807), (9.0, -3.0, 2.0), (-1.0, 8.0, -5.0))
+
+
+def live_payloads(path):
+    """The payloads of a file, as the node takes them off."""
+    return [LivePayload(name, *entry) for name, entry in load_payloads(path).items()]
+
+
+@pytest.mark.parametrize('path', read_json(V0_2_0 / 'payloads.json'))
+def test_a_payload_weighs_the_same(path):
+    then = read_json(V0_2_0 / 'payloads.json')[path]
+    for live in live_payloads(V0_2_0 / path):
+        assert str(live) == then[live.name]['line']
+        for force, weight in zip(FORCES, then[live.name]['weight'], strict=True):
+            assert live.weight(force) == close(weight)
+
+
+def test_the_diary_and_the_memory_of_a_node_that_learns_are_read(printed):
+    then = read_json(V0_2_0 / 'days.json')
+    same_numbers(json.loads(printed(V0_2_0, 'show', 'store', '--json')), then['shown'])
+    same_numbers(asdict(load_memory(V0_2_0 / 'store')), then['memory'])
+
+
+@pytest.mark.parametrize(('here', 'then'), RECORDINGS, ids=named)
+def test_a_recording_is_read_to_the_same_cells(here, then, printed):
+    words = 'show', then['path'], '--wrench-topic', then['wrench_topic']
+    assert 'temperature' in printed(here, *words)
     topics = Topics(wrench=then['wrench_topic'])
-    recording = read_recording(HERE / then['path'], period_s=then['period_s'], topics=topics)
+    recording = read_recording(here / then['path'], period_s=then['period_s'], topics=topics)
     channels = np.hstack([recording.temperature_c, recording.wrench, recording.reference])
     weights = np.arange(1, len(channels) + 1)[:, np.newaxis]
     assert recording.first_cell == then['first_cell']
@@ -223,12 +283,14 @@ def test_a_recording_is_read_to_the_same_cells(then, printed):
         np.testing.assert_allclose(np.nansum(sums, axis=0), then[key], rtol=1e-9, atol=1e-9)
 
 
-def test_a_recording_is_compensated_to_the_same_wrenches(printed, tmp_path):
-    model, source = 'models/arx_pls_oe_loaded.yaml', 'recordings/loaded.csv'
-    printed('compensate', model, source, '-o', tmp_path / 'now.csv')
+@every_version
+def test_a_recording_is_compensated_to_the_same_wrenches(here, printed, tmp_path):
+    model, source = COMPENSATED[here]
+    printed(here, 'compensate', model, source, '-o', tmp_path / 'now.csv')
     now, then, raw = (
-        read_recording(path, period_s=20).wrench
-        for path in (tmp_path / 'now.csv', HERE / 'recordings/compensated.csv', HERE / source)
+        np.genfromtxt(path, delimiter=',', names=True)
+        for path in (tmp_path / 'now.csv', here / 'recordings/compensated.csv', here / source)
     )
-    np.testing.assert_allclose(now, then, rtol=0, atol=TOLERANCE)
-    assert np.nanmax(np.abs(now - raw)) > 1.0
+    for column in then.dtype.names:
+        np.testing.assert_allclose(now[column], then[column], rtol=0, atol=TOLERANCE)
+    assert np.nanmax(np.abs(now['force_z'] - raw['force_z'])) > 1.0
