@@ -17,8 +17,10 @@ PREFIXED = {
 }  # fmt: skip
 #: Used where they are there, from pip only; and what comes with rclpy's message packages.
 NOT_DECLARED = {'rosbags', 'shtab', 'rosidl_generator_py'}
-#: Loaded by rosbag2_py, by name.
-PLUGINS = {'rosbag2_compression_zstd', 'rosbag2_storage_mcap', 'rosbag2_storage_sqlite3'}
+#: Loaded by name: storages by rosbag2_py, and the messages of TF.
+PLUGINS = {
+    'rosbag2_compression_zstd', 'rosbag2_storage_mcap', 'rosbag2_storage_sqlite3', 'tf2_msgs',
+}  # fmt: skip
 
 
 def imported(folder):

@@ -109,7 +109,8 @@ def type_name(kind: Any) -> str:
 
 def topic_rows(node: Any) -> Iterator[list[str]]:
     """Describe a node's topics."""
-    for word, ends in (('in', node.subscriptions), ('out', node.publishers)):
+    heard = (*node.subscriptions, *getattr(node, '_unserved', ()))
+    for word, ends in (('in', heard), ('out', node.publishers)):
         for end in ends:
             if end.topic_name in COMMON:
                 continue
