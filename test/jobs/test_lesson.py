@@ -16,7 +16,15 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.jobs.calibration import _answer
 from wrist_ft_comp.jobs.request import CalibrationJob, encode_job, Learning
 from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
-from wrist_ft_comp.learning.diary import alone, DayEntry, Diary, diary_path, load_diary, save_diary
+from wrist_ft_comp.learning.diary import (
+    alone,
+    CONTACTS,
+    DayEntry,
+    Diary,
+    diary_path,
+    load_diary,
+    save_diary,
+)
 from wrist_ft_comp.stored.model_file import load_model
 
 QUICK = CalibrationSettings('payload', identification=IdentificationSettings('pls', degree=1))
@@ -33,16 +41,24 @@ def own_lock(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
 
 
-def write_day(directory, number, cells=CELLS, pressed_s=0):
-    """Write a day at work: a kilogram that turns, drift with temperature, and perhaps presses."""
+def write_day(directory, number, cells=CELLS, pressed_s=0, parked_s=None):
+    """
+    Write a day at work: a kilogram that turns, drift with temperature, and perhaps presses.
+
+    With ``parked_s`` half a kilogram more hangs on it every other minute, and for that long.
+    """
     rng = np.random.default_rng(number)
     warm = 20 + rng.uniform(0, 4) + 10 * (1 - np.exp(-np.arange(cells) / rng.uniform(60, 200)))
     pose = np.repeat(rng.normal(size=(cells // 3, 3)), 3, axis=0)
+    seconds = PERIOD_S * (np.arange(cells) + 0.5)
+    parked = (seconds > 1000) & (seconds < 1000 + (parked_s or 0))
+    pose[parked] = (0.3, 0.2, -0.9)
     force = 9.807 * pose / np.linalg.norm(pose, axis=1, keepdims=True)
-    raw = np.concatenate((-force, np.cross((0.0, 0.0, 0.1), -force)), axis=1)
+    held = (parked_s is not None) * ((seconds // 60 % 2 == 1) | parked)[:, np.newaxis]
+    push = -force * (1 + 0.5 * held)
+    raw = np.concatenate((push, np.cross((0.0, 0.0, 0.1) + 0.03 * held, push)), axis=1)
     raw += np.array([1, -1, 0.5, 0.05, 0.03, -0.02]) * (0.4 * warm[:, None] + rng.normal(size=6))
     raw += rng.normal(0, 0.01, raw.shape) * np.array([1, 1, 1, 0.05, 0.05, 0.05])
-    seconds = PERIOD_S * (np.arange(cells) + 0.5)
     pushed = np.round(30 * rng.normal(size=6), 1) * [1, 1, 1, 0.1, 0.1, 0.1]
     raw += np.outer((seconds + 750) % 1500 < pressed_s, pushed)
     rows = np.column_stack(
@@ -182,6 +198,16 @@ def test_presses_of_minutes_are_no_drift(tmp_path):
         assert _answer(job_of(tmp_path, 1))['incident'] == ''
         drifts.append(load_diary(tmp_path).days[0].left['none'])
     np.testing.assert_allclose(drifts[1:], [drifts[0]] * 3, rtol=0.1)
+
+
+def test_a_robot_that_is_parked_with_a_part_has_no_jump_of_its_zero(tmp_path):
+    for parked_s, kind, said in ((900, '', ''), (1800, CONTACTS, 'is parked with a part')):
+        write_day(tmp_path, 1, 2700, parked_s=parked_s)
+        diary_path(tmp_path).unlink(missing_ok=True)
+        answer = _answer(job_of(tmp_path, 1))
+        assert said in answer['incident']
+        assert answer['paused'] == ''
+        assert load_diary(tmp_path).days[0].kind == kind
 
 
 def test_a_diary_that_breaks_python_s_own_limits_is_begun_anew(own_days):

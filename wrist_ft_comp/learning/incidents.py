@@ -6,7 +6,7 @@ stop the learning until three days agree again, or a person decides.
 """
 
 from collections.abc import Sequence
-from itertools import chain
+from itertools import chain, permutations
 
 import numpy as np
 
@@ -51,6 +51,8 @@ _HIDDEN_TARE = 0.3
 _FREE = 0.1
 #: … and they go as far as the step does, up to this share of it.
 _OFF = 0.5
+#: A step is the weight of a part where it differs from that by less than this share.
+_SAME_STEP = 0.2
 #: Share of the time in contact, and of the contrast that no payload makes, on an ordinary day.
 _CONTACT = 0.6
 _UNEXPLAINED = 0.1
@@ -190,17 +192,40 @@ def _jumped(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incident | 
     drifted = np.array(entry.left[NONE])[np.isfinite(entry.left[NONE])]
     rest = (recording.wrench - day.drift.reference - drift)[:, present] / noise
     rest[np.isnan(day.drift.wrench[:, present])] = np.nan
+    parked: Incident | None = None
     for step in sorted(day.steps, key=lambda step: -np.linalg.norm(step.jump / noise)):
         cell, size = step.cell, np.linalg.norm(step.jump / noise)
         matters = size > _LEAST_OF_NOISE and np.max(np.abs(step.jump) / drifted) > _LEAST_OF_DRIFT
         if matters and not _tared(raw, step, noise) and _stays(rest, step, noise):
             sizes = ', '.join(f'{jump:.2g}' for jump in step.jump)
             time = clock(recording, np.arange(len(recording)) >= cell)
+            if _is_weight(day, step, present):
+                sentence = (
+                    f'The reading stepped at {time} by what the payloads of the day differ by, as '
+                    'where a robot is parked with a part for long: its drift cannot be told.'
+                )
+                parked = CONTACTS, sentence
+                continue
             return ZERO, (
                 f'The zero jumped at {time} by {sizes} (N and N m), and no tare of the driver did '
                 'that: an overload?'
             )
-    return None
+    return parked
+
+
+def _is_weight(day: Day, step: Step, present: list[bool]) -> bool:
+    """Tell whether a step is as large as what two payloads of a day differ by in that pose."""
+    force = day.recording.specific_force
+    if day.payloads is None or force is None:
+        return False
+    pose = np.nanmedian(force[step.cell : step.cell + _NEAR], axis=0)
+    turned = day.payloads.frame.turn(pose)
+    weights = [payload.weight(turned)[present] for payload in day.payloads.payloads.values()]
+    missed = [
+        np.linalg.norm((one - other - step.jump) / day.noise)
+        for one, other in permutations(weights, 2)
+    ]
+    return bool(min(missed, default=np.inf) < _SAME_STEP * np.linalg.norm(step.jump / day.noise))
 
 
 def _tared(raw: FloatArray, step: Step, noise: FloatArray) -> bool:
