@@ -383,6 +383,19 @@ def test_a_unit_in_a_name_is_what_it_says(column, unit, function, door):
         np.testing.assert_array_equal(recording.wrench, expected.wrench)
 
 
+@pytest.mark.parametrize('gap_s', [59, 61, 70])
+def test_gaps_of_the_wrench_make_no_chamber_test_of_a_warm_up(gap_s):
+    table = good()
+    for first in (100, 300):
+        for axis in ('force_x', 'force_z'):
+            table[axis][first : first + gap_s] = np.nan
+    whole, gappy = (
+        calibrate([recording_from_columns(each)], SETTINGS) for each in (good(), table)
+    )
+    assert gappy.fits['force_z'].chosen == whole.fits['force_z'].chosen
+    assert gappy.fits['force_z'].rms_after < 2 * whole.fits['force_z'].rms_after
+
+
 HEADER = 'stamp_s,force_z,temperature_c\n'
 MANY = ','.join(f'temperature_{j}_c' for j in range(2, 99))
 ROW = ','.join(['20'] * 97)

@@ -87,3 +87,10 @@ def test_by_default_nothing_is_heard_and_the_columns_are_those_of_before(rig):
     assert answer.success
     (path,) = (node.directory / 'recordings').glob('*.csv')
     assert 'linear_acceleration' not in path.read_text()
+
+
+def test_two_publishers_of_an_imu_are_told(rig):
+    node = rig(parameters={'gravity.source': 'imu'})
+    topic = node.topic('imu')
+    both = [node.bench.helper.create_publisher(Imu, topic, 1) for _ in 'ab']
+    node.diagnosis('payload', f'{topic} has {len(both)} publishers; their readings are mixed')

@@ -158,6 +158,12 @@ class TestWrench:
         look_at(node, noisy(40), stamps)
         told(node, 'input', words)
 
+    def test_without_a_stamp_or_a_clock_is_told(self, warm, told):
+        node = warm(parameters={'use_sim_time': True})
+        look_at(node, noisy(4), [0] * 4)
+        words = 'the time of arrival is 0: use_sim_time is set, and nothing comes on /clock'
+        told(node, 'input', words)
+
     def test_of_another_frame_is_told(self, warm, told):
         """A name of the same length, which no layout of bytes would tell."""
         node = warm()
