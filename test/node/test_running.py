@@ -1,33 +1,41 @@
 import signal
+import sys
 
 import pytest
-
-#: Runs until a signal; every 10 ms its timer does the line in its place.
-SOURCE = """
-import sys
 from rclpy.node import Node
-from wrist_ft_comp.errors import SettingsError, WristFtCompError
-from wrist_ft_comp.ros.parameters import EXECUTOR_PARAMETER, Parameter, declare
+
+from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.ros.parameters import declare, EXECUTOR_PARAMETER, Parameter
 from wrist_ft_comp.ros.running import run_nodes
 
-class Example(Node):
-    def __init__(self, **kwargs):
-        super().__init__('example', **kwargs)
-        declare(self, [EXECUTOR_PARAMETER, Parameter('speed', 1.0, 'How fast.', minimum=0.0)])
-        self.create_timer(0.01, self.tick)
-
-    def tick(self):
-        LINE
-
-code = run_nodes(lambda **options: [Example(**options)], sys.argv)
-print('code', code)
-sys.exit(code)
-"""
 MODULE = 'example'
 
 
-def example(line='pass'):
-    return {'source': SOURCE.replace('LINE', line)}
+class Example(Node):
+    """Every 10 ms its timer does what it was given."""
+
+    def __init__(self, line, **kwargs):
+        super().__init__('example', **kwargs)
+        speed = Parameter('speed', 1.0, 'How fast.', minimum=0.0)
+        declare(self, [EXECUTOR_PARAMETER, speed])
+        self.create_timer(0.01, lambda: line(self))
+
+
+def tell(node):
+    """Say what runs the node."""
+    sys.stdout.write(f'{type(node.executor).__name__}\n')
+    sys.stdout.flush()
+
+
+def example():
+    """Source of a program that runs until a signal."""
+    lines = (
+        'import runpy, sys',
+        f'names = runpy.run_path({__file__!r})',
+        "make = lambda **options: [names['Example'](names['tell'], **options)]",
+        "sys.exit(names['run_nodes'](make, sys.argv))",
+    )
+    return {'source': '\n'.join(lines)}
 
 
 @pytest.mark.parametrize(
@@ -39,18 +47,29 @@ def example(line='pass'):
     ],
 )
 def test_signal_ends_the_node_on_the_executor_that_was_chosen(executable, choice, kind, number):
-    tell = 'print(type(self.executor).__name__, flush=True)'
-    node = executable(MODULE, '-p', f'executor:={choice}', **example(tell))
+    node = executable(MODULE, '-p', f'executor:={choice}', **example())
     assert node.process.stdout.readline().strip() == kind
     assert node.end(number) == (0, '')
 
 
-def test_repeated_signals_end_the_node_as_quietly_as_one(bench, executable):
-    node = executable(MODULE, '-r', '__node:=example_repeated', **example())
-    bench.wait_for_node('example_repeated')
+def test_repeated_signals_end_the_node_as_quietly_as_one(executable):
+    node = executable(MODULE, **example())
+    assert node.process.stdout.readline()
     node.process.send_signal(signal.SIGINT)
     node.process.send_signal(signal.SIGINT)
     assert node.end(signal.SIGTERM) == (0, '')
+
+
+@pytest.fixture
+def run(ros_domain, capfd):  # noqa: ARG001
+    """Run a node here that does something in its timer; the exit code, and what was logged."""
+
+    def start(line, *arguments):
+        words = ['example', *(['--ros-args', *arguments] if arguments else [])]
+        code = run_nodes(lambda **options: [Example(line, **options)], words)
+        return code, capfd.readouterr().err
+
+    return start
 
 
 @pytest.mark.parametrize(
@@ -63,29 +82,31 @@ def test_repeated_signals_end_the_node_as_quietly_as_one(bench, executable):
         (['--nonsense'], '--nonsense'),
     ],
 )
-def test_bad_argument_is_a_sentence_and_exit_code_1(executable, arguments, word):
-    code, errors = executable(MODULE, *arguments, **example()).result()
+def test_bad_argument_is_a_sentence_and_exit_code_1(run, arguments, word):
+    code, errors = run(pytest.fail, *arguments)
     assert code == 1
     assert word in errors
     assert 'Traceback' not in errors
 
 
 @pytest.mark.parametrize('choice', ['auto', 'default'])
-def test_error_of_the_family_in_a_callback_is_a_sentence(executable, choice):
-    line = "raise WristFtCompError('The sensor is gone.')"
-    code, errors = executable(MODULE, '-p', f'executor:={choice}', **example(line)).result()
+def test_error_of_the_family_in_a_callback_is_a_sentence(run, choice):
+    def refuse(_):
+        raise WristFtCompError('The sensor is gone.')
+
+    code, errors = run(refuse, '-p', f'executor:={choice}')
     assert code == 1
     assert 'The sensor is gone.' in errors
     assert 'Traceback' not in errors
 
 
-def test_fault_of_ours_keeps_its_traceback(executable):
-    code, errors = executable(MODULE, **example("raise ValueError('a fault')")).result()
-    assert code == 1
-    assert 'Traceback' in errors
-    assert 'ValueError: a fault' in errors
+def test_fault_of_ours_keeps_its_traceback(run):
+    def fail(_):
+        raise ValueError('a fault')
+
+    with pytest.raises(ValueError, match='a fault'):
+        run(fail)
 
 
-def test_shutdown_by_the_node_itself_is_a_normal_end(executable):
-    code, errors = executable(MODULE, **example('self.context.shutdown()')).result()
-    assert (code, errors) == (0, '')
+def test_shutdown_by_the_node_itself_is_a_normal_end(run):
+    assert run(lambda node: node.context.shutdown()) == (0, '')
