@@ -3,9 +3,7 @@
 from dataclasses import fields, is_dataclass
 import hashlib
 import json
-import os
 from pathlib import Path
-import signal
 import subprocess
 import sys
 
@@ -22,7 +20,6 @@ from wrist_ft_comp.jobs.request import (
     encode_job,
     Learning,
     Minute,
-    UNTIL_CLOSED,
 )
 from wrist_ft_comp.recordings.recordings import hash_recording
 from wrist_ft_comp.signals import Topics
@@ -193,25 +190,3 @@ def test_the_process_gives_a_refusal_as_json(tmp_path):
     outcome = answer(job(tmp_path, tmp_path / 'gone.csv'))
     assert not outcome['success']
     assert 'gone.csv does not exist' in outcome['message']
-
-
-def test_the_process_ends_when_nobody_waits_for_it_any_more(tmp_path):
-    """A node that is killed can't say so; its end of the pipe is closed by the system."""
-    endless = tmp_path / 'endless.csv'
-    os.mkfifo(endless)
-    with start(UNTIL_CLOSED) as process:
-        process.stdin.write(encode_job(job(tmp_path, endless)) + '\n')
-        process.stdin.flush()
-        # Opening the other end waits until the process reads, in the middle of its work.
-        with endless.open('wb'):
-            process.stdin.close()
-            assert process.wait(60) == -signal.SIGTERM
-    assert list(tmp_path.iterdir()) == [endless]
-
-
-def test_the_process_gives_its_result_while_somebody_waits(tmp_path):
-    with start(UNTIL_CLOSED) as process:
-        process.stdin.write(encode_job(job(tmp_path, tmp_path / 'gone.csv')) + '\n')
-        process.stdin.flush()
-        assert 'gone.csv does not exist' in json.loads(process.stdout.read())['message']
-        assert process.wait(60) == 0

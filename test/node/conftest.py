@@ -1,7 +1,6 @@
 """Fixtures of the node tests: an own domain, nodes in threads, queues with timeouts, processes."""
 
 from contextlib import ExitStack
-import ctypes
 from functools import cached_property
 from importlib import import_module
 import os
@@ -192,20 +191,6 @@ def bench(ros_context):
         yield result
     finally:
         result.close()
-
-
-@pytest.fixture
-def message_packages(ros_domain, monkeypatch):  # noqa: ARG001
-    """Make tf2_msgs and driver_msgs importable; gives their folder."""
-    folder = ROOT / 'build/messages'
-    python = f'lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages'
-    if not (folder / 'today' / python).is_dir():
-        pytest.skip('There are no message packages for this Python; "make messages" builds them.')
-    monkeypatch.syspath_prepend(folder / 'today' / python)
-    # A library that is loaded is found by its name, without LD_LIBRARY_PATH.
-    for library in (folder / 'today').glob('lib/*_c.so'):
-        ctypes.CDLL(str(library))
-    return folder
 
 
 class Executable:

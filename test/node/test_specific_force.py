@@ -171,15 +171,6 @@ def test_a_joint_that_stops_ends_what_is_told_and_a_clock_that_ran_back_begins_a
 
 
 @pytest.mark.usefixtures('with_tf2')
-def test_what_is_no_transform_is_counted(messages):
-    heard = Heard()
-    heard.on['/tf'](messages.transforms(START, [TO_TOOL])[:-9])
-    heard.on['/tf'](messages.transforms(START, []))
-    assert heard.source.unreadable == 1
-    assert heard.told == []
-
-
-@pytest.mark.usefixtures('with_tf2')
 def test_frames_of_made_up_names_and_transforms_sent_again_fill_no_memory(messages, moving):
     heard = Heard()
     for k in range(3000):
@@ -194,21 +185,9 @@ def test_frames_of_made_up_names_and_transforms_sent_again_fill_no_memory(messag
     np.testing.assert_allclose(heard.told[0][1], true_force(0), atol=1e-9)
 
 
-@pytest.mark.usefixtures('with_tf2')
-def test_what_is_no_rotation_is_left_out(messages):
-    heard = Heard()
-    heard.on['/tf'](messages.transforms(START, [('world', 'tool', [0.0] * 4)]))
-    assert heard.told == []
-    assert heard.source.unreadable == 0
-
-
 @pytest.mark.usefixtures('without_tf2')
 def test_without_tf2_msgs_or_a_frame_tf_is_refused():
     with pytest.raises(SettingsError, match='package tf2_msgs with this type is not installed'):
         Heard()
     with pytest.raises(SettingsError, match='is empty; expected the frame whose z'):
         Heard(upper='')
-
-
-def test_by_default_nothing_is_heard():
-    assert Heard('none').on == {}

@@ -150,11 +150,6 @@ def test_a_bad_file_is_refused_in_one_sentence_that_names_the_place(make_csv, te
         read_recording(make_csv(text))
 
 
-def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(RecordingError, match=r'nothing.csv cannot be read: No such file'):
-        CsvRecording(tmp_path / 'nothing.csv')
-
-
 @pytest.mark.parametrize('tail', ['2,1', '2,1,-', '2', '2,1,2x', '\0\0\0\0'])
 def test_a_cut_off_last_line_is_left_out_with_a_warning(make_csv, tail):
     samples, warnings = all_samples(make_csv(f'{HEADER}0,1,20\n1,1,20\n{tail}'))

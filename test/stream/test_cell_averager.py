@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from wrist_ft_comp.signals import AXES, REFERENCE_CHANNELS, Samples
+from wrist_ft_comp.signals import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
 from wrist_ft_comp.stream.stream_grid import CompletedCells, ThermalGrid
@@ -34,10 +34,6 @@ class Node:
 def cells(rows):
     """Cell, force_x, reference_force_x and temperatures of each row."""
     return [(stamp // SECOND, row[0], row[6], *row[12:]) for stamp, row in rows]
-
-
-def test_the_columns_are_the_recording_s():
-    assert row_channels(2) == (*AXES, *REFERENCE_CHANNELS, 'temperature_c', 'temperature_2_c')
 
 
 def test_a_row_holds_the_means_of_its_cell_and_the_stamp_of_its_middle():

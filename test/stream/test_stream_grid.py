@@ -159,14 +159,6 @@ def test_samples_for_cells_that_are_gone_are_counted():
     assert grid.rejected == 2
 
 
-@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
-def test_a_value_that_is_not_finite_is_counted_and_leaves_no_trace(value):
-    grid = ThermalGrid(SECOND, 1, 5.0)
-    completed = feed(grid, seconds(0, (0.2, 20.0), (0.4, value), (0.6, 22.0), (1.0, 30.0)))
-    assert completed[0].temperature_c == pytest.approx([21.0])
-    assert grid.rejected == 1
-
-
 @pytest.mark.parametrize('stamp_s', [5.5, 5.2, 1.5, 0.0])
 def test_a_stamp_that_does_not_increase_is_counted(stamp_s):
     grid = ThermalGrid(SECOND, 1, 5.0)

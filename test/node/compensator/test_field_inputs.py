@@ -112,13 +112,6 @@ def test_a_field_moves_the_drift_as_a_temperature_does(wired, make_model, execut
     well(node, '23.00')
 
 
-def test_the_unit_that_is_named_is_converted(wired):
-    node = wired(topics=['state:temperature:F'])
-    state = publisher(node, BatteryState, 'state')
-    send(node, state, *(battery(second, 77.0) for second in range(3)))
-    assert held_c(node) == [pytest.approx(25.0, abs=1e-4)]
-
-
 def test_without_a_header_the_time_of_arrival_counts_and_hides_no_doubt(wired, make_model):
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)}, thermometers=2, range_c=(15, 65))
     node = wired(

@@ -45,15 +45,6 @@ class TestRollback:
         assert not answer.success
         assert answer.message.startswith('There is no earlier model to go back to')
 
-    def test_survives_a_restart(self, rig, make_model):
-        for name in ('a.yaml', 'b.yaml'):
-            make_model(name)
-        remember(rig().directory, 'a.yaml', 'b.yaml')
-        assert rig().call('rollback').success
-        restarted = rig()
-        assert live(restarted) == 'a.yaml'
-        assert not restarted.call('rollback').success
-
     def test_passes_over_a_model_that_cannot_be_used(self, rig, make_model):
         for name in ('a.yaml', 'c.yaml'):
             make_model(name)
@@ -91,16 +82,6 @@ class TestRestart:
         assert node.set('model_file', 'models/a.yaml').successful
         assert node.diagnosis('model', lambda each: each.level == OK)
         assert live(rig()) == 'a.yaml'
-
-    def test_with_other_thermometers_starts_without_a_model(self, rig, make_model):
-        make_model('a.yaml')
-        make_model('two.yaml', thermometers=2)
-        remember(rig(), 'a.yaml', 'two.yaml')
-        node = rig()
-        words = 'expects 2 thermometers, the node has 1 (temperature_topics)'
-        assert node.diagnosis('model', words).level == ERROR
-        assert node.call('rollback').success
-        assert live(node) == 'a.yaml'
 
 
 class TestNewestDecision:
@@ -158,14 +139,6 @@ class TestModelFile:
         node = rig(parameters={'model_file': str(model.path)})
         assert live(node) == 'elsewhere.yaml'
         assert not node.call('rollback').success
-
-    @pytest.mark.parametrize('content', [None, b'format: other'])
-    def test_that_is_bad_at_start_is_an_error(self, rig, tmp_path, content):
-        path = tmp_path / 'bad.yaml'
-        if content is not None:
-            path.write_bytes(content)
-        with pytest.raises(ModelFileError, match=r'bad\.yaml'):
-            rig(parameters={'model_file': str(path)})
 
     def test_with_other_thermometers_is_an_error(self, rig, make_model):
         model = make_model('two.yaml', thermometers=2)

@@ -35,14 +35,6 @@ def test_values_that_are_not_allowed_are_refused(rig, name, value, words):
     assert words in verdict.reason
 
 
-def test_an_integer_is_taken_for_a_double(rig):
-    node = rig(parameters={'max_drift': 3, 'thermal_period': 2})
-    assert node.node.compensator.settings.max_drift_n == 3.0
-    assert node.node.compensator.tracker.grid.period_ns == 2 * SECOND
-    assert node.set('tare.duration', 2).successful
-    assert node.node.get_parameter('tare.duration').value == 2.0
-
-
 def test_a_calibration_takes_the_parameters_of_its_time(rig):
     node = rig(thermometers=2, parameters={'thermal_period': 5})
     folder = node.directory / 'recordings'

@@ -78,18 +78,6 @@ def test_the_first_cell_tells_how_long_the_gap_was(restart, warm, capfd):
     assert origin(node) == sentence, 'also after a change of model'
 
 
-def test_stamps_that_make_no_sense_start_at_the_steady_state(restart, warm, capfd):
-    node = restart(warm, max_drift_rate=1000)
-    first = warm.thermal.end_ns - 100 * SECOND
-    for second in range(3):
-        node.warm(first + second * SECOND, 30.0)
-    status = node.diagnosis('temperature', lambda each: 'steady state' in str(each.values))
-    assert 'so the drift starts at the steady state' in str(status.values)
-    assert 'so the drift starts at the steady state' in capfd.readouterr().err
-    assert node.node.compensator.compensation.zero[2] == pytest.approx(20.0)
-    np.testing.assert_array_equal(node.node.compensator.tare, TARE, 'the tare survives')
-
-
 @pytest.mark.parametrize(
     ('change', 'words'),
     [

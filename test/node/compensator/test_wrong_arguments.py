@@ -70,13 +70,6 @@ def test_a_sensor_may_be_named_with_an_underscore(ros_context, tmp_path):
     node.destroy_node()
 
 
-def test_a_relative_data_directory_is_the_working_directorys(ros_context, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (node,) = start(ros_context, tmp_path, '-p', 'data_directory:=here')
-    assert node.store.directory == tmp_path / 'here'
-    node.destroy_node()
-
-
 def test_a_mistyped_parameter_is_told_by_the_node(executable, bench, tmp_path):
     given = ('temprature_topics:=[heat]', f'data_directory:={tmp_path}')
     words = [word for each in given for word in ('-p', each)]
@@ -92,12 +85,6 @@ def test_a_folder_that_takes_nothing_is_told_at_start(rig):
     said = '/proc/wrist_ft_comp cannot be written: No such file or directory. Mend its rights'
     assert said in node.diagnosis('model').message
     assert 'cannot be written' in node.call('record', True).message
-
-
-def test_no_word_of_a_folder_that_takes_something(rig):
-    node = rig()
-    assert 'written' not in node.diagnosis('model').message
-    assert [each.name for each in node.directory.iterdir()] == ['lock']
 
 
 def test_off_is_a_word_although_yaml_reads_a_truth_value(ros_context, tmp_path):

@@ -1,5 +1,8 @@
 """The commands of a document: every line of every ``sh`` block, run as it is written."""
 
+from contextlib import redirect_stdout
+from importlib.util import module_from_spec, spec_from_file_location
+import io
 from itertools import chain
 import os
 from pathlib import Path
@@ -15,7 +18,11 @@ import pytest
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Temperature
 
+from wrist_ft_comp.cli.main import main
+
 ROOT = Path(__file__).parents[3]
+#: Stands for the command ``ros2`` where only rclpy is installed.
+STAND_IN = Path(__file__).with_name('ros2.py')
 #: Far above what is normal, so that only a fault hits.
 TIMEOUT_S = 240.0
 
@@ -27,13 +34,19 @@ def read_commands(document):
     return [shlex.split(line) for block in blocks for line in block.splitlines() if line]
 
 
-def runnable(words):
-    """Put programs in the place of names that a user has on the PATH."""
-    if words[0] == 'ros2' and shutil.which('ros2') is None:
-        return [sys.executable, str(Path(__file__).with_name('ros2.py')), *words[1:]]
-    if words[0] == 'wrist_ft_comp':
-        return [sys.executable, '-m', 'wrist_ft_comp', *words[1:]]
-    return words
+def programs():
+    """
+    Functions in the place of programs that a user has on the PATH, by name.
+
+    What they import stays imported from one command of a document to the next.
+    """
+    result = {'wrist_ft_comp': main}
+    if shutil.which('ros2') is None:
+        spec = spec_from_file_location('ros2_stand_in', STAND_IN)
+        module = module_from_spec(spec)
+        spec.loader.exec_module(module)
+        result['ros2'] = module.main
+    return result
 
 
 class Terminal:
@@ -42,23 +55,29 @@ class Terminal:
     def __init__(self, folder):
         #: Working directory, and what all commands printed that ran to their end.
         self.folder, self.printed = folder, ''
+        self._programs = programs()
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     def run(self, words):
         """Run a command to its end; returns what it prints."""
         named = [each for word in words for each in self._expanded(word)]
-        done = subprocess.run(
-            runnable(named),
-            cwd=self.folder,
-            env={**os.environ, 'PYTHONPATH': str(ROOT)},
-            capture_output=True,
-            text=True,
-            timeout=TIMEOUT_S,
-            check=False,
-        )
-        assert done.returncode == 0, f'{shlex.join(words)}\n{done.stdout}{done.stderr}'
-        self.printed += done.stdout
-        return done.stdout
+        if named[0] in self._programs:
+            with redirect_stdout(io.StringIO()) as out:
+                code = self._programs[named[0]](named[1:])
+            printed = out.getvalue()
+        else:
+            done = subprocess.run(
+                named,
+                cwd=self.folder,
+                capture_output=True,
+                text=True,
+                timeout=TIMEOUT_S,
+                check=False,
+            )
+            code, printed = done.returncode, done.stdout + done.stderr
+        assert code == 0, f'{shlex.join(words)}\n{printed}'
+        self.printed += printed
+        return printed
 
     def _expanded(self, word):
         """Expand a star as a shell does."""
@@ -71,16 +90,17 @@ class Terminal:
     def start(self, words):
         """Start a program that goes on."""
         self.end(words[3])
+        program = [sys.executable, str(STAND_IN)] if 'ros2' in self._programs else ['ros2']
         self._running[words[3]] = subprocess.Popen(
-            runnable(words),
+            [*program, *words[1:]],
             cwd=self.folder,
             env={**os.environ, 'PYTHONPATH': str(ROOT)},
             start_new_session=True,
         )
 
     def end(self, name=''):
-        """End a program and whatever it started, as Ctrl-C does; without a name, all of them."""
-        for each in [name] if name else list(self._running):
+        """End a program, as Ctrl-C does; without a name, all of them, the last one first."""
+        for each in [name] if name else list(reversed(self._running)):
             process = self._running.pop(each, None)
             if process is not None and process.poll() is None:
                 os.killpg(process.pid, signal.SIGINT)
@@ -94,10 +114,11 @@ def commands():
 
 
 @pytest.fixture
-def terminal(tmp_path):
+def terminal(tmp_path, monkeypatch):
     """Give a terminal in a folder that looks like the project's root to the commands."""
     for name in ('data', 'config'):
         (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.chdir(tmp_path)
     result = Terminal(tmp_path)
     yield result
     result.end()

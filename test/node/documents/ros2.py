@@ -12,7 +12,9 @@ import sys
 from typing import Any
 
 from rcl_interfaces.srv import DescribeParameters
-import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 import yaml
 
@@ -26,26 +28,30 @@ POLL_S = 0.1
 
 @contextmanager
 def own_node():
-    """Make a node for one command."""
-    rclpy.init(args=[])
-    node = rclpy.create_node('ros2_stand_in')
+    """Make a node for one command, and what spins it."""
+    context = Context()
+    context.init([])
+    node = Node('ros2_stand_in', context=context, use_global_arguments=False)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
     try:
-        yield node
+        yield node, executor
     finally:
+        executor.shutdown()
         node.destroy_node()
-        rclpy.shutdown()
+        context.try_shutdown()
 
 
-def answer(node, client, request, timeout_s):
+def answer(executor, client, request, timeout_s):
     """Wait for the answer to a request; None where none comes."""
     future = client.call_async(request)
-    rclpy.spin_until_future_complete(node, future, timeout_sec=timeout_s)
+    executor.spin_until_future_complete(future, timeout_s)
     return future.result()
 
 
 def call(service_type, name, request):
     """Call a service."""
-    with own_node() as node:
+    with own_node() as (node, executor):
         client = node.create_client(service_type, name)
         # A node drops its answer to a client that it has not discovered yet. It discovers them in
         # the order in which they were made, so one answer to the second says that it knows both.
@@ -53,17 +59,17 @@ def call(service_type, name, request):
         knock = node.create_client(DescribeParameters, second)
         if not (client.wait_for_service(TIMEOUT_S) and knock.wait_for_service(TIMEOUT_S)):
             sys.exit(f'no service {name}')
-        while answer(node, knock, DescribeParameters.Request(), 1.0) is None:
+        while answer(executor, knock, DescribeParameters.Request(), 1.0) is None:
             continue
-        return answer(node, client, request, TIMEOUT_S) or sys.exit(f'{name} does not answer')
+        return answer(executor, client, request, TIMEOUT_S) or sys.exit(f'{name} does not answer')
 
 
 def echo(topic):
     """Wait for one message of a topic."""
     received: list[Any] = []
-    with own_node() as node:
+    with own_node() as (node, executor):
         for _ in range(round(TIMEOUT_S / POLL_S)):
-            rclpy.spin_once(node, timeout_sec=POLL_S)
+            executor.spin_once(POLL_S)
             kinds = dict(node.get_topic_names_and_types()).get(topic)
             if kinds and not list(node.subscriptions):
                 package, _, name = kinds[0].split('/')

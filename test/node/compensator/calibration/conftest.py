@@ -52,16 +52,20 @@ class Robot:
             outputs.append(rig.stream(stamps, [self.raw(cell, true) for _ in stamps]))
         return np.concatenate(outputs)
 
-    def write(self, path, cells=300):
-        """Write what a recording of the first cells would hold."""
+    def write(self, path, cells=300, axes=('force_z',)):
+        """Write what a recording of the first cells would hold; every axis takes time to fit."""
         path.parent.mkdir(parents=True, exist_ok=True)
         temperatures = [temperature_channel(j) for j in range(self.temperature_c.shape[1])]
         rows = [
-            [self.stamps(cell)[0], *self.raw(cell).tolist(), *self.temperature_c[cell].tolist()]
+            [
+                self.stamps(cell)[0],
+                *(self.raw(cell)[AXES.index(axis)] for axis in axes),
+                *self.temperature_c[cell],
+            ]
             for cell in range(cells)
         ]
         with path.open('w') as file:
-            csv.writer(file).writerows([['stamp_ns', *AXES, *temperatures], *rows])
+            csv.writer(file).writerows([['stamp_ns', *axes, *temperatures], *rows])
         return path
 
 

@@ -49,16 +49,6 @@ def check_refused(node, answer, *words):
     assert goes_on(node)
 
 
-def test_without_a_recording_it_says_what_to_do(rig):
-    node = rig()
-    folder = node.directory / 'recordings'
-    check_refused(
-        node,
-        node.call('calibrate'),
-        f'There is no recording in {folder}. Record a warm-up with ~/record',
-    )
-
-
 def test_too_small_a_span_leaves_the_live_model(rig, make_robot, make_model):
     live = make_model('live.yaml', {'torque_z': (0.0, 0.0, 0.0)}, period_s=10.0)
     node = rig(parameters={'model_file': str(live.path), **QUICK})
@@ -83,9 +73,9 @@ def test_a_corrupt_recording_beside_a_good_one_is_a_warning(ready, make_robot):
     assert '\nwarning: two.csv was left out: two.csv has 2 thermometers' in answer.message
 
 
-def test_a_second_call_is_refused_while_one_runs(ready, gate):
+def test_a_second_call_is_refused_and_a_killed_process_is_a_sentence(ready, gate):
     node = ready()
-    answers, _ = begin(node)
+    answers, process = begin(node)
     second = node.call('calibrate')
     assert not second.success
     assert 'A calibration has been running for ' in second.message
@@ -93,14 +83,6 @@ def test_a_second_call_is_refused_while_one_runs(ready, gate):
     assert node.diagnosis('calibration').message.startswith('running for ')
     assert goes_on(node)
     assert answers.empty()
-    gate.open()
-    node.wait_until(lambda: not answers.empty(), 'the answer')
-    assert answers.get().success
-
-
-def test_a_killed_process_is_a_sentence_and_the_next_one_works(ready, gate):
-    node = ready()
-    answers, process = begin(node)
     os.kill(process.pid, signal.SIGKILL)
     node.wait_until(lambda: not answers.empty(), 'the answer')
     check_refused(
@@ -126,18 +108,6 @@ def test_a_process_without_a_result_is_a_sentence(ready, monkeypatch, command, w
     node = ready()
     monkeypatch.setattr('wrist_ft_comp.node.calibrate.COMMAND', command)
     check_refused(node, node.call('calibrate'), words, 'call again')
-
-
-def test_who_waits_is_told_of_the_end_and_no_process_stays(ready, gate):
-    node = ready()
-    answers, process = begin(node)
-    node.node.calibration.end()
-    answer = answers.get(timeout=20.0)
-    assert not answer.success
-    assert answer.message == 'The node is shutting down; the model is unchanged.'
-    with pytest.raises(ProcessLookupError):
-        os.kill(process.pid, 0)
-    assert gate.command
 
 
 def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready):

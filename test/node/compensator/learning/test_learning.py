@@ -1,4 +1,3 @@
-import json
 import time
 
 import numpy as np
@@ -190,14 +189,6 @@ def test_off_is_off(learner):
     names = [each.name for each in node.rig._report()]
     assert not any(name.endswith('learning') for name in names)
     assert 'learning is off' in node.rig.call('adopt').message
-
-
-def test_what_is_remembered_is_of_this_format(learner):
-    node = learner()
-    node.a_day()
-    document = json.loads(memory_path(node.rig.directory).read_text())
-    assert (document['format'], document['version']) == ('wrist_ft_comp learning', 1)
-    assert document['judged'] == 'day_00001.csv'
 
 
 def test_an_incident_is_a_warning_until_a_day_without_one_or_a_decision(learner, models):
