@@ -21,11 +21,22 @@ from wrist_ft_comp.fit.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.signals import AXES, Recording
 
 collect_ignore = [] if find_spec('rclpy') else ['node']
+#: Files whose tests take longest, in this order: each begins on a worker of its own.
+LONGEST = (
+    'test_tutorial', 'test_at_work', 'test_readme', 'test_benches_of_processes', 'test_benches',
+    'test_demo', 'test_calibration', 'test_calibrate', 'test_payload', 'test_show_bag',
+)  # fmt: skip
 
 
 def pytest_report_header():
     """Say so where the nodes' tests cannot run."""
     return 'test/node is left out: it needs ROS 2 (rclpy)' if collect_ignore else ''
+
+
+def pytest_collection_modifyitems(items):
+    """Run what takes longest first, so that no worker does it alone in the end."""
+    place = {name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path.stem, len(place)))
 
 
 def pytest_collection_finish():

@@ -52,7 +52,7 @@ def test_figures_of_one_recording_are_of_the_same_blocks_by_every_method(done, m
     means = np.reshape(columns['force_z'], (5, 39, 10)).mean(axis=2)
     tared = means - means[:, :6].mean(axis=1, keepdims=True)
     before = np.sqrt(np.mean(tared**2, axis=1)).mean()
-    for method in ('auto', 'pls', 'arx_pls_oe'):
+    for method in ('auto', 'pls'):
         argv = ['calibrate', path, '-o', tmp_path / 'm.yaml', '--method', method]
         fit = json.loads(done(*argv, '--report', page, '--json'))['axes']['force_z']
         assert fit['rms_before'] == pytest.approx(before, rel=1e-9)

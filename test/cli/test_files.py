@@ -234,10 +234,11 @@ def test_a_foreign_payloads_json_is_seen_before_the_work(run, drift_csv, tmp_pat
 
 
 @pytest.fixture
-def here(done, make, drift_csv, model, tmp_path):
+def here(done, make, model, tmp_path):
     """Paths by name; the model of the table is that of a chamber table."""
-    table = make.keller / 'table2_sensor_b_raw.csv'
-    paths = {'csv': drift_csv, 'model': model, 'table': table, 'out': tmp_path / 'out'}
+    table, short = make.keller / 'table2_sensor_b_raw.csv', tmp_path / 'short.csv'
+    make.csv(short, make.drifting(120))
+    paths = {'csv': short, 'model': model, 'table': table, 'out': tmp_path / 'out'}
 
     def fill(word):
         if word == '{tables}':
@@ -251,14 +252,15 @@ def here(done, make, drift_csv, model, tmp_path):
 @pytest.mark.parametrize(
     ('words', 'idle'),
     [
-        ('calibrate {csv} -o {out} --wrench-topic /w --temperature-topic /t',
+        ('calibrate {csv} -o {out} --method pls --wrench-topic /w --temperature-topic /t',
          ['--temperature-topic', '--wrench-topic']),
         ('calibrate {csv} -o {out} --latents 2', ['--latents']),
         ('calibrate {csv} -o {out} --latents 2 --method pls', []),
         ('calibrate {csv} -o {out} --method arx_pls_oe --latents 2', ['--latents']),
         ('calibrate {csv} -o {out} --features hats --degree 2 --hat-temperatures 20,26,32',
          ['--degree']),
-        ('calibrate {csv} -o {out} --keep-copied-columns', ['--keep-copied-columns']),
+        ('calibrate {csv} -o {out} --method pls --keep-copied-columns',
+         ['--keep-copied-columns']),
         ('calibrate {table} -o {out} --features powers', ['--features']),
         ('calibrate {table} -o {out} --features powers --method pls', []),
         ('evaluate {model} {csv} --imu-topic i', ['--imu-topic']),

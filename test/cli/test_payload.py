@@ -22,10 +22,15 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def days(folder, make_working_day):
-    """Two days to learn from, and a third one in whose middle the driver tared."""
+    """Two days to learn from, one in whose middle the driver tared, and a short one."""
     paths = []
     for number, day in enumerate(
-        [make_working_day(0), make_working_day(1), make_working_day(2, tare_at=907)]
+        [
+            make_working_day(0, 1200),
+            make_working_day(1, 1200),
+            make_working_day(2, 1200, tare_at=607),
+            make_working_day(3, 600, part=False),
+        ]
     ):
         columns = {
             'stamp_s': np.arange(len(day)) + 0.5,
@@ -80,7 +85,7 @@ def test_payloads_are_printed_and_kept_beside_the_model(days, done, learnt):
 def test_payloads_are_kept_only_with_their_model_and_a_model_goes_without_them(
     days, run, done, tmp_path, monkeypatch
 ):
-    argv = 'calibrate', days[0], '--reference', 'payload', '--method', 'pls', '-o'
+    argv = 'calibrate', days[3], '--reference', 'payload', '--method', 'pls', '-o'
     kept, save = tmp_path / 'payloads.json', calibration_job.save_model
 
     def fail(*_):

@@ -25,8 +25,6 @@ from wrist_ft_comp.ros.running import make_executor, spin
 
 #: Longest time to wait for anything, seconds: far above what is normal, so that only a fault hits.
 TIMEOUT_S = 60.0
-#: Files of tests that take tens of seconds.
-_LONG = ('test_tutorial', 'test_readme', 'test_bench', 'test_calibrate', 'test_payload')
 ROOT = Path(wrist_ft_comp.__file__).parents[1]
 #: Environment of a process that talks over the loopback interface, and not by shared memory.
 LOOPBACK_UDP = {
@@ -76,11 +74,6 @@ def ros_context(ros_domain):
     context.try_shutdown()
 
 
-def pytest_collection_modifyitems(items):
-    """Run what takes longest first, so that no worker does it alone in the end."""
-    items.sort(key=lambda item: not item.path.name.startswith(_LONG))
-
-
 class Bench:
     """Runs nodes in threads of their own, beside a helper that listens, publishes and calls."""
 
@@ -88,6 +81,7 @@ class Bench:
         self.context = context
         self._stack = ExitStack()
         self._stops: list[threading.Event] = []
+        self._clients: dict[str, Any] = {}
 
     @cached_property
     def helper(self):
@@ -140,15 +134,19 @@ class Bench:
         self.wait_until(lambda: result.get_subscription_count() > 0, f'a subscriber of {topic}')
         return result
 
-    def call(self, service_type, name, request, timeout=TIMEOUT_S):
+    def ask(self, service_type, name, request):
+        """Call a service; its response comes in the queue."""
+        if name not in self._clients:
+            self._clients[name] = self.helper.create_client(service_type, name)
+        client = self._clients[name]
+        assert client.wait_for_service(timeout_sec=TIMEOUT_S), f'{name} is not offered'
+        responses: queue.Queue[Any] = queue.Queue()
+        client.call_async(request).add_done_callback(lambda done: responses.put(done.result()))
+        return responses
+
+    def call(self, service_type, name, request):
         """Call a service and return its response."""
-        client = self.helper.create_client(service_type, name)
-        assert client.wait_for_service(timeout_sec=timeout), f'{name} is not offered'
-        done = threading.Event()
-        future = client.call_async(request)
-        future.add_done_callback(lambda _: done.set())
-        assert done.wait(timeout), f'{name} did not answer within {timeout} s'
-        return future.result()
+        return self.ask(service_type, name, request).get(timeout=TIMEOUT_S)
 
     def wait_for_node(self, name):
         """Wait for a process's node; one of the test before may still be listed by its name."""

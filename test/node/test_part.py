@@ -33,14 +33,6 @@ class Example(Node):
             self.todo.get()()
 
 
-def ask(bench, request):
-    client = bench.helper.create_client(SetBool, '/example/work')
-    assert client.wait_for_service(timeout_sec=TIMEOUT_S)
-    answers = queue.Queue()
-    client.call_async(request).add_done_callback(lambda done: answers.put(done.result()))
-    return answers
-
-
 @executors
 def test_an_answer_may_come_at_once_and_only_the_first_counts(bench, executor):
     node = bench.start(Example, executor=executor)
@@ -52,7 +44,8 @@ def test_an_answer_may_come_at_once_and_only_the_first_counts(bench, executor):
 @executors
 def test_each_asker_gets_the_own_answer_in_any_order(bench, executor):
     node = bench.start(Example, executor=executor)
-    asked = [ask(bench, SetBool.Request(data=flag)) for flag in (True, False, True)]
+    flags = True, False, True
+    asked = [bench.ask(SetBool, '/example/work', SetBool.Request(data=flag)) for flag in flags]
     waiting = [node.replies.get(timeout=TIMEOUT_S) for _ in asked]
     for _ in range(20):
         node.ticks.get(timeout=TIMEOUT_S)  # callbacks go on meanwhile

@@ -225,7 +225,6 @@ class WiredRig(Rig):
         self._temperatures = [
             bench.publisher(Temperature, self.topic(t)) for t in self.topics if ':' not in t
         ]
-        self._clients: dict[str, Any] = {}
 
     def reference(self):
         """Give what publishes reference wrenches; only while a recording runs."""
@@ -245,14 +244,7 @@ class WiredRig(Rig):
     def ask(self, service, data=None):
         """Call a service of the node; its answer comes in the queue."""
         kind, request = _request(data)
-        if service not in self._clients:
-            name = f'{self.namespace}/wrist_ft_comp/{service}'
-            self._clients[service] = self.bench.helper.create_client(kind, name)
-        client = self._clients[service]
-        assert client.wait_for_service(timeout_sec=TIMEOUT_S), f'{service} is not offered'
-        answers: queue.Queue[Any] = queue.Queue()
-        client.call_async(request).add_done_callback(lambda done: answers.put(done.result()))
-        return answers
+        return self.bench.ask(kind, f'{self.namespace}/wrist_ft_comp/{service}', request)
 
     def set(self, name, value):
         """Set a parameter over the graph; return the verdict."""
@@ -318,17 +310,13 @@ class Peer:
             self.force_z(self._second, 1.0)
 
     def ask(self, service, data=None):
-        """Call a service; its answer is the future's result."""
+        """Call a service; its answer comes in the queue."""
         kind, request = _request(data)
-        client = self._bench.helper.create_client(kind, f'{self._own}/{service}')
-        assert client.wait_for_service(timeout_sec=TIMEOUT_S)
-        return client.call_async(request)
+        return self._bench.ask(kind, f'{self._own}/{service}', request)
 
     def call(self, service, data=None):
         """Call a service and return its answer."""
-        future = self.ask(service, data)
-        self._bench.wait_until(future.done, f'the answer of {service}')
-        return future.result()
+        return self.ask(service, data).get(timeout=TIMEOUT_S)
 
 
 @pytest.fixture

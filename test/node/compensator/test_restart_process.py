@@ -78,9 +78,9 @@ def warm_up(sensor, expected, tare_n):
         sensor.drift(second, warming(second)) if second else sensor.send(second, warming(second))
     answer = sensor.ask('tare')
     raw, seconds = expected[99] + tare_n, itertools.count(100.0, 0.01)
-    while not answer.done():
+    while answer.empty():
         sensor.force_z(next(seconds), raw)
-    assert answer.result().success
+    assert answer.get().success
 
 
 def goes_on(sensor, expected, tare_n):
