@@ -3,12 +3,6 @@
 import json
 
 
-def test_a_killed_node_goes_on_where_it_was(run_bench):
-    code, printed = run_bench('faults', 'restart', '1', '--seed', '27')
-    assert code == 0, printed
-    assert 'restarted: off by 0.' in printed
-
-
 def test_a_killed_node_comes_back(run_bench):
     code, printed = run_bench('faults', 'comes_back', '1')
     assert code == 0, printed

@@ -205,18 +205,6 @@ def test_where_tf_ends_or_freezes_nothing_is_known(robot, frozen):
     assert np.isnan(recording.rotation_speed[6:]).all()
 
 
-def test_one_joint_that_stops_leaves_nothing_stale(robot, messages):
-    """The elbow's transforms end; the shoulder's go on."""
-    moving = [*robot.moving(np.arange(0, 6.01, 0.05))]
-    for at in stamps(np.arange(6.05, END, 0.05)):
-        alone = messages.transforms(at, [('base', 'arm', [0, 0, 0, 1])])
-        moving.append(('/tf', TF, at, alone))
-    path = robot.write(robot.still(), moving, robot.wrenches())
-    force = read_recording(path, topics=BY_TF).specific_force
-    assert np.isfinite(force[:6]).all()
-    assert np.isnan(force[6:]).all()
-
-
 @pytest.mark.parametrize(
     ('static', 'sentence'),
     [

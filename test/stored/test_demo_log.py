@@ -36,11 +36,3 @@ def test_a_log_that_is_missing_or_cut_off_is_a_sentence(kept, log, tmp_path):
         path.write_bytes(path.read_bytes()[:kept])
     with pytest.raises(RecordingError, match='not a whole log'):
         load_demo_log(path)
-
-
-@pytest.mark.parametrize('change', [{'more': 1}, {'raw': None}])
-def test_a_log_with_other_fields_is_a_sentence(change, log, tmp_path):
-    fields = {k: v for k, v in {**vars(log), **change}.items() if v is not None}
-    np.savez(tmp_path / 'log.npz', **fields)
-    with pytest.raises(RecordingError, match='not a whole log'):
-        load_demo_log(tmp_path / 'log.npz')

@@ -211,18 +211,6 @@ def test_terms_are_written_with_their_errors_and_unknown_ones_as_null(saved):
     assert '.nan' not in saved.read_text(encoding='utf-8').lower()
 
 
-def test_a_model_without_any_drift_is_a_model(calibration, tmp_path):
-    nothing = Calibration(
-        model=DriftModel(period_ns=10**9, thermometers=2, axes={}),
-        fits={'force_y': calibration.fits['force_y']},
-        temperature_range_c=calibration.temperature_range_c,
-        duration_s=1.0,
-        warnings=(),
-    )
-    stored = save_model(tmp_path / 'none.yaml', nothing, {})
-    assert stored.model.axes == {}
-
-
 def test_every_key_of_it_is_needed(document, load):
     load(document)
     removed = 0
@@ -289,13 +277,6 @@ def test_arrays_have_the_shape_that_fits_the_others(document, load):
                 load(with_value(document, path, [*values, values[-1]]))
             tried += 1
     assert tried > 20
-
-
-def test_a_transposed_matrix_is_refused(document, load):
-    dynamics = document['axes']['force_x']['model']['dynamics']
-    dynamics['rotations'] = np.array(dynamics['rotations']).T.tolist()
-    with pytest.raises(ModelFileError, match='rotations must have shape'):
-        load(document)
 
 
 @pytest.mark.parametrize(

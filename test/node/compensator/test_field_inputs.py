@@ -354,10 +354,8 @@ def test_quality_of_service_of_a_field_may_be_overridden(wired):
 @pytest.mark.parametrize(
     ('entries', 'words'),
     [
-        (['state:temperature', '/t/state:temperature:K'], 'are one and the same'),
         (['state', '/t/state:temperature'], 'are one and the same'),
         (['state:temperature:k'], "in the unit 'k'; expected C, K or F"),
-        (['state:[0]'], 'where the name of a field'),
     ],
 )
 def test_a_wrong_entry_is_refused(rig, entries, words):

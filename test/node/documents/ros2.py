@@ -42,13 +42,6 @@ def own_node():
         context.try_shutdown()
 
 
-def answer(executor, client, request, timeout_s):
-    """Wait for the answer to a request; None where none comes."""
-    future = client.call_async(request)
-    executor.spin_until_future_complete(future, timeout_s)
-    return future.result()
-
-
 def call(service_type, name, request):
     """Call a service."""
     with own_node() as (node, executor):
@@ -59,9 +52,13 @@ def call(service_type, name, request):
         knock = node.create_client(DescribeParameters, second)
         if not (client.wait_for_service(TIMEOUT_S) and knock.wait_for_service(TIMEOUT_S)):
             sys.exit(f'no service {name}')
-        while answer(executor, knock, DescribeParameters.Request(), 1.0) is None:
-            continue
-        return answer(executor, client, request, TIMEOUT_S) or sys.exit(f'{name} does not answer')
+        knocks = []
+        while not any(each.done() for each in knocks):  # a busy node answers late
+            knocks.append(knock.call_async(DescribeParameters.Request()))
+            executor.spin_until_future_complete(knocks[-1], 1.0)
+        future = client.call_async(request)
+        executor.spin_until_future_complete(future, TIMEOUT_S)
+        return future.result() or sys.exit(f'{name} does not answer')
 
 
 def echo(topic):
