@@ -13,11 +13,11 @@ TITLES = ('max \\|K_s\\|, %FS/°C (eq. 23)', 'zero spread, %FS')
 #: As a Bota driver and a robot name them.
 SENSOR = '/bus0/ft_sensor0/ft_sensor_readings'
 THERMOMETERS = (f'{SENSOR}/temperature', '/joint_6/temperature')
-SECONDS = 7200
+SECONDS = 3600
 #: When the duty cycle of the motor changes, and to what.
 DAYS = {
-    'warm_up': {0: 0.0, 600: 0.9, 4200: 0.0, 5700: 0.5},
-    'another_day': {0: 0.2, 1200: 0.8, 3000: 0.1, 5400: 0.6},
+    'warm_up': {0: 0.0, 300: 0.9, 2100: 0.0, 2850: 0.5},
+    'another_day': {0: 0.2, 600: 0.8, 1500: 0.1, 2700: 0.6},
 }
 
 
