@@ -72,16 +72,6 @@ def test_a_list_that_cannot_be_written_is_a_sentence_and_changes_nothing(store, 
     assert [path.name for path in store.directory.iterdir()] == ['active.json']
 
 
-def test_a_directory_that_is_a_file_is_a_sentence(tmp_path):
-    (tmp_path / 'data').write_text('')
-    store = ModelStore(tmp_path / 'data')
-    assert store.recordings() == []
-    with pytest.raises(ModelFileError, match='Make room, or choose another data_directory'):
-        store.activate([None])
-    with pytest.raises(OSError, match='data'):
-        store.new_recording_path()
-
-
 def test_names_within_one_second_differ(store):
     paths = []
     for _ in range(3):

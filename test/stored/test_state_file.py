@@ -220,21 +220,3 @@ def test_a_slow_disk_delays_nobody_and_what_was_overtaken_is_left_out(tmp_path, 
     answers.set()
     assert writer.end(TIMEOUT_S)
     assert writer.written == 2
-
-
-def test_a_failure_is_told_until_a_save_succeeds(tmp_path):
-    folder = tmp_path / 'data'
-    folder.write_text('a file where a folder belongs')
-    writer = StateWriter(folder / 'state.json')
-    writer.put(example())
-    assert writer.end(TIMEOUT_S)
-    assert 'cannot be written' in writer.problem
-    assert writer.written == 0
-
-
-def test_without_anything_to_save_there_is_no_thread(tmp_path):
-    before = threading.active_count()
-    writer = StateWriter(tmp_path / 'state.json')
-    assert threading.active_count() == before
-    assert writer.end(0.0)
-    assert not list(tmp_path.iterdir())

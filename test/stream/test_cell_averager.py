@@ -171,13 +171,6 @@ def test_a_wrench_that_comes_after_its_row_is_dropped_and_one_for_the_next_is_no
     np.testing.assert_equal(cells(node.averager.rows()), [(100, 2.0, NAN, NAN)])
 
 
-def test_wrenches_behind_the_last_temperature_of_a_short_recording_are_left_out():
-    node = Node()
-    for second in range(100):
-        node.raw(second + 0.1, 1.0)
-    assert node.averager.rows(final=True) == []
-
-
 def test_wrenches_before_the_first_temperature_are_left_out():
     node = Node()
     for second in (-1e6, 8, 9, 10, 11):

@@ -371,18 +371,6 @@ class TestTare:
 
 
 class TestTrouble:
-    def test_a_gap_within_the_model_s_memory_is_run_on_a_straight_line(self, model):
-        compensator = Compensator(1, StreamSettings(max_drift_rate_n_s=100.0), model)
-        for second, temperature in ((0, 20.0), (1, 40.0), (2, 40.0)):
-            compensator.add_temperature(0, second * SECOND, temperature)
-        compensator.add_temperature(0, 82 * SECOND, 60.0)
-        assert compensator.compensation.zero[2] < 0.5, 'one sample that leaps is not believed'
-        compensator.add_temperature(0, 83 * SECOND, 60.0)
-        pole, heat = np.exp(-1 / 30), 0.0
-        for temperature in (40.0, *np.linspace(40.0, 60.0, 81)):
-            heat = pole * heat + (1 - pole) * (temperature - 20.0)
-        assert compensator.tracker.drift.zero[2] == pytest.approx(0.4 * heat)
-
     @pytest.mark.parametrize('back_s', [30, 1000])
     def test_time_that_ran_back_by_more_than_a_minute_starts_at_the_steady_state(
         self, model, back_s
