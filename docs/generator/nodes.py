@@ -45,6 +45,8 @@ PURPOSE = {
     'wrench_external': 'the same without the payload, with a tare of its own: what the world does '
     'to the tool; only while a payload is active and specific force is fresh',
     '~/drift': 'zero drift being subtracted, once per thermal cell',
+    '~/correction': 'compensated minus raw wrench of the newest one, `correction.rate` times a '
+    'second; for controllers that add it to what they measure',
     '/diagnostics': 'state of the node, once a second',
     'temperature_2': 'second thermometer, at the motor',
     '~/calibrate': 'fits the recordings, saves the model and makes it live; answers when done',

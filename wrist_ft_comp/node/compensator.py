@@ -11,6 +11,7 @@ from geometry_msgs.msg import WrenchStamped
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.node.calibrate import CalibrateService, JobMaker
+from wrist_ft_comp.node.correction import Correction
 from wrist_ft_comp.node.external_wrench import ExternalWrench, Shelf
 from wrist_ft_comp.node.identify_payload import IdentifyService
 from wrist_ft_comp.node.inputs import Counts, Newest, TemperatureInput, WrenchInput
@@ -89,10 +90,13 @@ class CompensatorNode(Hub):
         self.calibration = CalibrateService(self.jobs.calibration, live.take, self.recording, log)
         self.learning = Learner(chosen, live, self.calibration, self.jobs, log)
         self.output = Output(compensator, counts, self.hardware_id)
+        self.correction = Correction(
+            compensator, chosen['correction.rate'], self.newest, self.hardware_id
+        )
         self.run((
             self.wrench_input, self.inputs, live, self.state_keeper, self.recorder,
-            self.recording, self.calibration, self.output, self.tare, self.gravity, self.external,
-            self.identification, self.learning,
+            self.recording, self.calibration, self.output, self.correction, self.tare,
+            self.gravity, self.external, self.identification, self.learning,
         ))  # fmt: skip
         self._check_topics()
         self.add_post_set_parameters_callback(self._follow_uncalibrated)
@@ -228,7 +232,7 @@ hears      wrench_raw (WrenchStamped), the topics in temperature_topics, imu or
            /tf (gravity.source) and, while recording, wrench_reference; -r maps
            them to the driver's own
 publishes  wrench (compensated), wrench_external (without the payload, too),
-           ~/drift, /diagnostics
+           ~/drift, ~/correction (what a controller adds), /diagnostics
 serves     ~/record, ~/calibrate, ~/identify_payload, ~/tare, ~/reset_tare,
            ~/rollback, ~/adopt
 

@@ -57,6 +57,9 @@ PARAMETERS = (
         'What to publish without a model or before the first temperature: the raw wrench, tared '
         '(passthrough), or nothing (silent).', choices=('passthrough', 'silent')),
     at_start(
+        'correction.rate', 10.0,
+        'How often ~/correction is published.', 'Hz', 1.0, 1000.0),
+    at_start(
         'gravity.source', 'none',
         'What tells where down is, to learn a payload and to subtract its weight: an IMU at the '
         'sensor on the topic imu, /tf and /tf_static (tf), or nothing (none).',
