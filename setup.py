@@ -23,6 +23,7 @@ setup(
         (f'share/{package_name}', ['package.xml', 'README.md', 'CHANGELOG.rst', 'LICENSE']),
         (f'share/{package_name}/docs', files_in('docs')),
         (f'share/{package_name}/config', files_in('config')),
+        (f'share/{package_name}/launch', files_in('launch')),
         (f'share/{package_name}/data/keller_pa10', files_in('data/keller_pa10')),
     ],
     python_requires='>=3.10',

@@ -16,6 +16,7 @@ from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError
 from wrist_ft_comp.learning.diary import node_folders, survey
 from wrist_ft_comp.learning.memory import load_memory, Memory
 from wrist_ft_comp.payload.directions import ForceSummary
+from wrist_ft_comp.payload.driver_calls import driver_lines
 from wrist_ft_comp.payload.learnt import payload_line
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recordings.bag_survey import Candidate, RAW_WRENCH, TEMPERATURE
@@ -85,7 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
         payloads = {name: payload for name, (payload, _) in load_payloads(path).items()}
         document = {'payloads': payloads_json(payloads)}
         lines = [f'{path}: payloads, by the names that payload.active takes']
-        lines += [f'  {payload_line(*payload)}' for payload in payloads.items()]
+        for name, payload in payloads.items():
+            lines += ['', payload_line(name, payload), *driver_lines(payload)]
     else:
         recordings = [path]
         with options.progress_bar('reading') as progress:

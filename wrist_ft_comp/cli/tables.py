@@ -11,6 +11,7 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.learning.diary import Diary, forces_left
 from wrist_ft_comp.learning.memory import Memory
+from wrist_ft_comp.payload.driver_calls import driver_calls
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recordings.chamber import ChamberFigures, FIGURE_TITLES
@@ -81,7 +82,10 @@ def _filled(line: str) -> str:
 
 def payloads_json(payloads: Mapping[str, Payload]) -> list[dict[str, object]]:
     """Put payloads into plain values; what is not known is null."""
-    return [{'name': name, **payload_figures(payload)} for name, payload in payloads.items()]
+    return [
+        {'name': name, **payload_figures(payload), 'driver_calls': driver_calls(payload)}
+        for name, payload in payloads.items()
+    ]
 
 
 def verdict_text(verdicts: Mapping[str, Verdict]) -> str:

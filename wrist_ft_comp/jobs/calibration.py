@@ -24,6 +24,7 @@ from wrist_ft_comp.fit.calibrate import calibrate, summarise
 from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.jobs.lesson import answer_learning, keep_payloads
 from wrist_ft_comp.jobs.request import CalibrationJob, decode_job, Minute, UNTIL_CLOSED
+from wrist_ft_comp.payload.driver_calls import driver_lines
 from wrist_ft_comp.payload.learnt import payload_line
 from wrist_ft_comp.payload.minute import CHANNELS, identify
 from wrist_ft_comp.payload.weight import ForceFrame
@@ -198,7 +199,10 @@ def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
         f"{payload_line(name, found.payload)} in the wrench's frame. Contact was taken for "
         f'{found.contact:.0%} of the time, {found.fast:.0%} was too fast.'
     )
-    return {'success': True, 'message': message, 'name': name, 'rotation': frame.rotation.tolist()}
+    return {
+        'success': True, 'message': message, 'name': name, 'rotation': frame.rotation.tolist(),
+        'driver_lines': driver_lines(found.payload),
+    }  # fmt: skip
 
 
 def _report(job: CalibrationJob, outcome: JobOutcome) -> str:

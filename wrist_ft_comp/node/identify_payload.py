@@ -63,10 +63,11 @@ class IdentifyService(LongService):
         outcome = yield from run_job(self._jobs.identification(minute))
         frame = ForceFrame(np.array(outcome['rotation']))
         other = self._external.disagreement(frame)
-        return (
+        use = (
             f'{outcome["message"]} Specific force is {frame}{other and "; "}{other}. Use it: ros2 '
             f'param set {self._node_name} payload.active {outcome["name"]}'
         )
+        return '\n'.join([use, *outcome['driver_lines']])
 
     def _wait(self, collector: MotionCollector) -> Iterator[None]:
         """Wait until the minute is over; refuse when it can't be any more."""

@@ -55,7 +55,7 @@ class Hub(Node):
     """
 
     def __init__(self, name: str, **options: Any) -> None:
-        super().__init__(name, **options)
+        super().__init__(name, enable_logger_service=True, **options)
         self.log = NodeLog(cast('Any', self).get_logger())
         #: Per topic, by relative name, the policy on which some other side does not agree.
         self.incompatible: dict[str, str] = {}

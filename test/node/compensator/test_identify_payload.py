@@ -83,7 +83,8 @@ def test_a_minute_of_work_tells_what_is_mounted_and_how_to_use_it(working, minut
     assert 'Specific force is turned by roll, pitch, yaw of ' in answer.message
     assert '/tf_static says otherwise, by 17' in answer.message or 'by 18' in answer.message
     name = working.node.get_fully_qualified_name()
-    assert answer.message.endswith(f'ros2 param set {name} payload.active identified-1')
+    assert f'ros2 param set {name} payload.active identified-1\n' in answer.message
+    assert f"ur_msgs/srv/SetPayload '{{mass: {kept[1]['mass_kg']:.4g}, " in answer.message
     assert working.diagnosis('payload').values['last_identification'] == answer.message
     assert working.node.external.wanted is False, 'nobody wants wrenches any more'
     externals = queue.Queue()

@@ -1,0 +1,97 @@
+"""The launch file by what it declares: there are no wheels of launch, so stand-ins take notes."""
+
+from pathlib import Path
+import re
+from types import ModuleType
+
+import pytest
+import yaml
+
+from wrist_ft_comp.wire.temperature_source import parse_sources
+
+ROOT = Path(__file__).parents[1]
+INTERFACE = (ROOT / 'docs/interface.md').read_text('utf-8')
+
+
+class Declared:
+    """Stands for what launch makes of a call: it keeps what was given."""
+
+    def __init__(self, *values, **named):
+        self.values, self.named = values, named
+
+    def perform(self, context):
+        return context[self.values[0]]
+
+
+def stand_in(monkeypatch, name, *classes):
+    module = ModuleType(name)
+    for each in classes:
+        setattr(module, each, type(each, (Declared,), {}))
+    monkeypatch.setitem(__import__('sys').modules, name, module)
+
+
+@pytest.fixture
+def launch(monkeypatch):
+    """Give the declared arguments, and a function that makes the node from some that are given."""
+    stand_in(monkeypatch, 'launch', 'LaunchDescription')
+    stand_in(monkeypatch, 'launch.actions', 'DeclareLaunchArgument', 'OpaqueFunction')
+    stand_in(monkeypatch, 'launch.substitutions', 'LaunchConfiguration')
+    stand_in(monkeypatch, 'launch_ros', '')
+    stand_in(monkeypatch, 'launch_ros.actions', 'Node')
+    scope = {}
+    source = (ROOT / 'launch/compensator.launch.py').read_text('utf-8')
+    exec(compile(source, 'compensator.launch.py', 'exec'), scope)  # noqa: S102 -- our own file
+    (actions,) = scope['generate_launch_description']().values
+    *declared, made = actions
+    defaults = {each.values[0]: each.named['default_value'] for each in declared}
+
+    def node(**given):
+        assert given.keys() <= defaults.keys()
+        (result,) = made.named['function']({**defaults, **given})
+        return result.named
+
+    return declared, node
+
+
+def test_every_argument_has_a_default_and_says_what_it_is(launch):
+    declared, _ = launch
+    assert all(each.named['description'] for each in declared)
+    assert all(isinstance(each.named['default_value'], str) for each in declared)
+
+
+def test_nothing_given_starts_the_executable_as_it_is(launch):
+    node = launch[1]()
+    assert (node['package'], node['executable']) == ('wrist_ft_comp', 'compensator')
+    assert f'{node["executable"]} = ' in (ROOT / 'setup.py').read_text('utf-8')
+    assert node['parameters'] == node['remappings'] == []
+    assert node['respawn'] is True
+
+
+def test_what_is_given_reaches_the_node_by_names_that_it_has(launch):
+    topics = {
+        name: f'/robot/{name}' for name in ('wrench_raw', 'wrench', 'wrench_external', 'imu')
+    }
+    entries = ['/robot/temperature', '/driver/state:data[3]:K']
+    node = launch[1](
+        **topics, temperature_topics=str(entries), params_file='f.yaml', data_directory='/d',
+        namespace='left', respawn='false', log_level='debug',
+    )  # fmt: skip
+    assert node['parameters'] == [
+        'f.yaml',
+        {'temperature_topics': entries},
+        {'data_directory': '/d'},
+    ]
+    assert dict(node['remappings']) == topics
+    assert len(parse_sources(entries, str)) == 2
+    for name in (*topics, 'temperature_topics', 'data_directory'):
+        assert re.search(rf'\b{name}\b', INTERFACE), name
+    assert (node['namespace'], node['respawn']) == ('left', False)
+    assert node['ros_arguments'] == ['--log-level', 'left.wrist_ft_comp:=debug']
+
+
+def test_the_aggregator_s_analyzer_takes_the_names_of_our_statuses():
+    settings = yaml.safe_load((ROOT / 'config/diagnostics.yaml').read_text('utf-8'))
+    analyzer = settings['/**']['ros__parameters']['wrist_ft_comp']
+    assert analyzer['type'] == 'diagnostic_aggregator/GenericAnalyzer'
+    name = 'left/wrist_ft_comp: input'  # as Hub._diagnose writes it
+    assert any(part in name for part in analyzer['contains'])
