@@ -52,5 +52,9 @@ class TooShortError(WristFtCompError):
     """There are fewer samples than the model's longest lag needs."""
 
 
+class NodeError(WristFtCompError):
+    """A running node is not found, does not answer, or refuses what it is asked for."""
+
+
 class TareRefusedError(WristFtCompError):
     """The load moved, or no wrenches came, while taring."""

@@ -10,7 +10,7 @@ import signal
 import sys
 
 import wrist_ft_comp
-from wrist_ft_comp.cli import calibrate, compensate, completion, demo, evaluate, show
+from wrist_ft_comp.cli import calibrate, compensate, completion, demo, evaluate, node, show
 from wrist_ft_comp.cli.options import Parser, print_json
 from wrist_ft_comp.errors import INTERRUPTED, UsageError, WristFtCompError
 
@@ -33,7 +33,7 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
     )
     parser.add_argument('--version', action='version', version=wrist_ft_comp.__version__)
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
-    for command in (calibrate, evaluate, compensate, show, demo, completion):
+    for command in (calibrate, evaluate, compensate, show, node, demo, completion):
         texts = {'description': command.DESCRIPTION, 'epilog': command.EXAMPLES}
         name = command.__name__.rpartition('.')[2]
         subparser = commands.add_parser(name, help=command.HELP, **texts)

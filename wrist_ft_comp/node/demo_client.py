@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 import re
 import sys
+import time
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -15,13 +16,13 @@ import numpy as np
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
-from rclpy.node import Node
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
+from wrist_ft_comp.node.operator import Operator
 from wrist_ft_comp.ros.messages import FAST_SENSOR, SLOW_SENSOR
-from wrist_ft_comp.ros.running import make_executor
+from wrist_ft_comp.ros.parameters import NODE_NAME
 from wrist_ft_comp.signals import AXES, NANOSECONDS
 from wrist_ft_comp.stored.demo_log import DemoLog, save_demo_log
 from wrist_ft_comp.wire.cdr import locate, TEMPERATURE_DOUBLES, WRENCH_DOUBLES
@@ -40,13 +41,11 @@ def tell(event: str, **more: Any) -> None:
     sys.stdout.flush()
 
 
-class DemoClient:
+class DemoClient(Operator):
     """Talks to the compensator and keeps what the topics, one per thermometer, bring."""
 
     def __init__(self, context: Context, temperature_topics: Sequence[str]) -> None:
-        self.node: Any = Node('demo_client', context=context)
-        self._executor = make_executor('auto', context)
-        self._executor.add_node(self.node)
+        super().__init__(context, 'demo_client')
         topics = (*_WRENCH_TOPICS, *_EXTERNAL_TOPICS)
         self.wrenches: dict[str, dict[int, tuple[float, ...]]] = {topic: {} for topic in topics}
         self.temperatures: list[tuple[int, int, float]] = []
@@ -72,20 +71,20 @@ class DemoClient:
 
     def spin_until(self, done: Callable[[], bool], what: str, timeout_s: float) -> None:
         """Run callbacks until a condition holds."""
-        clock = self.node.get_clock()
-        deadline = clock.now().nanoseconds + int(timeout_s * NANOSECONDS)
-        while not done():
-            if clock.now().nanoseconds > deadline:
-                raise RecordingError(f'{what} did not happen within {timeout_s:.0f} s.')
-            self._executor.spin_once(timeout_sec=0.1)
+        if not self.wait_for(done, timeout_s):
+            raise RecordingError(f'{what} did not happen within {timeout_s:.0f} s.')
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
         """Call one of the compensator's services."""
-        client = self.node.create_client(service_type, f'wrist_ft_comp/{name}')
-        self.spin_until(client.service_is_ready, f'The service {name}', _SERVICE_TIMEOUT_S)
-        future = client.call_async(request)
-        self.spin_until(future.done, f'The answer of {name}', _SERVICE_TIMEOUT_S)
-        return future.result()
+        deadline_s = time.monotonic() + _SERVICE_TIMEOUT_S
+
+        def late() -> bool:
+            return time.monotonic() > deadline_s
+
+        answer = self.request(service_type, f'/{NODE_NAME}/{name}', request, late)
+        if answer is None:
+            raise RecordingError(f'{name} was not answered within {_SERVICE_TIMEOUT_S:.0f} s.')
+        return answer
 
     def ask(self, service_type: Any, name: str, request: Any) -> str:
         """Call a service that answers in words, and tell them; a refusal is an error."""
@@ -127,11 +126,6 @@ class DemoClient:
             reference=reference, external=external, external_reference=external_reference,
             temperature_stamps_ns=temperatures['f0'], thermometer=temperatures['f1'],
             temperature_c=temperatures['f2'], calibrated_ns=calibrated_ns)  # fmt: skip
-
-    def close(self) -> None:
-        """End node and executor."""
-        self._executor.shutdown()
-        self.node.destroy_node()
 
 
 def play(client: DemoClient, wanted: argparse.Namespace) -> None:

@@ -1,0 +1,117 @@
+"""``wrist_ft_comp node``: the command against running nodes, and its page against their faults."""
+
+import json
+from types import SimpleNamespace
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from wrist_ft_comp.cli import node as command
+from wrist_ft_comp.cli.main import main
+from wrist_ft_comp.errors import NodeError
+from wrist_ft_comp.node import operator
+from wrist_ft_comp.ros.node_log import Status
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+LEVELS = [b'\0', b'\1', b'\2', b'\3']
+
+
+@pytest.fixture(autouse=True)
+def hurry(monkeypatch):
+    """Wait less for nodes that are not there."""
+    monkeypatch.setattr(operator, 'DISCOVERY_S', 5.0)
+
+
+@pytest.fixture
+def operate(capfd):
+    """Run the command for a node: exit code, output, and the sentence of a refusal."""
+
+    def run(action, name, *words):
+        capfd.readouterr()
+        code = main(['node', action, '--name', name, *words])
+        said = capfd.readouterr()
+        refusal = [line for line in said.err.splitlines() if line.startswith('wrist_ft_comp: ')]
+        return code, said.out, ''.join(refusal)
+
+    return run
+
+
+def test_a_recording_is_begun_and_ended_and_refusals_are_sentences(wired, operate):
+    node = wired()
+    code, out, _ = operate('record', node.namespace)
+    assert (code, out.startswith('recording into ')) == (0, True)
+    for second in range(5):
+        node.warm(START + second * SECOND, 20.0 + second)
+        node.ask_output(START + second * SECOND + 1, [1.0] * 6)
+    assert operate('stop', node.namespace)[1].startswith('recorded ')
+    code, _, refusal = operate('calibrate', node.namespace)
+    assert (code, 'needed' in refusal) == (1, True)
+    code, out, refusal = operate('rollback', f'{node.namespace}/wrist_ft_comp', '--json')
+    assert (code, 'no earlier model' in refusal) == (1, True)
+    assert json.loads(out)['error']['kind'] == 'node'
+
+
+def test_a_node_that_is_not_there_is_missed_with_those_that_are(wired, operate):
+    node = wired()
+    code, _, refusal = operate('tare', 'nobody')
+    assert code == 1
+    assert f'running are: {node.namespace}/wrist_ft_comp' in refusal
+
+
+def test_of_several_nodes_one_has_to_be_named(bench, monkeypatch):
+    asking = operator.Operator(bench.context)
+    try:
+        monkeypatch.setattr(
+            asking, 'running', lambda: ['/left/wrist_ft_comp', '/right/wrist_ft_comp']
+        )
+        with pytest.raises(NodeError, match='--name'):
+            asking.find()
+        assert asking.find('right') == '/right/wrist_ft_comp'
+    finally:
+        asking.close()
+
+
+def test_the_status_is_one_page_of_text_or_json(wired, operate):
+    node = wired()
+    node.put(START, [1.0] * 6, frame='wrist_3_link')
+    code, out, _ = operate('status', node.namespace)
+    assert out.startswith(f'{node.namespace}/wrist_ft_comp')
+    assert (code, 'STALE   input' in out) == (1, True)
+    statuses = json.loads(operate('status', node.namespace, '--json')[1])['statuses']
+    assert statuses['model']['level'] == 'warning'
+    assert statuses.keys() >= {'input', 'temperature', 'model', 'calibration', 'output'}
+
+
+def test_a_node_that_falls_silent_is_no_longer_waited_for(wired, operate, monkeypatch):
+    node = wired()
+    monkeypatch.setattr(node.node.tare, 'poll', lambda: None)
+    monkeypatch.setattr(operator.Watch, 'silent', True)
+    code, _, refusal = operate('tare', node.namespace)
+    assert (code, 'has said nothing' in refusal) == (1, True)
+
+
+words = st.text(st.characters(codec='utf-8', exclude_categories=['Cc', 'Cs']), max_size=300)
+statuses = st.dictionaries(
+    st.sampled_from(['input', 'temperature', 'model', 'output', 'calibration', 'payload']),
+    st.tuples(st.sampled_from(LEVELS), words),
+)
+
+
+@given(statuses)
+def test_a_page_fits_into_eighty_columns_whatever_is_wrong(said):
+    values = {
+        'thermometer_1_age_s': 'never',
+        'thermometer_2_age_s': '0.1',
+        'thermometer_2_c': '21.00',
+    }
+    values |= {f'{axis}_{n}': '-0.09579 N m' for axis in command.AXES for n in ('drift', 'tare')}
+    heard = {name: Status(name, *pair, values) for name, pair in said.items()}
+    watch = SimpleNamespace(statuses=heard, hardware_id='x' * 100, silent=True)
+    lines = command.page('/a/very/long/namespace/of/a/robot/wrist_ft_comp', watch)
+    assert max(map(len, lines)) < 80
+    for name in said:
+        assert sum(name in line for line in lines) >= 1
+    levels = [said[name][0] for line in lines for name in said if line[8:].startswith(f'{name} ')]
+    assert levels == sorted(levels, reverse=True)

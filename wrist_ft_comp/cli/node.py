@@ -1,0 +1,173 @@
+"""wrist_ft_comp node: operate a running compensator without the ros2 command."""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
+from importlib.util import find_spec
+import sys
+import textwrap
+import time
+from typing import TYPE_CHECKING
+
+from tqdm import tqdm
+
+from wrist_ft_comp.cli import options
+from wrist_ft_comp.errors import NodeError
+from wrist_ft_comp.signals import AXES
+
+if TYPE_CHECKING:
+    from wrist_ft_comp.node.operator import Operator, Watch
+    from wrist_ft_comp.ros.node_log import Status
+
+HELP = 'operate a running compensator: record, calibrate, tare, look at its status'
+DESCRIPTION = """\
+Let a running compensator do something, wait for its answer, and print it. Exit
+code 0 when it was done, 1 when it was refused. status shows temperatures, drift
+and what is wrong: once a second in a terminal, until Ctrl-C; else once. Its exit
+code is 1 when something is an error or silent."""
+EXAMPLES = """\
+examples:
+  wrist_ft_comp node record
+  wrist_ft_comp node stop
+  wrist_ft_comp node calibrate
+  wrist_ft_comp node tare --name left
+  wrist_ft_comp node status
+"""
+#: What a node is asked for, and whose status tells how far it is.
+ACTIONS = {
+    'record': 'recording', 'stop': 'recording', 'calibrate': 'calibration',
+    'identify_payload': 'payload', 'tare': 'output', 'reset_tare': 'output', 'status': '',
+    'adopt': 'calibration', 'rollback': 'model',
+}  # fmt: skip
+#: Columns of a terminal that every page fits into.
+WIDTH = 79
+_LEVELS = {b'\0': 'ok', b'\1': 'WARNING', b'\2': 'ERROR', b'\3': 'STALE'}
+_BAD = {b'\2', b'\3'}
+#: Clears the terminal and goes to its corner.
+_CLEAR = '\x1b[2J\x1b[H'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument(
+        'action', choices=tuple(ACTIONS), metavar='ACTION',
+        help=f'one of {", ".join(ACTIONS)} (stop ends a recording)')  # fmt: skip
+    parser.add_argument(
+        '--name', default='',
+        help='which node, by its name or namespace, where several run')  # fmt: skip
+    options.add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command; returns the exit code."""
+    if find_spec('rclpy') is None:
+        raise NodeError(
+            'A running node is reached by rclpy, which this Python does not have. Source a ROS 2 '
+            'installation, or install the package with its extra "ros".'
+        )
+    from wrist_ft_comp.node.operator import operating  # noqa: PLC0415 -- loads rclpy
+
+    with operating() as operator:
+        name = operator.find(arguments.name)
+        watch = operator.watch(name)
+        if arguments.action == 'status':
+            return _show(operator, name, watch, as_json=arguments.json)
+        answer = _ask(operator, name, watch, arguments.action)
+    if arguments.json:
+        options.print_json({'node': name, 'action': arguments.action, 'answer': answer})
+    else:
+        print(answer)
+    return 0
+
+
+def _ask(operator: 'Operator', name: str, watch: 'Watch', action: str) -> str:
+    """Ask, and show on standard error how far it is, where that is a terminal."""
+    from wrist_ft_comp.node.operator import ask  # noqa: PLC0415 -- loads rclpy
+
+    with tqdm(bar_format='{desc} {elapsed}', disable=None, leave=False) as line:
+
+        def show() -> None:
+            status = watch.statuses.get(ACTIONS[action])
+            line.set_description_str(
+                f'{action}: {status.message if status else "asked"}'[: WIDTH - 8]
+            )
+
+        timer = operator.node.create_timer(0.5, show)
+        try:
+            return ask(operator, name, action, watch)
+        finally:
+            operator.node.destroy_timer(timer)
+
+
+def _show(operator: 'Operator', name: str, watch: 'Watch', *, as_json: bool) -> int:
+    """Print the status once, or in a terminal again and again; 1 when something is an error."""
+    from wrist_ft_comp.node.operator import SILENCE_S  # noqa: PLC0415 -- loads rclpy
+
+    if not operator.wait_for(lambda: watch.reports, SILENCE_S):
+        raise NodeError(f'{name} has published no diagnostics for {SILENCE_S:.0f} s.')
+    if as_json:
+        statuses = {
+            key: {'level': _LEVELS[each.level].lower(), 'message': each.message, **each.values}
+            for key, each in watch.statuses.items()
+        }
+        options.print_json({'node': name, 'hardware_id': watch.hardware_id, 'statuses': statuses})
+    elif sys.stdout.isatty():
+        with suppress(KeyboardInterrupt):
+            _show_for_ever(operator, name, watch)
+    else:
+        print('\n'.join(page(name, watch)))
+    return int(any(status.level in _BAD for status in watch.statuses.values()))
+
+
+def _show_for_ever(operator: 'Operator', name: str, watch: 'Watch') -> None:
+    """Draw the page anew with each report."""
+    while True:
+        print(_CLEAR + '\n'.join(page(name, watch)), flush=True)
+        next_report = watch.reports + 1
+        operator.wait_for(partial(_heard, watch, next_report), 1.0)
+
+
+def _heard(watch: 'Watch', report: int) -> bool:
+    """Tell whether a report, counted from one, has come."""
+    return watch.reports >= report
+
+
+def page(name: str, watch: 'Watch') -> list[str]:
+    """Write what was heard in at most WIDTH columns: what is wrong first, then the numbers."""
+    statuses = watch.statuses
+    sensor = f', sensor {watch.hardware_id}' if watch.hardware_id else ''
+    lines = [f'{name}{sensor}'[: WIDTH - 10] + f'  {time.strftime("%H:%M:%S")}', '']
+    if watch.silent:
+        lines += ['Nothing was heard of it for ten seconds: it has ended, or hangs.', '']
+    for status in sorted(statuses.values(), key=lambda status: status.level, reverse=True):
+        head = f'{_LEVELS[status.level]:8}{status.name:15}'
+        text = ' '.join(status.message.split())
+        lines += textwrap.wrap(
+            head + text, WIDTH, subsequent_indent=' ' * len(head), break_on_hyphens=False
+        )
+    return [*lines, '', *_temperatures(statuses), *_drifts(statuses)]
+
+
+def _temperatures(statuses: 'dict[str, Status]') -> Iterator[str]:
+    """Write what the thermometers read, and how old that is."""
+    values = statuses['temperature'].values if 'temperature' in statuses else {}
+    j = 1
+    while f'thermometer_{j}_age_s' in values:
+        celsius, age = values.get(f'thermometer_{j}_c'), values[f'thermometer_{j}_age_s']
+        yield f'thermometer {j:2}  ' + (
+            f'{celsius:>8} °C, {age} s ago' if celsius else 'not heard'
+        )
+        j += 1
+
+
+def _drifts(statuses: 'dict[str, Status]') -> Iterator[str]:
+    """Write what is subtracted from every axis."""
+    values = statuses['output'].values if 'output' in statuses else {}
+    if f'{AXES[0]}_drift' not in values:
+        return
+    yield ''
+    yield f'{"axis":10}{"drift":>16}{"uncertain by":>16}{"tare":>16}'
+    for axis in AXES:
+        drift, tare = values.get(f'{axis}_drift', '-'), values.get(f'{axis}_tare', '-')
+        yield f'{axis:10}{drift:>16}{values.get(f"{axis}_drift_deviation", "-"):>16}{tare:>16}'

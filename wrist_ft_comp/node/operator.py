@@ -1,0 +1,179 @@
+"""Who operates a running compensator from outside: by its services and its diagnostics."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import GetParameters
+from rclpy.context import Context
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from wrist_ft_comp.errors import NodeError
+from wrist_ft_comp.ros.messages import OUTPUT
+from wrist_ft_comp.ros.node_log import Status
+from wrist_ft_comp.ros.parameters import NODE_NAME
+from wrist_ft_comp.ros.running import make_executor
+
+#: How long a node, a service or a first answer is waited for, s.
+DISCOVERY_S = 10.0
+#: After a node was found, others are waited for this long, s, before it is taken for the only one.
+_SETTLE_S = 0.5
+#: A request that got no answer for this long, s, may have been dropped, and is sent again.
+_AGAIN_S = 1.0
+#: A node without diagnostics for this long, s, has ended or hangs.
+SILENCE_S = 10.0
+#: The service by which a compensator is known among other nodes.
+_KNOWN_BY = '/identify_payload'
+
+
+class Operator:
+    """A node that asks a compensator; sros2's policy has a profile for its name."""
+
+    def __init__(self, context: Context, name: str = 'wrist_ft_comp_operator') -> None:
+        self.node: Any = Node(name, context=context, use_global_arguments=False)
+        self.executor = make_executor('auto', context)
+        self.executor.add_node(self.node)
+
+    def close(self) -> None:
+        """End node and executor."""
+        self.executor.shutdown()
+        self.node.destroy_node()
+
+    def wait_for(self, done: Callable[[], Any], timeout_s: float) -> bool:
+        """Run callbacks until a condition holds; tell whether it does in time."""
+        deadline_s = time.monotonic() + timeout_s
+        while not done():
+            if time.monotonic() > deadline_s:
+                return False
+            self.executor.spin_once(timeout_sec=0.1)
+        return True
+
+    def running(self) -> list[str]:
+        """Full names of the compensators that run."""
+        return sorted(
+            service.removesuffix(_KNOWN_BY)
+            for service, types in self.node.get_service_names_and_types()
+            if service.endswith(_KNOWN_BY) and types == ['std_srvs/srv/Trigger']
+        )
+
+    def find(self, wanted: str = '') -> str:
+        """
+        Find a compensator by its full name or its namespace, or the only one.
+
+        NodeError when there is none of that name, or more than one without a name.
+        """
+        names = {f'/{wanted.strip("/")}', f'/{wanted.strip("/")}/{NODE_NAME}'} if wanted else None
+
+        def found() -> list[str]:
+            return [name for name in self.running() if names is None or name in names]
+
+        if not self.wait_for(found, DISCOVERY_S):
+            others = ', '.join(self.running()) or 'none'
+            raise NodeError(
+                f'No compensator {wanted and f"named {wanted} "}was found within '
+                f'{DISCOVERY_S:.0f} s; running are: {others}. Start it, or look at ROS_DOMAIN_ID '
+                'and ROS_AUTOMATIC_DISCOVERY_RANGE, which must be as where it runs.'
+            )
+        if names is None:
+            self.wait_for(lambda: False, _SETTLE_S)
+        if len(several := found()) > 1:
+            raise NodeError(
+                f'{len(several)} compensators run: {", ".join(several)}. Choose one with --name.'
+            )
+        return several[0]
+
+    def watch(self, name: str) -> 'Watch':
+        """Follow the diagnostics of a node."""
+        return Watch(self, name)
+
+    def request(
+        self, service_type: Any, service: str, request: Any, gives_up: Callable[[], Any]
+    ) -> Any:
+        """Call a service and wait for its answer; None where ``gives_up`` said so first."""
+        client = self.node.create_client(service_type, service)
+        if not self.wait_for(client.service_is_ready, DISCOVERY_S):
+            raise NodeError(f'{service} is not offered. Does the node still run?')
+        future = client.call_async(request)
+        self.wait_for(lambda: future.done() or gives_up(), float('inf'))
+        return future.result() if future.done() else None
+
+    def introduce(self, name: str) -> None:
+        """Ask a node something harmless until it answers: it drops answers to who is unknown."""
+        client = self.node.create_client(GetParameters, f'{name}/get_parameters')
+        deadline_s = time.monotonic() + DISCOVERY_S
+        while time.monotonic() < deadline_s:
+            if client.service_is_ready():
+                future = client.call_async(GetParameters.Request(names=['use_sim_time']))
+                if self.wait_for(future.done, _AGAIN_S):
+                    return
+            self.wait_for(client.service_is_ready, _AGAIN_S)
+        raise NodeError(
+            f'{name} does not answer within {DISCOVERY_S:.0f} s; it hangs or has ended.'
+        )
+
+
+@contextmanager
+def operating() -> Iterator[Operator]:
+    """Make an operator in the domain that the environment names, and end it."""
+    context = Context()
+    context.init([])
+    operator = Operator(context)
+    try:
+        yield operator
+    finally:
+        operator.close()
+        context.try_shutdown()
+
+
+class Watch:
+    """The newest statuses of a node, by their names."""
+
+    def __init__(self, operator: Operator, name: str) -> None:
+        self.statuses: dict[str, Status] = {}
+        self.hardware_id = ''
+        #: How many reports came, and when the newest did, by the steady clock, s.
+        self.reports, self.heard_s = 0, time.monotonic()
+        self._begin = f'{name.lstrip("/")}: '
+        operator.node.create_subscription(DiagnosticArray, '/diagnostics', self._take, OUTPUT)
+
+    def _take(self, array: Any) -> None:
+        """Keep the statuses of the node."""
+        ours = [status for status in array.status if status.name.startswith(self._begin)]
+        for status in ours:
+            name = status.name.removeprefix(self._begin)
+            values = {pair.key: pair.value for pair in status.values}
+            self.statuses[name] = Status(name, status.level, status.message, values)
+            self.hardware_id = status.hardware_id
+        if ours:
+            self.reports, self.heard_s = self.reports + 1, time.monotonic()
+
+    @property
+    def silent(self) -> bool:
+        """Whether no report has come for SILENCE_S."""
+        return time.monotonic() - self.heard_s > SILENCE_S
+
+
+def ask(operator: Operator, name: str, action: str, watch: Watch) -> str:
+    """
+    Let a node do something by the service of that name, and give its answer.
+
+    ``record`` and ``stop`` are the two requests of ~/record. NodeError when it refuses, or ends.
+    """
+    operator.introduce(name)
+    if action in {'record', 'stop'}:
+        kind, request = SetBool, SetBool.Request(data=action == 'record')
+        service = f'{name}/record'
+    else:
+        kind, request, service = Trigger, Trigger.Request(), f'{name}/{action}'
+    answer = operator.request(kind, service, request, lambda: watch.silent)
+    if answer is None:
+        raise NodeError(
+            f'{name} has said nothing for {SILENCE_S:.0f} s: it has ended, or hangs. Whether '
+            f'{action} was done, its log tells.'
+        )
+    if not answer.success:
+        raise NodeError(str(answer.message))
+    return str(answer.message)
