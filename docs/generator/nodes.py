@@ -29,7 +29,7 @@ TIMEOUT_S = 20.0
 #: Every node has these; rclpy's own documentation describes them. With an IMU the last is heard
 #: where the package tf2_msgs is, which is not everywhere that this runs.
 COMMON = {'/rosout', '/parameter_events', '/clock', '/tf_static'}
-COMMON_SERVICES = ('parameter', 'type_description')
+COMMON_SERVICES = ('logger_levels', 'parameter', 'type_description')
 #: So that whatever it may say is said.
 _LEARNING = {
     'learning': 'propose', 'calibration.reference': 'payload', 'gravity.source': 'imu',
