@@ -46,6 +46,7 @@ setup(
             'pytest>=7.4,<10',
             'pytest-xdist>=3.8,<4',  # newer than Ubuntu's: knows --no-loadscope-reorder
             'hypothesis>=6,<7',
+            'distributed>=2024.1',  # docs/fleet.md
             'rosbags>=0.11,<0.12',
             'scikit-learn>=1.4,<2',
             'shtab>=1.5,<2',
