@@ -50,7 +50,7 @@ _GAP_FACTOR = 10.0
 
 @dataclass(frozen=True)
 class Topics:
-    """Where a bag holds what; names match with or without the leading slash."""
+    """How a recording is read: where a bag holds what, what a log's columns are, which part."""
 
     wrench: str = '/wrench_raw'
     #: One per thermometer, as ``temperature_source`` reads it; the first is inside the sensor.
@@ -64,6 +64,13 @@ class Topics:
     #: The frame_id of the specific force and of the wrench, where who asks knows the sensor.
     force_frame: str = ''
     wrench_frame: str = ''
+    #: What the columns and stamps of somebody else's CSV log are, as ``foreign_log`` reads it.
+    columns: str = ''
+    time: str = ''
+    #: Which part counts, as ``part`` reads it; all of it where these are empty.
+    begin: str = ''
+    end: str = ''
+    exclude: tuple[str, ...] = ()
 
     @property
     def force_source(self) -> str:

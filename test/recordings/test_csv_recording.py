@@ -133,7 +133,7 @@ HEADER = 'stamp_s,force_z,temperature_c\n'
         (HEADER + '0,"1",20\n\n1,1\n', 'Line 4 of run.csv has 2 cells'),
         (HEADER + '0,1,20\n1,abc,20\n', "Line 3 of run.csv, column force_z.*number.*'abc'"),
         (HEADER + '0,1,20\n1,1,\n2,1,x\n', "Line 4 of run.csv, column temperature_c.*got 'x'"),
-        ('stamp_s;force_z;temperature_c\n0;1,5;20\n', "decimal point, got '1,5'"),
+        ('stamp_s;force_z;temperature_c\n0;1,5,0;20\n', "decimal point, got '1,5,0'"),
         (HEADER + '0,1,20\n,1,20\n', "Line 3 of run.csv, column stamp_s.*decimal number.*got ''"),
         (HEADER + '-,1,20\n', "column stamp_s.*'-'"),
         (HEADER + '. ,1,20\n', "column stamp_s.*'. '"),

@@ -16,6 +16,8 @@ from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError
 from wrist_ft_comp.ranges import range_words
 from wrist_ft_comp.recordings.bag import SUFFIXES
 from wrist_ft_comp.recordings.chamber_table import is_chamber_table
+from wrist_ft_comp.recordings.foreign_log import log_map
+from wrist_ft_comp.recordings.part import parse_part
 from wrist_ft_comp.recordings.recordings import BAG, kind_of, TABLE
 from wrist_ft_comp.signals import Progress, Reference, Topics
 from wrist_ft_comp.stored.documents import plain
@@ -99,6 +101,28 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         '--gravity-frame', default='', metavar='FRAME',
         help='without an IMU, gravity by /tf: z of FRAME is up, against which the frame_id of the '
         'wrench turns')  # fmt: skip
+    log = parser.add_argument_group('logs of other programs, and parts')
+    log.add_argument(
+        '--columns', default='', metavar='NAME=COLUMN[:UNIT],…',
+        help="what a CSV log's columns are: 'stamp=time,force_z=fz:kN,temperature_c=temp:F' "
+        '(default: recording.yaml beside it, or its own names)')  # fmt: skip
+    log.add_argument(
+        '--time',
+        default='',
+        metavar='FORM',
+        help='what its stamps are: s, ms, us, ns, iso, or a form such as "%%d.%%m.%%y %%H:%%M"',
+    )
+    log.add_argument(
+        '--from', dest='begin', default='', metavar='TIME',
+        help='leave out what was before, since the beginning: 4800, 80min, 1.5h or 1:20:00',
+    )  # fmt: skip
+    log.add_argument(
+        '--until', dest='end', default='', metavar='TIME', help='… and what was after'
+    )
+    log.add_argument(
+        '--exclude', action='append', default=[], metavar='A..B',
+        help='leave out the wrenches from A to B, such as a bump, 79min..81min; may be repeated',
+    )  # fmt: skip
     return group
 
 
@@ -109,7 +133,12 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
     force = arguments.imu_topic, arguments.gravity_frame
     if all(force):
         raise UsageError('--imu-topic and --gravity-frame tell the same; leave one out.')
-    return Topics(arguments.wrench_topic, temperatures, arguments.reference_topic, *force)
+    log_map(arguments.columns, arguments.time)
+    parse_part(arguments.begin, arguments.end, arguments.exclude)
+    return Topics(
+        arguments.wrench_topic, temperatures, arguments.reference_topic, *force,
+        columns=arguments.columns, time=arguments.time, begin=arguments.begin, end=arguments.end,
+        exclude=tuple(arguments.exclude))  # fmt: skip
 
 
 def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> None:

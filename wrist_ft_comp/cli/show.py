@@ -20,6 +20,7 @@ from wrist_ft_comp.payload.driver_calls import driver_lines
 from wrist_ft_comp.payload.learnt import payload_line
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recordings.bag_survey import Candidate, RAW_WRENCH, TEMPERATURE
+from wrist_ft_comp.recordings.foreign_log import MAP_FILE, recipe
 from wrist_ft_comp.recordings.recordings import (
     describe_recording,
     read_recording,
@@ -250,6 +251,8 @@ def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
         return
     if not summary.candidates:
         yield f'Learn from it: {_commands(summary, path)[0]}'
+        yield f'Judge it on another day: {_commands(summary, path)[1]}'
+        yield from _map_lines(summary)
         return
     if not any(candidate.moves for candidate in summary.candidates):
         yield 'No temperature moves by half a degree, and a calibration needs a warm-up.'
@@ -261,6 +264,19 @@ def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
     yield from _commands(summary, path)
 
 
+def _map_lines(summary: RecordingSummary) -> Iterator[str]:
+    """Say how a log's columns were understood, and how that is written once for all."""
+    topics = summary.topics or Topics()
+    if not topics.columns:
+        return
+    yield (
+        '\nIts columns have names of another program; the map is a guess, above all the units. '
+        'Put another one behind a column, such as :kN, :Nmm, :F or *9.81. Written once, into '
+        f'{MAP_FILE} beside the recordings, it needs no option:'
+    )
+    yield from recipe(topics.columns, topics.time)
+
+
 def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     """Write the commands that learn from a recording; of a bag, those that judge and run, too."""
     topics = summary.topics or Topics()
@@ -270,7 +286,11 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     words = ['--reference', 'recorded' if reference else 'payload'] if reference or at_work else []
     calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
     if not summary.candidates:
-        return [shlex.join([*calibrate, *words])]
+        if topics.columns:
+            words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
+        another = f'another_day{path.suffix}'
+        evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', another]
+        return [shlex.join([*calibrate, *words]), shlex.join([*evaluate, *words])]
     evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', 'another_day']
     run = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args']
     run += ['-p', 'model_file:=model.yaml']

@@ -38,6 +38,8 @@ _LONGEST_SPIKE_S = 10.0
 #: Most spikes of an axis; with more, and with more than a share of the cells, a load moves.
 _MOST_SPIKES = 3
 _MOST_SPIKES_SHARE = 1e-3
+#: Jumps within this share of a recording are a bump, which can be left out.
+_BUMP_SHARE = 0.1
 #: A channel is lively where this share of its neighbouring cells differ …
 _LIVELY_SHARE = 0.9
 #: … and then stuck where it keeps a value for this many cells.
@@ -167,11 +169,19 @@ def _refuse_jumps(recording: Recording, axis: str, reference: Reference, cells: 
     stamps = ' to '.join(
         _stamp(recording, cell) for cell in dict.fromkeys(cells[[0, -1]].tolist())
     )
+    begin_s, end_s = (float(cell) * recording.period_s for cell in cells[[0, -1]])
+    bump = ''
+    if end_s - begin_s < _BUMP_SHARE * len(recording) * recording.period_s:
+        margin_s = 10 * recording.period_s
+        bump = (
+            f' Or leave that part out: --exclude {max(begin_s - margin_s, 0):.0f}..'
+            f'{end_s + margin_s:.0f}.'
+        )
     raise CalibrationRefusedError(
         f'{axis} of {recording.name} jumps by {steps.max():.3g} {recording.unit_of(axis)} after '
         f'{cells[np.argmax(steps)] * recording.period_s:.0f} s, although the load was declared '
         f'{declared} ({len(cells)} jumps, at stamp {stamps}). Record again without contact or '
-        'payload change, or record the load as reference.'
+        f'payload change, or record the load as reference.{bump}'
         + ' Or declare it payload, because specific force was recorded.'
         * (recording.specific_force is not None)
     )

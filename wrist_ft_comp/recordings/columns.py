@@ -97,7 +97,7 @@ def require_column(source: str, columns: Sequence[str], kind: str, names: Iterab
     names = list(names)
     if {channel_of(column) or column for column in columns} & set(names):
         return
-    meant = {column: name for column, name in _meant(columns).items() if name in names}
+    meant = {column: name for column, name in meant_columns(columns).items() if name in names}
     guesses = [f'Is {c[:_SHOWN]!r} meant to be {n!r}{_unit(n)}?' for c, n in meant.items()]
     remedy = (
         'Then name it so, with its values in that unit.' if meant else 'Rename or add the column.'
@@ -116,7 +116,7 @@ def require_channels(source: str, columns: Sequence[str]) -> None:
 
 def unknown_columns(source: str, columns: Sequence[str]) -> list[str]:
     """Name in one warning the columns that are not understood, and what may be meant by them."""
-    meant = _meant(columns)
+    meant = meant_columns(columns)
     if not meant:
         return []
     guesses = [f' Is {c[:_SHOWN]} meant to be {n}{_unit(n)}?' for c, n in meant.items() if n]
@@ -125,7 +125,7 @@ def unknown_columns(source: str, columns: Sequence[str]) -> list[str]:
     return [f'{sentence}{"".join(guesses[:_LISTED])}{remedy}']
 
 
-def _meant(columns: Sequence[str]) -> dict[str, str]:
+def meant_columns(columns: Sequence[str]) -> dict[str, str]:
     """Find the columns that are not understood, and the absent one that each may be, or empty."""
     used = {channel_of(column) or column for column in columns}
     absent = [name for name in _CHANNELS if name not in used]

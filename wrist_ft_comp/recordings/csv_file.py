@@ -33,6 +33,7 @@ from wrist_ft_comp.recordings.columns import (
     STAMPS,
     unknown_columns,
 )
+from wrist_ft_comp.recordings.foreign_log import LogMap
 from wrist_ft_comp.signals import (
     AXES,
     BoolArray,
@@ -79,16 +80,23 @@ class CsvPiece:
 
 
 class CsvRecording:
-    """A CSV file with a header, read by ``pieces``."""
+    """
+    A CSV file with a header, read by ``pieces``; ``names`` says how a foreign log is read.
 
-    def __init__(self, path: Path) -> None:
+    Lines that begin with a sign of comments are skipped; where a semicolon or a tab separates
+    cells, a comma in a number is a decimal point.
+    """
+
+    def __init__(self, path: Path, names: LogMap | None = None) -> None:
+        names = names or LogMap()
         self.path = path
         #: What was left out; complete when the pieces are through.
         self.warnings: list[str] = []
         #: A last line without line end.
         self._cut = ''
-        with self._open() as text:
-            first = next(self._lines(text), '') or self._cut
+        #: Lines above the header.
+        self._above = 0
+        first = self._first_line()
         if not first.strip():
             raise RecordingError(
                 f'{path.name} is empty; expected a header such as '
@@ -96,9 +104,15 @@ class CsvRecording:
             )
         #: The first line, verbatim.
         self.header = first.rstrip('\n')
-        self.delimiter = max(',;\t', key=self.header.count)
+        self.delimiter = delimiter_of(self.header)
         (cells,) = self._rows([self.header.strip()])
-        self.columns = tuple(cell.strip() for cell in cells)
+        #: As this package calls them; the file may call them otherwise.
+        self.columns = tuple(names.names.get(cell.strip(), cell.strip()) for cell in cells)
+        if absent := names.names.keys() - {cell.strip() for cell in cells}:
+            raise RecordingError(
+                f'{path.name} has no column {min(absent)!r}, which its map names; it has '
+                f'{", ".join(cell.strip() for cell in cells[:30])}.'
+            )
         if all(re.fullmatch(r'[-+.\deE]*', column) for column in self.columns):
             raise RecordingError(
                 f'Line 1 of {path.name} must be a header naming the columns, such as '
@@ -109,24 +123,40 @@ class CsvRecording:
         require_column(path.name, self.columns, 'stamp', STAMPS)
         self._stamp = next(column for column in STAMPS if column in self.columns)
         unit_ns = STAMPS[self._stamp]
+        self._factors, self._comma = names.factors, self.delimiter != ','
+        #: Whether a number has had a decimal comma so far.
+        self._has_commas = False
         #: How the columns that are used are converted, and what they are expected to hold.
         self._expected: dict[str, tuple[Callable[[str], float], str]] = {
             self._stamp: (
                 partial(nanoseconds, unit_ns=unit_ns) if unit_ns > 1 else int,
                 'a decimal number' if unit_ns > 1 else 'a whole number of nanoseconds',
             ),
-            **dict.fromkeys(self.channels.values(), (_number, 'a number with a decimal point')),
+            **dict.fromkeys(
+                self.channels.values(), (self._number, 'a number with a decimal point')
+            ),
         }
+        if names.stamp:
+            self._expected[self._stamp] = names.stamp, 'a time as --time says'
+        elif unit_ns > 1 and self._comma:
+            self._expected[self._stamp] = partial(_with_comma, unit_ns), 'a decimal number'
         self.warnings += unknown_columns(path.name, self.columns)
+
+    def _first_line(self) -> str:
+        """Read the first line that is no comment: the header, or behind it where it is one."""
+        with self._open() as text:
+            for line in self._lines(text):
+                if line.strip() and not _is_comment(line):
+                    return line
+                self._above += 1
+        return self._cut
 
     def pieces(self, progress: Progress | None = None) -> Iterator[CsvPiece]:
         """Read ROWS rows at a time; RecordingError, naming the line, where one is bad."""
         width, is_empty = len(self.columns), True
         with self._open() as text:
             size = os.fstat(text.fileno()).st_size
-            lines = self._lines(text)
-            next(lines, None)
-            reader = self._rows(lines)
+            reader = self._rows(self._below_header(text))
             while rows := list(islice(reader, ROWS)):
                 if set(map(len, rows)) != {width}:
                     rows = [row for row in rows if not _is_blank(row)]
@@ -135,13 +165,18 @@ class CsvRecording:
                     yield self._converted(rows)
                 if progress:
                     progress(os.lseek(text.fileno(), 0, os.SEEK_CUR) / size)
-            if self._cut and (last := self._last(reader.line_num + 2)):
+            if self._cut and (last := self._last(reader.line_num + self._above + 2)):
                 is_empty = False
                 yield last
         if is_empty:
             raise RecordingError(
                 f'{self.path.name} holds a header and no complete row; nothing was recorded.'
             )
+
+    def cell(self, column: str, value: float) -> str:
+        """Write a number as the column has them: its unit, and its decimal comma."""
+        text = repr(value / self._factors.get(column, 1.0))
+        return text.replace('.', ',') if self._has_commas else text
 
     def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
         """Read as pieces do; a group that some rows fill in part comes channel by channel."""
@@ -178,9 +213,14 @@ class CsvRecording:
                 return
             yield line
 
+    def _below_header(self, text: TextIOWrapper) -> Iterator[str]:
+        """Read the lines below the header; a comment is an empty line."""
+        lines = islice(self._lines(text), self._above + 1, None)
+        return ('\n' if _is_comment(line) else line for line in lines)
+
     def _rows(self, lines: Iterable[str]) -> Any:
         """Cut lines into cells."""
-        return csv.reader(lines, delimiter=self.delimiter)
+        return csv.reader(lines, delimiter=self.delimiter, skipinitialspace=self.delimiter == ' ')
 
     def _converted(self, rows: list[list[str]]) -> CsvPiece:
         """Convert rows, none of which is blank."""
@@ -193,20 +233,26 @@ class CsvRecording:
             stamps_ns = np.fromiter(map(convert, stamps), np.int64, len(stamps))
             values, filled = {}, {}
             for channel, column in self.channels.items():
-                numbers, filled[channel] = _numbers(cells[self.columns.index(column)])
+                cut = cells[self.columns.index(column)]
+                numbers, filled[channel] = _numbers(cut, self._number)
+                numbers = numbers * self._factors.get(column, 1.0)
                 values[channel] = in_channel_unit(column, numbers)
         except (ValueError, ArithmeticError) as error:
             raise self._refusal() from error
         return CsvPiece(cells, stamps_ns, values, filled)
 
+    def _number(self, cell: str) -> float:
+        """Convert a cell; an empty one is NaN."""
+        text = cell.replace(',', '.') if self._comma else cell
+        self._has_commas |= text != cell
+        return float(text) if text.strip() else nan
+
     def _refusal(self) -> RecordingError:
         """Read anew up to the first bad row, and say where it is and what is wrong with it."""
         with self._open() as text:
-            lines = self._lines(text)
-            next(lines)
-            reader = self._rows(lines)
+            reader = self._rows(self._below_header(text))
             problem = next(filter(None, map(self._problem, reader)), ' changed while it was read')
-            where = f'Line {reader.line_num + 1} of {self.path.name}'
+            where = f'Line {reader.line_num + self._above + 1} of {self.path.name}'
         return RecordingError(f'{where}{problem}. Repair or remove the line.')
 
     def _problem(self, row: list[str]) -> str:
@@ -244,27 +290,49 @@ def _is_blank(row: Sequence[str]) -> bool:
     return len(row) < 2 and not ''.join(row).strip()
 
 
-def _number(cell: str) -> float:
-    """Convert a cell; an empty one is NaN."""
-    return float(cell) if cell.strip() else nan
+def _is_comment(line: str) -> bool:
+    """Tell whether a line is a comment."""
+    return line.startswith(('#', '%', '//'))
 
 
-def _numbers(cells: Sequence[str]) -> tuple[FloatArray, BoolArray]:
+def _with_comma(unit_ns: int, text: str) -> int:
+    """Convert a stamp that may have a decimal comma."""
+    return nanoseconds(text.replace(',', '.'), unit_ns)
+
+
+def _numbers(cells: Sequence[str], number: Callable[[str], float]) -> tuple[FloatArray, BoolArray]:
     """Convert a channel's cells, and tell which are filled."""
     count = len(cells)
     try:
         return np.fromiter(map(float, cells), float, count), np.ones(count, bool)
-    except ValueError:  # a cell is empty, or worse
+    except ValueError:  # a cell is empty, has a decimal comma, or worse
         filled = np.fromiter((bool(cell.strip()) for cell in cells), bool, count)
-    return np.fromiter(map(_number, cells), float, count), filled
+    return np.fromiter(map(number, cells), float, count), filled
 
 
-def rewrite_csv(
+def delimiter_of(header: str) -> str:
+    """Tell what separates cells: a comma, semicolon or tab; spaces where there is none of them."""
+    delimiter = max(',;\t', key=header.count)
+    return delimiter if delimiter in header or ' ' not in header.strip() else ' '
+
+
+def first_rows(path: Path) -> tuple[list[str], list[str]]:
+    """Read the cells of a file's header and of its first row, as they stand there."""
+    with path.open(encoding='utf-8-sig', errors='replace') as text:
+        lines = (line for line in text if line.strip() and not _is_comment(line))
+        head = list(islice((line[:LONGEST_LINE] for line in lines), 2))
+    cut = partial(csv.reader, delimiter=delimiter_of((head or [''])[0]), skipinitialspace=True)
+    rows = [[cell.strip() for cell in row] for row in cut(head)]
+    return rows[0] if rows else [], rows[1] if len(rows) > 1 else []
+
+
+def rewrite_csv(  # noqa: PLR0913, PLR0917 -- as rewrite_recording
     source: Path,
     target: Path,
     correct: Correction,
     external: Correction | None = None,
     progress: Progress | None = None,
+    names: LogMap | None = None,
 ) -> tuple[str, ...]:
     """
     Copy a recording, its wrench corrected and all else verbatim; says what was left out.
@@ -272,7 +340,7 @@ def rewrite_csv(
     An empty column says that it is compensated. What ``external`` makes of the raw wrench comes in
     columns of its own.
     """
-    recording = CsvRecording(source)
+    recording = CsvRecording(source, names)
     columns = recording.columns
     require_column(source.name, columns, 'raw wrench', AXES)
     added = [f'external_{axis}' for axis in AXES if external and axis in columns]
@@ -283,16 +351,18 @@ def rewrite_csv(
         writer = csv.writer(file, delimiter=recording.delimiter, lineterminator='\n')
         for piece in recording.pieces(progress):
             cells = dict(zip(columns, piece.cells, strict=True))
-            cells.update(_corrected(piece, correct))
+            cells.update(_corrected(piece, correct, recording))
             more = [[''] * len(piece.stamps_ns)]
             if external:
-                made = _corrected(piece, external).values()
+                made = _corrected(piece, external, recording).values()
                 more += [['' if cell == 'nan' else cell for cell in column] for column in made]
             writer.writerows(zip(*(cells[column] for column in columns), *more, strict=True))
     return tuple(recording.warnings)
 
 
-def _corrected(piece: CsvPiece, correct: Correction) -> dict[str, list[str]]:
+def _corrected(
+    piece: CsvPiece, correct: Correction, recording: CsvRecording
+) -> dict[str, list[str]]:
     """Correct the wrench of the rows that have one; cells by channel, the empty ones empty."""
     absent = np.full(len(piece.stamps_ns), np.nan)
     wrench = np.stack([piece.values.get(axis, absent) for axis in AXES], 1)
@@ -301,7 +371,10 @@ def _corrected(piece: CsvPiece, correct: Correction) -> dict[str, list[str]]:
     if rows.any():
         wrench[rows] = correct(piece.stamps_ns[rows], wrench[rows])
     return {
-        axis: [repr(value) if filled else '' for value, filled in zip(*columns, strict=True)]
+        axis: [
+            recording.cell(axis, value) if filled else ''
+            for value, filled in zip(*columns, strict=True)
+        ]
         for axis in present
         for columns in [(wrench[:, AXES.index(axis)].tolist(), piece.filled[axis].tolist())]
     }

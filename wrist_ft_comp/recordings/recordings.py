@@ -39,7 +39,9 @@ from wrist_ft_comp.recordings.chamber_table import (
     rewrite_table,
 )
 from wrist_ft_comp.recordings.columns import COMPENSATED, require_channels
-from wrist_ft_comp.recordings.csv_file import CsvRecording, rewrite_csv, sensor_in
+from wrist_ft_comp.recordings.csv_file import CsvRecording, first_rows, rewrite_csv, sensor_in
+from wrist_ft_comp.recordings.foreign_log import guessed_map, log_map, LogMap, map_beside
+from wrist_ft_comp.recordings.part import parse_part
 from wrist_ft_comp.signals import (
     AXES,
     axis_unit,
@@ -143,7 +145,7 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
             blocks, warnings = read_bag(bag, topics, progress), bag.warnings
             sources = parse_sources(topics.temperatures)
         elif kind == CSV:
-            text = CsvRecording(path)
+            text = CsvRecording(path, map_beside(path, topics.columns, topics.time))
             require_channels(path.name, text.columns)
             sensor = sensor_in(text.columns)
             blocks, warnings = text.samples(progress), text.warnings
@@ -151,8 +153,9 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
             table = read_chamber_table(path, keep_copied_columns=keep_copied_columns)
             blocks = table.samples()
             warnings = [f'{reason} It was left out.' for _, reason in table.left_out]
+        part = parse_part(topics.begin, topics.end, topics.exclude)
         recording = grid_samples(
-            blocks,
+            blocks if part.whole else part.of(blocks),
             name=path.name,
             period_s=period_s,
             max_bad_share=max_bad_share,
@@ -188,7 +191,7 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
     gets consecutive pieces, NaN for absent axes. RecordingError when the source cannot be read or
     the target cannot be made; a failure leaves nothing behind.
     """
-    source, target = Path(source), Path(target)
+    source, target, topics = Path(source), Path(target), topics or Topics()
     kind = kind_of(source)
     outputs = {output_topic: correct, **({EXTERNAL_TOPIC: external} if external else {})}
     copy = check_copy(source, target, list(outputs))
@@ -201,9 +204,10 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
         made = Path(folder) / target.name
         if kind == BAG:
             with open_bag(source) as bag:
-                warnings = rewrite_bag(bag, made, outputs, topics or Topics(), progress)
+                warnings = rewrite_bag(bag, made, outputs, topics, progress)
         elif kind == CSV:
-            warnings = rewrite_csv(source, made, correct, external, progress)
+            names = map_beside(source, topics.columns, topics.time)
+            warnings = rewrite_csv(source, made, correct, external, progress, names)
         else:
             warnings = rewrite_table(source, made, correct)
         copy.check_target(target)
@@ -304,11 +308,21 @@ def describe_recording(
     if kind == BAG:
         return _describe_bag(path, topics or Topics(), progress)
     if kind == CSV:
-        text = CsvRecording(path)
-        return _describe_samples(path.name, CSV, text.samples(progress), text.warnings)
+        return _describe_csv(path, topics or Topics(), progress)
     table = read_chamber_table(path)
     left_out = [f'{reason} It is left out.' for _, reason in table.left_out]
     return _describe_samples(path.name, TABLE, table.samples(), left_out)
+
+
+def _describe_csv(path: Path, topics: Topics, progress: Progress | None) -> RecordingSummary:
+    """Describe a CSV file; a log that cannot be read as it is with a map that is guessed."""
+    names = map_beside(path, topics.columns, topics.time)
+    if names == LogMap() and (guess := guessed_map(*first_rows(path)))[0]:
+        topics = replace(topics, columns=guess[0], time=guess[1])
+        names = log_map(*guess)
+    text = CsvRecording(path, names)
+    summary = _describe_samples(path.name, CSV, text.samples(progress), text.warnings)
+    return replace(summary, topics=topics)
 
 
 def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> RecordingSummary:

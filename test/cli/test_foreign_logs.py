@@ -1,0 +1,194 @@
+"""Logs of other programs: from ``show`` to a judged model, and what their loggers write."""
+
+from datetime import datetime, timedelta
+import json
+import re
+import shlex
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.recordings.foreign_log import iso_nanoseconds, log_map
+from wrist_ft_comp.recordings.part import parse_part, Part
+from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.signals import AXES, Topics
+
+ROWS = 3600
+BEGIN = datetime(2026, 11, 20, 8)
+
+
+def day(seed, bump=False):
+    """An hour of warming up at 1 Hz: seconds, wrench in N and N m, °C."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(float(ROWS))
+    celsius = 22 + 14 * (1 - np.exp(-t / 900)) + 1.5 * np.sin(t / (400 + seed))
+    wrench = np.outer(celsius - 22, [0.3, 0.2, 0.5, 0.02, 0.01, 0.015])
+    wrench += rng.normal(0, [0.02] * 3 + [0.001] * 3, wrench.shape)
+    if bump:
+        wrench[2400:2410, 2] += 25
+    return t, wrench, celsius
+
+
+def write(path, header, rows, delimiter=',', comma=False):
+    """Write cells, texts as they are and numbers with seven digits."""
+    lines = [header]
+    for row in rows:
+        cells = [cell if isinstance(cell, str) else f'{cell:.7f}' for cell in row]
+        lines.append(delimiter.join(cell.replace('.', ',') if comma else cell for cell in cells))
+    path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+    return path
+
+
+def foreign(path, seed, bump=False):
+    """A log of ISO times, decimal commas, kN and °F, below a comment."""
+    t, wrench, celsius = day(seed, bump)
+    times = [f'{BEGIN + timedelta(seconds=s):%Y-%m-%dT%H:%M:%SZ}' for s in t.tolist()]
+    scaled = np.column_stack((wrench[:, :3] / 1000, wrench[:, 3:], celsius * 1.8 + 32))
+    rows = ([time, *row] for time, row in zip(times, scaled.tolist(), strict=True))
+    return write(path, '# cell 3\ntime;fx;fy;fz;tx;ty;tz;temp', rows, ';', comma=True)
+
+
+@pytest.fixture
+def logs(tmp_path, monkeypatch):
+    """Three days of a foreign log, the third with a bump."""
+    monkeypatch.chdir(tmp_path)
+    return [foreign(tmp_path / f'day_{n}.csv', n, bump=n == 3) for n in (1, 2, 3)]
+
+
+def commands(shown):
+    """What show proposes to run, as words behind the program's name."""
+    return [shlex.split(line)[1:] for line in re.findall(r'(wrist_ft_comp (?:cal|ev).*)', shown)]
+
+
+def test_three_commands_lead_from_a_log_to_a_judged_model(logs, done):
+    """``show``, and the two that it prints; the unit of force alone is the user's to say."""
+    shown = done('show', logs[0])
+    calibrate, evaluate = commands(shown)
+    assert 'temperature_c=temp:F' in shown
+    assert '--time' in calibrate
+    in_kn = [re.sub(r'(force_\w=f\w)', r'\1:kN', word) for word in calibrate]
+    assert 'learnt from 1.00 h at 22.0 to 3' in done(*in_kn)
+    words = [word.replace('another_day', 'day_2') for word in evaluate]
+    words = [re.sub(r'(force_\w=f\w)', r'\1:kN', word) for word in words]
+    axes = json.loads(done(*words, '--json'))['axes']
+    assert all(axis['rms_after'] < 0.1 * axis['rms_before'] for axis in axes.values())
+    assert axes['force_z']['rms_before'] > 1.0  # N: the map's units were used
+
+
+def test_a_map_beside_the_recordings_is_written_once(logs, done, tmp_path):
+    shown = done('show', logs[0])
+    recipe = re.sub(r'(force_\w=f\w)', r'\1:kN', shown[shown.index('columns: ') :])
+    (tmp_path / 'recording.yaml').write_text(recipe.split('\nwarning')[0])
+    done('calibrate', *logs[:2], '-o', 'model.yaml', '--method', 'pls')
+    compensated = tmp_path / 'compensated'
+    compensated.mkdir()
+    done('compensate', 'model.yaml', logs[1], '-o', compensated / 'day_2.csv', '--tare', '60')
+    (compensated / 'recording.yaml').write_text((tmp_path / 'recording.yaml').read_text())
+    header, row = (compensated / 'day_2.csv').read_text().splitlines()[:2]
+    assert header.startswith('time;fx;fy;fz')
+    assert abs(float(row.split(';')[3].replace(',', '.'))) < 1e-4  # kN, with a decimal comma
+
+
+def test_a_bump_is_left_out_as_the_refusal_proposes(logs, run, done):
+    words = ['calibrate', logs[2], '-o', 'model.yaml', '--method', 'pls']
+    words += commands(done('show', logs[2]))[0][4:]
+    refusal = run(*words).sentence
+    (stretch,) = re.findall(r'--exclude (\S+)\.', refusal)
+    assert stretch == '2390..2420'
+    assert 'saved as' in done(*words, '--exclude', stretch)
+
+
+#: Of an RTDE recording (record.py of Universal Robots' client): separated by spaces.
+RTDE = [
+    'timestamp',
+    *(f'actual_TCP_force_{n}' for n in range(6)),
+    'joint_temperatures_5',
+]
+OURS = ['stamp', *AXES, 'temperature_c']
+#: Forms in which logs come: header, delimiter, and the map where names alone do not tell it.
+FORMS = {
+    'RTDE': (' '.join(RTDE), ' ', ','.join(map('='.join, zip(OURS, RTDE, strict=True)))),
+    'units in brackets': (
+        'Time [s],Fx [N],Fy [N],Fz [N],Mx [Nm],My [Nm],Mz [Nm],Temperature [°C]', ',', ''),
+    'units in parentheses': ('time;Fx(N);Fy(N);Fz(N);Tx(Nm);Ty(Nm);Tz(Nm);temp(C)', ';', ''),
+    'tabs': ('Time\tFx\tFy\tFz\tTx\tTy\tTz\tTemp', '\t', ''),
+    'underscores': ('timestamp,f_x,f_y,f_z,m_x,m_y,m_z,sensor_temperature', ',', ''),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_logs_of_many_forms_are_read_as_the_same_table(form, done, tmp_path):
+    header, delimiter, columns = FORMS[form]
+    t, wrench, celsius = day(1)
+    rows = np.column_stack((t, wrench, celsius)).tolist()
+    path = write(tmp_path / 'log.csv', header, rows, delimiter)
+    words = commands(done('show', path, *(['--columns', columns] if columns else [])))[0]
+    given = columns or words[words.index('--columns') + 1]
+    time = words[words.index('--time') + 1] if '--time' in words else 's'
+    recording = read_recording(path, topics=Topics(columns=given, time=time))
+    np.testing.assert_allclose(recording.wrench, wrench, atol=1e-6)
+    np.testing.assert_allclose(recording.temperature_c[:, 0], celsius, atol=1e-6)
+
+
+def test_units_and_factors_are_what_they_say():
+    names = log_map('force_x=a:lbf,force_y=b*9.81,torque_x=c d:Nmm,temperature_2_c=t:K', 'ms')
+    assert names.names == {
+        'a': 'force_x',
+        'b': 'force_y',
+        'c d': 'torque_x',
+        't': 'temperature_2_k',
+    }
+    assert names.factors['force_x'] == pytest.approx(4.44822, rel=1e-5)
+    assert names.factors['force_y'] == pytest.approx(9.81)
+    assert names.factors['torque_x'] == pytest.approx(1e-3)
+
+
+def test_times_are_read_to_the_nanosecond_and_refused_where_they_are_none():
+    expected = 1_795_161_600_123_456_789
+    assert iso_nanoseconds('2026-11-20T08:00:00.123456789Z') == expected
+    assert iso_nanoseconds('2026-11-20 09:00:00,123456789+01:00') == expected
+    stamp = log_map('stamp=t', '%d.%m.%Y %H:%M:%S').stamp
+    assert stamp('20.11.2026 08:00:00') == expected // 10**9 * 10**9
+    for text in ("8 o'clock", '2026-13-01T00:00:00', ''):
+        with pytest.raises(ValueError):  # noqa: PT011 -- the door makes a sentence of it
+            iso_nanoseconds(text)
+
+
+@pytest.mark.parametrize(
+    ('columns', 'time', 'words'),
+    [
+        ('force_z', '', 'expected NAME=COLUMN'),
+        ('force_w=fz', '', 'force_w is no name of a column'),
+        ('force_z=fz:Nm', '', 'force_z may be in N, kN'),
+        ('temperature_c=t:R', '', 'A temperature is in C, K or F'),
+        ('stamp=t', 'minutes', '--time is s, ms, us, ns, iso'),
+    ],
+)
+def test_a_map_that_cannot_be_meant_so_is_refused(columns, time, words):
+    with pytest.raises(SettingsError, match=re.escape(words)):
+        log_map(columns, time)
+
+
+def test_a_column_that_is_not_there_and_a_bad_time_are_named(tmp_path, run):
+    path = write(tmp_path / 'log.csv', 't,f,c', [['08:00', '1', '20'], ['08:01', '2', '21']])
+    words = ['show', path, '--columns']
+    assert "no column 'g'" in run(*words, 'stamp=t,force_z=g,temperature_c=c').sentence
+    given = 'stamp=t,force_z=f,temperature_c=c'
+    sentence = run(*words, given, '--time', 'iso').sentence
+    assert 'Line 2 of log.csv' in sentence
+    assert "got '08:00'" in sentence
+
+
+def test_a_part_is_chosen_in_every_way_of_writing_a_time(logs):
+    assert parse_part('80min', '1.5h', ['1:20:00..81min']) == Part(4800, 5400, ((4800, 4860),))
+    given = 'stamp=time,force_z=fz:kN,temperature_c=temp:F'
+    part = Topics(columns=given, time='iso', begin='600', end='0:30:00', exclude=('700..800',))
+    recording = read_recording(logs[0], topics=part)
+    assert recording.duration_s == pytest.approx(1201, abs=1)
+    measured = np.isfinite(recording.wrench[:, 2])
+    assert (~measured).sum() == 101
+    assert np.isfinite(recording.temperature_c).all()
+    for bad in (('x', '', []), ('', '', ['5']), ('9', '3', []), ('', '', ['9..3'])):
+        with pytest.raises(SettingsError):
+            parse_part(*bad)

@@ -1,0 +1,210 @@
+"""
+How the columns of somebody else's log become ours: names, units, times.
+
+``--columns`` names ours first: ``stamp=time,force_x=fx:kN,force_z=cell*9.8,temperature_c=temp:F``.
+``--time`` says what stamps are: s, ms, us, ns, iso (ISO 8601), or a form of strptime. The same may
+stand in a file ``recording.yaml`` beside the recordings, with the keys ``columns`` and ``time``.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from functools import partial
+from pathlib import Path
+import re
+
+import yaml
+
+from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.recordings.columns import channel_of, meant_columns, STAMPS
+from wrist_ft_comp.signals import AXES, axis_unit, GRAVITY, NANOSECONDS
+from wrist_ft_comp.stored.documents import beginning
+
+#: File beside recordings that says how they are read.
+MAP_FILE = 'recording.yaml'
+#: What one of a unit is in N, N m, m/s² or rad/s.
+_FACTORS = {
+    'N': {
+        'N': 1.0, 'kN': 1e3, 'mN': 1e-3, 'lbf': 4.4482216152605, 'kgf': GRAVITY,
+        'gf': GRAVITY / 1e3,
+    },
+    'N m': {
+        'Nm': 1.0, 'kNm': 1e3, 'mNm': 1e-3, 'Nmm': 1e-3, 'lbfin': 0.1129848290276,
+        'lbfft': 1.3558179483314,
+    },
+    'm/s²': {'m/s2': 1.0, 'g': GRAVITY},
+    'rad/s': {'rad/s': 1.0, 'deg/s': 0.017453292519943},
+}  # fmt: skip
+_TEMPERATURE_UNITS = 'CKF'
+_TIMES = {name.removeprefix('stamp_'): name for name in STAMPS}
+#: A name of ours, a column of theirs, a factor, and a unit.
+_ENTRY = re.compile(
+    r'(?P<ours>\w+)=(?P<theirs>.+?)(\*(?P<factor>[-+\d.eE]+))?(:(?P<unit>[A-Za-z/²°0-9]+))?'
+)
+_FORM = (
+    'expected NAME=COLUMN, NAME=COLUMN:UNIT or NAME=COLUMN*FACTOR, separated by commas, such as '
+    'stamp=time,force_z=fz:kN,temperature_c=temp:F'
+)
+_ISO = re.compile(r'(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9})\d*)?(Z|[+-]\d\d:?\d\d)?')
+#: Between which readings a day may begin in a unit, and hardly in °C.
+_COLD_STARTS = {'F': (55.0, 120.0), 'K': (230.0, 330.0)}
+#: Stamps from 2001 on, in seconds, have at least this size; in other units it is that much larger.
+_EPOCH_S = 1e9
+
+
+@dataclass(frozen=True)
+class LogMap:
+    """What a log's columns are called here, and how their cells are read."""
+
+    #: By column of the log: our column. What is not named keeps its name.
+    names: Mapping[str, str] = field(default_factory=dict)
+    #: By our column: what its numbers are multiplied with.
+    factors: Mapping[str, float] = field(default_factory=dict)
+    #: Reads a stamp, ns; None where its column's name says how.
+    stamp: Callable[[str], int] | None = None
+
+
+def log_map(columns: str, time: str) -> LogMap:
+    """Understand ``--columns`` and ``--time``; SettingsError where they can't be meant so."""
+    names: dict[str, str] = {}
+    factors: dict[str, float] = {}
+    for entry in filter(None, re.split(r',(?=\s*\w+=)', columns)):
+        match = _ENTRY.fullmatch(entry.strip())
+        if match is None:
+            raise SettingsError(f'The columns {columns!r} cannot be read: {_FORM}; got {entry!r}.')
+        ours, theirs = match['ours'], match['theirs'].strip()
+        unit, factor = match['unit'] or '', float(match['factor'] or 1)
+        if ours in {'stamp', *STAMPS}:
+            ours = _TIMES.get(time or 's', 'stamp_ns') if ours == 'stamp' else ours
+        elif channel_of(ours) == '':
+            raise SettingsError(
+                f'{ours} is no name of a column; names are stamp, force_x … torque_z, '
+                'temperature_c, temperature_2_c …, reference_force_x … and linear_acceleration_x '
+                f'…; got {entry!r}.'
+            )
+        elif ours.startswith('temperature'):
+            ours = _in_unit(ours, unit, entry)
+        else:
+            factor *= _factor(ours, unit, entry)
+        names[theirs] = ours
+        if factor != 1:
+            factors[ours] = factor
+    return LogMap(names, factors, _stamp_reader(time))
+
+
+def _in_unit(ours: str, unit: str, entry: str) -> str:
+    """Name the column of a thermometer whose numbers are in a unit."""
+    if unit.strip('°') not in {'', *_TEMPERATURE_UNITS}:
+        raise SettingsError(f'A temperature is in C, K or F; got {entry!r}.')
+    return f'{ours[:-1]}{unit.strip("°").lower()}' if unit else ours
+
+
+def _factor(ours: str, unit: str, entry: str) -> float:
+    """Give the factor of a unit of a channel that is no temperature."""
+    units = _FACTORS[axis_unit(ours.removeprefix('reference_'))]
+    if unit and unit not in units:
+        raise SettingsError(f'{ours} may be in {", ".join(units)}; got {entry!r}.')
+    return units[unit] if unit else 1.0
+
+
+def _stamp_reader(time: str) -> Callable[[str], int] | None:
+    """Choose how stamps are read."""
+    if time == '' or time in _TIMES:
+        return None
+    if time == 'iso':
+        return iso_nanoseconds
+    if '%' in time:
+        return partial(_by_form, time)
+    raise SettingsError(
+        f'--time is s, ms, us, ns, iso, or a form such as %d.%m.%Y %H:%M:%S.%f; got {time!r}.'
+    )
+
+
+def iso_nanoseconds(text: str) -> int:
+    """Read a time of ISO 8601, ns since 1970; without a zone it counts as UTC. Else ValueError."""
+    match = _ISO.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(text)
+    zone = (match[3] or 'Z').replace('Z', '+0000').replace(':', '')
+    moment = datetime.strptime(f'{match[1].replace("T", " ")}{zone}', '%Y-%m-%d %H:%M:%S%z')
+    return int(moment.timestamp()) * NANOSECONDS + int((match[2] or '').ljust(9, '0'))
+
+
+def _by_form(form: str, text: str) -> int:
+    """Read a time of a form of strptime, ns; without a zone it counts as UTC. Else ValueError."""
+    moment = datetime.strptime(text.strip(), form)
+    moment = moment if moment.tzinfo else moment.replace(tzinfo=timezone.utc)
+    since = moment - datetime(1970, 1, 1, tzinfo=timezone.utc)
+    return (since.days * 86400 + since.seconds) * NANOSECONDS + since.microseconds * 1000
+
+
+def map_beside(path: Path, columns: str, time: str) -> LogMap:
+    """Take what was given, or else what ``recording.yaml`` beside a log says; often nothing."""
+    beside = path.with_name(MAP_FILE)
+    if columns or time or not beside.is_file():
+        return log_map(columns, time)
+    try:
+        content = yaml.safe_load(beginning(beside))
+    except yaml.YAMLError as error:
+        raise RecordingError(f'{beside} cannot be read: {error}.') from error
+    if not isinstance(content, dict) or not content.keys() <= {'columns', 'time'}:
+        raise RecordingError(f'{beside} must have the keys columns and time and no others.')
+    entries = content.get('columns', '')
+    if isinstance(entries, dict):
+        entries = ','.join(f'{ours}={theirs}' for ours, theirs in entries.items())
+    return log_map(str(entries), str(content.get('time', '')))
+
+
+def guessed_map(columns: Sequence[str], row: Sequence[str]) -> tuple[str, str]:
+    """
+    Guess the map of a log from its header and its first row, as ``--columns`` and ``--time``.
+
+    Units come from brackets behind names; empty where the names are this package's own.
+    """
+    entries, time = [], ''
+    ours = {channel_of(column) or column for column in columns}
+    if ours & set(STAMPS) and ours & set(AXES) and 'temperature_c' in ours:
+        return '', ''
+    for column, name in meant_columns(columns).items():
+        unit = re.search(r'[\[(]\s*([A-Za-z/²°0-9 ]+?)\s*[\])]', column)
+        known = {*_FACTORS['N'], *_FACTORS['N m'], *_FACTORS['m/s²'], *_TEMPERATURE_UNITS}
+        word = unit[1].replace(' ', '').strip('°') if unit else ''
+        cell = row[columns.index(column)] if len(row) == len(columns) else ''
+        if name == 'stamp_s':
+            time = time or _guessed_time(cell, word)
+        if name:
+            if name.startswith('temperature') and word not in known:
+                word = _guessed_temperature_unit(cell)
+            unit_word = f':{word}' if word in known and name != 'stamp_s' else ''
+            entries.append(f'{name.replace("stamp_s", "stamp")}={column}{unit_word}')
+    return ','.join(entries), time
+
+
+def _guessed_time(cell: str, unit: str) -> str:
+    """Guess what a stamp is from one of them, and a unit in its name."""
+    if _ISO.fullmatch(cell.strip()):
+        return 'iso'
+    if unit in _TIMES:
+        return unit
+    try:
+        size = float(cell.replace(',', '.')) / _EPOCH_S
+    except ValueError:
+        return 's'
+    larger = (name for name, least in (('ns', 1e9), ('us', 1e6), ('ms', 1e3)) if size > least)
+    return next(larger, 's')
+
+
+def _guessed_temperature_unit(cell: str) -> str:
+    """Guess the unit of a thermometer from its first reading: robots are rarely begun with hot."""
+    try:
+        reading = float(cell.replace(',', '.'))
+    except ValueError:
+        return ''
+    return next((unit for unit, (low, high) in _COLD_STARTS.items() if low < reading < high), '')
+
+
+def recipe(columns: str, time: str) -> Iterable[str]:
+    """Write a map as the lines of ``recording.yaml``."""
+    yield f'columns: {yaml.safe_dump(columns, width=1000).splitlines()[0]}'
+    if time:
+        yield f'time: {yaml.safe_dump(time).splitlines()[0]}'

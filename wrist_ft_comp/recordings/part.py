@@ -1,0 +1,80 @@
+"""A part of a recording: from, until, and without some stretches, in seconds since it began."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+import math
+import re
+
+import numpy as np
+
+from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, NANOSECONDS, Samples
+
+_UNITS_S = {'': 1.0, 's': 1.0, 'min': 60.0, 'h': 3600.0}
+
+
+@dataclass(frozen=True)
+class Part:
+    """What of a recording counts."""
+
+    #: Seconds since its first sample.
+    begin_s: float = 0.0
+    end_s: float = math.inf
+    #: Beginning and end of stretches whose wrenches are left out; temperatures go on.
+    excluded_s: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def whole(self) -> bool:
+        """Whether everything counts."""
+        return self == Part()
+
+    def of(self, blocks: Iterable[Samples]) -> Iterator[Samples]:
+        """Leave out the samples of blocks that do not count."""
+        first_ns = None
+        for block in blocks:
+            if first_ns is None and len(block.stamps_ns):
+                first_ns = int(block.stamps_ns[0])
+            since_s = (block.stamps_ns - (first_ns or 0)) / NANOSECONDS
+            counts = self._counts(since_s, is_wrench=bool(set(block.channels) & set(AXES)))
+            yield Samples(block.channels, block.stamps_ns[counts], block.values[counts])
+
+    def _counts(self, since_s: FloatArray, *, is_wrench: bool) -> BoolArray:
+        """Tell which samples count, by their times."""
+        counts: BoolArray = (since_s >= self.begin_s) & (since_s <= self.end_s)
+        for begin_s, end_s in self.excluded_s if is_wrench else ():
+            counts &= (since_s < begin_s) | (since_s > end_s)
+        return np.asarray(counts)
+
+
+def parse_part(begin: str, end: str, excluded: Iterable[str]) -> Part:
+    """Understand ``--from``, ``--until`` and ``--exclude``, or refuse them by a SettingsError."""
+    stretches = []
+    for text in excluded:
+        first, dots, last = text.partition('..')
+        if not dots:
+            raise SettingsError(
+                f'A stretch is A..B, such as 4790..4830 or 79min..81min; got {text!r}.'
+            )
+        stretches.append((_seconds(first), _seconds(last)))
+    part = Part(_seconds(begin or '0'), _seconds(end or 'inf'), tuple(stretches))
+    for begin_s, end_s in (*part.excluded_s, (part.begin_s, part.end_s)):
+        if not begin_s < end_s:
+            raise SettingsError(
+                f'A part must end after it begins; got {begin_s:g} to {end_s:g} s.'
+            )
+    return part
+
+
+def _seconds(text: str) -> float:
+    """Read a time since the beginning: 4800, 80min, 1.5h or 1:20:00."""
+    if match := re.fullmatch(r'(inf|[\d.]+)(s|min|h|)', text.strip()):
+        try:
+            return float(match[1]) * _UNITS_S[match[2]]
+        except ValueError:
+            pass
+    elif re.fullmatch(r'\d+(:\d\d){1,2}(\.\d+)?', text.strip()):
+        seconds = 0.0
+        for word in text.strip().split(':'):
+            seconds = 60 * seconds + float(word)
+        return seconds if text.count(':') == 2 else 60 * seconds
+    raise SettingsError(f'A time is written 4800, 80min, 1.5h or 1:20:00; got {text!r}.')
