@@ -17,7 +17,7 @@ from wrist_ft_comp.errors import NodeError
 from wrist_ft_comp.signals import AXES
 
 if TYPE_CHECKING:
-    from wrist_ft_comp.node.operator import Operator, Watch
+    from wrist_ft_comp.node.operate import Operator, Watch
     from wrist_ft_comp.ros.node_log import Status
 
 HELP = 'operate a running compensator: record, calibrate, tare, look at its status'
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
             'A running node is reached by rclpy, which this Python does not have. Source a ROS 2 '
             'installation, or install the package with its extra "ros".'
         )
-    from wrist_ft_comp.node.operator import operating  # noqa: PLC0415 -- loads rclpy
+    from wrist_ft_comp.node.operate import operating  # noqa: PLC0415 -- loads rclpy
 
     with operating() as operator:
         name = operator.find(arguments.name)
@@ -83,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _ask(operator: 'Operator', name: str, watch: 'Watch', action: str) -> str:
     """Ask, and show on standard error how far it is, where that is a terminal."""
-    from wrist_ft_comp.node.operator import ask  # noqa: PLC0415 -- loads rclpy
+    from wrist_ft_comp.node.operate import ask  # noqa: PLC0415 -- loads rclpy
 
     with tqdm(bar_format='{desc} {elapsed}', disable=None, leave=False) as line:
 
@@ -102,7 +102,7 @@ def _ask(operator: 'Operator', name: str, watch: 'Watch', action: str) -> str:
 
 def _show(operator: 'Operator', name: str, watch: 'Watch', *, as_json: bool) -> int:
     """Print the status once, or in a terminal again and again; 1 when something is an error."""
-    from wrist_ft_comp.node.operator import SILENCE_S  # noqa: PLC0415 -- loads rclpy
+    from wrist_ft_comp.node.operate import SILENCE_S  # noqa: PLC0415 -- loads rclpy
 
     if not operator.wait_for(lambda: watch.reports, SILENCE_S):
         raise NodeError(f'{name} has published no diagnostics for {SILENCE_S:.0f} s.')

@@ -20,7 +20,7 @@ from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
-from wrist_ft_comp.node.operator import Operator
+from wrist_ft_comp.node.operate import Operator
 from wrist_ft_comp.ros.messages import FAST_SENSOR, SLOW_SENSOR
 from wrist_ft_comp.ros.parameters import NODE_NAME
 from wrist_ft_comp.signals import AXES, NANOSECONDS
