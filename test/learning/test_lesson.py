@@ -199,7 +199,7 @@ def test_figures_of_a_sentence_agree():
     by_chance = judge(live[:1], 0.8 * live[:1]).words('the live model')
     assert 'On 1 day ' in by_chance
     assert 'leaves 0.81 times' in by_chance
-    assert '0.90 is asked' in by_chance
+    assert 'needs at most 0.90 times' in by_chance
     challenger = live / 4
     challenger[3] = 0.8
     assert 'on one day more by 50%' in judge(live, challenger).words('no model')

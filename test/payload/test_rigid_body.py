@@ -56,8 +56,12 @@ def test_errors_are_as_large_as_they_say():
         (-gains_of(np.eye(3)), NORMAL, 'mirrored'),
         (gains_of(np.diag([1.0, 1.0, -1.0])), NORMAL, 'mirrored'),
         (gains_of(np.eye(3), [(0.001, np.zeros(3))] * 2), NORMAL, 'nothing weighs'),
-        (gains_of(np.eye(3)), np.kron(np.eye(2), np.diag([500.0, 1e-6, 1e-9])), 'to move along z'),
-        (gains_of(np.eye(3)) * [1, 1, 1.8, 1, 1, 1], NORMAL, "no rigid body's"),
+        (
+            gains_of(np.eye(3)),
+            np.kron(np.eye(2), np.diag([500.0, 1e-6, 1e-9])),
+            'also moves along z',
+        ),
+        (gains_of(np.eye(3)) * [1, 1, 1.8, 1, 1, 1], NORMAL, 'not that of a rigid body'),
     ],
 )
 def test_what_is_no_payload_is_said(gains, normal, said):
@@ -70,6 +74,6 @@ def test_a_press_that_comes_again_is_no_body_however_rarely_it_comes():
     gains = np.concatenate((gains_of(np.eye(3)), press))
     normal = 500.0 * np.kron(np.diag([1.0, 1.0, 0.003]), np.eye(3))
     found = rigid_bodies(gains, normal, np.full(6, 1e-4), 1000.0)
-    assert any("no rigid body's" in doubt for doubt in found.doubts())
+    assert any('not that of a rigid body' in doubt for doubt in found.doubts())
     empty = np.concatenate((gains[:2], 1e-3 * press))  # an empty gripper is nobody's misfit
     assert not rigid_bodies(empty, normal, np.full(6, 1e-4), 1000.0).doubts()

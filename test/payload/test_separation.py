@@ -10,7 +10,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.payload import states
-from wrist_ft_comp.payload.accelerometer import fit_norm, set_right
+from wrist_ft_comp.payload.accelerometer import calibrated_by_norm, fit_norm
 from wrist_ft_comp.payload.gains import cut
 from wrist_ft_comp.payload.separation import separate, separate_again
 from wrist_ft_comp.signals import GRAVITY
@@ -214,7 +214,7 @@ class TestAccelerometer:
     def test_bias_and_scale_are_found_by_the_norm_at_rest(self, days):
         bias, scale = np.array([0.1, -0.2, 0.05]), np.array([1.02, 0.99, 1.01])
         crooked = replace(days[0], specific_force=days[0].specific_force * scale + bias)
-        found = set_right([crooked])
+        found = calibrated_by_norm([crooked])
         np.testing.assert_allclose(found.frame.scale, scale, rtol=0.005)
         np.testing.assert_allclose(found.frame.bias, bias, atol=0.03)
         turned = found.frame.turn(crooked.specific_force)
@@ -224,7 +224,7 @@ class TestAccelerometer:
         force = plain[0].specific_force.copy()
         force[300:] = force[300]
         frozen = replace(plain[0], specific_force=force)
-        assert np.isnan(set_right([frozen]).forces[0][300:]).all()
+        assert np.isnan(calibrated_by_norm([frozen]).forces[0][300:]).all()
         assert 'stands still' in warned([frozen, plain[1]])
 
 
@@ -268,7 +268,8 @@ class TestDoubts:
         ]
         calibration = calibrate(still, AT_WORK)
         assert calibration.payloads is None
-        assert 'No payload can be told: gravity moved by 0.00' in '\n'.join(calibration.warnings)
+        warnings = '\n'.join(calibration.warnings)
+        assert 'No payload can be identified: gravity moved by 0.00' in warnings
         assert calibration.fits['force_z'].rms_after < 0.2 * calibration.fits['force_z'].rms_before
 
     def test_a_weight_that_the_driver_subtracts_is_no_payload(self, days):

@@ -1,4 +1,4 @@
-"""A day at work, its weight and contacts apart from drift, and what models leave of that drift."""
+"""A day at work, separated into payload, contacts and drift; what models leave of the drift."""
 
 from dataclasses import dataclass
 
@@ -16,12 +16,12 @@ from wrist_ft_comp.payload.separation import separate, separate_again, Separatio
 from wrist_ft_comp.payload.slow_drift import slow_drift, SLOW_S
 from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, Recording
 
-#: Errors are judged as means over this time, s: less noise, and thermal drift is slower.
+#: Errors are judged as means over this time, s, which hold less noise; thermal drift is slower.
 _MEAN_S = 10.0
-#: Edge of a cell of coarse temperatures, K.
+#: Temperatures are the same coarse temperature within this interval, K.
 _COARSE_K = 4.0
-#: A day knows the coarse temperatures that it had for this time, s.
-_LONG_S = 120.0
+#: A coarse temperature belongs to a day that had it for this time, s.
+_LEAST_TIME_S = 120.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,37 +29,37 @@ class Day:
     """A day that was separated."""
 
     recording: Recording
-    #: The same with its weight as the reference, contacts and steps left out.
+    #: The same with the payload's weight as the reference, without contacts and steps.
     drift: Recording
     steps: list[Step]
     #: Share of the time in contact.
     contact: float
-    #: Share of the changes between poses that no payload makes.
+    #: Share of the changes between poses that no payload explains.
     unexplained: float
-    #: σ of a cell, N and N m, (A,).
+    #: Standard deviation of a cell, N and N m, shape (A,).
     noise: FloatArray
-    #: None where no payload can be told …
+    #: None where no payload can be identified.
     payloads: LearntPayloads | None
-    #: … and then why; empty where the robot only did not move enough.
+    #: Why no payload can be identified; empty where the robot only did not move enough.
     doubt: str
 
 
 def look_at(recording: Recording) -> Day:
-    """Separate a day's drift from weight and contacts; CalibrationRefusedError if impossible."""
+    """Separate drift from weight and contacts; CalibrationRefusedError where that fails."""
     if recording.specific_force is None:
         raise CalibrationRefusedError(
             f'{recording.name} holds no specific force, which learning from days needs. Set '
             'gravity.source, so that it is recorded.'
         )
     separation = separate([recording])
-    if recording.duration_s > SLOW_S:  # presses of more than a minute looked like drift
+    if recording.duration_s > SLOW_S:  # so far, presses of more than a minute look like drift
         drift = slow_drift(recording, separation.drift[0], separation.fit.noise)
         separation = separate_again(separation, [drift])
     return _day(separation)
 
 
 def _day(separation: Separation) -> Day:
-    """Take what counts from a day that was separated."""
+    """Collect what is needed of a separated day."""
     (recording,), (drift,), (steps,) = separation.recordings, separation.drift, separation.steps
     bodies, fit = separation.bodies(), separation.fit
     doubts = bodies.doubts() if bodies else ['']
@@ -72,10 +72,10 @@ def _day(separation: Separation) -> Day:
 
 
 def describe(day: Day) -> DayEntry:
-    """Write a day's entry: what it saw, and its drift without a model."""
+    """Make a day's diary entry: temperatures, payloads, noise, and the drift without a model."""
     recording, learnt = day.recording, day.payloads
     low, high = recording.temperature_c.min(axis=0), recording.temperature_c.max(axis=0)
-    found = learnt.payloads.values() if learnt else ()
+    payloads = learnt.payloads.values() if learnt else ()
     return DayEntry(
         name=recording.name,
         first_ns=recording.first_cell * recording.period_ns,
@@ -86,37 +86,37 @@ def describe(day: Day) -> DayEntry:
         ),
         known=known_cells(recording),
         left={NONE: left(no_drift(len(recording)), day)},
-        payloads=tuple((payload.mass_kg, *payload.center_m.tolist()) for payload in found),
+        payloads=tuple((payload.mass_kg, *payload.center_m.tolist()) for payload in payloads),
         rotation=tuple(learnt.frame.rotation.ravel().tolist()) if learnt else (),
         noise=tuple(day.noise.tolist()),
     )
 
 
 def left(simulated: Drift, day: Day) -> tuple[float, ...]:
-    """RMS of what a model leaves of a day's drift, tared in its first minute, (6,)."""
+    """Compute the RMS of what a model leaves of a day's drift, tared in its first minute, (6,)."""
     drift = day.drift
-    rest = drift.wrench - simulated.zero - (1 + simulated.sensitivity) * drift.reference
+    residual = drift.wrench - simulated.zero - (1 + simulated.sensitivity) * drift.reference
     cells = max(1, round(_MEAN_S / drift.period_s))
-    figures = np.full(len(AXES), np.nan)
-    for axis, values in enumerate(rest.T):
+    rms = np.full(len(AXES), np.nan)
+    for axis, values in enumerate(residual.T):
         rows = np.flatnonzero(np.isfinite(values))
         if len(rows):
             errors = tare(bin_means(values[rows], rows, cells), cells * drift.period_s)
-            figures[axis] = np.sqrt(np.mean(errors**2))
-    return tuple(figures.tolist())
+            rms[axis] = np.sqrt(np.mean(errors**2))
+    return tuple(rms.tolist())
 
 
 def known_cells(recording: Recording) -> frozenset[Cell]:
-    """List the coarse temperatures of a recording: the first, and differences of the others."""
+    """List a recording's coarse temperatures: the first one, and the others relative to it."""
     coarse_c = recording.temperature_c - recording.temperature_c[:, :1]
     coarse_c[:, 0] = recording.temperature_c[:, 0]
     numbers = np.floor(coarse_c / _COARSE_K).astype(int)
     cells, counts = np.unique(numbers, axis=0, return_counts=True)
-    return frozenset(map(tuple, cells[counts * recording.period_s >= _LONG_S].tolist()))
+    return frozenset(map(tuple, cells[counts * recording.period_s >= _LEAST_TIME_S].tolist()))
 
 
 def longest_stills(recording: Recording) -> list[BoolArray]:
-    """Mark the longest time in which each thermometer kept one value, or was silent, (N,)."""
+    """Mark the longest time, (N,), in which a thermometer kept one value or was silent."""
     marks = []
     for values, measured in zip(recording.temperature_c.T, recording.measured.T, strict=True):
         changed = np.zeros(len(values), dtype=bool)

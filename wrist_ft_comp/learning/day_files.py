@@ -1,4 +1,4 @@
-"""Days being written, ``days/day_00001.csv`` …, ended by stamps alone (docs/learning.md)."""
+"""Recordings of days, ``days/day_00001.csv`` …, which stamps alone end (docs/learning.md)."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -21,20 +21,20 @@ from wrist_ft_comp.stored.documents import beginning, writing
 
 #: Length of a day, ns.
 DAY_NS = 86_400 * NANOSECONDS
-#: Silence that ends a day, ns.
+#: A longer silence ends a day, ns.
 SILENCE_NS = 7200 * NANOSECONDS
-#: Shorter days, ns, are not kept.
+#: A shorter day is not kept, ns.
 SHORTEST_NS = 600 * NANOSECONDS
-#: Rows between two looks at how large day and folder are …
-_ROWS = 600
-#: … which take less than this, bytes.
-_MARGIN = 200_000
-#: Share of all days' room that a day may take.
-_SHARE = 0.2
+#: Rows between two measurements of how large the day and the folder are.
+_MEASURED_EVERY_ROWS = 600
+#: These rows take less than this, bytes.
+_MARGIN_BYTES = 200_000
+#: Largest share of the room of all days that one day may take.
+_MOST_SHARE = 0.2
 #: Largest day, bytes: 24 h of cells of 0.1 s and a dozen thermometers. A larger file is no day.
 LARGEST_BYTES = 200_000_000
-#: Bytes in which a header or a row ends.
-_PIECE = 8192
+#: Every header and every row is shorter than this, bytes.
+_LONGEST_ROW_BYTES = 8192
 
 
 class DayWriter(CsvRecordingWriter):
@@ -43,12 +43,12 @@ class DayWriter(CsvRecordingWriter):
     stamp = 'stamp_s'
 
     def _cells(self, stamp_ns: int, values: Sequence[float]) -> tuple[object, ...]:
-        """Lay out a row with short numbers."""
+        """Write the cells of a row with few digits."""
         seconds, rest = divmod(stamp_ns, NANOSECONDS)
         return (f'{seconds}.{rest:09d}'.rstrip('0').rstrip('.'), *map(_short, values))
 
     def sync(self) -> None:
-        """Leave writing to the operating system: no wrench waits for a disk."""
+        """Do nothing: the operating system writes, and no wrench waits for a disk."""
 
 
 def _short(value: float) -> str:
@@ -59,19 +59,21 @@ def _short(value: float) -> str:
 
 
 class Span(NamedTuple):
-    """What a day's file holds: its header, its first and last stamp, ns, and its whole rows."""
+    """The beginning and the end of a day's file."""
 
     header: str
+    #: First and last stamp, ns.
     first_ns: int
     last_ns: int
+    #: Bytes up to the end of the last whole row.
     size: int
 
 
 def span_of(path: Path) -> Span | None:
-    """Look at the beginning and the end of a file; None where there is no whole row in it."""
+    """Read the beginning and the end of a file; None where there is no whole row in it."""
     with path.open('rb') as file:
-        head = file.read(_PIECE).split(b'\n')
-        start = max(file.seek(0, os.SEEK_END) - _PIECE, 0)
+        head = file.read(_LONGEST_ROW_BYTES).split(b'\n')
+        start = max(file.seek(0, os.SEEK_END) - _LONGEST_ROW_BYTES, 0)
         file.seek(start)
         tail = file.read()
     whole = tail[: tail.rfind(b'\n') + 1]
@@ -84,18 +86,18 @@ def span_of(path: Path) -> Span | None:
 
 
 def day_number(name: str) -> int:
-    """Read the number in the name of a day's file; 0 where a node gives no such name."""
+    """Read the number in the name of a day's file; 0 for other names."""
     found = re.fullmatch(r'day_(\d{5})\.csv', name)
     return int(found[1]) if found else 0
 
 
 def days(directory: Path) -> list[Path]:
-    """List the days below a node's folder by their names, oldest first, readable or not."""
+    """List the days in a node's folder, oldest first, readable or not."""
     return sorted(p for p in (directory / 'days').glob('day_*.csv') if day_number(p.name))
 
 
 def size_of(path: Path) -> int:
-    """Measure a file in a node's folder, bytes; 0 where it is gone or larger than a day."""
+    """Size of a file in a node's folder, bytes; 0 where it is missing or too large for a day."""
     with suppress(OSError):
         size = path.stat().st_size if path.is_file() else 0
         return size if size <= LARGEST_BYTES else 0
@@ -104,11 +106,10 @@ def size_of(path: Path) -> int:
 
 class DayFiles:
     """
-    Writes rows into the file of their day; RecordingError where there is no room.
+    Writes rows into the file of their day, below a node's directory, without reference channels.
 
-    The files lie below a node's directory. Channels of a reference are left out. No row is written
-    when all days take max_bytes. ``known`` is the newest day that was known before: its name and
-    older ones are not given again.
+    RecordingError when the disk refuses, or when all days together take ``max_bytes``. The name of
+    the day ``known``, the newest one of before, and older names are not used again.
     """
 
     def __init__(
@@ -119,11 +120,11 @@ class DayFiles:
         self._channels = [channels[j] for j in self._columns]
         self._wrench = [j for j, name in enumerate(channels) if name in AXES]
         self._max_bytes = max_bytes
-        #: Names the sensor.
+        #: Gives the names of the sensor.
         self.sensor: Callable[[], SensorNames] = dict
         names = [path.name for path in days(directory)]
         self._number = max(map(day_number, [known, *names]))
-        #: The day that goes on, if one does.
+        #: File of the day that goes on; None between days.
         newest = self._folder / (names or [''])[-1]
         self.path = newest if names and newest.name > known and size_of(newest) else None
         #: Whether the newest row found no room.
@@ -136,24 +137,24 @@ class DayFiles:
         return [path for path in days(self._directory) if path != self.path]
 
     def used(self) -> int:
-        """Measure what all files take, bytes."""
+        """Size of all files, bytes."""
         return sum(map(size_of, self._folder.glob('*')))
 
     def append(self, stamp_ns: int, values: Sequence[float]) -> None:
         """Write a row into the day it belongs to."""
         large = False
-        if self._rows % _ROWS == 0:
-            self.full = self.used() > self._max_bytes - _MARGIN
+        if self._rows % _MEASURED_EVERY_ROWS == 0:
+            self.full = self.used() > self._max_bytes - _MARGIN_BYTES
             if self.full:
                 raise RecordingError(
                     f'{self._folder} holds as much as learning.max_mb allows '
                     f'({self._max_bytes / 1e6:.0f} MB).'
                 )
-            largest = min(_SHARE * self._max_bytes, LARGEST_BYTES) - _MARGIN
+            largest = min(_MOST_SHARE * self._max_bytes, LARGEST_BYTES) - _MARGIN_BYTES
             large = self.path is not None and size_of(self.path) > largest
         writer, since = self._writer or self._resumed(), stamp_ns - self._last_ns
         if writer and since <= 0 and all(isnan(values[j]) for j in self._wrench):
-            return  # only temperatures, which come late after a silence
+            return  # only late temperatures, from before a silence
         over = large or not 0 < since <= SILENCE_NS or stamp_ns - self._first_ns >= DAY_NS
         if not writer or over:
             self.leave()
@@ -173,7 +174,7 @@ class DayFiles:
         return self._writer
 
     def _resumed(self) -> DayWriter | None:
-        """Go on with the day from before a restart or a full disk, behind its last whole row."""
+        """Go on with the day of before a restart or a full disk, after its last whole row."""
         path = self.path
         with writing(self._folder):
             span = span_of(path) if path and path.is_file() else None
@@ -189,7 +190,7 @@ class DayFiles:
         return self._writer
 
     def leave(self) -> None:
-        """End the day; remove its file if it is too short and of this writer's columns."""
+        """End the day; remove its file where it is too short and has this writer's columns."""
         self.close()
         path, self.path = self.path, None
         if path is None or not path.is_file():
@@ -199,7 +200,7 @@ class DayFiles:
             if not header.startswith(beginning(path)[: len(header)]):
                 return
             span, size = span_of(path), path.stat().st_size
-            if span.last_ns - span.first_ns < SHORTEST_NS if span else size < _PIECE:
+            if span.last_ns - span.first_ns < SHORTEST_NS if span else size < _LONGEST_ROW_BYTES:
                 path.unlink()
                 self._number -= 1
 

@@ -1,8 +1,8 @@
 """
-Days that are not like the ones before: what happened to the sensor, with size and time.
+Incidents: what happened to the sensor on a day that differs from the days before.
 
-A day is compared with days since the sensor was last changed. Incidents that change the sensor
-stop the learning until three days agree again, or a person decides.
+A day is compared with the days since the sensor was changed last. An incident that changes the
+sensor stops learning until three days in a row have no incident, or a person decides.
 """
 
 from collections.abc import Sequence
@@ -30,47 +30,48 @@ from wrist_ft_comp.payload.separation import Step
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, NANOSECONDS, Recording
 
-#: Days that have to agree before learning goes on.
-AGREE = 3
-#: Days before that one is compared with.
-_COMPARED = 20
-#: A step of the zero matters where it is larger than this share of a day's drift …
-_LEAST_OF_DRIFT = 0.2
-#: … and than so many times the noise.
-_LEAST_OF_NOISE = 50.0
-#: Cells before and behind a step that are looked at.
-_NEAR = 60
-#: A step is the driver's tare where it brings the reading nearer to zero than this share of it …
-_TARE = 0.8
-#: … in cells that are nearer to the step than this …
-_BESIDE = 4
-#: … or than this share in cells farther from it: a contact may hide the tare.
-_HIDDEN_TARE = 0.3
-#: A step is no press that lasts and no sudden heat where this share of the cells is free of
-#: contact …
-_FREE = 0.1
-#: … and they go as far as the step does, up to this share of it.
-_OFF = 0.5
-#: A step is the weight of a part where it differs from that by less than this share.
-_SAME_STEP = 0.2
-#: Share of the time in contact, and of the contrast that no payload makes, on an ordinary day.
-_CONTACT = 0.6
-_UNEXPLAINED = 0.1
-#: Turn of the sensor on its mounting that is told, deg.
-_TURNED_DEG = 5.0
-#: Noise that is told, by what is usual.
-_LOUD = 3.0
-#: Payloads weigh more or less by another gain where the ratios of their masses differ by less …
+#: Days without an incident after which learning goes on.
+DAYS_TO_RESUME = 3
+#: A day is compared with at most this many days before it.
+_MOST_COMPARED_DAYS = 20
+#: A jump of the zero is an incident from this share of a day's drift on ...
+_LEAST_DRIFT_SHARE = 0.2
+#: ... and from this many standard deviations of a cell on.
+_LEAST_JUMP_SIGMA = 50.0
+#: Cells before and after a jump that are examined.
+_NEAR_CELLS = 60
+#: A jump is a tare of the driver where the reading after it is below this share of the jump ...
+_TARE_SHARE = 0.8
+#: ... in a cell within this distance of the jump.
+_TARE_CELLS = 4
+#: A contact may hide the tare. In cells farther away the reading has to be below this share.
+_HIDDEN_TARE_SHARE = 0.3
+#: Least share of the cells on either side that has to be free of contact: what they do not confirm
+#: is a long press, or sudden heat.
+_LEAST_FREE = 0.1
+#: Their change may differ from the jump by this share of it.
+_MOST_DIFFERENCE = 0.5
+#: A jump is the weight of a part where it differs from that by less than this share.
+_SAME_WEIGHT_SHARE = 0.2
+#: Largest share of the time in contact on an ordinary day.
+_MOST_CONTACT = 0.6
+#: Largest share of the changes between poses that no payload explains on an ordinary day.
+_MOST_UNEXPLAINED = 0.1
+#: Least rotation of the sensor on its mounting that is an incident, degrees.
+_LEAST_TURN_DEG = 5.0
+#: Least noise that is an incident, in units of the median noise of the days before.
+_LEAST_NOISE_RATIO = 3.0
+#: The gain changed, and not the payloads, where the ratios of all masses differ by less ...
 _SAME_RATIO = 0.03
-#: … and their centres of mass are nearer, m.
+#: ... and the centres of mass differ by less, m.
 _SAME_CENTER_M = 0.005
-#: A thermometer has stopped where it stands still for longer than this, s, …
-_STOPPED_S = 900.0
-#: … and than so many times what is usual …
-_UNUSUAL = 4.0
-#: … while another one moves by more than this, K.
-_MOVED_K = 1.0
-#: Kind, and a sentence.
+#: A thermometer has stopped where it stands still for longer than this, s, ...
+_LEAST_STILL_S = 900.0
+#: ... for longer than this many times the longest time of the good days before ...
+_LEAST_STILL_RATIO = 4.0
+#: ... while another thermometer moves by more than this, K.
+_LEAST_CHANGE_K = 1.0
+#: Kind of the incident, and a sentence.
 Incident = tuple[str, str]
 
 
@@ -78,21 +79,22 @@ def incident(
     day: Day, entry: DayEntry, before: Sequence[DayEntry], drift: FloatArray | float = 0.0
 ) -> Incident:
     """
-    Tell what happened on a day, ('', '') where nothing did; days before come oldest first.
+    Find the incident of a day; ('', '') without one.
 
-    What is known of the day's drift, N and N m (N, 6), is no jump of the zero.
+    The days before come oldest first. ``drift``, N and N m, (N, 6), is what the live model
+    explains of this day; that is no jump of the zero.
     """
     start = max((n for n, past in enumerate(before) if past.kind in FORGETTING), default=0)
-    compared = [past for past in before[start:] if past.hours][-_COMPARED:]
-    found = (
-        _stopped(day, entry, compared)
-        or _pressed(day)
-        or _remounted(entry, compared)
-        or _reweighed(day, entry, compared)
-        or _jumped(day, entry, drift)
-        or _loud(entry, compared)
+    compared = [past for past in before[start:] if past.hours][-_MOST_COMPARED_DAYS:]
+    return (
+        _stopped_thermometer(day, entry, compared)
+        or _mostly_contact(day)
+        or _turned_sensor(entry, compared)
+        or _other_payloads(day, entry, compared)
+        or _jump_of_zero(day, entry, drift)
+        or _noise(entry, compared)
+        or ('', '')
     )
-    return found or ('', '')
 
 
 def pause(entries: Sequence[DayEntry], since: str) -> str:
@@ -102,28 +104,31 @@ def pause(entries: Sequence[DayEntry], since: str) -> str:
     if not changed:
         return ''
     agreeing = sum(entry.kind in LEARNT_FROM for entry in entries[changed[-1] + 1 :])
-    if agreeing >= AGREE:
+    if agreeing >= DAYS_TO_RESUME:
         return ''
     return (
         f'{entries[changed[-1]].name}: {entries[changed[-1]].incident} Learning goes on after '
-        f'{AGREE} days that agree ({agreeing} so far), or by ~/calibrate or ~/adopt.'
+        f'{DAYS_TO_RESUME} days without an incident ({agreeing} so far), or by ~/calibrate or '
+        '~/adopt.'
     )
 
 
-def _stopped(day: Day, entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
-    """Find thermometers that stand still or are silent while others move."""
+def _stopped_thermometer(
+    day: Day, entry: DayEntry, compared: Sequence[DayEntry]
+) -> Incident | None:
+    """Find a thermometer that stands still or is silent while another one moves."""
     recording = day.recording
     half_s = recording.duration_s / 2
     good = [past.still_s for past in compared if past.kind in LEARNT_FROM]
     for j, run in enumerate(longest_stills(recording)):
         longest_s = max((still_s[j] for still_s in good if j < len(still_s)), default=np.inf)
-        usual_s = _UNUSUAL * longest_s
+        usual_s = _LEAST_STILL_RATIO * longest_s
         others = np.delete(recording.temperature_c[run], j, axis=1)
-        # A single thermometer has none beside it that moves; a soaked robot may rest for long.
+        # A single thermometer cannot be compared, and a robot may rest at one temperature.
         limit_s = min(usual_s, half_s) if others.size else half_s
-        moved = not others.size or np.ptp(others, axis=0).max() > _MOVED_K
-        if moved and entry.still_s[j] > max(_STOPPED_S, limit_s):
-            # The last reading before a silence is in the run, too.
+        moved = not others.size or np.ptp(others, axis=0).max() > _LEAST_CHANGE_K
+        if moved and entry.still_s[j] > max(_LEAST_STILL_S, limit_s):
+            # A silent run also holds the last reading before it.
             how = 'stood still' if recording.measured[run, j].mean() > 0.5 else 'was silent'
             at_c, hours = recording.temperature_c[run, j][0], entry.still_s[j] / 3600
             return THERMOMETER, (
@@ -133,9 +138,9 @@ def _stopped(day: Day, entry: DayEntry, compared: Sequence[DayEntry]) -> Inciden
     return None
 
 
-def _pressed(day: Day) -> Incident | None:
+def _mostly_contact(day: Day) -> Incident | None:
     """Find a day that was in contact for most of the time."""
-    if day.contact < _CONTACT and day.unexplained < _UNEXPLAINED:
+    if day.contact < _MOST_CONTACT and day.unexplained < _MOST_UNEXPLAINED:
         return None
     return CONTACTS, (
         f'Something pushed on the sensor most of the day: cells in contact are {day.contact:.0%}, '
@@ -144,12 +149,12 @@ def _pressed(day: Day) -> Incident | None:
     )
 
 
-def _remounted(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
-    """Find a rotation of the payload's frame that no day before had."""
+def _turned_sensor(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
+    """Find a rotation of the specific force's frame that no day before had."""
     rotations = [past.rotation for past in compared if past.rotation] if entry.rotation else []
     cosines = [(float(np.dot(entry.rotation, rotation)) - 1) / 2 for rotation in rotations]
     turns_deg = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
-    if not rotations or turns_deg.min() < _TURNED_DEG:
+    if not rotations or turns_deg.min() < _LEAST_TURN_DEG:
         return None
     return MOUNTING, (
         f'The sensor is turned by {turns_deg[-1]:.0f}° against its accelerometer, or the frame of '
@@ -157,7 +162,7 @@ def _remounted(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None
     )
 
 
-def _reweighed(day: Day, entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
+def _other_payloads(day: Day, entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
     """Find payloads that no day before had: another gain, where only masses differ; or a tool."""
     free = [past.payloads for past in compared if past.kind != CONTACTS]
     before, today = (
@@ -184,25 +189,25 @@ def _reweighed(day: Day, entry: DayEntry, compared: Sequence[DayEntry]) -> Incid
     return TOOL, f'Another tool: payloads of {masses} kg, on the day before {yesterday}.'
 
 
-def _jumped(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incident | None:
-    """Find steps of the zero that no tare of the driver made, and that matter."""
+def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incident | None:
+    """Find a large step of the zero that is no tare of the driver."""
     recording, noise = day.recording, day.noise
     present = [axis in recording.axes_present for axis in AXES]
     raw = recording.wrench[:, present]
-    drifted = np.array(entry.left[NONE])[np.isfinite(entry.left[NONE])]
-    rest = (recording.wrench - day.drift.reference - drift)[:, present] / noise
-    rest[np.isnan(day.drift.wrench[:, present])] = np.nan
+    drift_rms = np.array(entry.left[NONE])[np.isfinite(entry.left[NONE])]
+    residual = (recording.wrench - day.drift.reference - drift)[:, present] / noise
+    residual[np.isnan(day.drift.wrench[:, present])] = np.nan
     parked: Incident | None = None
     for step in sorted(day.steps, key=lambda step: -np.linalg.norm(step.jump / noise)):
-        cell, size = step.cell, np.linalg.norm(step.jump / noise)
-        matters = size > _LEAST_OF_NOISE and np.max(np.abs(step.jump) / drifted) > _LEAST_OF_DRIFT
-        if matters and not _tared(raw, step, noise) and _stays(rest, step, noise):
+        is_loud = np.linalg.norm(step.jump / noise) > _LEAST_JUMP_SIGMA
+        is_large = is_loud and np.max(np.abs(step.jump) / drift_rms) > _LEAST_DRIFT_SHARE
+        if is_large and not _is_tare(raw, step, noise) and _is_confirmed(residual, step, noise):
             sizes = ', '.join(f'{jump:.2g}' for jump in step.jump)
-            time = clock(recording, np.arange(len(recording)) >= cell)
+            time = clock(recording, np.arange(len(recording)) >= step.cell)
             if _is_weight(day, step, present):
                 sentence = (
                     f'The reading stepped at {time} by what the payloads of the day differ by, as '
-                    'where a robot is parked with a part for long: its drift cannot be told.'
+                    'where a robot is parked with a part for long: its drift cannot be learnt.'
                 )
                 parked = CONTACTS, sentence
                 continue
@@ -218,53 +223,54 @@ def _is_weight(day: Day, step: Step, present: list[bool]) -> bool:
     force = day.recording.specific_force
     if day.payloads is None or force is None:
         return False
-    pose = np.nanmedian(force[step.cell : step.cell + _NEAR], axis=0)
+    pose = np.nanmedian(force[step.cell : step.cell + _NEAR_CELLS], axis=0)
     turned = day.payloads.frame.turn(pose)
     weights = [payload.weight(turned)[present] for payload in day.payloads.payloads.values()]
     missed = [
         np.linalg.norm((one - other - step.jump) / day.noise)
         for one, other in permutations(weights, 2)
     ]
-    return bool(min(missed, default=np.inf) < _SAME_STEP * np.linalg.norm(step.jump / day.noise))
+    return bool(min(missed, default=np.inf) < _SAME_WEIGHT_SHARE * np.linalg.norm(step.jump / day.noise))
 
 
-def _tared(raw: FloatArray, step: Step, noise: FloatArray) -> bool:
-    """Tell whether a step brings a raw reading, (N, A), about to zero, as a tare does."""
-    cells = np.arange(max(0, step.cell - _NEAR), min(step.cell + _NEAR, len(raw)))
-    behind = raw[cells] + (cells < step.cell)[:, np.newaxis] * step.jump
-    beside = np.abs(cells - step.cell + 1) < _BESIDE
-    limit = np.linalg.norm(step.jump / noise) * np.where(beside, _TARE, _HIDDEN_TARE)
-    return bool((np.linalg.norm(behind / noise, axis=1) < limit).any())
+def _is_tare(raw: FloatArray, step: Step, noise: FloatArray) -> bool:
+    """Whether a step brings the raw reading, (N, A), near zero, as a tare of the driver does."""
+    cells = np.arange(max(0, step.cell - _NEAR_CELLS), min(step.cell + _NEAR_CELLS, len(raw)))
+    after = raw[cells] + (cells < step.cell)[:, np.newaxis] * step.jump
+    beside = np.abs(cells - step.cell + 1) < _TARE_CELLS
+    share = np.where(beside, _TARE_SHARE, _HIDDEN_TARE_SHARE)
+    limit = np.linalg.norm(step.jump / noise) * share
+    return bool((np.linalg.norm(after / noise, axis=1) < limit).any())
 
 
-def _stays(rest: FloatArray, step: Step, noise: FloatArray) -> bool:
-    """Tell whether cells that are free of contact go where a step does; rest is by the noise."""
-    before = rest[max(0, step.cell - _NEAR) : step.cell]
-    after = rest[step.cell : step.cell + _NEAR]
-    if min(np.isfinite(part[:, 0]).mean() for part in (before, after)) < _FREE:
+def _is_confirmed(residual: FloatArray, step: Step, noise: FloatArray) -> bool:
+    """Whether cells free of contact change as the step does; residuals are in units of noise."""
+    before = residual[max(0, step.cell - _NEAR_CELLS) : step.cell]
+    after = residual[step.cell : step.cell + _NEAR_CELLS]
+    if min(np.isfinite(part[:, 0]).mean() for part in (before, after)) < _LEAST_FREE:
         return False
     jump = step.jump / noise
     change = np.nanmedian(after, axis=0) - np.nanmedian(before, axis=0)
-    return bool(np.linalg.norm(change - jump) < _OFF * np.linalg.norm(jump))
+    return bool(np.linalg.norm(change - jump) < _MOST_DIFFERENCE * np.linalg.norm(jump))
 
 
-def _loud(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
+def _noise(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
     """Find noise that is far above that of the days before."""
-    quiet = [past.noise for past in compared if past.kind in LEARNT_FROM and past.noise]
-    if len(quiet) < AGREE:
+    noises = [past.noise for past in compared if past.kind in LEARNT_FROM and past.noise]
+    if len(noises) < DAYS_TO_RESUME:
         return None
-    louder = np.array(entry.noise) / np.median(quiet, axis=0)
-    axis = int(louder.argmax())
-    if louder[axis] < _LOUD:
+    ratios = np.array(entry.noise) / np.median(noises, axis=0)
+    axis = int(ratios.argmax())
+    if ratios[axis] < _LEAST_NOISE_RATIO:
         return None
     return NOISE, (
-        f'The noise of {AXES[axis]} is {entry.noise[axis]:.2g}, {louder[axis]:.1f} times that of '
+        f'The noise of {AXES[axis]} is {entry.noise[axis]:.2g}, {ratios[axis]:.1f} times that of '
         'the days before, since the start of the day.'
     )
 
 
 def clock(recording: Recording, marked: BoolArray) -> str:
-    """Tell the time of the first cell that is marked, UTC."""
+    """Write the time, UTC, of the first cell that is marked."""
     cell = recording.first_cell + int(np.argmax(marked))
     minutes = cell * recording.period_ns // NANOSECONDS // 60
     return f'{minutes // 60 % 24:02}:{minutes % 60:02} UTC'

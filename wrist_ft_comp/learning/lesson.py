@@ -1,4 +1,4 @@
-"""One lesson: what the newest day says of the live model, of the sensor, and of a better model."""
+"""One lesson: judge the live model and the sensor on the newest day, and try a better model."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -27,7 +27,7 @@ from wrist_ft_comp.learning.incidents import incident, pause
 from wrist_ft_comp.signals import FloatArray
 from wrist_ft_comp.stream.offline import simulate_drift
 
-#: Reads and separates a day by its name.
+#: Reads and separates the day of a name; WristFtCompError where that is impossible.
 Look = Callable[[str], Day]
 
 
@@ -35,27 +35,28 @@ Look = Callable[[str], Day]
 class Champion:
     """The live model."""
 
-    #: Name under which entries hold what it left; empty where no model is live.
+    #: Its key in ``DayEntry.left``; empty where no model is live.
     key: str = ''
     model: DriftModel | None = None
-    #: Name of the newest day that it may have been learnt from.
+    #: Name of the newest day that it was learnt from, as far as known.
     newest: str = ''
 
 
 @dataclass(frozen=True, eq=False)
 class Lesson:
-    """What came of the newest day."""
+    """The result of a lesson."""
 
     entry: DayEntry
-    #: A better model, if there is one, and the names of the days that it was learnt from.
+    #: A better model, if there is one.
     better: Calibration | None = None
+    #: Names of the days that it was learnt from.
     days: tuple[str, ...] = ()
 
 
 def describe_day(
     name: str, look: Look, before: Sequence[DayEntry], champion: Champion
 ) -> DayEntry:
-    """Write a day's entry: what it saw, what happened, and what the live model left."""
+    """Make a day's entry: what it saw, its incident, and what the live model left."""
     drift: FloatArray | float = 0.0
     try:
         day = look(name)
@@ -67,7 +68,7 @@ def describe_day(
                 entry = replace(entry, left={**entry.left, champion.key: left(simulated, day)})
         kind, sentence = incident(day, entry, before, drift)
     except WristFtCompError as error:
-        sentence = f'Nothing can be told of this day: {error}'
+        sentence = f'This day cannot be judged: {error}'
         return DayEntry(name, live=champion.key, kind=UNREADABLE, incident=sentence)
     return replace(entry, kind=kind, incident=sentence)
 
@@ -82,9 +83,26 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
     settings: CalibrationSettings | None = None,
 ) -> Lesson:
     """
-    Learn from the newest day, of that name; ``kept`` are names of days with a recording.
+    Judge the newest day, ``name``, and learn a challenger where one is due.
 
-    Days up to ``since`` are no evidence for a change any more; they may still be learnt from.
+    Parameters
+    ----------
+    name : str
+        The newest day.
+    look : callable
+        Reads and separates a day.
+    before : sequence of DayEntry
+        Entries of the days before, oldest first.
+    champion : Champion
+        The live model.
+    kept : sequence of str
+        Names of the days that have a recording.
+    since : str
+        Newest day before a person's last decision. This day and older ones are learnt from, but
+        are no evidence for a change.
+    settings : CalibrationSettings, optional
+        How to calibrate.
+
     """
     entry = describe_day(name, look, before, champion)
     words, entries = drift_words(entry), [*before, entry]
@@ -120,7 +138,7 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
 
 
 def drift_words(entry: DayEntry) -> str:
-    """Say how far a force drifted on a day, and what the live model left; empty if unknown."""
+    """Say how far a force drifted on a day, and what the live model left; empty where unknown."""
     drift, live, _ = forces_left(entry)
     left = f'left {live:.2g} N' if np.isfinite(live) else 'cannot be judged on this day'
     words = f'the live model {left}' if entry.live else 'no model was live'
@@ -128,7 +146,7 @@ def drift_words(entry: DayEntry) -> str:
 
 
 def _readable(look: Look, days: Sequence[DayEntry]) -> Iterator[DayEntry]:
-    """Choose the days that can still be separated: files get damaged, cells become shorter."""
+    """Choose the days that can still be separated: a file may be damaged since."""
     for day in days:
         with suppress(WristFtCompError):
             look(day.name)
@@ -136,7 +154,7 @@ def _readable(look: Look, days: Sequence[DayEntry]) -> Iterator[DayEntry]:
 
 
 def _judged(entry: DayEntry, challenger: Calibration, look: Look) -> DayEntry:
-    """Write down what a challenger leaves of a day that it was not learnt from."""
+    """Add to an entry what a challenger leaves of that day, which it was not learnt from."""
     day = look(entry.name)
-    rest = left(simulate_drift(challenger.model, day.drift), day)
-    return replace(entry, left={**entry.left, CHALLENGER: rest})
+    by_challenger = left(simulate_drift(challenger.model, day.drift), day)
+    return replace(entry, left={**entry.left, CHALLENGER: by_challenger})

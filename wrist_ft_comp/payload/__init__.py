@@ -1,1 +1,1 @@
-"""Weight on the flange: fitted, separated from drift, taken off; read ``weight`` first."""
+"""What is mounted on a sensor: found, separated from drift, subtracted; read ``weight`` first."""

@@ -1,4 +1,4 @@
-"""An accelerometer set right by its norm at rest, as far as the directions that it saw tell."""
+"""Bias and scale of the accelerometer, fitted to its norm at rest in the poses it was in."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,68 +10,73 @@ from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.robust import robust_weight
 from wrist_ft_comp.signals import BoolArray, FloatArray, GRAVITY, noise_level, Recording
 
-#: A specific force that does not change at all for this time, s, is no longer measured …
+#: An IMU is frozen that gives the same value for this time, s, ...
 FROZEN_S = 1200
-#: … if the wrench jumps meanwhile as that of a robot that moves: by so many times its noise …
-_JUMP = 12.0
-#: … in this share of the cells.
+#: ... while the wrench jumps, as that of a moving robot does, by this many times its noise ...
+_JUMP_SIGMA = 12.0
+#: ... in this share of the cells.
 _JUMPING_SHARE = 0.01
-#: Standing still, rad/s.
-_STILL = 0.03
-#: Share by which a norm at rest is off the newest recording's where its unit is another one: no
-#: bias is as large.
-_OTHER_UNIT = 0.1
-#: Bias that is expected of an accelerometer, m/s², its change per kelvin, and error of its scale.
+#: A sensor that turns more slowly is at rest, rad/s.
+_REST_RAD_S = 0.03
+#: A recording is in another unit than the newest one where its norm at rest differs by this share:
+#: no bias is as large.
+_OTHER_UNIT_SHARE = 0.1
+#: Expected bias of an accelerometer, m/s².
 _BIAS = 0.3
+#: Expected change of the bias, m/s² per kelvin.
 _BIAS_PER_K = 0.01
+#: Expected error of the scale, relative.
 _SCALE = 0.03
-#: A norm that is off by this share of the usual one says nothing of an accelerometer.
-_FAR = 0.3
-#: Noise of a norm that is taken as independent, m/s², so that slow errors count for what they are.
+#: Samples whose norm differs from the median by this share are left out.
+_OUTLIER_SHARE = 0.3
+#: Noise of a norm, m/s². It is far above that of an IMU, because errors of neighbouring samples
+#: are alike, and a recording would else seem to determine bias and scale exactly.
 _NORM_NOISE = 0.2
-#: Width of the robust weight of a norm, in median errors, and the least median error, m/s².
-_WIDTH, _LEAST_ERROR = 4, 0.005
+#: Width of the robust weight of a norm, in median errors.
+_WIDTH = 4
+#: Least median error, m/s².
+_LEAST_ERROR = 0.005
 #: Rounds of the fit to norms.
 _ROUNDS = 6
 
 
 @dataclass(frozen=True, eq=False)
 class Accelerometer:
-    """What was found."""
+    """Specific force, corrected by what the norm at rest shows."""
 
-    #: Of every recording, set right, m/s² (N, 3); NaN where it is missing or frozen.
+    #: Corrected, m/s², (N, 3) per recording; NaN where it is missing or frozen.
     forces: list[FloatArray]
-    #: Bias and scale at the mean temperature, without rotation.
+    #: Bias and scale at the mean temperature, without a rotation.
     frame: ForceFrame
-    #: Covariance of the scale that is left, relative, (3, 3).
+    #: Relative covariance of what is left of the scale's error, shape (3, 3).
     scale: FloatArray
 
 
-def set_right(recordings: Sequence[Recording]) -> Accelerometer:
-    """Find bias, what temperature adds to it, and scale of recordings that hold specific force."""
+def calibrated_by_norm(recordings: Sequence[Recording]) -> Accelerometer:
+    """Fit bias, its change with temperature, and scale; every recording holds specific force."""
     force = np.concatenate(_in_one_unit([known_force(recording) for recording in recordings]))
     finite = np.all(np.isfinite(force), axis=1)
     temperature_c = np.concatenate([recording.temperature_c for recording in recordings])
     theta = temperature_c - temperature_c.mean(axis=0)
-    still = finite & (np.concatenate([rotation_speed(r) for r in recordings]) < _STILL)
-    still = still if still.any() else finite
-    frame, drift, covariance = fit_norm(force[still], theta[still])
-    right = (force - frame.bias - theta @ drift) / frame.scale
+    rest = finite & (np.concatenate([rotation_speed(r) for r in recordings]) < _REST_RAD_S)
+    rest = rest if rest.any() else finite
+    frame, drift, covariance = fit_norm(force[rest], theta[rest])
+    corrected = (force - frame.bias - theta @ drift) / frame.scale
     ends = np.cumsum([len(recording) for recording in recordings])[:-1]
-    return Accelerometer(np.split(right, ends), frame, covariance)
+    return Accelerometer(np.split(corrected, ends), frame, covariance)
 
 
 def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArray, FloatArray]:
     """
     Fit bias, scale and bias per kelvin to the norm at rest.
 
-    Specific force as it was measured, m/s² (n, 3), and temperatures less their mean, K (n, J),
-    give a frame without rotation, the bias per kelvin (J, 3), and the covariance (3, 3) of the
-    scale that is left.
+    Takes specific force as measured, m/s², (n, 3), and temperatures less their mean, K, (n, J).
+    Gives a frame without rotation, the bias per kelvin, (J, 3), and the relative covariance of
+    what is left of the scale's error, (3, 3).
     """
     norms = np.linalg.norm(force, axis=1)
     common = (float(np.median(norms)) if len(force) else 0.0) / GRAVITY or 1.0
-    near = np.abs(norms - common * GRAVITY) < _FAR * common * GRAVITY
+    near = np.abs(norms - common * GRAVITY) < _OUTLIER_SHARE * common * GRAVITY
     force, theta = force[near], theta[near]
     thermometers = theta.shape[1]
     widths = np.repeat([_BIAS, _SCALE, *[_BIAS_PER_K] * thermometers], 3)
@@ -82,9 +87,9 @@ def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArr
     weights: FloatArray = np.ones(len(force))
     for _ in range(_ROUNDS if len(force) else 0):
         bias, scale, drift = found[:3], found[3:6], found[6:].reshape(-1, 3)
-        right = (force / common - bias - theta @ drift) * (1 - scale)
-        norm = np.linalg.norm(right, axis=1, keepdims=True)
-        n = right / norm
+        corrected = (force / common - bias - theta @ drift) * (1 - scale)
+        norm = np.linalg.norm(corrected, axis=1, keepdims=True)
+        n = corrected / norm
         warm = [n * theta[:, [j]] for j in range(thermometers)]
         x = np.concatenate((n, GRAVITY * n**2, *warm), axis=1)
         y = norm[:, 0] - GRAVITY + x @ found
@@ -98,7 +103,7 @@ def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArr
 
 
 def known_force(recording: Recording) -> FloatArray:
-    """Take the specific force, (N, 3), NaN where it stands still to the last digit for long."""
+    """Specific force as measured, (N, 3); NaN where it is missing or frozen."""
     force = recording.specific_force
     if force is None:
         return np.full((len(recording), 3), np.nan)
@@ -106,23 +111,24 @@ def known_force(recording: Recording) -> FloatArray:
 
 
 def _in_one_unit(forces: Sequence[FloatArray]) -> list[FloatArray]:
-    """Bring specific forces, (N, 3), to the unit of the newest, which is what the node hears."""
+    """Convert specific forces, (N, 3), to the unit of the newest, which the node receives."""
     norms = [np.linalg.norm(force[np.isfinite(force[:, 0])], axis=1) for force in forces]
     usual = [float(np.median(norm)) if len(norm) else np.nan for norm in norms]
     newest = next((norm for norm in reversed(usual) if norm > 0), np.nan)
     shares = [norm / newest for norm in usual]
     return [
-        force / share if abs(share - 1) > _OTHER_UNIT and share > 0 else force
+        force / share if abs(share - 1) > _OTHER_UNIT_SHARE and share > 0 else force
         for force, share in zip(forces, shares, strict=True)
     ]
 
 
 def _frozen(force: FloatArray, recording: Recording) -> BoolArray:
-    """Tell where a specific force (N, 3) stands still for FROZEN_S although the wrench jumps."""
+    """Mark where a specific force, (N, 3), does not change for FROZEN_S, but the wrench jumps."""
     changes = np.append(True, np.any(np.diff(force, axis=0) != 0, axis=1))
     runs = np.cumsum(changes) - 1
     steps = np.abs(np.diff(recording.wrench, axis=0, prepend=recording.wrench[:1]))
     noise = np.array([noise_level([axis]) for axis in recording.wrench.T])
-    cells, jumps = np.bincount(runs), np.bincount(runs, np.any(steps > _JUMP * noise, axis=1))
+    jumped = np.any(steps > _JUMP_SIGMA * noise, axis=1)
+    cells, jumps = np.bincount(runs), np.bincount(runs, jumped)
     frozen = (jumps > _JUMPING_SHARE * cells) & (cells * recording.period_s >= FROZEN_S)
     return np.asarray(frozen[runs])

@@ -1,4 +1,4 @@
-"""What a calibration takes from recordings at work: drift, payloads, and what to doubt of them."""
+"""What a calibration learns from recordings at work: drift, payloads, and doubts about them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,15 +16,15 @@ from wrist_ft_comp.stream.offline import simulate_drift
 
 @dataclass(frozen=True, eq=False)
 class AtWork:
-    """What recordings at work say."""
+    """What was learnt from recordings at work."""
 
-    #: All recordings, with the weight as their reference; zero where no specific force is.
+    #: All recordings, with the weight as the reference; zero without specific force.
     drift: list[Recording]
-    #: Of those that hold specific force; None where none does.
+    #: Of the recordings that hold specific force; None where none does.
     separation: Separation | None
-    #: By number; None where none can be told.
+    #: Named by numbers; None where none can be identified.
     payloads: LearntPayloads | None
-    #: What to doubt, in sentences.
+    #: Doubts, in sentences.
     warnings: tuple[str, ...]
 
 
@@ -32,10 +32,10 @@ def learn_at_work(
     recordings: Sequence[Recording], first: tuple[AtWork, DriftModel] | None = None
 ) -> AtWork:
     """
-    Learn payloads and what is drift; CalibrationRefusedError where neither can be.
+    Separate payloads and drift; CalibrationRefusedError where neither can be learnt.
 
-    What was learnt ``first`` from the same recordings, and a model of its drift, help to tell
-    weight, contacts and drift apart: that drift is taken off.
+    The second time, ``first`` is the result for the same recordings and the drift model that was
+    fitted to it. That drift is taken off, so that weight and contacts are separated better.
     """
     warnings = [
         f'{recording.name} holds no specific force; its load counts as constant.'
@@ -63,7 +63,7 @@ def learn_at_work(
 
 
 def payloads_of(separation: Separation, bodies: RigidBodies) -> LearntPayloads:
-    """Give the payloads that were mounted numbers, lightest first."""
+    """Name the payloads that were mounted by numbers, the lightest first."""
     states = np.concatenate(separation.states)
     shares = [float(np.mean(states[states >= 0] == k)) for k in range(len(bodies.mass_kg))]
     mounted = bodies.tangible & (np.array(shares) > 0)
@@ -74,5 +74,5 @@ def payloads_of(separation: Separation, bodies: RigidBodies) -> LearntPayloads:
 
 
 def _constant(recording: Recording) -> Recording:
-    """Count a load that is constant as none: it goes into the recording's offset."""
+    """Take a constant load for zero: it becomes part of the recording's offset."""
     return replace(recording, reference=np.zeros_like(recording.reference))

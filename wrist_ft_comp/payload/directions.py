@@ -1,4 +1,4 @@
-"""What a specific force saw: its norm, where gravity moved, and how fast it turned."""
+"""How a specific force moved: its norm, the directions of gravity, the speed of rotation."""
 
 from dataclasses import dataclass
 
@@ -6,35 +6,35 @@ import numpy as np
 
 from wrist_ft_comp.signals import FloatArray, GRAVITY, Recording
 
-#: A direction was seen where gravity moved by more along it, m/s² RMS: two degrees.
-_MOVED = 0.3
+#: Gravity moved along a direction if by more than this, m/s² RMS: a tilt by two degrees.
+_LEAST_SPREAD = 0.3
 
 
 @dataclass(frozen=True)
 class ForceSummary:
-    """What a recording's specific force saw: its norm, and how gravity moved, m/s²."""
+    """How the specific force of a recording moved, m/s²."""
 
     #: Root mean square over all samples.
     norm: float
-    #: Standard deviations along the three principal directions, largest first, as if the norm were
+    #: Standard deviations along the three principal directions, largest first, scaled to a norm of
     #: GRAVITY.
     spread: tuple[float, float, float]
 
     @property
     def seen(self) -> int:
-        """How many directions were seen; a payload needs two."""
-        return sum(deviation > _MOVED for deviation in self.spread)
+        """Number of directions along which gravity moved; a payload needs two."""
+        return sum(deviation > _LEAST_SPREAD for deviation in self.spread)
 
 
 def moments_of(force: FloatArray) -> FloatArray:
-    """Sum up products of [f, 1] of finite samples, shape (n, 3): (4, 4)."""
+    """Sum the products of [f, 1] over the finite samples of (n, 3), shape (4, 4)."""
     samples = force[np.isfinite(force).all(axis=1)]
     samples = np.concatenate((samples, np.ones((len(samples), 1))), axis=1)
     return np.asarray(samples.T @ samples)
 
 
 def describe_force(moments: FloatArray) -> ForceSummary | None:
-    """Find norm and principal directions from summed moments; None without samples."""
+    """Compute norm and principal directions from the sums of moments_of; None without samples."""
     if not moments[3, 3]:
         return None
     moments = moments / moments[3, 3]
@@ -46,14 +46,14 @@ def describe_force(moments: FloatArray) -> ForceSummary | None:
 
 
 def turning_speed(force: FloatArray, period_s: float) -> FloatArray:
-    """Tell how fast a specific force (n, 3) turns from one sample to the next, rad/s (n,)."""
+    """Compute how fast a specific force, (n, 3), turns at every sample, rad/s, (n,)."""
     unit = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-9)
     turned = np.linalg.norm(np.diff(unit, axis=0), axis=1) / period_s
     return np.asarray(np.fmax(np.append(turned, 0.0), np.append(0.0, turned)))
 
 
 def rotation_speed(recording: Recording) -> FloatArray:
-    """Speed of rotation of every cell, rad/s (N,); else what the specific force's turns show."""
+    """Speed of rotation of every cell, rad/s, (N,); of the specific force if none was recorded."""
     force = recording.specific_force
     if recording.rotation_speed is not None:
         return np.nan_to_num(recording.rotation_speed)

@@ -9,21 +9,21 @@ from wrist_ft_comp.payload.weight import ForceFrame, Payload
 
 @dataclass(frozen=True, eq=False)
 class LearntPayloads:
-    """What hung on the sensor."""
+    """All payloads of a calibration."""
 
-    #: How measured specific force leads to the wrench's frame.
+    #: Converts measured specific force to the wrench's frame.
     frame: ForceFrame
-    #: By name, lightest first.
+    #: By name, the lightest first.
     payloads: dict[str, Payload]
 
     def lines(self) -> list[str]:
-        """Describe each payload in a line, and the frame in another."""
+        """Describe every payload in one line, and the frame in another."""
         lines = [f'payload {payload_line(*payload)}' for payload in self.payloads.items()]
         return [*lines, f'specific force {self.frame}']
 
 
 def payload_line(name: str, payload: Payload) -> str:
-    """Describe a payload in a line; how long it was on only where that is known."""
+    """Describe a payload in one line."""
     center = ', '.join(f'{1e3 * center_m:.1f}' for center_m in payload.center_m)
     line = (
         f'{name}: {payload.mass_kg:.3f} ± {payload.mass_error_kg:.2g} kg, centre of mass at '
@@ -33,7 +33,7 @@ def payload_line(name: str, payload: Payload) -> str:
 
 
 def same_payload(one: Payload, other: Payload) -> bool:
-    """Tell whether two findings may be of one payload: within 3 % and 5 mm, or three errors."""
+    """Whether two payloads may be the same one: within 3 % and 5 mm, or three standard errors."""
     errors_kg = np.nan_to_num([one.mass_error_kg, other.mass_error_kg])
     errors_m = np.nan_to_num([one.center_error_m, other.center_error_m])
     apart_kg, apart_m = abs(one.mass_kg - other.mass_kg), np.abs(one.center_m - other.center_m)

@@ -1,7 +1,8 @@
 """
-The payload that is held, live: what it weighs at a wrench's stamp, in plain floats, not arrays.
+The weight of the mounted payload at the stamp of a wrench, live, in floats instead of arrays.
 
-The newest specific force at or before the stamp is taken, or else the nearest, so nothing waits.
+It is the weight at the newest specific force up to the stamp, or else at the nearest one, so that
+nothing waits.
 """
 
 from collections import deque
@@ -13,15 +14,15 @@ from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.signals import NANOSECONDS
 
 Force = tuple[float, float, float]
-#: Samples that are kept: an IMU of 1 kHz may be a quarter of a second ahead of the wrench.
+#: Samples that are kept, so that an IMU of 1 kHz may be a quarter of a second ahead of the wrench.
 _KEPT_SAMPLES = 256
 
 
 class RecentForces:
-    """Specific force of the last moments, as it was measured, m/s²."""
+    """The newest samples of specific force, as measured, m/s²."""
 
     def __init__(self, timeout_s: float) -> None:
-        #: A sample farther from a wrench than this, ns, says nothing of it.
+        #: A sample is used for wrenches within this time, ns.
         self.timeout_ns = round(timeout_s * NANOSECONDS)
         #: Samples since the start, and the stamp of the newest, ns.
         self.count = self.newest_ns = 0
@@ -33,7 +34,7 @@ class RecentForces:
         return self._kept[-1] if self._kept else None
 
     def add(self, stamp_ns: int, force: Force) -> None:
-        """Take one sample; drop one that is late, and begin anew where stamps jump far back."""
+        """Add a sample; a late one is dropped, and a stamp that is far back begins anew."""
         self.count += 1
         if self._kept and stamp_ns < self._kept[-1][0]:
             if self._kept[-1][0] - stamp_ns <= self.timeout_ns:
@@ -43,7 +44,7 @@ class RecentForces:
         self._kept.append((stamp_ns, force))
 
     def at(self, stamp_ns: int) -> Force | None:
-        """Give the sample that holds at a stamp, ns; None where it is too old, or from later."""
+        """Find the sample for a stamp, ns; None where it is farther away than the timeout."""
         if not self._kept:
             return None
         for sample in reversed(self._kept):
@@ -53,15 +54,15 @@ class RecentForces:
 
 
 class LivePayload:
-    """Weighs a payload at specific forces as they are measured."""
+    """A payload, and how measured specific force is turned for it, by whom ``turned`` says."""
 
     def __init__(self, name: str, payload: Payload, frame: ForceFrame, turned: str = '') -> None:
         self.name, self.payload, self.frame = name, payload, frame
-        #: How specific force is turned for it, and what says so.
+        #: How specific force is turned for it, and who says so, for people.
         self.turn = f'specific force is {frame}, {turned}'
         still = payload.weight(frame.turn(np.zeros(3)))
         gains = payload.weight(frame.turn(np.eye(3))) - still
-        #: By axis: what each direction of the specific force adds, and the weight without any.
+        #: Per axis: gains of the three directions of the specific force, and a constant.
         self._rows: list[tuple[float, float, float, float]] = list(
             zip(*gains.tolist(), still.tolist(), strict=True)
         )
@@ -72,11 +73,11 @@ class LivePayload:
         return f'{self.name}, {self.payload.mass_kg:.4f} kg at ({center}) m'
 
     def weight(self, force: Force) -> list[float]:
-        """Push at a specific force, m/s²: N and N m, axis order AXES."""
+        """Compute its wrench at a specific force, m/s²: N and N m, axis order AXES."""
         return [-value for value in self.taken_off([0.0] * 6, force)]
 
     def taken_off(self, wrench: Sequence[float], force: Force) -> list[float]:
-        """Take the weight at a specific force off a wrench, N and N m."""
+        """Subtract its wrench at a specific force, m/s², from a wrench, N and N m."""
         x, y, z = force
         return [
             w - (a * x + b * y + c * z + d)

@@ -1,10 +1,11 @@
 """
-A payload from a minute of motion: one body, with the drift off already, and so a constant level.
+Identify one payload in a minute of motion, from which the drift was subtracted before.
 
-A minute is separated as a day is, by the same fit, but for its start. It holds a few poses only,
-and a contact may last for all of one: begun as a day is, from a fit to all cells, 8 of 30 minutes
-with contacts in 15 % of the time were refused instead of 2 (bench/identify.py). So the start is
-the best of many fits to a few cells each, judged over directions, not over time.
+A minute is separated by the same fit as a day, but starts from another point. A minute holds a few
+poses only, and a contact may last for the whole of one pose. Started like a day, from a fit to all
+cells, 8 of 30 minutes with 15 % of contact were refused, and 2 otherwise (bench/accuracy's
+identify.py). So the start is the best of many fits to a few cells each; what counts is how many
+poses a fit explains, not for how long.
 """
 
 from dataclasses import dataclass, replace
@@ -14,52 +15,54 @@ import numpy as np
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.accelerometer import fit_norm
 from wrist_ft_comp.payload.directions import turning_speed
-from wrist_ft_comp.payload.gains import bodies_of, Cells, COUNTS, FASTEST, Fit, rescaled
+from wrist_ft_comp.payload.gains import bodies_of, Cells, COUNTS, FASTEST, Fit, with_new_noise
 from wrist_ft_comp.payload.rigid_body import CONTRAST
 from wrist_ft_comp.payload.states import fit_again
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.signals import AXES, FloatArray, FORCE_CHANNELS, GRAVITY
 
-#: Channels of a cell: wrench less drift, specific force, and speed of rotation.
+#: Numbers in a cell: wrench less drift, specific force, and speed of rotation.
 CHANNELS = len(AXES) + len(FORCE_CHANNELS) + 1
 #: Fewest cells in which the tool turns slowly.
 _LEAST_CELLS = 40
-#: Share of these that has to be free of contact.
+#: Least share of these cells that has to be free of contact.
 _LEAST_FREE = 0.4
 #: Larger numbers are no wrench and no acceleration, N, N m and m/s².
 _LARGEST = 1e6
-#: Smaller norms are not those of gravity, m/s².
+#: A specific force with a smaller norm is not that of gravity, m/s².
 _LEAST_NORM = 0.5
-#: The accelerometer is as a calibration found it while its norm is within this share of gravity.
-_AS_FOUND = 0.02
-#: Fits of which the best is the start.
+#: The calibrated bias and scale of the accelerometer are used while the norm that they give is
+#: within this share of gravity.
+_MOST_NORM_ERROR = 0.02
+#: Fits of which the best one is the start.
 _DRAWS = 300
-#: Cells of a fit, one more than it has unknowns per axis.
+#: Cells of such a fit: one more than it has unknowns per axis.
 _DRAWN_CELLS = 5
-#: Ridge that keeps gains small where the cells of a fit are of one direction, m²/s⁴.
+#: Ridge that keeps gains small where the drawn cells are of one pose, m²/s⁴.
 _RIDGE = 1e-3
-#: Cells whose directions are nearer, rad, are of one pose; how long it lasted does not count.
-_ONE_POSE = 0.2
-#: Errors of torques count by a lever of 0.1 m.
-_LEVERS = np.repeat([1.0, 0.1], 3)
-#: Errors below this, N, are no contact's.
-_FINE = 0.1
+#: Cells whose directions differ by less, rad, are of one pose.
+_ONE_POSE_RAD = 0.2
+#: An error of a torque counts as that of a force at a lever of 0.1 m.
+_LEVERS_M = np.repeat([1.0, 0.1], 3)
+#: Smaller errors, N, are noise; which fit has the smallest ones does not count.
+_NOISE_N = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """What was found in a minute."""
+    """The payload of a minute."""
 
     payload: Payload
     frame: ForceFrame
-    #: Share of the slow cells in contact, and of all cells that turned too fast.
+    #: Share of the slow cells that were in contact.
     contact: float
+    #: Share of all cells in which the tool turned too fast.
     fast: float
 
 
 def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> Identified:
     """
-    Find the payload in a minute of motion.
+    Identify the payload in a minute of motion.
 
     Parameters
     ----------
@@ -68,20 +71,21 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
     period_s : float
         Length of a cell, s.
     sensor : ForceFrame or None
-        Bias and scale of the accelerometer as a calibration found them. Without them, or where
-        the norm that they give is not gravity's, they are found in the minute.
+        Bias and scale of the accelerometer by a calibration. Without them, or where the norm that
+        they give is not that of gravity, they are fitted to the minute.
 
     Raises
     ------
     CalibrationRefusedError
-        Where motion or wrenches do not tell a payload.
+        When motion or wrenches do not determine a payload.
 
     """
     wrench, force, speed = cells[:, : len(AXES)], cells[:, len(AXES) : -1], cells[:, -1]
-    sane = np.all(np.abs(cells[:, :-1]) < _LARGEST, axis=1)
-    felt = np.where(sane[:, np.newaxis], force, 0.0)
-    turned = np.where(np.isnan(speed), turning_speed(felt, period_s)[: len(felt)], speed)
-    slow = sane & (np.linalg.norm(felt, axis=1) > _LEAST_NORM) & (turned < FASTEST)
+    finite = np.all(np.abs(cells[:, :-1]) < _LARGEST, axis=1)
+    finite_force = np.where(finite[:, np.newaxis], force, 0.0)
+    by_force = turning_speed(finite_force, period_s)[: len(finite_force)]
+    speed = np.where(np.isnan(speed), by_force, speed)
+    slow = finite & (np.linalg.norm(finite_force, axis=1) > _LEAST_NORM) & (speed < FASTEST)
     if slow.sum() < _LEAST_CELLS:
         raise CalibrationRefusedError(
             f'The tool turned slower than {FASTEST:g} rad/s for {slow.sum() * period_s:.0f} s '
@@ -93,11 +97,11 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
     fitted, _, scale = fit_norm(force, np.empty((len(force), 0)))
     if sensor is not None:
         norm = float(np.median(np.linalg.norm(sensor.turn(force), axis=1)))
-        sensor = sensor if abs(norm / GRAVITY - 1) < _AS_FOUND else None
+        sensor = sensor if abs(norm / GRAVITY - 1) < _MOST_NORM_ERROR else None
     frame = fitted if sensor is None else replace(sensor, rotation=np.eye(3))
-    felt = frame.turn(force)
-    usable = np.ones((1, len(felt)), dtype=bool)
-    block = Cells(wrench[np.newaxis], felt[np.newaxis], usable, powers=1)
+    corrected = frame.turn(force)
+    usable = np.ones((1, len(corrected)), dtype=bool)
+    block = Cells(wrench[np.newaxis], corrected[np.newaxis], usable, powers=1)
     fit = fit_again(block, _start(block))
     found = bodies_of(block, fit, scale if sensor is None else None)
     free = float((fit.weights > COUNTS).mean())
@@ -114,20 +118,20 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
 
 
 def _start(cells: Cells) -> Fit:
-    """Of fits to a few cells each, take the one that is right about most directions."""
+    """Choose among fits to a few cells each the one that is right in most poses."""
     force, wrench = cells.force[0], cells.wrench[0]
     x = np.column_stack((np.ones(len(force)), force))
     up = force / np.linalg.norm(force, axis=1, keepdims=True)
-    rarity = 1 / np.sum(up @ up.T > np.cos(_ONE_POSE), axis=1)
+    rarity = 1 / np.sum(up @ up.T > np.cos(_ONE_POSE_RAD), axis=1)
     rarity /= rarity.sum()
     drawn = np.random.default_rng(0).choice(len(x), (_DRAWS, _DRAWN_CELLS), p=rarity)
     across = np.swapaxes(x[drawn], 1, 2)
     fits = np.linalg.solve(across @ x[drawn] + _RIDGE * np.eye(4), across @ wrench[drawn])
-    errors = np.linalg.norm((wrench - x @ fits) / _LEVERS, axis=2)
-    best = int(np.argmin(np.log(errors + _FINE) @ rarity))
+    errors = np.linalg.norm((wrench - x @ fits) / _LEVERS_M, axis=2)
+    best = int(np.argmin(np.log(errors + _NOISE_N) @ rarity))
     level, gains = fits[best, 0], fits[best, 1:]
     weights = 1.0 * (errors[best] <= np.quantile(errors[best], _LEAST_FREE))[np.newaxis]
     states = np.zeros(weights.shape, dtype=np.int64)
     levels = np.broadcast_to(level, cells.wrench.shape)
     start = Fit(gains[np.newaxis], states, weights, levels, np.ones(len(AXES)))
-    return rescaled(cells, start)
+    return with_new_noise(cells, start)

@@ -1,17 +1,19 @@
-"""A minute of motion in cells, from which a job finds the payload."""
+"""Collects the minute of motion in which a job identifies the payload (minute.py)."""
 
 from collections.abc import Sequence
 import math
 
 from wrist_ft_comp.signals import NANOSECONDS
 
-#: Time that is collected, and length of a cell in which it is averaged, s of stamps.
+#: Time that is collected, s of stamps.
 DURATION_S = 60.0
+#: Length of a cell, over which wrenches are averaged, s.
 CELL_S = 0.25
-#: Numbers of a cell: wrench less drift, specific force, and the square of the speed of rotation.
+#: Numbers in a cell: wrench less drift, specific force, and the square of the speed of rotation.
 _NUMBERS = 10
 
-#: Means: N and N m, m/s², and the root mean square of the speed, rad/s, or NaN.
+#: Mean wrench less drift, N and N m, mean specific force, m/s², and RMS speed of rotation, rad/s,
+#: NaN where unknown.
 MotionCell = tuple[float, ...]
 
 
@@ -26,14 +28,14 @@ class MotionCollector:
 
     @property
     def share(self) -> float:
-        """How much of the duration has passed, 0 to 1."""
+        """Share of the duration that has passed, 0 to 1."""
         return min(self._cell * CELL_S / DURATION_S, 1.0)
 
     def add(
         self, stamp_ns: int, wrench: Sequence[float], force: Sequence[float], speed: float
     ) -> bool:
-        """Take a wrench, its specific force and speed, or NaN; tell whether all is collected."""
-        if not self._count or stamp_ns < self._first_ns:  # at first, or in a time begun anew
+        """Add a wrench, its specific force, and its speed or NaN; True when all is collected."""
+        if not self._count or stamp_ns < self._first_ns:  # the first one, or the clock was set
             self.cells, self._sums, self._count = [], [0.0] * _NUMBERS, 0
             self._first_ns, self._cell = stamp_ns, 0
         cell = int((stamp_ns - self._first_ns) / (CELL_S * NANOSECONDS))

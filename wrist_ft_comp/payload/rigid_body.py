@@ -1,13 +1,13 @@
 """
-Which rigid bodies weigh what gains of specific force say: numpy alone, for live and offline.
+Fit rigid bodies to gains of specific force; numpy alone.
 
-Gains, 6 numbers for each direction of the specific force, are [-m R; -m [c]× R] of a rigid body:
-mass m, rotation R of the specific force's frame into the wrench's, which all bodies share, and
-centre of mass c. They start from the polar factor of the force's block and the skew part of the
-torque's, and are then fitted to all gains, each counting by how well it is known, so that a
-direction that was never seen says nothing. Every axis of the sensor is allowed a gain of its own,
-which is not known better than _SENSOR_GAIN, above all not at the temperatures of these days.
-Standard errors hold that, and grow with what no rigid body explains.
+The gains of a rigid body, 6 numbers for every direction of the specific force, are
+[-m R; -m [c]× R]: mass m, centre of mass c, and the rotation R from the frame of the specific
+force to that of the wrench, which all bodies share. The fit starts from the polar factor of the
+block of forces. Every gain counts by how well it is known; in a direction that was never seen it
+does not count at all. Each axis of the sensor may have a gain error of about _SENSOR_GAIN, because
+the sensor's own calibration is no better, above all at the temperatures of these recordings. The
+standard errors of the bodies contain that error, and grow with what no rigid body explains.
 """
 
 from dataclasses import dataclass
@@ -19,62 +19,66 @@ from numpy.typing import NDArray
 from wrist_ft_comp.payload.weight import FARTHEST_M, MOST_KG, Payload
 from wrist_ft_comp.signals import BoolArray, FloatArray
 
-#: Contrast that the second direction of the specific force needs, m/s², for a rotation to be told.
+#: How far gravity has to move along the second direction, m/s² RMS, to determine a rotation.
 CONTRAST = 0.3
-#: No payload is told below this mass, kg, …
+#: Least mass of a payload, kg.
 LIGHTEST_KG = 0.02
-#: … or where more than this share of its weight is no rigid body's.
+#: Largest share of the weight that a rigid body may leave unexplained.
 MISFIT = 0.1
 #: Standard error of the gain of a sensor's axis, by its own calibration.
 _SENSOR_GAIN = 0.01
-#: Squares of contrasts, m²/s⁴, of wrenches, and of weights that are smaller are rounding errors.
+#: Smaller squares, of contrasts, m²/s⁴, of wrenches and of weights, are rounding errors.
 _ROUNDING = 1e-12
-#: Most steps of a fit, which ends when they are smaller, rad, kg and m.
+#: Most steps of a fit.
 _MOST_STEPS = 20
-_SETTLED = 1e-10
+#: A fit ends with the first smaller step, rad, kg and m.
+_SMALLEST_STEP = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
 class RigidBodies:
-    """Rigid bodies behind K gains, with standard errors."""
+    """The rigid bodies of K payload states, with standard errors."""
 
+    #: Shape (K,).
     mass_kg: FloatArray
     mass_error_kg: FloatArray
-    #: In the wrench's frame, shape (K, 3).
+    #: Centre of mass in the wrench's frame, shape (K, 3).
     center_m: FloatArray
     center_error_m: FloatArray
-    #: From the frame of the specific force, (3, 3).
+    #: From the frame of the specific force to that of the wrench, shape (3, 3).
     rotation: FloatArray
-    #: Contrasts of the worst body that no rigid body makes, as a share of the heaviest's, RMS.
+    #: Part of the weight that no rigid body explains, RMS: of the worst body, as a share of the
+    #: heaviest.
     misfit: float
-    #: Whether the specific force has the wrong sign, or a frame that no rotation leads to.
+    #: Whether the specific force has the wrong sign, or swapped axes.
     mirrored: bool
-    #: Of the specific force, m/s², along its principal directions, largest first.
+    #: How far the specific force moved along its principal directions, m/s² RMS, largest first.
     contrast: FloatArray
-    #: Direction in which gravity moved least, in the wrench's frame.
+    #: Direction along which gravity moved least, in the wrench's frame.
     unseen: FloatArray
 
     @property
     def tangible(self) -> BoolArray:
-        """Whether there is a body, (K,): a mass beyond its error, not far from the sensor."""
+        """Whether a state is a body, (K,): its mass exceeds the error, its centre is not far."""
         weighs = self.mass_kg > np.maximum(LIGHTEST_KG, 3 * self.mass_error_kg)
         weighs &= self.mass_kg < MOST_KG
         return np.asarray(weighs & (np.abs(self.center_m) < FARTHEST_M).all(axis=1))
 
     def payload(self, number: int, share: float = np.nan) -> Payload:
-        """Take one body, and the share of the time in which it was mounted."""
+        """Make a payload of one body, with the share of the time in which it was mounted."""
         mass_kg, error_kg = float(self.mass_kg[number]), float(self.mass_error_kg[number])
         center = self.center_m[number], error_kg, self.center_error_m[number]
         return Payload(mass_kg, *center, share)
 
     def doubts(self) -> list[str]:
-        """Say in sentences why no payload can be told; empty where all can."""
+        """Say in sentences why no payload can be identified; empty where it can."""
         if self.contrast[1] < CONTRAST:
             seen = ', '.join(f'{contrast:.2f}' for contrast in self.contrast)
             axis = 'xyz'[int(np.argmax(np.abs(self.unseen)))]
             missing = (
-                f'gravity moved by {seen} m/s² along three directions of the sensor, where two '
-                f'need {CONTRAST}; tilt the tool by 20° or more, for it to move along {axis}, too'
+                f'gravity moved by {seen} m/s² along three directions of the sensor, and at least '
+                f'{CONTRAST} are needed along two of them; tilt the tool by 20° or more, so that '
+                f'gravity also moves along {axis}'
             )
             reasons = [missing]
         elif not self.tangible.any():
@@ -82,16 +86,17 @@ class RigidBodies:
         else:
             mirrored = 'the specific force is mirrored; its sign is wrong, or two axes are swapped'
             crooked = (
-                f"{self.misfit:.0%} of the weight is no rigid body's, where {MISFIT:.0%} are "
-                'allowed; crosstalk, a wrong frame of the specific force, or a cable'
+                f'{self.misfit:.0%} of the weight is not that of a rigid body, and at most '
+                f'{MISFIT:.0%} are allowed; look for crosstalk of the sensor, a wrong frame of '
+                'the specific force, or a cable that pulls'
             )
             reasons = [mirrored] * self.mirrored + [crooked] * (self.misfit > MISFIT)
-        return [f'No payload can be told: {reason}.' for reason in reasons]
+        return [f'No payload can be identified: {reason}.' for reason in reasons]
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """What is fitted: gains, and how well each is known."""
+    """The gains that bodies are fitted to, and how well they are known."""
 
     #: Shape (K, 3, 6), kg and kg m.
     gains: FloatArray
@@ -103,29 +108,34 @@ class _Problem:
     sign: float
 
     def residual(self, values: FloatArray, rotation: FloatArray) -> FloatArray:
-        """Weigh what is left at small turns (…, 3), the axes' gains (…, 6) and m, c of bodies."""
+        """
+        Compute the weighted errors of the gains, and those of the sensor's axes.
+
+        The values, (…, 9 + 4K), are a small rotation, rad, the relative gain errors of the six
+        axes, and mass and centre of every body.
+        """
         shape, axis_gains = values.shape[:-1], values[..., 3:9]
         turned = rotation @ small_rotation(values[..., :3])
         expected = _gains_of(values[..., 9:], turned)
         expected = self.sign * (1 + axis_gains[..., None, None, :]) * expected
-        left = self.roots @ (self.gains - expected).reshape(*shape, -1, 6) / np.sqrt(self.spread)
-        return np.concatenate((left.reshape(*shape, -1), axis_gains / _SENSOR_GAIN), axis=-1)
+        errors = self.roots @ (self.gains - expected).reshape(*shape, -1, 6) / np.sqrt(self.spread)
+        return np.concatenate((errors.reshape(*shape, -1), axis_gains / _SENSOR_GAIN), axis=-1)
 
     def slopes(self, values: FloatArray, rotation: FloatArray) -> FloatArray:
-        """Differentiate the residual by the values."""
+        """Differentiate the residual by the values, (errors, values)."""
         moves = 1e-6 * np.eye(len(values))
         ahead, back = (self.residual(values + move, rotation) for move in (moves, -moves))
         return np.asarray((ahead - back).T / 2e-6)
 
     def settle(self, values: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Fit by Gauss-Newton steps; the turn goes into the rotation."""
+        """Fit by Gauss-Newton steps; gives the values, their rotation zero, and the rotation."""
         for _ in range(_MOST_STEPS):
             slopes = self.slopes(values, rotation)
             step = np.linalg.lstsq(slopes, self.residual(values, rotation), rcond=1e-9)[0]
             values = values - step
             rotation = rotation @ small_rotation(values[:3])
             values[:3] = 0.0
-            if np.max(np.abs(step)) < _SETTLED:
+            if np.max(np.abs(step)) < _SMALLEST_STEP:
                 break
         return values, rotation
 
@@ -138,11 +148,21 @@ def rigid_bodies(
     scale: FloatArray | None = None,
 ) -> RigidBodies:
     """
-    Find the rigid bodies behind gains (K, 3, 6) of specific force, kg and kg m.
+    Fit rigid bodies to gains of specific force.
 
-    ``normal`` (3K, 3K) are products of specific forces, levels taken out, ``cells`` is the sum of
-    their weights. The covariance of gains is spread (6,) times the inverse of normal; scale (3, 3)
-    is the covariance that is left of the accelerometer's scale.
+    Parameters
+    ----------
+    gains : ndarray, shape (K, 3, 6)
+        kg and kg m.
+    normal : ndarray, shape (3K, 3K)
+        Sums of weighted products of the specific force, levels eliminated.
+    spread : ndarray, shape (6,)
+        Variances of the axes: the covariance of an axis' gains is spread times inverse of normal.
+    cells : float
+        Sum of the weights in normal.
+    scale : ndarray, shape (3, 3), optional
+        Relative covariance of the accelerometer's scale.
+
     """
     count = len(gains)
     by_body = normal.reshape(count, 3, count, 3)
@@ -156,28 +176,28 @@ def rigid_bodies(
     mass = -sign * np.einsum('kji,ij->k', gains[:, :, :3], rotation) / 3
     values = np.append(np.zeros(3 + 6), mass[:, None] * [1.0, 0.0, 0.0, 0.0])
     spread = np.maximum(spread, 1e-18 * np.mean(gains**2, axis=(0, 1)) + _ROUNDING)
-    for _ in range(2):  # the second time with errors that hold what no rigid body explains
+    for _ in range(2):  # the second time, errors contain what no rigid body explains
         problem = _Problem(gains, roots, spread, sign)
         values, rotation = problem.settle(values, rotation)
-        left = problem.residual(values, rotation)[:-6]
-        roots = roots / np.sqrt(max(1.0, float(left @ left) / (len(left) - 3 - 4 * count)))
+        errors = problem.residual(values, rotation)[:-6]
+        roots = roots / np.sqrt(max(1.0, float(errors @ errors) / (len(errors) - 3 - 4 * count)))
     problem = _Problem(gains, roots, spread, sign)
     slopes = problem.slopes(values, rotation)
     covariance = np.linalg.pinv(slopes.T @ slopes, rcond=1e-12, hermitian=True)
     error = np.sqrt(np.diag(covariance))[9:].reshape(count, 4)
     bodies = values[9:].reshape(count, 4)
-    # Without the axes' gains: what only they explain is no rigid body's, either.
-    strange = gains - sign * _gains_of(values[9:], rotation)
+    # What only gain errors of the axes explain is no rigid body, either.
+    unexplained = gains - sign * _gains_of(values[9:], rotation)
     if scale is not None:
         shares = np.diag(seen) / max(np.trace(seen), 1e-30)
         error[:, 0] = np.hypot(error[:, 0], bodies[:, 0] * np.sqrt(shares @ scale @ shares))
     traces = np.trace(seen_by_body, axis1=1, axis2=2)
     seen_by_body = seen_by_body / np.maximum(traces, 1e-30)[:, None, None]
-    left, whole = (
+    rest, whole = (
         np.einsum('kia,kij,kja,a->k', part, seen_by_body, part, 1 / spread)
-        for part in (strange, gains)
+        for part in (unexplained, gains)
     )
-    misfit = float(np.sqrt(left.max() / max(whole.max(), _ROUNDING)))
+    misfit = float(np.sqrt(rest.max() / max(whole.max(), _ROUNDING)))
     found = bodies[:, 0], error[:, 0], bodies[:, 1:], error[:, 1:], rotation, misfit, mirrored
     contrast = np.sqrt(np.maximum(sizes[::-1], 0) / cells)
     return RigidBodies(*found, contrast, rotation @ directions[:, 0])
@@ -187,10 +207,10 @@ def information(
     contrast: FloatArray, rest: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """
-    Tell how well gains are known: normal matrix (C, C), and its divisor per axis (A,).
+    Compute how well gains are known: the normal matrix, (C, C), and a variance per axis, (A,).
 
-    Given are specific force less its level (n, B, C), what the fit leaves (n, B, A), and weights
-    (n, B). The errors of a block are taken to depend on one another, those of others not.
+    Takes specific force less its level, (n, B, C), the residuals of the fit, (n, B, A), and the
+    weights of the cells, (n, B). Errors within a block may depend on one another.
     """
     weighted = weights[..., None] * contrast
     normal = np.einsum('nbi,nbj->ij', weighted, contrast, optimize=True)
@@ -209,7 +229,7 @@ def blocks(values: NDArray[Any], length: int) -> NDArray[Any]:
 
 
 def small_rotation(vector: FloatArray) -> FloatArray:
-    """Turn by vectors (…, 3), rad, as Rodrigues does: (…, 3, 3)."""
+    """Compute rotations, (…, 3, 3), from rotation vectors, (…, 3), rad, by Rodrigues' formula."""
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     skew = np.cross(np.eye(3), vector[..., None, :])
     # np.sinc(x) is sin(π x) / (π x), and one at 0
@@ -218,7 +238,7 @@ def small_rotation(vector: FloatArray) -> FloatArray:
 
 
 def _start_rotation(gains: FloatArray, seen: FloatArray) -> tuple[FloatArray, bool]:
-    """Find the polar factor of what was seen of the force's blocks, and whether it mirrors."""
+    """Compute the polar factor of the force's blocks where it was seen, and whether it mirrors."""
     values, directions = np.linalg.eigh(seen)
     directions = directions * (values > 1e-4 * values[-1])
     block = -np.sum(gains[:, :, :3], axis=0).T @ directions @ directions.T
@@ -232,7 +252,7 @@ def _start_rotation(gains: FloatArray, seen: FloatArray) -> tuple[FloatArray, bo
 
 
 def _gains_of(bodies: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Gains (…, K, 3, 6) of rigid bodies, m and c of each (…, 4K), at rotations (…, 3, 3)."""
+    """Gains, (…, K, 3, 6), of bodies with m and c, (…, 4K), at rotations, (…, 3, 3)."""
     bodies = bodies.reshape(*bodies.shape[:-1], -1, 1, 4)
     mass, center = bodies[..., :1], bodies[..., 1:]
     force = np.swapaxes(rotation, -1, -2)[..., None, :, :]

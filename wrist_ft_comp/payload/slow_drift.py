@@ -1,9 +1,9 @@
 """
-The drift of a day before any model of it, by its slowness alone.
+A first estimate of a day's drift, before there is a model of it: what is slow is drift.
 
-A running median passes slow and sudden drift, and leaves out presses of some minutes. Where it
-jumps at what was taken for a step, a press that fills its window or a tare made that, and the jump
-is taken out of it.
+A running median follows slow and sudden drift, but no press of a few minutes. Where the median
+jumps at a step that the separation found, a tare or a press as long as the window made the jump,
+and the jump is taken out.
 """
 
 import numpy as np
@@ -12,48 +12,42 @@ from wrist_ft_comp.payload.gains import axes_of
 from wrist_ft_comp.payload.states import medians
 from wrist_ft_comp.signals import BoolArray, FloatArray, Recording
 
-#: Recordings that are shorter, s, do not tell what is slow in them.
+#: A shorter recording, s, does not show which changes are slow.
 SLOW_S = 7200.0
-#: Length of a bin, s: drift hardly moves within one.
+#: Length of a bin, s; drift hardly moves within one.
 _BIN_S = 60.0
-#: Bins of the running median on either side. In 21 minutes, with presses of up to 300 s in 15 % of
-#: the time, a perfect model leaves what it leaves without presses.
-_HALF_WINDOW = 10
-#: Bins on either side of a step in which the median may jump by it.
+#: Bins of the running median on either side. With this window of 21 minutes, presses of up to
+#: 300 s in 15 % of the time do no harm: a perfect model leaves as much as without presses.
+_HALF_WINDOW_BINS = 10
+#: A jump of the median belongs to a step that is at most this many bins away.
 _BINS_NEAR_STEP = 2
-#: The median jumps where it moves by so many times what it usually does from bin to bin.
-_JUMP = 6.0
-#: Share of a cell's noise that is left in a median of a bin: it usually moves by at least this.
+#: The median jumps where it moves by more than this many times its usual change per bin.
+_JUMP_RATIO = 6.0
+#: The usual change per bin is at least this share of a cell's noise, which a median leaves.
 _NOISE_OF_MEDIAN = 0.3
 
 
 def slow_drift(recording: Recording, separated: Recording, noise: FloatArray) -> FloatArray:
     """
-    Estimate how a recording drifts, N and N m (N, 6), 0 on axes that it does not hold.
+    Estimate how a recording drifts, N and N m, (N, 6); 0 on axes that it does not hold.
 
-    Parameters
-    ----------
-    recording : Recording
-        As it came.
-    separated : Recording
-        The same with the weight as its reference, NaN where something pushed, and the cells at
-        which there may be steps.
-    noise : ndarray, shape (A,)
-        σ of a cell, on the axes that the recording holds, N and N m.
-
+    ``separated`` is the same recording with the weight as its reference, NaN in contact, and with
+    the cells at which there may be steps. ``noise``, (A,), is the standard deviation of a cell on
+    the axes that the recording holds.
     """
     axes, cells = axes_of([recording]), len(recording)
     counts = np.isfinite(separated.wrench[:, axes])
-    rest = np.where(counts, (recording.wrench - separated.reference)[:, axes], np.nan)
+    residual = np.where(counts, (recording.wrench - separated.reference)[:, axes], np.nan)
     length = max(1, round(_BIN_S / recording.period_s))
-    rest = np.pad(rest, ((0, -cells % length), (0, 0)), constant_values=np.nan)
-    bins = _running(rest.reshape(-1, length, len(axes)))
-    moved = np.diff(bins, axis=0)
-    usual = np.maximum(np.median(np.abs(moved), axis=0) / 0.67, _NOISE_OF_MEDIAN * noise)
-    jumps: BoolArray = np.sqrt(np.mean((moved / usual) ** 2, axis=1)) > _JUMP
-    apart = np.abs(np.arange(len(moved))[:, np.newaxis] + 1 - np.array(separated.steps) / length)
-    moved[jumps & (apart <= _BINS_NEAR_STEP).any(axis=1)] = 0.0
-    path = np.cumsum(np.concatenate((bins[:1], moved)), axis=0)
+    residual = np.pad(residual, ((0, -cells % length), (0, 0)), constant_values=np.nan)
+    bins = _running_medians(residual.reshape(-1, length, len(axes)))
+    changes = np.diff(bins, axis=0)
+    usual = np.maximum(np.median(np.abs(changes), axis=0) / 0.67, _NOISE_OF_MEDIAN * noise)
+    jumps: BoolArray = np.sqrt(np.mean((changes / usual) ** 2, axis=1)) > _JUMP_RATIO
+    places = np.arange(len(changes))[:, np.newaxis] + 1
+    distances = np.abs(places - np.array(separated.steps) / length)
+    changes[jumps & (distances <= _BINS_NEAR_STEP).any(axis=1)] = 0.0
+    path = np.cumsum(np.concatenate((bins[:1], changes)), axis=0)
     middles = (np.arange(len(path)) + 0.5) * length
     drift = np.zeros_like(recording.wrench)
     for axis, values in zip(axes, path.T, strict=True):
@@ -61,15 +55,15 @@ def slow_drift(recording: Recording, separated: Recording, noise: FloatArray) ->
     return drift
 
 
-def _running(values: FloatArray) -> FloatArray:
-    """Median of the medians of bins (n, B, A) around each, (n, A); NaN does not count."""
+def _running_medians(values: FloatArray) -> FloatArray:
+    """Compute medians over windows of the medians of bins, (n, B, A): (n, A), NaN left out."""
     measured = np.isfinite(values[..., 0]).any(axis=1, keepdims=True)
     bins = np.where(measured, medians(values), np.nan)
-    edges = (_HALF_WINDOW, _HALF_WINDOW), (0, 0)
+    edges = (_HALF_WINDOW_BINS, _HALF_WINDOW_BINS), (0, 0)
     bins = np.pad(bins, edges, constant_values=np.nan)
-    windows = np.lib.stride_tricks.sliding_window_view(bins, 2 * _HALF_WINDOW + 1, axis=0)
-    found = medians(windows.transpose(0, 2, 1))
+    windows = np.lib.stride_tricks.sliding_window_view(bins, 2 * _HALF_WINDOW_BINS + 1, axis=0)
+    running = medians(windows.transpose(0, 2, 1))
     empty = ~np.isfinite(windows[:, 0]).any(axis=1)
-    # A window without any reading says what the one before said.
-    last = np.maximum.accumulate(np.where(empty, 0, np.arange(len(found))))
-    return np.asarray(found[last])
+    # A window without any reading repeats the one before.
+    last = np.maximum.accumulate(np.where(empty, 0, np.arange(len(running))))
+    return np.asarray(running[last])

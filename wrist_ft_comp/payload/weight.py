@@ -1,5 +1,5 @@
 """
-A payload and what it pushes with: F = -m f, τ = c × F, at specific force f (design, section 7).
+A payload and its weight: F = -m f, τ = c × F at specific force f (docs/algorithm.md, section 7).
 
 Specific force is that of sensor_msgs/Imu (REP 145): +9.81 m/s² upwards at rest.
 """
@@ -13,22 +13,24 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.signals import FloatArray, Topics
 
-#: Heaviest payload that is believed, kg, and farthest centre of mass, m.
+#: Largest mass that is accepted, kg.
 MOST_KG = 1000.0
+#: Largest distance of the centre of mass from the origin, along an axis, m.
 FARTHEST_M = 10.0
-#: A frame does nothing where it turns by less, deg, its bias is smaller, m/s², and its scale is
-#: nearer to one.
-_NO_TURN_DEG = 3.0
-_NO_BIAS = 0.02
-_NO_SCALE = 0.002
+#: A rotation by less counts as none, degrees.
+_LEAST_TURN_DEG = 3.0
+#: A smaller bias counts as none, m/s².
+_LEAST_BIAS = 0.02
+#: A smaller error of the scale counts as none.
+_LEAST_SCALE_ERROR = 0.002
 
 
 @dataclass(frozen=True, eq=False)
 class Payload:
     """Everything that is mounted on the sensor; standard errors are NaN where unknown."""
 
-    #: Mass, and centre of mass in the wrench's frame, shape (3,).
     mass_kg: float
+    #: Centre of mass in the wrench's frame, shape (3,).
     center_m: FloatArray
     mass_error_kg: float = np.nan
     center_error_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
@@ -46,7 +48,7 @@ class Payload:
             check_range('center_of_mass_m', coordinate, -FARTHEST_M, FARTHEST_M)
 
     def weight(self, specific_force: FloatArray) -> FloatArray:
-        """Push at specific forces in the wrench's frame, m/s² (…, 3): N and N m, (…, 6)."""
+        """Compute the wrench, N and N m, (…, 6), at specific forces in its frame, m/s², (…, 3)."""
         force = -self.mass_kg * specific_force
         return np.concatenate((force, np.cross(self.center_m, force)), axis=-1)
 
@@ -60,40 +62,41 @@ class FrameIds(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ForceFrame:
-    """How measured specific force leads to that of the wrench's frame: R ((f - bias) / scale)."""
+    """Converts measured specific force f to the wrench's frame: R ((f - bias) / scale)."""
 
-    #: From the frame of the specific force into the wrench's, shape (3, 3).
+    #: R, from the frame of the specific force to that of the wrench, shape (3, 3).
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
-    #: Of the accelerometer along its own axes, m/s² and 1, shape (3,).
+    #: Bias of the accelerometer along its own axes, m/s², shape (3,).
     bias: FloatArray = field(default_factory=lambda: np.zeros(3))
+    #: Scale of the accelerometer along its own axes, shape (3,).
     scale: FloatArray = field(default_factory=lambda: np.ones(3))
     #: What measured the specific force, imu or tf; empty where unknown.
     source: str = ''
-    #: As in FrameIds, when the frame was learnt.
+    #: As in FrameIds, at the time when the frame was learnt.
     force_frame: str = ''
     wrench_frame: str = ''
 
     def turn(self, specific_force: FloatArray) -> FloatArray:
-        """Turn measured specific forces (…, 3) into the wrench's frame."""
+        """Convert measured specific forces, (…, 3), to the wrench's frame."""
         return np.asarray(((specific_force - self.bias) / self.scale) @ self.rotation.T)
 
     def learnt_by(self, source: str, topics: Topics) -> 'ForceFrame':
-        """Note what measured the specific force, and the frames of both sensors."""
+        """Add what measured the specific force, and the frame_ids of both sensors."""
         return replace(
             self, source=source, force_frame=topics.force_frame, wrench_frame=topics.wrench_frame
         )
 
     def apart_deg(self, other: 'ForceFrame') -> float:
-        """Tell by which angle its rotation and another one differ, degrees."""
+        """Compute the angle between its rotation and that of another one, degrees."""
         cosine = (np.sum(self.rotation * other.rotation) - 1) / 2
         return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
     @property
     def does_nothing(self) -> bool:
-        """Whether specific force is gravity in the wrench's frame as it comes, as by TF."""
-        turned = self.apart_deg(ForceFrame()) > _NO_TURN_DEG
-        biased = np.abs(self.bias).max() > _NO_BIAS
-        return not (turned or biased or np.abs(self.scale - 1).max() > _NO_SCALE)
+        """Whether measured specific force is in the wrench's frame already, as that by TF is."""
+        turned = self.apart_deg(ForceFrame()) > _LEAST_TURN_DEG
+        biased = np.abs(self.bias).max() > _LEAST_BIAS
+        return not (turned or biased or np.abs(self.scale - 1).max() > _LEAST_SCALE_ERROR)
 
     def __str__(self) -> str:
         """Describe the rotation."""
