@@ -5,10 +5,9 @@ from dataclasses import asdict, dataclass, field
 import json
 from pathlib import Path
 
-from wrist_ft_comp.drift.arx import Orders
-from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.signals import Topics
-from wrist_ft_comp.stored.documents import tuples
+from wrist_ft_comp.stored.documents import restored
 
 #: Argument of the program that runs a job: end when standard input is closed.
 UNTIL_CLOSED = '--until-closed'
@@ -77,17 +76,5 @@ def encode_job(job: CalibrationJob) -> str:
 
 def decode_job(text: str) -> CalibrationJob:
     """Read a job that encode_job wrote."""
-    job = tuples(json.loads(text))
-    settings, learning = job['settings'], job['learning']
-    identification = settings['identification']
-    identification['orders'] = Orders(**identification['orders'])
-    settings['identification'] = IdentificationSettings(**identification)
-    job['settings'] = CalibrationSettings(**settings)
-    job['topics'] = Topics(**job['topics'])
-    job['recordings'] = tuple(map(Path, job['recordings']))
-    job['output'], job['report'] = Path(job['output']), job['report'] and Path(job['report'])
-    if learning:
-        learning['champion'] = learning['champion'] and Path(learning['champion'])
-        job['learning'] = Learning(**learning)
-    job['minute'] = job['minute'] and Minute(**job['minute'])
-    return CalibrationJob(**job)
+    job: CalibrationJob = restored(CalibrationJob, json.loads(text))
+    return job

@@ -1,8 +1,8 @@
 """
 The diary of a node that learns by itself, ``days/diary.json``: what is kept of every day.
 
-Only the learning job writes it, in one step. One that is broken or missing is made anew. By it is
-decided which days may be learnt from and whose recordings are kept.
+Only the learning job writes it, in one step. A broken or missing diary is made anew. It decides
+which days may be learnt from, and which recordings are kept.
 """
 
 from collections import Counter
@@ -20,7 +20,7 @@ import numpy as np
 from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
 from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS
-from wrist_ft_comp.stored.documents import Document, Kind, plain, tuples, writing
+from wrist_ft_comp.stored.documents import Document, Kind, plain, restored, writing
 
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=1, schema='diary.schema.json', keeps=True,
@@ -28,27 +28,33 @@ KIND = Kind(
     renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; until then nothing is learnt.')  # fmt: skip
-#: Days and decisions that are remembered.
-_MOST_DAYS, _MOST_DECISIONS = 1000, 100
-#: Room for the diary itself, and for the rows between two looks at the folder, MB.
+#: Newest days that are kept in it.
+_MOST_DAYS = 1000
+#: Newest decisions that are kept in it.
+_MOST_DECISIONS = 100
+#: Room for the diary itself, and for the rows between two measurements of the folder, MB.
 _SPARE_MB = 10.0
-#: Files that are nowhere but in a node's folder.
+#: Files by which a node's folder is recognized.
 _MARKS = ('active.json', 'learning.json', 'state.json')
 
 #: Coarse temperatures: of the first thermometer, and the differences of the others from it.
 Cell = tuple[int, ...]
-#: Names for what was left of a day's drift: without any model, and by a challenger.
-NONE, CHALLENGER = 'none', 'challenger'
+#: Key of the drift without any model, in ``DayEntry.left``.
+NONE = 'none'
+#: Key of what a challenger leaves.
+CHALLENGER = 'challenger'
 
-#: Kinds of incidents: a day that cannot be read, or that tells of the sensor only …
+#: Kinds of incidents on days from which nothing is learnt.
 UNREADABLE, CONTACTS, THERMOMETER = 'unreadable', 'contacts', 'thermometer'
-#: … another tool, whose drift can be learnt as well …
+#: Another tool: the drift of that day is learnt all the same.
 TOOL = 'tool'
-#: … and what changes the sensor.
+#: Kinds of incidents that change the sensor.
 ZERO, GAIN, NOISE, MOUNTING = 'zero', 'gain', 'noise', 'mounting'
+#: Days of these kinds are learnt from.
 LEARNT_FROM = ('', TOOL)
+#: Days of these kinds stop learning.
 PAUSING = (ZERO, GAIN, NOISE, MOUNTING)
-#: Before these, the sensor was another one.
+#: Days before one of these kinds are not compared any more, as if of another sensor.
 FORGETTING = (GAIN, MOUNTING)
 
 
@@ -58,40 +64,46 @@ class DayEntry:
 
     #: Name of its file.
     name: str
-    #: Stamp of its first cell, and how long its cells last together.
+    #: Stamp of its first cell, ns.
     first_ns: int = 0
+    #: Duration of all its cells.
     hours: float = 0.0
-    #: Lowest and highest temperature of each thermometer, °C, and for how long it stood still, s.
+    #: Lowest and highest temperature of every thermometer, °C.
     temperature_c: tuple[tuple[float, float], ...] = ()
+    #: Longest time for which every thermometer stood still, s.
     still_s: tuple[float, ...] = ()
-    #: Coarse temperatures that it saw.
+    #: Coarse temperatures of the day.
     known: frozenset[Cell] = frozenset()
-    #: By the first twelve digits of a model's SHA-256, NONE or CHALLENGER: RMS of the drift that
-    #: it left, tared in the first minute, in the order AXES, N and N m; NaN where an axis says
-    #: nothing.
+    #: RMS of the drift that a model left, tared in the first minute, N and N m, axis order AXES;
+    #: NaN on axes without a figure. Keys are the first twelve digits of a model's SHA-256, NONE
+    #: and CHALLENGER.
     left: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    #: Which of these was live; empty when none was.
+    #: Key of the live model in ``left``; empty when none was live.
     live: str = ''
     #: Why there is a new model, or none, in a sentence or two.
     verdict: str = ''
-    #: What happened to the sensor, with size and time, and its kind; empty when nothing did.
+    #: What happened to the sensor, with size and time; empty when nothing did.
     incident: str = ''
+    #: Kind of that incident.
     kind: str = ''
     #: Whether a challenger was learnt.
     challenged: bool = False
-    #: Processor time that the day took, s.
+    #: Processor time that judging and learning took, s.
     seconds: float = 0.0
-    #: Mass, kg, and centre of mass, m, of each payload; the rotation of the specific force's frame
-    #: into the wrench's, row by row; noise of a cell, N and N m. Empty where they are not known.
+    #: Mass, kg, and centre of mass, m, of every payload.
     payloads: tuple[tuple[float, ...], ...] = ()
+    #: Rotation from the specific force's frame to the wrench's, row by row; empty where unknown.
     rotation: tuple[float, ...] = ()
+    #: Standard deviation of a cell, N and N m; empty where unknown.
     noise: tuple[float, ...] = ()
 
 
 class Decision(NamedTuple):
-    """A change of the live model, or of whether there is learning: after which day, and why."""
+    """A change of the live model, or the begin or end of learning."""
 
+    #: Name of the newest day before it.
     day: str
+    #: What was decided, and why.
     sentence: str
 
 
@@ -106,30 +118,34 @@ class Diary:
 
 
 def forces_left(entry: DayEntry) -> FloatArray:
-    """Give RMS of a force, N, without a model, with the live one and the challenger; or NaN."""
-    found = []
+    """
+    Compute the RMS of a force's drift, N, shape (3,): mean of three axes, NaN where unknown.
+
+    Without a model, with the live model, and with the challenger.
+    """
+    means = []
     for model in (NONE, entry.live, CHALLENGER):
         forces = [value for value in entry.left.get(model, ())[:3] if not np.isnan(value)]
-        found.append(np.sqrt(np.mean(np.square(forces))) if forces else np.nan)
-    return np.array(found)
+        means.append(np.sqrt(np.mean(np.square(forces))) if forces else np.nan)
+    return np.array(means)
 
 
 def share_left(entry: DayEntry, model: str) -> FloatArray:
-    """Share of a day's drift that a model left, (6,); NaN where it is not known."""
+    """Compute the share of a day's drift that a model left, (6,); NaN where it is unknown."""
     unknown = (np.nan,) * len(AXES)
     drift = np.maximum(entry.left.get(NONE, unknown), 1e-12)
     return np.asarray(np.array(entry.left.get(model, unknown)) / drift)
 
 
 def good_days(entries: Sequence[DayEntry]) -> list[DayEntry]:
-    """Choose days that may be learnt from: of the last one's sensor, and without an incident."""
+    """Choose days that may be learnt from: with the present sensor and its thermometers."""
     start = max((n for n, entry in enumerate(entries) if entry.kind in FORGETTING), default=-1)
     good = [entry for entry in entries[start + 1 :] if entry.kind in LEARNT_FROM]
     return [day for day in good if len(day.temperature_c) == len(good[-1].temperature_c)]
 
 
 def worthiest(entries: Sequence[DayEntry], most: int) -> list[DayEntry]:
-    """Choose ``most`` days in their order: the newer half, and those with rare temperatures."""
+    """Choose at most ``most`` days, in order: the newer half, and those with rare temperatures."""
     chosen, newer = list(entries), max(most // 2, 1)
     while len(chosen) > max(most, 1):
         good = good_days(chosen)
@@ -143,24 +159,21 @@ def worthiest(entries: Sequence[DayEntry], most: int) -> list[DayEntry]:
 
 
 def diary_path(directory: Path) -> Path:
-    """Tell where the diary of a node's folder lies."""
+    """Path of the diary in a node's folder."""
     return directory / 'days' / 'diary.json'
 
 
 def load_diary(directory: Path) -> Diary:
-    """Read a diary; an empty one where there is none that can be read."""
+    """Read a diary; an empty one where none can be read."""
     with suppress(RecordingError, ModelFileError, OSError):
         if document := KIND.load_json(diary_path(directory)):
-            entries = tuple(
-                _entry(values) for values in document['days'] if day_number(values['name'])
-            )
-            decisions = tuple(Decision(**values) for values in document['decisions'])
-            return Diary(entries, decisions, document['paused'])
+            diary: Diary = restored(Diary, document)
+            return replace(diary, days=tuple(day for day in diary.days if day_number(day.name)))
     return Diary()
 
 
 def save_diary(directory: Path, diary: Diary) -> None:
-    """Write a diary in one step; the oldest days are forgotten."""
+    """Write a diary in one step, without the oldest days where it has too many."""
     document = {
         'days': [_entry_values(entry) for entry in diary.days[-_MOST_DAYS:]],
         'decisions': [decision._asdict() for decision in diary.decisions[-_MOST_DECISIONS:]],
@@ -171,9 +184,9 @@ def save_diary(directory: Path, diary: Diary) -> None:
 
 def prune(directory: Path, diary: Diary, keep_days: int, max_mb: float) -> list[str]:
     """
-    Remove recordings until both bounds hold, but none that nobody judged; names what is left.
+    Remove recordings of judged days until both limits hold; give the names of the others.
 
-    RecordingError where one cannot be removed.
+    RecordingError when one cannot be removed.
     """
     paths = {path.name: path for path in days(directory)}
     kept = [entry for entry in diary.days if entry.name in paths]
@@ -190,7 +203,7 @@ def prune(directory: Path, diary: Diary, keep_days: int, max_mb: float) -> list[
 
 @contextmanager
 def alone() -> Iterator[bool]:
-    """Tell whether nobody else of this user learns on this computer, and keep it so."""
+    """Hold the lock of learning; False where another process of this user holds it."""
     # In the folder for temporary files, because the folders of two sensors may have nothing in
     # common. The system releases it where the process is killed.
     path = Path(tempfile.gettempdir()) / f'wrist_ft_comp_learning_{os.getuid()}.lock'
@@ -205,7 +218,7 @@ def alone() -> Iterator[bool]:
 
 
 def node_folders(path: Path) -> list[Path]:
-    """Find the folders of nodes in what a person named: one, its days, or several sensors'."""
+    """Find the folders of nodes: of one node, by its days, or of several sensors."""
     if path.is_dir() and path.resolve().name == 'days':
         return [path.resolve().parent]
     if (path / 'days').is_dir() or any((path / mark).exists() for mark in _MARKS):
@@ -214,7 +227,7 @@ def node_folders(path: Path) -> list[Path]:
 
 
 def survey(directory: Path) -> Diary:
-    """Add the days that nobody judged to a folder's diary; RecordingError where no day is kept."""
+    """Read a folder's diary, and add the days that nobody judged; RecordingError without days."""
     diary = load_diary(directory)
     judged = {entry.name for entry in diary.days}
     others = (_unjudged(path) for path in days(directory) if path.name not in judged)
@@ -228,7 +241,7 @@ def survey(directory: Path) -> Diary:
 
 
 def _unjudged(path: Path) -> DayEntry:
-    """Say when a day was, by its file."""
+    """Make the entry of a day that was not judged, by its file."""
     span = None
     with suppress(OSError):
         span = span_of(path) if size_of(path) else None
@@ -239,18 +252,9 @@ def _unjudged(path: Path) -> DayEntry:
 
 
 def _entry_values(entry: DayEntry) -> Document:
-    """Turn an entry into plain values; NaN is null."""
+    """Convert an entry to plain values; NaN becomes null."""
     rounded = {
         model: [float(f'{value:.5g}') for value in axes] for model, axes in entry.left.items()
     }
     values: Document = plain({**vars(entry), 'known': sorted(entry.known), 'left': rounded})
     return values
-
-
-def _entry(values: Document) -> DayEntry:
-    """Build an entry from values that were checked."""
-    entry = tuples(values)
-    entry['known'] = frozenset(entry['known'])
-    for model, axes in entry['left'].items():
-        entry['left'][model] = tuple(np.nan if value is None else float(value) for value in axes)
-    return DayEntry(**entry)

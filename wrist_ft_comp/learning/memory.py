@@ -17,30 +17,34 @@ KIND = Kind(
 
 @dataclass(frozen=True)
 class Memory:
-    """What the node decided and was told; names of days are empty where there is none."""
+    """What the node and people decided about models; names of days are empty without one."""
 
-    #: SHA-256 of the model that was live; None when there was none.
+    #: SHA-256 of the model that was live; None when none was.
     champion: str | None = None
-    #: Newest day that a job has judged, its verdict, and what happened to the sensor.
+    #: Newest day that a job has judged.
     judged: str = ''
+    #: The verdict on that day.
     verdict: str = ''
+    #: What happened to the sensor on that day.
     incident: str = ''
-    #: Newest day that a person decided after.
+    #: Newest day before a person's last decision.
     since: str = ''
-    #: Why learning has stopped on its own; empty when it has not.
+    #: Why learning has stopped by itself; empty when it has not.
     paused: str = ''
-    #: When the live model changed last, and why.
+    #: Date and reason of the last change of the live model.
     change: str = ''
-    #: A better model: its file below models/, its SHA-256, and why; empty where none is offered.
+    #: File of the offered model below models/; empty where none is offered.
     offered: str = ''
+    #: SHA-256 of the offered model.
     sha256: str = ''
+    #: Why it is better.
     why: str = ''
-    #: Whether it goes live by itself, which a kill may delay until after the restart.
+    #: Whether the offered model goes live by itself. After a kill, that happens at the restart.
     automatic: bool = False
 
 
 def memory_path(directory: Path) -> Path:
-    """Tell where the memory of a node's folder lies."""
+    """Path of the memory in a node's folder."""
     return directory / 'learning.json'
 
 
@@ -49,10 +53,9 @@ def load_memory(directory: Path) -> Memory | None:
     document = KIND.load_json(memory_path(directory))
     if document is None:
         return None
-    values = {key: document[key] for key in document if key not in {'format', 'version'}}
     # The name of a stray file, such as day_1.csv, would be newer than every day to come.
-    stray = [key for key in ('judged', 'since') if not day_number(values.get(key, ''))]
-    return Memory(**{**values, **dict.fromkeys(stray, '')})
+    stray = [key for key in ('judged', 'since') if not day_number(document.get(key, ''))]
+    return Memory(**{**document, **dict.fromkeys(stray, '')})
 
 
 def save_memory(directory: Path, memory: Memory) -> None:

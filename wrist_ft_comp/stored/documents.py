@@ -1,6 +1,6 @@
 """What the package's own files share: what they may replace, atomic writing, size, a schema."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
@@ -11,7 +11,8 @@ from pathlib import Path
 import re
 from secrets import token_hex
 import time
-from typing import Any
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints, Union
 
 import numpy as np
 
@@ -97,11 +98,36 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def tuples(value: Any) -> Any:
-    """Turn the lists of a JSON value back into the tuples they were."""
-    if isinstance(value, dict):
-        return {key: tuples(item) for key, item in value.items()}
-    return tuple(tuples(item) for item in value) if isinstance(value, list) else value
+_type_hints = cache(get_type_hints)
+
+
+def restored(kind: Any, value: Any) -> Any:
+    """Turn plain values back into what an annotation names, such as a record; null is NaN."""
+    origin, arguments = get_origin(kind), get_args(kind)
+    if origin in {Union, UnionType}:
+        return None if value is None else restored(arguments[0], value)
+    if is_dataclass(kind) or hasattr(kind, '_fields'):
+        types = _type_hints(kind)
+        return kind(**{name: restored(types[name], item) for name, item in value.items()})
+    if kind is float:
+        return np.nan if value is None else float(value)
+    if kind is Path:
+        return Path(value)
+    return _restored_items(origin, arguments, value)
+
+
+def _restored_items(origin: Any, arguments: tuple[Any, ...], value: Any) -> Any:
+    """Restore a collection of some items; what is none stays as it is."""
+    if origin is np.ndarray:
+        return np.array(value, dtype=float)
+    if origin is tuple and arguments[-1] is not ...:
+        return tuple(restored(*pair) for pair in zip(arguments, value, strict=True))
+    if origin in {tuple, Sequence, frozenset}:
+        items = (restored(arguments[0], item) for item in value)
+        return frozenset(items) if origin is frozenset else tuple(items)
+    if origin in {dict, Mapping}:
+        return {key: restored(arguments[1], item) for key, item in value.items()}
+    return value
 
 
 def parse_json(text: str | bytes) -> Any:
@@ -258,7 +284,7 @@ class Kind(Output):
         self.write(path, json.dumps(document, indent=indent, allow_nan=False))
 
     def load_json(self, path: Path) -> Document | None:
-        """Read and check a JSON file; None when there is none."""
+        """Read and check a JSON file, but for what write_json adds; None when there is none."""
         if not path.exists():
             return None
         try:
@@ -268,7 +294,7 @@ class Kind(Output):
                 f'{path} is not a {self.name}: expected JSON, but {error}.'
             ) from error
         self.check(path, document)
-        return document
+        return {key: document[key] for key in document if key not in {'format', 'version'}}
 
     def check(self, path: Path, document: Any) -> None:
         """Refuse other formats, other versions, and whatever breaks the schema."""

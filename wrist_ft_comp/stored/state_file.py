@@ -1,19 +1,17 @@
 """What a restart goes on from, as JSON, and a thread that saves it while callbacks go on."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 import threading
 import time
-from typing import Any
 
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.signals import AXES, FloatArray
-from wrist_ft_comp.stored.documents import Document, Kind, plain
-from wrist_ft_comp.stream.warm_restart import Block, OpenCells, ThermalMemory
+from wrist_ft_comp.stored.documents import Document, Kind, plain, restored
+from wrist_ft_comp.stream.warm_restart import ThermalMemory
 
 # The state of six axes with banks of filters takes a few kilobytes.
 KIND = Kind(
@@ -51,11 +49,16 @@ def save_state(path: Path, state: SavedState) -> None:
 def load_state(path: Path) -> SavedState | None:
     """Read a state file, of this version and whole; None when there is none."""
     document = KIND.load_json(path)
-    return None if document is None else _state(document)
+    if document is None:
+        return None
+    if thermal := document['thermal']:
+        thermal['compensation'] = {name: thermal.pop(name) for name in Drift._fields}
+    state: SavedState = restored(SavedState, document)
+    return state
 
 
 def _document(state: SavedState) -> Document:
-    """Turn a state into plain values; what could not be read again is left out."""
+    """Convert a state to plain values; what could not be read again is left out."""
     memory = state.thermal
     if memory is not None:
         blocks = (*memory.history, *(memory.open_cells.blocks if memory.open_cells else ()))
@@ -84,44 +87,8 @@ def _document(state: SavedState) -> Document:
 
 
 def _readable(*arrays: FloatArray) -> bool:
-    """Tell whether all numbers can be read again."""
+    """Whether all numbers can be read again."""
     return all((np.abs(array) <= _LARGEST).all() for array in arrays)
-
-
-def _state(document: Document) -> SavedState:
-    """Build a state from a document that was checked."""
-    thermal, memory = document['thermal'], None
-    if thermal is not None:
-        open_cells = None
-        if later := thermal.get('open_cells'):
-            blocks = _blocks(later['blocks'])
-            open_cells = OpenCells(later['from_rest'], tuple(later['silent']), blocks)
-        memory = ThermalMemory(
-            thermal['end_ns'],
-            thermal['period_ns'],
-            _array(thermal['temperature_c']),
-            {axis: _array(values) for axis, values in thermal['filters'].items()},
-            Drift(_array(thermal['zero']), _array(thermal['sensitivity'])),
-            _blocks(thermal['history']),
-            open_cells,
-        )
-    return SavedState(
-        document['saved_ns'],
-        document['model_sha256'],
-        _array(document['tare']),
-        memory,
-        _array(document.get('external_tare', [0.0] * len(AXES))),
-    )
-
-
-def _blocks(listed: Sequence[Document]) -> tuple[Block, ...]:
-    """Build blocks of cells from checked ones."""
-    return tuple(Block(_array(block['temperature_c']), block['cells']) for block in listed)
-
-
-def _array(values: Any) -> FloatArray:
-    """Turn checked lists into an array."""
-    return np.array(values, dtype=float)
 
 
 class StateWriter:
