@@ -202,7 +202,7 @@ def test_figures_of_a_sentence_agree():
     assert 'needs at most 0.90 times' in by_chance
     challenger = live / 4
     challenger[3] = 0.8
-    assert 'on one day more by 50%' in judge(live, challenger).words('no model')
+    assert 'on one day it leaves more by 50%' in judge(live, challenger).words('no model')
 
 
 def test_days_that_know_what_no_other_does_are_kept():

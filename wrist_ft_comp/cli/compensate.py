@@ -23,9 +23,9 @@ from wrist_ft_comp.signals import AXES, Correction, FloatArray, NANOSECONDS, Rec
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 
-#: Weight is taken off on cells of this length, s ...
+#: Weight is subtracted on cells of this length, s.
 _FINE_S = 0.02
-#: ... or longer ones, so that a long recording has no more cells than these.
+#: Most cells of a recording; those of a long one are longer.
 _MOST_CELLS = 2_000_000
 _UNTARED = (
     'Nothing was tared: drift is removed, but every axis keeps a constant offset, perhaps of many '

@@ -23,19 +23,19 @@ from wrist_ft_comp.report.outputs import PICTURE
 from wrist_ft_comp.stored.demo_log import load_demo_log
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
-#: A program that has not ended this long after it was asked to is killed, s.
+#: A program that was asked to end is killed after this time, s.
 _END_TIMEOUT_S = 10.0
-#: How often the programs are looked after while the operator says nothing, s.
+#: While the operator is silent, the other programs are checked once in this time, s.
 _LOOK_AFTER_S = 0.5
-#: Domains that Linux keeps free of ephemeral ports, from the end that people don't begin with.
+#: ROS domains whose ports Linux does not use for others; people choose from the other end.
 _DOMAINS = range(60, 101)
 _Process = subprocess.Popen[bytes]
 _Event = dict[str, object]
-#: Of each thermometer, as fast as a real one: a node that waits for the processor keeps a second.
+#: Temperatures per second of a thermometer: as many as a real one sends.
 _TEMPERATURE_RATE_HZ = 100.0
-#: Length of a thermal cell, in which there is a temperature then, s.
+#: Length of a thermal cell, s; at that rate and speed every cell has a temperature.
 _THERMAL_PERIOD_S = 5.0
-#: Duty cycle of the recorded day, s and level: the sensor warms up, rests, works, and cools.
+#: Duty cycle of the recorded day, s and level: the sensor warms up, rests, works and cools.
 _RECORD_DUTY = ((0, 0.0), (300, 0.9), (3600, 0.0), (5700, 0.5), (8100, 1.0), (9600, 0.0))
 _RECORD_S = 11400
 #: Duty cycle of the day after, on which the calibration is judged.
@@ -55,7 +55,7 @@ class Plan:
     at_work: bool = False
 
     def compensator(self, folder: Path) -> list[str]:
-        """Set the node up."""
+        """Write the node's command line."""
         learns: dict[str, object] = {'calibration.reference': 'recorded'}
         if self.at_work:
             learns = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
@@ -66,12 +66,12 @@ class Plan:
         return _program('compensator', where | learns)
 
     def operator(self, log_file: Path) -> list[str]:
-        """Tell the operator what to do."""
+        """Write the operator's command line."""
         work = ['--at-work'] * self.at_work
         return ['demo_client', *work, str(log_file), str(_RECORD_S), str(_TEST_S), *TOPICS]
 
     def sensor(self) -> list[str]:
-        """Set the simulated sensor up for both days."""
+        """Write the simulated sensor's command line, for both days."""
         # A busy machine calibrates while hours go by here: the other day comes several times.
         days = range(_RECORD_S, _RECORD_S + 6 * _TEST_S, _TEST_S)
         test = [(day + start, level) for day in days for start, level in _TEST_DUTY]

@@ -96,28 +96,26 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         help='(default: %(default)s)')  # fmt: skip
     group.add_argument(
         '--imu-topic', default='', metavar='TOPIC',
-        help='a sensor_msgs/Imu at the sensor, which tells gravity in its frame')  # fmt: skip
+        help='a sensor_msgs/Imu at the sensor, for gravity in its frame')  # fmt: skip
     group.add_argument(
         '--gravity-frame', default='', metavar='FRAME',
-        help='without an IMU, gravity by /tf: z of FRAME is up, against which the frame_id of the '
-        'wrench turns')  # fmt: skip
+        help='without an IMU: gravity by /tf, from the rotation between FRAME, whose z is up, and '
+        'the frame_id of the wrench')  # fmt: skip
     log = parser.add_argument_group('logs of other programs, and parts')
     log.add_argument(
         '--columns', default='', metavar='NAME=COLUMN[:UNIT],…',
         help="what a CSV log's columns are: 'stamp=time,force_z=fz:kN,temperature_c=temp:F' "
         '(default: recording.yaml beside it, or its own names)')  # fmt: skip
     log.add_argument(
-        '--time',
-        default='',
-        metavar='FORM',
+        '--time', default='', metavar='FORM',
         help='what its stamps are: s, ms, us, ns, iso, or a form such as "%%d.%%m.%%y %%H:%%M"',
-    )
+    )  # fmt: skip
     log.add_argument(
         '--from', dest='begin', default='', metavar='TIME',
         help='leave out what was before, since the beginning: 4800, 80min, 1.5h or 1:20:00',
     )  # fmt: skip
     log.add_argument(
-        '--until', dest='end', default='', metavar='TIME', help='… and what was after'
+        '--until', dest='end', default='', metavar='TIME', help='leave out what was after'
     )
     log.add_argument(
         '--exclude', action='append', default=[], metavar='A..B',
@@ -132,7 +130,7 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
     parse_sources(temperatures, lambda topic: topic.strip('/'))
     force = arguments.imu_topic, arguments.gravity_frame
     if all(force):
-        raise UsageError('--imu-topic and --gravity-frame tell the same; leave one out.')
+        raise UsageError('--imu-topic and --gravity-frame give the same; leave one out.')
     log_map(arguments.columns, arguments.time)
     parse_part(arguments.begin, arguments.end, arguments.exclude)
     return Topics(
@@ -142,7 +140,7 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
 
 
 def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> None:
-    """Warn of the options that were given and do nothing for these recordings."""
+    """Warn of options that have no effect for these recordings."""
     kinds = {kind_of(path) for path in recordings}
     asked = {'method': '', 'features': None, 'reference': 'recorded', **vars(arguments)}
     given = {name for name in asked if asked[name] != arguments.command.get_default(name)}
@@ -192,9 +190,9 @@ def add_reference(parser: argparse.ArgumentParser) -> None:
     """Add what the true wrench was."""
     parser.add_argument(
         '--reference', choices=get_args(Reference), metavar='WHAT',
-        help='what the true wrench was: unloaded (zero), constant (unknown), payload (what the '
-        'specific force tells, contacts and all) or recorded (beside the raw one); default: '
-        'recorded for chamber tables, else unloaded')  # fmt: skip
+        help='the true wrench: unloaded (zero), constant (unknown), payload (the weight of what '
+        'is mounted, found by the specific force; contacts are left out) or recorded (beside the '
+        'raw one); default: recorded for chamber tables, else unloaded')  # fmt: skip
 
 
 def add_copied_columns(parser: argparse.ArgumentParser) -> None:
@@ -222,7 +220,7 @@ def print_json(value: object) -> None:
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[Progress]:
-    """Show progress on standard error where that is a terminal; yields what takes the share."""
+    """Show progress on standard error where that is a terminal; yields the report function."""
     form = '{desc} {percentage:3.0f}%|{bar}| {elapsed}'
     with tqdm(total=1.0, desc=what, disable=None, leave=False, bar_format=form) as bar:
 

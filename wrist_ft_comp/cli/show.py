@@ -111,7 +111,7 @@ def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, obje
     texts = []
     for folder in folders:
         diary, memory = survey(folder), Memory()
-        with suppress(StateFileError):  # which the node has told, and begins anew
+        with suppress(StateFileError):  # the node has reported it, and starts a new one
             memory = load_memory(folder) or memory
         # Where its recording could not be read, a day has neither date nor length.
         unknown = {'first_ns': None, 'hours': None}

@@ -104,7 +104,7 @@ class CompensatorNode(Hub):
         tell_unknown(self, later, log)
 
     def _thermometers(self, entries: Sequence[str]) -> tuple[TemperatureSource, ...]:
-        """Understand temperature_topics."""
+        """Parse temperature_topics."""
         if not entries:
             raise SettingsError(
                 'temperature_topics must name at least one topic; got none. The first is the '
@@ -155,7 +155,7 @@ class CompensatorNode(Hub):
         return self._silent and not self.compensator.compensating
 
     def newest(self) -> Newest | None:
-        """Tell the newest raw wrench."""
+        """Give the newest raw wrench."""
         return self._newest
 
     @property
@@ -167,7 +167,7 @@ class CompensatorNode(Hub):
         return raw, output, external
 
     def hardware_id(self) -> str:
-        """Tell the sensor's frame; empty before the first wrench."""
+        """Give the sensor's frame; empty before the first wrench."""
         data = self._newest and self._newest[2]
         return locate(data, WRENCH_DOUBLES).frame_id(data) if data else ''
 
@@ -189,7 +189,7 @@ class CompensatorNode(Hub):
             self.tell('on_model')
 
     def sensor(self) -> SensorNames:
-        """Tell what the sensor is called here."""
+        """Give the names of the sensor."""
         names = {
             'hardware_id': [self.get_parameter('hardware_id').value],
             'frame_id': [self.hardware_id()],
@@ -202,7 +202,7 @@ class CompensatorNode(Hub):
         return {fact: answers for fact, answers in names.items() if any(answers)}
 
     def _full_topics(self, chosen: dict[str, Any]) -> Topics:
-        """Tell topics by their full names."""
+        """Collect the full names of topics, for a job."""
         temperatures = tuple(self.sensor()['temperature_topics'])
         reference, source = self.resolve_topic_name('wrench_reference'), chosen['gravity.source']
         imu = self.resolve_topic_name('imu') if source == 'imu' else ''

@@ -87,7 +87,7 @@ class DemoClient(Operator):
         return answer
 
     def ask(self, service_type: Any, name: str, request: Any) -> str:
-        """Call a service that answers in words, and tell them; a refusal is an error."""
+        """Call a service, and report its answer in words; RecordingError when it refuses."""
         response = self.call(service_type, name, request)
         if not response.success:
             raise RecordingError(f'{name} was refused: {response.message}')
@@ -95,7 +95,7 @@ class DemoClient(Operator):
         return str(response.message)
 
     def hold(self, payload: str) -> None:
-        """Say which payload is held."""
+        """Choose the payload that is mounted."""
         value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=payload)
         request = SetParameters.Request(parameters=[Parameter(name='payload.active', value=value)])
         (result,) = self.call(SetParameters, 'set_parameters', request).results
@@ -103,7 +103,7 @@ class DemoClient(Operator):
             raise RecordingError(f'payload.active:={payload} was refused: {result.reason}')
 
     def listen_for(self, first_ns: int, seconds: float, what: str) -> None:
-        """Listen until the stamps have moved on, telling how far they are."""
+        """Listen until the stamps have moved on by a time, s, reporting the progress."""
         while self.latest_ns < first_ns + int(seconds * NANOSECONDS):
             target_ns = self.latest_ns + int(seconds / 40 * NANOSECONDS)
             reached = partial(lambda at_ns: self.latest_ns > at_ns, target_ns)

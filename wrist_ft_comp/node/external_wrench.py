@@ -1,4 +1,4 @@
-"""The wrench without drift and payload, the parameters that name the payload, and its status."""
+"""The part that publishes the wrench without drift and payload, and chooses the payload."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,48 +24,52 @@ from wrist_ft_comp.stored.payload_file import IDENTIFIED, Learnt, load_payloads,
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import Layout
 
-#: The value of payload.active for what payload.mass and payload.center_of_mass say.
+#: Value of payload.active for the payload of payload.mass and payload.center_of_mass.
 MANUAL = 'manual'
-#: Two rotations of specific force that differ by more contradict each other, degrees: what is
-#: learnt is within 3, and so is what people mount by hand.
+#: Two rotations of specific force contradict each other where they differ by more, degrees. Learnt
+#: ones are right within 3, and so is an IMU that a person mounts.
 _CONTRADICTION_DEG = 5.0
-#: An IMU is not asked while its newest sample is no older: to take each at a kilohertz would cost
-#: a third of what the wrench does, and this much leaves 0.03 N at 1 rad/s and 1.5 kg.
+#: An IMU is polled where its newest sample is older, ns. Polled for each wrench at 1 kHz, it would
+#: cost a third of the wrench itself; this age causes 0.03 N at 1 rad/s and 1.5 kg.
 _FRESH_NS = 2_000_000
 #: Specific force and wrench whose stamps differ by more come from different clocks, s.
 _SAME_CLOCK_S = 3600.0
-#: Norms of specific force in m/s² at rest; in no other unit it lies between these.
-_LEAST_NORM, _LARGEST_NORM = 0.5 * GRAVITY, 2.0 * GRAVITY
-#: Reports without a change of any bit after which an IMU is taken for frozen.
+#: Least norm of specific force at rest, m/s²; in g it is smaller.
+_LEAST_NORM = 0.5 * GRAVITY
+#: Largest norm of specific force at rest, m/s²; in ft/s² it is larger.
+_LARGEST_NORM = 2.0 * GRAVITY
+#: An IMU is frozen after this many reports without a change of any bit.
 _FROZEN_REPORTS = 5
-#: The norm of an accelerometer that was learnt deviates from gravity by less, as a share of it.
-#: Motion adds more, but not to one side in as many reports in a row.
-_NORM_DEVIATION, _DEVIATION_REPORTS = 0.03, 10
+#: The norm of a calibrated accelerometer deviates from gravity by less than this share of it.
+_NORM_DEVIATION = 0.03
+#: It is doubted after this many reports in a row with such a deviation to the same side: motion
+#: makes larger ones, but to both sides.
+_DEVIATION_REPORTS = 10
 _NAMES = {'payload.active', 'payload.mass', 'payload.center_of_mass'}
 
 
 class Shelf:
     """
-    The payloads that were learnt, in the node's own folder and in that of the live model.
+    The learnt payloads, in the node's own folder and in that of the live model.
 
-    ``source`` is what tells this node specific force, as the parameter gravity.source.
+    ``source`` is the parameter gravity.source.
     """
 
     def __init__(self, models: Path, live: LiveModel, source: str) -> None:
         self._own, self._live, self.source = models / PAYLOADS, live, source
 
     def payloads(self) -> Learnt:
-        """Read them, oldest first; of the same name the node's own counts."""
+        """Read all payloads, oldest first; of two with the same name, the node's own one."""
         stored, own = self._live.stored, load_payloads(self._own)
         beside = {} if stored is None else load_payloads(stored.path.parent / PAYLOADS)
         return {**{name: learnt for name, learnt in beside.items() if name not in own}, **own}
 
     def frames(self, here: FrameIds) -> dict[str, ForceFrame]:
         """
-        Give the frames that were learnt of this node's source and sensor, oldest first.
+        Find the frames that were learnt with this source and this sensor, oldest first.
 
-        They were learnt with the live model, or by this node under the same frame_ids; an empty
-        frame_id is not compared.
+        Those are the frames learnt with the live model, or by this node under the same frame_ids.
+        An empty frame_id is not compared.
         """
         stored, own = self._live.stored, load_payloads(self._own)
         stem = None if stored is None else stored.path.stem
@@ -78,14 +82,14 @@ class Shelf:
         }
 
     def sensor(self, here: FrameIds) -> ForceFrame | None:
-        """Give the newest frame that a calibration found, which took more than a minute's data."""
+        """Find the newest frame of a calibration, which is better than that of a minute."""
         frames = self.frames(here).items()
         calibrated = [frame for name, frame in frames if not name.startswith(f'{IDENTIFIED}-')]
         return calibrated[-1] if calibrated else None
 
 
 def changed_frames(frame: ForceFrame, here: FrameIds) -> str:
-    """Say which frame_ids are not those of when a frame was learnt, where both are known."""
+    """Say which frame_ids differ from those of a learnt frame, where both are known."""
     then = FrameIds(frame.force_frame, frame.wrench_frame)
     pairs = [(before, now) for before, now in zip(then, here, strict=True) if before and now]
     return ' and '.join(f'{before} is now {now}' for before, now in pairs if before != now)
@@ -97,7 +101,7 @@ class _UnknownTurnError(SettingsError):
 
 @dataclass(eq=False)
 class ExternalWrench(Part):
-    """Takes the weight of the active payload off every wrench, and judges payload and force."""
+    """Subtracts the weight of the active payload from every wrench; judges payload and force."""
 
     _compensator: Compensator
     _settings: Callable[[], Mapping[str, Any]]
@@ -138,13 +142,13 @@ class ExternalWrench(Part):
         self.forces = RecentForces(self._settings()['gravity.timeout'])
 
     def start(self, hub: Hub) -> None:
-        """Publish what the world does to the tool."""
+        """Offer the topic wrench_external."""
         self._hub = hub
         output = hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
         self.output, self.publish = output, output.publish
 
     def on_model(self) -> None:
-        """Choose the first payload, when it is known which model is live."""
+        """Choose the payload as soon as the first model is chosen."""
         if self._chosen is None:
             self._settle()
 
@@ -154,7 +158,7 @@ class ExternalWrench(Part):
         self.speed = math.nan if speed is None else speed
 
     def collect(self, collector: MotionCollector | None) -> None:
-        """Give wrenches and specific force to a collector until it is full; to none by None."""
+        """Hand wrenches and specific force to a collector until it is full; None ends that."""
         self.collector = collector
         self._hub.listen(self, wanted=self.wanted)
 
@@ -164,7 +168,7 @@ class ExternalWrench(Part):
         return self.payload is not None or self.collector is not None
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Layout) -> None:
-        """Take the payload off one wrench and send it on; the header passes through untouched."""
+        """Subtract the payload from one wrench and publish it; its header stays as it is."""
         if stamp_ns - self.forces.newest_ns > _FRESH_NS:
             self._hub.do(self.gravity, self.gravity.poll)
         force = self.forces.at(stamp_ns)
@@ -180,12 +184,12 @@ class ExternalWrench(Part):
             self.collected += 1
 
     def weight_at(self, stamp_ns: int) -> list[float] | None:
-        """Weigh the payload at a stamp, ns: N and N m; None where it is not known."""
+        """Compute the payload's weight at a stamp, ns: N and N m; None where it is not known."""
         force = self.forces.at(stamp_ns)
         return None if self.payload is None or force is None else self.payload.weight(force)
 
     def check_parameters(self, parameters: Sequence[Any]) -> None:
-        """Refuse payloads that can't be had; changes nothing that runs."""
+        """Refuse payloads that cannot be chosen; change nothing."""
         changed = {one.name: one.value for one in parameters if one.name in _NAMES}
         try:
             if changed:
@@ -195,7 +199,7 @@ class ExternalWrench(Part):
                 raise
 
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
-        """Take another payload off from the next wrench on; it was validated before."""
+        """Subtract another payload from the next wrench on; it was checked before."""
         for parameter in parameters:
             if parameter.name == 'gravity.timeout':
                 self.forces.timeout_ns = round(parameter.value * NANOSECONDS)
@@ -203,14 +207,14 @@ class ExternalWrench(Part):
             self._settle()
 
     def poll(self) -> None:
-        """Choose again where a payload by hand needs a rotation that has come or changed."""
+        """Choose again where the rotation for a manual payload became known, or changed."""
         by_hand = self.payload is not None and self.payload.name == MANUAL
         renamed = (by_hand or self.waiting) and self.gravity.frames() != self._chosen
         if renamed or (self.waiting and self.gravity.mount() is not None):
             self._settle()
 
     def _settle(self) -> None:
-        """Take off the payload that parameters name, or wait until its rotation is known."""
+        """Subtract the payload that parameters name, or wait until its rotation is known."""
         self._chosen = self.gravity.frames()
         try:
             self._hold(self._choose(self._settings()))
@@ -219,7 +223,7 @@ class ExternalWrench(Part):
             self.waiting = str(error)
 
     def _hold(self, payload: LivePayload | None) -> None:
-        """Take a payload off from now on; a tare that was taken with another rotation is reset."""
+        """Subtract a payload from now on; a tare that was taken with another rotation is reset."""
         if payload is not None or self.payload is not None:
             now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
             self._log.info(f'payload: {now}')
@@ -237,7 +241,7 @@ class ExternalWrench(Part):
             )
 
     def disagreement(self, frame: ForceFrame) -> str:
-        """Say by how much TF turns specific force otherwise than a frame; empty if it agrees."""
+        """Say by how much the rotation by TF differs from a frame's; empty where they agree."""
         mounted = self.gravity.mount()
         apart_deg = 0.0 if mounted is None else frame.apart_deg(mounted)
         if apart_deg <= _CONTRADICTION_DEG:
@@ -288,10 +292,10 @@ class ExternalWrench(Part):
 
     def _turn(self) -> tuple[ForceFrame, str]:
         """
-        Find how specific force leads to the wrench's frame, and who says so.
+        Find the rotation of specific force for a manual payload, and say who knows it.
 
-        For a payload by hand: TF gives specific force in that frame; for an IMU, what was learnt
-        counts before what people publish on /tf_static.
+        With TF no rotation is needed. That of an IMU is the learnt one, or else that of
+        /tf_static, which people write.
         """
         if self._shelf.source == 'tf':
             return ForceFrame(source='tf'), 'as TF gives it'
@@ -302,9 +306,9 @@ class ExternalWrench(Part):
         if (mounted := self.gravity.mount()) is not None:
             return mounted, 'by /tf_static'
         raise _UnknownTurnError(
-            f'payload.active is {MANUAL}, but nobody knows how specific force is turned in the '
-            "wrench's frame: this sensor has learnt no payload yet, and /tf_static has no way "
-            'from the frame of the IMU to it. Call ~/identify_payload, or publish the way.'
+            f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
+            'wrench is not known: this sensor has learnt no payload yet, and /tf_static does not '
+            'link the two frames. Call ~/identify_payload, or publish that link on /tf_static.'
         )
 
     def statuses(self) -> Iterator[Status]:
@@ -330,7 +334,7 @@ class ExternalWrench(Part):
         yield doubtful(self.title, self._doubts(age_s, grown), self._well(), numbers)
 
     def _well(self) -> str:
-        """Say what is done where nothing is wrong."""
+        """Say what the part does, where nothing is wrong."""
         if self.identified_share is not None:
             return f'identifying a payload: {self.identified_share:.0%} of a minute'
         if self.payload is None:
@@ -339,7 +343,7 @@ class ExternalWrench(Part):
         return f'subtracting {self.payload.name}{other and "; "}{other}'
 
     def _doubts(self, age_s: float | None, grown: Mapping[str, int]) -> Iterator[str]:
-        """Say what is wrong with specific force that is needed, the worst first."""
+        """Say what is wrong with payload and specific force, the worst first."""
         yield from filter(None, (self.waiting, self.gravity.doubt()))
         newest, rests, payload = self.forces.newest, 'wrench_external rests', self.payload
         if not self.wanted:

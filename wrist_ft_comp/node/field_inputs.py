@@ -1,4 +1,4 @@
-"""Temperatures: of topics of sensor_msgs/Temperature, and polled numbers in any messages."""
+"""Takes temperatures in: sensor_msgs/Temperature, and polled fields of any messages."""
 
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -30,21 +30,21 @@ class PlainTopic:
     """A topic of sensor_msgs/Temperature."""
 
     def __init__(self, node: Hub, topic: str, name: str, take: Callable[[bytes], None]) -> None:
-        #: What it carries instead; empty when it is right, or not known.
+        #: Why its type is wrong; empty when it is right, or not known.
         self.problem = ''
         self._node, self._topic, self._name, self._take = node, topic, name, take
         self._subscription: Any = self._subscribe()
 
     def _subscribe(self) -> Any:
-        """Hear the topic."""
+        """Subscribe to the topic."""
         return self._node.subscribe(Temperature, self._name, self._take, messages.SLOW_SENSOR)
 
     def look(self) -> None:
         """
-        Hear the topic where it is of this type, or may be; about once a second.
+        Subscribe while the topic has this type, or may have it; called about once a second.
 
-        Of a topic, DDS has one type in a process: hearing another one than it has would make it
-        unheard for all other sensors.
+        In one process, DDS has one type per topic: to subscribe with a wrong one would cut off all
+        other sensors of the process.
         """
         self.problem = no_temperature(self._node, self._topic)
         if self.problem and self._subscription is not None:
@@ -60,7 +60,7 @@ class FieldTopic:
 
     def __init__(self, node: Hub, topic: str, name: str) -> None:
         self.thermometers: dict[int, TemperatureSource] = {}
-        #: Why nothing can come of it; empty when something can.
+        #: Why no temperature can be read; empty when one can.
         self.problem = ''
         #: Whether it has a publisher.
         self.published = False
@@ -71,7 +71,7 @@ class FieldTopic:
         self._resting = False
 
     def look(self) -> None:
-        """Look what the topic carries, and subscribe if that is news."""
+        """Ask which type the topic has, and subscribe when that is new."""
         types, self._resting = types_on(self._node, self._topic), False
         self.published = bool(types)
         if not types:
@@ -85,7 +85,7 @@ class FieldTopic:
             self._subscription, self._type = None, ''
 
     def _subscribe(self, name: str) -> None:
-        """Hear messages of a type."""
+        """Subscribe to messages of a type."""
         try:
             kind = load_type(self._topic, name)
             self._subscription = self._node.subscribe_unserved(kind, self._name)
@@ -176,7 +176,7 @@ class FieldInputs:
         self._take(thermometer, header_stamp_ns(message), celsius)
 
     def problems(self) -> dict[int, str]:
-        """Tell, by thermometer from 0, why its temperatures can't be had."""
+        """Say why temperatures cannot be read, by thermometer, counted from 0."""
         found = dict(self._misread)
         found.update((j, plain.problem) for j, plain in self._plain.items() if plain.problem)
         for topic in self._topics.values():

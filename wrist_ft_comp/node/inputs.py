@@ -1,4 +1,4 @@
-"""What comes in, and its faults: the raw wrenches, and the thermometers."""
+"""The parts that take raw wrenches and temperatures in, and judge them."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from wrist_ft_comp.wire.temperature_source import other_unit, TemperatureSource,
 
 #: The newest raw wrench: stamp, ns, six numbers, N and N m, and the message's bytes.
 Newest: TypeAlias = tuple[int, Sequence[float], bytes]
-#: How long after an event the diagnostics warn of it, s.
+#: The diagnostics warn of an event for this time, s.
 _WARNED_S = 10.0
 #: Stamps of wrenches and temperatures that differ by more come from different clocks.
 _SAME_CLOCK_S = 3600.0
@@ -35,10 +35,11 @@ _SAME_CLOCK_S = 3600.0
 
 @dataclass
 class Counts:
-    """Wrenches since the start."""
+    """Numbers of wrenches since the start."""
 
-    #: Usable wrenches that came, and wrenches that went.
+    #: Usable wrenches that arrived.
     wrenches: int = 0
+    #: Corrected wrenches that were published.
     published: int = 0
     malformed: int = 0
     not_finite: int = 0
@@ -57,19 +58,19 @@ class Counts:
 
 
 class _Events:
-    """Remembers when each kind of event was counted last."""
+    """Remembers when every kind of event happened last."""
 
     def __init__(self) -> None:
         self._counted: dict[str, tuple[int, float]] = {}
 
     def note(self, **counts: int) -> None:
-        """Take the present count of each kind."""
+        """Take the present count of every kind."""
         for kind, count in counts.items():
             before, at_s = self._counted.get(kind, (0, -math.inf))
             self._counted[kind] = count, time.monotonic() if count > before else at_s
 
     def recent(self) -> set[str]:
-        """Tell the kinds of which something happened lately."""
+        """List the kinds of events of the last _WARNED_S seconds."""
         since_s = time.monotonic() - _WARNED_S
         return {kind for kind, (_, at_s) in self._counted.items() if at_s > since_s}
 
@@ -80,21 +81,21 @@ def _age(at_s: float | None) -> str:
 
 
 def _arrival(stamp_ns: int) -> str:
-    """Say which time counts for messages without a stamp; the newest got this one."""
+    """Say which time is used for messages without a stamp; ``stamp_ns`` is that of the newest."""
     if stamp_ns == 0:
         return 'the time of arrival is 0: use_sim_time is set, and nothing comes on /clock'
     return 'the time of arrival is taken'
 
 
 class WrenchInput(Part):
-    """Judges the raw wrenches; ``counts`` are the node's, ``newest`` tells its newest wrench."""
+    """Judges the raw wrenches, by the node's counts and its newest wrench."""
 
     title = 'input'
 
     def __init__(self, counts: Counts, newest: Callable[[], Newest | None]) -> None:
         self._counts, self.newest = counts, newest
         self.sensor = SensorWatch()
-        #: Of the newest wrench that was looked at; None before the first.
+        #: Stamp of the newest wrench that was looked at, ns; None before the first.
         self.stamp_ns: int | None = None
         self._heard_s: float | None = None
         self._frame = ''
@@ -188,7 +189,7 @@ class WrenchInput(Part):
             before, after = self._last_frames
             yield f'the frame changed from {before!r} to {after!r}; is it another sensor?'
         if 'back' in recent:
-            yield 'stamps ran back; was a clock set, or a simulation begun anew?'
+            yield 'stamps ran back; was a clock set, or a simulation restarted?'
         if 'leapt' in recent:
             yield 'stamps leapt ahead; was a clock set?'
         if sensor.unstamped and self.stamp_ns is not None:
@@ -220,9 +221,9 @@ class TemperatureInput(Part):
     def __post_init__(self) -> None:
         """Begin without a reading."""
         self._tracker, count = self._compensator.tracker, len(self._sources)
-        #: When each was heard last, by the steady clock.
+        #: When every thermometer reported last, by the steady clock.
         self._heard_s: list[float | None] = [None] * count
-        #: Whether the newest reading of each had a stamp; None where its type has none.
+        #: Whether their newest readings had stamps; None where the type has none.
         self._stamped: list[bool | None] = [True] * count
         self._watch = ThermometerWatch(count)
         self._growth, self._events = Growth(), _Events()
@@ -265,7 +266,7 @@ class TemperatureInput(Part):
             self._watch.look(completed, self._tracker.grid.period_ns)
 
     def poll(self) -> None:
-        """Take temperatures that are fields, and look for faults that no single message shows."""
+        """Take temperatures that are fields of messages, and note what several messages show."""
         self.fields.poll()
         stamps, grid = self._tracker.timestamp_filter, self._tracker.grid
         jumps, leaps = int(self._watch.jumps.sum()), stamps.leaps + grid.restarts
@@ -334,7 +335,7 @@ class TemperatureInput(Part):
                 'faster than metal can; is it loose? The correction follows at max_drift_rate'
             )
         if 'leapt' in recent:
-            yield 'stamps of temperatures leapt; was a clock set, or a simulation begun anew?'
+            yield 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
         if 'stray' in recent:
             yield 'a temperature was dropped, because its stamp was far from those around it'
         if unstamped := [j for j, stamped in enumerate(self._stamped) if stamped is False]:

@@ -1,4 +1,4 @@
-"""Which model is live: choosing the first, swapping, rolling back, remembering."""
+"""The part that owns the live model: the first one, swaps, rollbacks, and their history."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -21,27 +21,27 @@ from wrist_ft_comp.stored.state_file import StateWriter
 @dataclass(eq=False)
 class LiveModel(Part):
     """
-    Owns the live model and those before it; ``swap`` makes one live, or raises and does not.
+    Owns the live model and those before it; ``swap`` makes one live, or raises without a change.
 
-    It begins with the newest decision. A model_file that differs from the one of the last start,
-    in name or in content, is a new decision of the operator's, and must be usable. Otherwise what
-    a calibration or a rollback made live since that start goes on.
+    It starts with the newest decision. A model_file with other content than at the last start is a
+    new decision of the operator, and has to be usable. Otherwise the model goes on that a
+    calibration or a rollback has made live since that start.
     """
 
     _store: ModelStore
     _model_file: str
-    #: Tells what the sensor is called here.
+    #: Gives the names of the sensor.
     _sensor: Callable[[], SensorNames]
     _swap: Callable[[DriftModel | None], None]
     _writer: StateWriter
     _log: NodeLog
-    #: Why the model that should be live is not, or will not be after a restart.
+    #: Why the right model is not live, or will not be live after a restart.
     problem: str = ''
-    #: What is live; None is no compensation.
+    #: The live model; None is no compensation.
     stored: StoredModel | None = None
-    #: Newest last, the live one included; None stands for no compensation.
+    #: Models that were live, the live one last; None stands for no compensation.
     _history: list[Path | None] = field(default_factory=list)
-    #: Kept, because it goes live next, and reading it takes tens of milliseconds.
+    #: Model of a checked model_file, which goes live next; reading it takes tens of ms.
     _validated: StoredModel | None = None
     #: Why the live model may be of another sensor, as it was logged.
     _doubt: str = ''
@@ -53,7 +53,7 @@ class LiveModel(Part):
         return (Service(Trigger, '~/rollback', self.roll_back),)
 
     def start(self, _hub: Hub) -> None:
-        """Choose the first."""
+        """Choose the first model."""
         model_file = self._model_file
         self._store.sweep()
         given = self.load(self._store.locate(model_file)) if model_file else None
@@ -75,7 +75,7 @@ class LiveModel(Part):
         return False
 
     def statuses(self) -> Iterator[Status]:
-        """Tell which model is live."""
+        """Report the live model."""
         stored, saved = self.stored, self._writer
         numbers = {
             'state_saves': str(saved.written),
@@ -175,7 +175,7 @@ class LiveModel(Part):
                 self._validate(parameter.name, parameter.value)
 
     def _validate(self, name: str, value: Any) -> None:
-        """Refuse one of these parameters, if there is a reason."""
+        """Check one of these parameters."""
         store = self._store
         for given in [value] if name == 'model_file' else value or []:
             if given and not store.contains(store.locate(given)):
@@ -232,6 +232,6 @@ class LiveModel(Part):
 
 
 def summary(stored: StoredModel) -> str:
-    """Say what a live model compensates, in a few words."""
+    """Say how many axes a live model compensates."""
     count = len(stored.model.axes)
     return f'compensating {count} {"axis" if count == 1 else "axes"}'

@@ -1,4 +1,4 @@
-"""The part that says what is subtracted: ~/drift, and the diagnostics of the output."""
+"""The part that publishes ~/drift, and judges the output."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -16,7 +16,7 @@ from wrist_ft_comp.stream.stream_grid import CompletedCells
 
 
 class Output(Part):
-    """Publishes the zero drift once per thermal cell; ``frame`` tells the sensor's frame."""
+    """Publishes the zero drift once per thermal cell; ``frame`` gives the sensor's frame."""
 
     title = 'output'
 

@@ -20,13 +20,14 @@ PARAMETERS = (
         '/driver/state:joints[2].temperature, with :K or :F behind it where that is not in °C.'),
     at_start(
         'hardware_id', '',
-        'Serial number of the sensor, which no topic tells. Recordings and models keep it, and a '
+        'Serial number of the sensor, which no topic holds. Recordings and models keep it, and a '
         'model of another sensor gives a warning.'),
     Parameter(
         'model_file', '',
         'Model to run, relative to data_directory or to the working directory; empty takes the '
-        'one that was live last. Given at start as at the start before, a calibration or rollback '
-        'since then goes on. Set at run time, it must lie inside data_directory.'),
+        'one that was live last. Where it is the same as at the last start, the model of a '
+        'calibration or rollback since then goes on. Set at run time, it must lie inside '
+        'data_directory.'),
     at_start(
         'data_directory', '',
         'Where models and own recordings are kept, by several sensors in a folder each; empty '
@@ -37,7 +38,7 @@ PARAMETERS = (
         'node ends, and when the tare or the model changes.', 's', 0.1, 3600.0),
     at_start(
         'thermal_period', _STREAM.thermal_period_s,
-        'Length of a thermal cell while no model says otherwise, and in recordings.',
+        'Length of a thermal cell without a model, and in recordings; a model brings its own.',
         's', *PERIODS_S),
     at_start(
         'temperature_timeout', _STREAM.temperature_timeout_s,
@@ -61,8 +62,8 @@ PARAMETERS = (
         'How often ~/correction is published.', 'Hz', 1.0, 1000.0),
     at_start(
         'gravity.source', 'none',
-        'What tells where down is, to learn a payload and to subtract its weight: an IMU at the '
-        'sensor on the topic imu, /tf and /tf_static (tf), or nothing (none).',
+        'Where specific force comes from, to learn a payload and to subtract its weight: an IMU '
+        'at the sensor on the topic imu, /tf and /tf_static (tf), or nothing (none).',
         choices=('none', 'imu', 'tf')),
     at_start(
         'gravity.frame', '',
@@ -70,7 +71,7 @@ PARAMETERS = (
         'wrench turns.'),
     Parameter(
         'gravity.timeout', 0.2,
-        'Age of the specific force from which on no weight is subtracted by it.',
+        'Age above which a specific force is not used, so that no weight is subtracted.',
         's', 0.01, 10.0),
     Parameter(
         'payload.active', '',
@@ -90,8 +91,9 @@ PARAMETERS = (
         'time, they must lie inside data_directory.', element=str),
     Parameter(
         'calibration.reference', _CALIBRATION.reference,
-        'What the true wrench was while recording: zero, an unknown constant, that of an '
-        'unknown payload whose specific force was recorded, or recorded on wrench_reference.',
+        'The true wrench while recording: zero (unloaded), unknown but constant (constant), the '
+        'weight of an unknown payload, found by the specific force (payload), or that on '
+        'wrench_reference (recorded).',
         choices=get_args(Reference)),
     Parameter(
         'calibration.method', _CALIBRATION.identification.method,
@@ -101,17 +103,19 @@ PARAMETERS = (
         'A calibration is refused when no thermometer spans this much.', 'K', 0.0, 200.0),
     at_start(
         'learning', 'off',
-        'Keep a diary of every day and learn from it: offer a model that is better by more than '
-        'chance, which ~/adopt makes live (propose), or let it go live by itself (auto), or '
-        'nothing of all that (off). Needs calibration.reference payload and a gravity.source.',
+        'Whether to keep a diary of every day and to learn from it. A model that is better by '
+        'more than chance is offered, and ~/adopt makes it live (propose), or it goes live by '
+        'itself (auto); off does nothing. Needs calibration.reference payload and a '
+        'gravity.source.',
         choices=('off', 'propose', 'auto')),
     at_start(
         'learning.keep_days', 30,
-        'So many days are kept; those that know temperatures like no other are kept longest.',
+        'Most days that are kept; those with temperatures that no other day had are kept '
+        'longest.',
         minimum=2, maximum=1000),
     at_start(
         'learning.max_mb', 500.0,
-        'Most that the days of a sensor may take of the disk.', 'MB', 50.0, 1e6),
+        'Most room on the disk for the days of a sensor.', 'MB', 50.0, 1e6),
     Parameter(
         'tare.duration', 1.0,
         'How long a tare averages, in stamps of the wrench.', 's', 0.01, 60.0),

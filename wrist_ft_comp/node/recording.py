@@ -1,4 +1,4 @@
-"""The node's own recordings: what feeds those that run, and the service ~/record."""
+"""The parts that feed the node's own recordings, and that answer ~/record."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -24,7 +24,7 @@ from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.stream_grid import CompletedCells
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
-#: What to do, in every sentence about a disk that refuses.
+#: What to do, in every message about a disk that refuses.
 REMEDY = 'Make room or choose another data_directory'
 
 
@@ -79,7 +79,7 @@ class Recorder(Part):
         self.thermometers = compensator.thermometers
         #: Names of a row's values.
         self.channels = row_channels(self.thermometers, with_force=with_force)
-        #: Tells what the sensor is called.
+        #: Gives the names of the sensor.
         self.sensor = sensor
         self._compensator = compensator
         self._with_force = with_force
@@ -150,7 +150,7 @@ class Recorder(Part):
             recording.on_failure(error)
 
     def on_model(self) -> None:
-        """Call on_period of recordings whose cells have another length than the new model's."""
+        """Call on_period of recordings with other thermal cells than the new model has."""
         for recording in tuple(self._running):
             if recording.period_ns != self.period_ns:
                 recording.on_period()
@@ -224,7 +224,7 @@ class RecordService(Part):
         return f'recorded {recording.rows} thermal cells ({seconds:.0f} s) into {self.path}'
 
     def _forget(self) -> None:
-        """Listen to the reference no longer."""
+        """Unsubscribe from the reference."""
         self.current = None
         self._hub.destroy_subscription(self._reference)
 

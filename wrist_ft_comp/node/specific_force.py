@@ -1,4 +1,4 @@
-"""Where down is, live: specific force of an IMU, or by TF, told to all parts."""
+"""The part that takes specific force from an IMU or from TF, and hands it to all parts."""
 
 from functools import partial
 import math
@@ -17,17 +17,17 @@ from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTAT
 from wrist_ft_comp.wire.tf_messages import Layouts
 from wrist_ft_comp.wire.tf_tree import GravityByTf
 
-#: TF comes in pieces of several publishers; specific force is computed no more often than this.
+#: Least time between two specific forces by TF, ns: several publishers send parts of the tree.
 _STEP_NS = 10_000_000
-#: Messages of TF after which transforms that are too old are dropped.
+#: Old transforms are dropped after this many messages of TF.
 _TIDY_MESSAGES = 100
 
 
 class Gravity(Part):
     """
-    Hears what the parameters ``gravity.…`` say, and tells all parts each specific force.
+    Takes specific force from where the parameters ``gravity.…`` say, and hands it to all parts.
 
-    An IMU may send at a kilohertz, so it is polled: no executor wakes for its messages.
+    An IMU may send at 1 kHz, so it is polled: no executor wakes up for its messages.
     """
 
     title = 'gravity'
@@ -39,7 +39,7 @@ class Gravity(Part):
         self.unreadable = 0
         self._unreadable_before = 0
         self._hub: Hub | None = None
-        #: By TF the force's frame is turned in the wrench's; of an IMU it tells how it is mounted.
+        #: Links gravity.frame and the wrench's frame; with an IMU, the frames of IMU and wrench.
         self._tree = GravityByTf(self._upper, '')
         self._told_ns: int | None = None
         self._tf_messages = 0
@@ -54,7 +54,7 @@ class Gravity(Part):
             self._imu = hub.subscribe_unserved(Imu, 'imu', messages.FAST_SENSOR)
             try:
                 self._subscribe(hub, '/tf_static')
-            except SettingsError as error:  # a payload that was learnt knows
+            except SettingsError as error:  # a learnt payload brings the rotation
                 hub.log.info(f'TF is not asked how the IMU is mounted: {error}')
         elif self._by_tf:
             if not self._upper:
@@ -66,23 +66,23 @@ class Gravity(Part):
                 self._subscribe(hub, topic)
 
     def _subscribe(self, hub: Hub, topic: str) -> None:
-        """Hear transforms."""
+        """Subscribe to a topic of transforms."""
         static = topic == '/tf_static'
         take = partial(self.on_tf, Layouts(), static=static)
         qos = messages.LATCHED if static else messages.FAST_SENSOR
         hub.subscribe_for(self, load_type(topic, TF), topic, take, qos)
 
     def poll(self) -> None:
-        """Take what an IMU has sent."""
+        """Take the messages that an IMU has sent."""
         if self._imu is not None and not self.stopped:
             for data in messages.waiting(self._imu):
                 self.on_imu(data)
 
     def frames(self) -> FrameIds:
         """
-        Tell the frame_ids of specific force and wrench, '' where one is not known yet.
+        Give the frame_ids of specific force and wrench, '' where one is not known yet.
 
-        By TF that of specific force is the frame whose z is up.
+        With TF, that of specific force is the frame whose z is up.
         """
         wrench = '' if self._hub is None else self._hub.hardware_id()
         if self._by_tf:
@@ -91,7 +91,7 @@ class Gravity(Part):
         return FrameIds(locate(newest, IMU_DOUBLES).frame_id(newest) if newest else '', wrench)
 
     def mount(self) -> ForceFrame | None:
-        """Tell how TF turns specific force into the wrench's frame; None where it does not."""
+        """Find the rotation of specific force by TF; None where TF does not link the frames."""
         if self._by_tf:
             return ForceFrame()
         names = self.frames()
@@ -102,7 +102,7 @@ class Gravity(Part):
         return ForceFrame(rotation, source='imu') if np.isfinite(rotation).all() else None
 
     def on_imu(self, data: bytes) -> None:
-        """Take one sensor_msgs/Imu; a gyroscope that is not there leaves zeros."""
+        """Take one sensor_msgs/Imu; without a gyroscope its rotation is zero."""
         try:
             stamp_ns, numbers = locate(data, IMU_DOUBLES).decode(data)
         except RecordingError:
@@ -135,9 +135,9 @@ class Gravity(Part):
             self._tell_by_tf()
 
     def _tell_by_tf(self) -> None:
-        """Tell specific force at the newest stamp that all transforms reach, if that is news."""
+        """Hand out specific force at the newest stamp of all transforms, if it is a new one."""
         at_ns, told_ns = self._tree.settled_ns(), self._told_ns
-        # Stamps that ran back are a simulation begun anew.
+        # Stamps that ran back are those of a simulation that was restarted.
         if at_ns is None or (told_ns is not None and 0 <= at_ns - told_ns < _STEP_NS):
             return
         self._told_ns = at_ns
@@ -147,12 +147,12 @@ class Gravity(Part):
             self._tell(at_ns, (x, y, z), float(speed[0]) if math.isfinite(speed[0]) else None)
 
     def _tell(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
-        """Tell all parts; the stamp, ns, is 0 where the message has none."""
+        """Hand specific force to all parts; the stamp, ns, is 0 where the message has none."""
         if self._hub is not None:
             self._hub.tell('on_force', stamp_ns or self._hub.now_ns(), force, speed)
 
     def doubt(self) -> str:
-        """Say what is wrong with what is sent, since the last time; empty when nothing is."""
+        """Say what is wrong with the messages since the last call; empty when nothing is."""
         unreadable, self._unreadable_before = self._unreadable_before, self.unreadable
         if self._imu is not None and self._hub is not None:
             topic = self._imu.topic_name
@@ -166,6 +166,6 @@ class Gravity(Part):
         return f'{self.unreadable} {what} could not be read, or hold no numbers'
 
     def problem(self) -> str:
-        """Say why TF tells nothing; empty where it tells something, or is not asked."""
+        """Say why TF gives no specific force; empty where it does, or is not used."""
         self._tree.lower = lower = self.frames().wrench_frame
         return self._tree.missing() if self._by_tf and self._told_ns is None and lower else ''

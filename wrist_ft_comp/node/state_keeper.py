@@ -1,4 +1,4 @@
-"""Warm restarts of the node: saving thermal state and tare, and going on from them."""
+"""The part for warm restarts: it saves thermal state and tare, and continues from them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.gap import doubt, longest_gap_s
 from wrist_ft_comp.stream.warm_restart import belongs_to, ThermalMemory
 
-#: How long the node waits for the disk when it ends, s.
+#: Longest time that the node waits for the disk when it ends, s.
 _END_TIMEOUT_S = 2.0
-#: A system clock that was set back by less than this is no reason to forget, s.
+#: A state is used though it was saved up to this long in the future, s: clocks are set.
 _SET_BACK_S = 1.0
 _SOAKED = 'the drift starts at the steady state of the first temperatures'
 
@@ -24,9 +24,10 @@ _SOAKED = 'the drift starts at the steady state of the first temperatures'
 @dataclass(eq=False)
 class StateKeeper(Part):
     """
-    Goes on from the state of the node before, and saves this one's.
+    Continues from the state that the last node saved, and saves the state of this one.
 
-    Settings are save_period, and use_sim_time, with which the system's clock tells no gaps.
+    Its settings are save_period and use_sim_time: with simulated time, the system's clock does not
+    show how long a restart took.
     """
 
     _compensator: Compensator
@@ -34,11 +35,11 @@ class StateKeeper(Part):
     writer: StateWriter
     _settings: Mapping[str, Any]
     _log: NodeLog
-    #: What became of the saved state.
+    #: What happened to the saved state.
     outcome: str = 'there was no saved state'
     #: The trouble with the file that was logged last.
     _complained: str = ''
-    #: The saved state, until the first thermal cell tells what is made of it.
+    #: The saved state, until the first thermal cell decides whether it is used.
     _loaded: SavedState | None = None
 
     #: When to save next, by the steady clock; None before the first model is live.
@@ -47,7 +48,7 @@ class StateKeeper(Part):
     title = 'state'
 
     def on_model(self) -> None:
-        """Go on from the saved state when the first model is live, and begin to save."""
+        """Continue from the saved state when the first model is live, and begin to save."""
         if self._due is None:
             self._due = time.monotonic() + self._settings['save_period']
             self._told = self._compensator.tracker.origin
@@ -55,7 +56,7 @@ class StateKeeper(Part):
             self._saved, self._saved_end_ns = self._key(), self._end_ns()
 
     def _restore(self) -> None:
-        """Go on from the saved state, if it is of use."""
+        """Continue from the saved state, if it can be used."""
         try:
             state = load_state(self.writer.path)
         except StateFileError as error:
@@ -74,7 +75,7 @@ class StateKeeper(Part):
             self._resume(state, state.thermal, self._compensator.model)
 
     def _resume(self, state: SavedState, memory: ThermalMemory, model: Any) -> None:
-        """Go on from a thermal state, unless it makes no sense."""
+        """Continue from a thermal state, if it can be used."""
         simulated = self._settings['use_sim_time']
         gap_s = 0.0 if simulated else (time.time_ns() - state.saved_ns) / NANOSECONDS
         if not belongs_to(model, memory):
@@ -89,23 +90,23 @@ class StateKeeper(Part):
             self.outcome = self._compensator.tracker.origin
 
     def _begin_anew(self, why: str) -> None:
-        """Say that the saved state is of no use."""
+        """Say why the saved state is not used."""
         self.outcome = f'{why}; {_SOAKED}'
         self._log.warning(self.outcome)
 
     def _key(self) -> tuple[str | None, bytes, bytes]:
-        """Give the model and the tares, whose change is saved at once."""
+        """Collect the model and the tares: a change of them is saved at once."""
         compensator = self._compensator
         tare, external = compensator.tare.tobytes(), compensator.external_tare.tobytes()
         return self._live_sha256(), tare, external
 
     def _end_ns(self) -> int | None:
-        """Tell up to when the thermal state reaches; None without one."""
+        """Stamp of the end of the thermal state, ns; None without one."""
         tracker = self._compensator.tracker
         return tracker.end_ns if tracker.following else None
 
     def poll(self) -> None:
-        """Tell what became of the saved state, and save what changed or is due."""
+        """Log what happened to the saved state; save where something changed or is due."""
         self._tell_origin()
         if self.writer.problem != self._complained:
             self._complained = self.writer.problem
@@ -118,7 +119,7 @@ class StateKeeper(Part):
             self.save()
 
     def _tell_origin(self) -> None:
-        """Log how the drift started, when that is known."""
+        """Log how the drift started, once that is known."""
         tracker = self._compensator.tracker
         if tracker.origin == self._told:
             return
@@ -140,7 +141,7 @@ class StateKeeper(Part):
         self._saved, self._saved_end_ns = self._key(), self._end_ns()
         saved_ns = time.time_ns()
         if self._loaded is not None and compensator.tracker.awaiting_gap:
-            saved_ns = self._loaded.saved_ns  # what is not yet in use is as old as it was
+            saved_ns = self._loaded.saved_ns  # a state that is not yet used does not get younger
         model, memory = self._live_sha256(), compensator.memory()
         tares = compensator.tare, compensator.external_tare
         self.writer.put(SavedState(saved_ns, model, tares[0], memory, tares[1]))

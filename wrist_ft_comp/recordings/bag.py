@@ -28,7 +28,7 @@ _FIELD_TYPE = re.compile(
 
 @dataclass(frozen=True, eq=False)
 class Connection:
-    """A topic of a bag; where several publishers were told apart, one of its connections."""
+    """A topic of a bag; where its publishers are recorded separately, one of them."""
 
     id: int  # noqa: A003 -- as rosbags names it
     topic: str
@@ -81,7 +81,7 @@ class Bag:
     def grouped(
         self, streams: Mapping[int, _Stream], progress: Progress | None = None
     ) -> Iterator[tuple[_Stream, list[int], list[bytes]]]:
-        """Read by what connections stand for: that, times of arrival, ns, and bytes, by batch."""
+        """Read batches per stream, by connection: the stream, times of arrival, ns, and bytes."""
         wanted = [c for c in self.connections if c.id in streams]
         for batch in self.batches(wanted, progress):
             groups: dict[int, tuple[list[int], list[bytes]]] = {c.id: ([], []) for c in wanted}
@@ -130,14 +130,14 @@ class Bag:
         return named_so
 
 
-#: To write a bag: what makes a topic of a connection's type, by name; and what writes a message,
-#: given what the first one returned, the time of arrival in ns, and bytes.
+#: Two functions that write a bag. The first adds a topic of a connection's type, by name. The
+#: second writes a message: what the first one returned, the time of arrival, ns, and bytes.
 BagWriter = tuple[Callable[[Connection, str], Any], Callable[[Any, int, bytes], None]]
 
 
 @contextmanager
 def translated(name: str) -> Iterator[None]:
-    """Turn whatever a broken file makes a backend raise into a RecordingError."""
+    """Turn any exception of a backend, such as for a broken file, into a RecordingError."""
     try:
         yield
     except RecordingError:

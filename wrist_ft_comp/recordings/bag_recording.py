@@ -47,21 +47,22 @@ from wrist_ft_comp.wire.temperature_source import (
 from wrist_ft_comp.wire.tf_messages import decode_transforms
 from wrist_ft_comp.wire.tf_tree import GAP_NS, GravityByTf
 
-#: Wrenches that arrive later than this after their stamp are stamped by another clock.
+#: A wrench is stamped by another clock than the recorder's where its time of arrival is farther
+#: from its stamp, ns.
 _APART_NS = 10 * NANOSECONDS
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
-#: Gravity by TF is computed once a step; a transform is good for the steps until where a gap would
-#: begin.
+#: Gravity by TF is computed once in this time, ns.
 _STEP_NS = NANOSECONDS // 50
+#: Steps after a transform in which it may be used: until a gap would begin.
 _STEPS = np.arange(GAP_NS // _STEP_NS)
 
 
 @dataclass(frozen=True, eq=False)
 class _Stream:
-    """What a topic's messages are: a header and doubles, or anything with numbers in it."""
+    """A topic that is read: a header and doubles, or any message with numbers in it."""
 
     connection: Connection
-    #: Of the first doubles, or of each source.
+    #: Channels of the first doubles, or of the sources.
     channels: tuple[str, ...]
     sources: tuple[TemperatureSource, ...] = ()
     definitions: Definitions = field(default_factory=dict)
@@ -185,7 +186,7 @@ def temperatures_inside(bag: Bag, connection: Connection) -> list[Path]:
 
 
 def wrenches_inside(bag: Bag, connection: Connection) -> list[str]:
-    """Say of wrenches inside a topic's messages of another type what to do to use them."""
+    """Say how to use the wrenches inside messages of another type than WrenchStamped."""
     message = None if connection.msgtype == cdr.WRENCH else _first_message(bag, connection)
     found = [path for path, _ in numbers_in(message)] if message else []
     return [
@@ -207,7 +208,7 @@ def _first_message(bag: Bag, connection: Connection) -> Decoded | None:
 
 
 def _check_first(bag: Bag, stream: _Stream, messages: list[bytes], values: FloatArray) -> None:
-    """Refuse a source of which the first messages have no number, saying what they have."""
+    """Refuse a source without a number in the first messages, and say what these hold."""
     for column, source in enumerate(stream.sources):
         if np.isfinite(values[:, column]).any():
             continue
@@ -235,7 +236,7 @@ def _decode(bag: Bag, stream: _Stream, messages: list[bytes]) -> tuple[IntArray,
 
 
 def sensor_of(bag: Bag, topics: Topics) -> SensorNames:
-    """Tell what the sensor of a bag is called."""
+    """Find the names of the sensor of a bag."""
     wrench = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')[0]
     temperatures = [f'/{entry.strip("/")}' for entry in topics.temperatures]
     names = {'wrench_topic': [wrench.topic], 'temperature_topics': temperatures}
@@ -247,7 +248,7 @@ def sensor_of(bag: Bag, topics: Topics) -> SensorNames:
 
 
 def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
-    """Tell specific force in the wrench's frame 50 times a second; refused where TF tells none."""
+    """Compute specific force by TF, 50 times a second; RecordingError where TF gives none."""
     moving = bag.find(_tf_topic(bag, '/tf'), cdr.TF, 'gravity')
     gravity = _static_gravity(bag, topics)
     due: IntArray = np.empty(0, np.int64)
@@ -357,7 +358,7 @@ def rewrite_bag(
 def _corrected(
     bag: Bag, stream: _Stream, messages: list[bytes], corrections: Iterable[Correction]
 ) -> list[tuple[bytes | None, ...]]:
-    """Correct messages in several ways; None where one does not know what the raw one does."""
+    """Correct messages in several ways; None where a correction gives NaN for a finite wrench."""
     if not messages:
         return []
     stamps_ns, raw = _decode(bag, stream, messages)

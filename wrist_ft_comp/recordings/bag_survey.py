@@ -1,4 +1,4 @@
-"""What a bag's topics may be good for (wrench, temperature, IMU, TF), and which to name."""
+"""Which topics of a bag may be wrench, temperature, IMU or TF, and which of them to use."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,35 +25,36 @@ from wrist_ft_comp.wire.temperature_source import Path, path_text
 
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
 _ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}
-#: Wrenches that something was done to already are named like this.
+#: Names of wrenches that were processed before.
 _TREATED = re.compile(r'compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE)
-#: Temperatures of the sensor, or beside it, are named like this.
+#: Names of temperatures of the sensor, or near it.
 _NEAR = re.compile(r'sensor|force|wrench|torque|tool|flange|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
-#: Temperatures of what heats the sensor, or of what is around, are named like this.
+#: Names of temperatures of what heats the sensor, or of its surroundings.
 _FAR = re.compile(r'motor|drive(?!r)|joint|cabinet|ambient|room|cpu|battery', re.IGNORECASE)
-#: A thermometer that moves by less sees no warm-up.
+#: A thermometer that changes by less, K, sees no warm-up.
 _MOVES_K = 0.5
-#: As many thermometers are suggested: one inside the sensor, and one at the motor's side.
+#: Number of thermometers that are suggested: one inside the sensor, one at the motor's side.
 _SUGGESTED = 2
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """What a topic, or a number in its messages, may be used as, and how good it is."""
+    """A topic, or a number in its messages, that may be used, and how good it is."""
 
     #: RAW_WRENCH, TEMPERATURE, IMU or TF.
     role: str
     #: As an option takes it: a topic, or ``topic:field``.
     entry: str
     samples: int
-    #: Between the first and the last sample, s, and the longest time without one.
+    #: Time from the first to the last sample.
     span_s: float
+    #: Longest time without a sample.
     longest_gap_s: float
     #: Whether the stamps are the headers'; else times of arrival.
     stamped: bool
     #: Lowest and highest reading, in the driver's unit; None but for temperatures.
     reads: tuple[float, float] | None = None
-    #: Of an IMU.
+    #: Specific force of an IMU; None for other roles.
     force: ForceSummary | None = None
 
     @property
@@ -68,13 +69,13 @@ class Candidate:
 
     @property
     def usable(self) -> bool:
-        """Whether it is a temperature that moved, in °C as far as one can tell."""
+        """Whether it is a temperature that moved, probably in °C."""
         return self.moves and all(map(is_plausible, self.reads or ()))
 
 
 @dataclass(eq=False)
 class _Tally:
-    """What a connection delivered so far."""
+    """Statistics of a connection so far."""
 
     connection: Connection
     role: str
@@ -118,7 +119,7 @@ class _Tally:
         return stamps_ns, values[:, : self.role == TEMPERATURE]
 
     def candidates(self) -> Iterator[Candidate]:
-        """Say what came of it."""
+        """Make the candidates of the connection."""
         span_ns = self.last_ns - (self.first_ns or 0)
         known = self.samples, span_ns / NANOSECONDS, self.gap_ns / NANOSECONDS, self.stamped
         topic = self.connection.topic
@@ -135,7 +136,7 @@ class _Tally:
 def survey_bag(
     bag: Bag, progress: Progress | None = None
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
-    """Tell how good what may be used of a bag is, by role and topic, and what is not known."""
+    """List what may be used of a bag, by role and topic, and warnings."""
     warnings: list[str] = []
     filled = [c for c in bag.connections if c.msgcount]
     tallies = {c.id: tally for c in filled if (tally := _tally(bag, c, warnings))}
@@ -168,13 +169,13 @@ def _tally(bag: Bag, connection: Connection, warnings: list[str]) -> _Tally | No
 
 def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     """
-    Decide what to use of a bag: what was named and is there, else what looks right.
+    Choose the topics of a bag: the named ones that it holds, else the most probable ones.
 
-    The raw wrench is one that nothing was done to. What is named after the sensor of another
-    wrench is not used with it. The thermometer inside the sensor, which comes first, is most
-    probably the one that is not named like a motor's, has most of its name in common with the
-    wrench, or is named like something at the tool; so it is with IMUs. Of an array, the last
-    element counts as nearest to the tool. Without a raw wrench, its topic is empty.
+    The raw wrench is one whose name shows no processing. Topics with the name of another wrench's
+    sensor are not used. The thermometer inside the sensor comes first. It is most probably the one
+    without the name of a motor, with the longest common beginning of its name and the wrench's, or
+    with the name of something at the tool; the same holds for IMUs. In an array, the last element
+    is taken for the nearest to the tool. Without a raw wrench, its topic is empty.
     """
     wrenches = [c for c in candidates if c.role == RAW_WRENCH]
     wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), -c.samples))

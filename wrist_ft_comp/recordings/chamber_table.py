@@ -24,7 +24,7 @@ _LARGEST = 100_000
 
 
 def is_chamber_table(path: Path) -> bool:
-    """Tell whether the file's first line names a load and outputs at temperatures."""
+    """Whether the file's first line names a load and outputs at temperatures."""
     header = beginning(path).lstrip('\ufeff').partition('\n')[0].strip().split(',')
     return any(map(_OUTPUT.fullmatch, header)) and any(map(_LOAD.fullmatch, header))
 

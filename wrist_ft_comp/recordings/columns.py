@@ -1,8 +1,8 @@
 """
 Tables of named columns: which channels they hold, and a recording made of ones in memory.
 
-A table is what has ``keys`` and columns by name, a stamp and channels (``signals``): a dict of
-arrays, or a pandas DataFrame. A column's name tells its unit where there are several.
+A table has ``keys`` and columns by name, a stamp and channels (``signals``): a dict of arrays, or
+a pandas DataFrame. Where a column may be in several units, its name holds the unit.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -38,7 +38,7 @@ STAMPS = {'stamp_ns': 1, 'stamp_us': 1_000, 'stamp_ms': 1_000_000, 'stamp_s': NA
 #: Channels with one name; thermometers have a number and a unit.
 _CHANNELS = (*AXES, *REFERENCE_CHANNELS, *FORCE_CHANNELS, ROTATION_CHANNEL)
 _THERMOMETER = re.compile(r'(temperature_(?:(?:[2-9]|[1-9]\d+)_)?)([ckf])')
-#: What other loggers call a column: in small letters, without signs and a unit in brackets.
+#: Names of columns by other loggers, in small letters, without signs and a unit in brackets.
 _ALIASES = {
     **dict.fromkeys(('t', 'time', 'timestamp', 'date', 'datetime'), 'stamp_s'),
     **{f'{short}{axis}': f'force_{axis}' for short in ('f', 'f_') for axis in 'xyz'},
@@ -49,13 +49,16 @@ _ALIASES = {
         for axis in 'xyz'
     },
 }
-#: How much a name looks like that of a column that is probably meant, 0 to 1.
-_ALIKE = 0.7
-#: As many columns are listed in a sentence, and as many letters of a name.
-_LISTED, _SHOWN = 30, 40
-#: Beginning of the name of an empty column, which goes on with what the sensor is called; and the
-#: name of the empty column of a recording from which drift was removed.
-ORIGIN, COMPENSATED = 'recorded_from?', 'compensated_by_wrist_ft_comp'
+#: A column is probably meant where its name is as similar as this, 0 to 1.
+_LEAST_SIMILARITY = 0.7
+#: Most columns that a sentence lists.
+_LISTED = 30
+#: Most letters of a name in a sentence.
+_SHOWN = 40
+#: Beginning of the name of an empty column, followed by the names of the sensor.
+ORIGIN = 'recorded_from?'
+#: Name of the empty column of a recording from which drift was removed.
+COMPENSATED = 'compensated_by_wrist_ft_comp'
 
 
 class Columns(Protocol):
@@ -93,7 +96,7 @@ def channels_in(source: str, columns: Sequence[str]) -> dict[str, str]:
 
 
 def require_column(source: str, columns: Sequence[str], kind: str, names: Iterable[str]) -> None:
-    """Refuse when no column is one of the names, saying which one may be meant for it."""
+    """Refuse columns without any of these names, and guess which one may be meant."""
     names = list(names)
     if {channel_of(column) or column for column in columns} & set(names):
         return
@@ -115,7 +118,7 @@ def require_channels(source: str, columns: Sequence[str]) -> None:
 
 
 def unknown_columns(source: str, columns: Sequence[str]) -> list[str]:
-    """Name in one warning the columns that are not understood, and what may be meant by them."""
+    """Warn, in one sentence, of columns that are not understood, and guess what they are."""
     meant = meant_columns(columns)
     if not meant:
         return []
@@ -126,7 +129,7 @@ def unknown_columns(source: str, columns: Sequence[str]) -> list[str]:
 
 
 def meant_columns(columns: Sequence[str]) -> dict[str, str]:
-    """Find the columns that are not understood, and the absent one that each may be, or empty."""
+    """Find the columns that are not understood, and which missing one they may be, or ''."""
     used = {channel_of(column) or column for column in columns}
     absent = [name for name in _CHANNELS if name not in used]
     absent += [] if used & set(STAMPS) else ['stamp_s']
@@ -136,7 +139,7 @@ def meant_columns(columns: Sequence[str]) -> dict[str, str]:
         if channel_of(column) or column in STAMPS or column.startswith((ORIGIN, COMPENSATED)):
             continue
         plain = re.sub(r'[\[(].*|\W', '', column.lower())
-        near = difflib.get_close_matches(plain[:_SHOWN], absent, 1, _ALIKE)
+        near = difflib.get_close_matches(plain[:_SHOWN], absent, 1, _LEAST_SIMILARITY)
         name = _ALIASES.get(plain, near[0] if near else '')
         meant[column] = name if name in absent and not plain.startswith('external_') else ''
         if may_be_temperature((plain,)):
@@ -176,7 +179,7 @@ def channel_groups(channels: Iterable[str]) -> list[tuple[str, ...]]:
 def samples_of(
     stamps_ns: IntArray, values: Mapping[str, FloatArray], filled: Mapping[str, BoolArray]
 ) -> Iterator[Samples]:
-    """Make blocks of a table's rows; a group that some rows fill in part comes one by one."""
+    """Make blocks of samples; a group of channels is split where a row holds a part of it."""
     for group in channel_groups(values):
         rows = np.stack([filled[channel] for channel in group])
         together = (rows == rows[0]).all()

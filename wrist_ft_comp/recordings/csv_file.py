@@ -2,7 +2,7 @@
 Recordings as CSV: read, and copied with the wrench corrected, row by row; and the node's own.
 
 Stamps become integer nanoseconds exactly. An empty cell is no sample. A last line without a line
-end may be only the beginning of what was to be written: if it is incomplete it is left out.
+end may be cut off; where it is incomplete, it is left out.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -248,7 +248,7 @@ class CsvRecording:
         return float(text) if text.strip() else nan
 
     def _refusal(self) -> RecordingError:
-        """Read anew up to the first bad row, and say where it is and what is wrong with it."""
+        """Read again up to the first bad row; say where it is and what is wrong with it."""
         with self._open() as text:
             reader = self._rows(self._below_header(text))
             problem = next(filter(None, map(self._problem, reader)), ' changed while it was read')
@@ -286,7 +286,7 @@ class CsvRecording:
 
 
 def _is_blank(row: Sequence[str]) -> bool:
-    """Tell whether nothing stands on a line."""
+    """Whether a line is empty."""
     return len(row) < 2 and not ''.join(row).strip()
 
 
@@ -301,7 +301,7 @@ def _with_comma(unit_ns: int, text: str) -> int:
 
 
 def _numbers(cells: Sequence[str], number: Callable[[str], float]) -> tuple[FloatArray, BoolArray]:
-    """Convert a channel's cells, and tell which are filled."""
+    """Convert a channel's cells, and mark those that are filled."""
     count = len(cells)
     try:
         return np.fromiter(map(float, cells), float, count), np.ones(count, bool)

@@ -1,4 +1,4 @@
-"""The front door to recordings of every kind: read, rewritten with another wrench, described."""
+"""Recordings of every kind: read them, copy them with another wrench, describe them."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -64,17 +64,18 @@ BAG, CSV, TABLE = 'rosbag2', 'CSV recording', 'chamber table'
 REFERENCE = 'reference'
 SPECIFIC_FORCE = 'specific force'
 EXTERNAL_TOPIC = '/wrench_external'
-#: Of channels that are no temperatures.
+#: Roles of channels that are no temperatures.
 _ROLES = {
     **dict.fromkeys(AXES, RAW_WRENCH),
     **dict.fromkeys(REFERENCE_CHANNELS, REFERENCE),
     **dict.fromkeys((*FORCE_CHANNELS, ROTATION_CHANNEL), SPECIFIC_FORCE),
 }
+#: Bytes of a file that are hashed at once.
 _HASHED_AT_ONCE = 1 << 20
 
 
 def kind_of(path: Path) -> str:
-    """Tell what kind of recording a path is, from its name and its first line; CSV if in doubt."""
+    """Find the kind of a recording from its name and its first line; CSV if in doubt."""
     if not path.exists():
         raise RecordingError(
             f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file.'
@@ -238,7 +239,7 @@ def check_copy(
 
 
 def _compensated(path: Path) -> str:
-    """Say that a file's drift was removed, as its header tells; empty where it was not."""
+    """Say that drift was removed from a file, by its header; empty where it was not."""
     done = COMPENSATED in beginning(path).partition('\n')[0]
     return f'{path.name} was compensated already. Name the raw recording.' if done else ''
 
@@ -358,7 +359,7 @@ def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> Reco
 def _survey_gravity(
     bag: Bag, candidates: Sequence[Candidate], topics: Topics
 ) -> tuple[Topics, ForceSummary | None, tuple[str, ...]]:
-    """Tell what the specific force of a bag saw, of an IMU or, without one, by TF, and why not."""
+    """Describe the specific force of a bag, of an IMU or else by TF, and say why there is none."""
     if topics.imu:
         imus = (c.force for c in candidates if c.entry.strip('/') == topics.imu.strip('/'))
         return topics, next(imus, None), ()

@@ -39,7 +39,7 @@ def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
 
 
 def _compression(chosen: Path) -> str:
-    """Tell how a bag folder is compressed: ``file``, ``message`` or ''."""
+    """Read how a bag folder is compressed: ``file``, ``message`` or ''."""
     if not chosen.is_dir():
         return ''
     text = (chosen / 'metadata.yaml').read_text(encoding='utf-8')

@@ -9,17 +9,17 @@ from wrist_ft_comp.fit.cross_validation import bin_means
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.signals import AXES, FloatArray, IntArray, Recording, Reference, stretches
 
-#: What a robot's wrist may meet: from a hall on a cold morning to hours of hard work, °C.
+#: Temperatures of a robot's wrist, °C: from a hall on a cold morning to hours of hard work.
 WORKING_RANGE_C = (15.0, 50.0)
 #: Width of the bins in which time is counted, K.
 BIN_K = 1.0
-#: Rise and fall are counted between means over this time, so that noise is no cooling, s.
+#: Rise and fall are counted between means over this time, s, so that noise does not count.
 _TREND_S = 300.0
-#: A recording should last this many times the slowest time constant ...
+#: A recording should last for this many slowest time constants.
 _TIME_CONSTANTS = 4.0
-#: ... and at least this long, s.
+#: A recording should last for at least this time, s.
 _SHORTEST_S = 3600.0
-#: Warming or cooling is missing when it holds less than this share of the other.
+#: Warming is missing where it is less than this share of cooling, and the other way round.
 _ONE_WAY_SHARE = 0.2
 #: Temperatures closer than this are the same, K.
 _SAME_K = 0.5

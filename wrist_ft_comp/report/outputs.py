@@ -1,4 +1,4 @@
-"""The files that a report and its pictures are written to, and what tells them from others."""
+"""The files of reports and pictures, and how they are recognized."""
 
 from wrist_ft_comp.stored.documents import Output
 

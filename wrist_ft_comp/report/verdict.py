@@ -5,8 +5,8 @@ Is an axis' compensation good? One table of thresholds, one sentence with the nu
 |---|---|
 | good | at most 25 % of the drift is left, or what is left is below 1.5 times the noise |
 | weak | more is left; or a held-out block got worse and keeps more than 25 % of the axis' drift; |
-| | or the slowest time constant is above half of the longest recording, so that it can't be told |
-| | from a trend |
+| | or the slowest time constant is above half of the longest recording, where it looks like a |
+| | trend |
 | harmful | more is left than without compensation; here as of a block, 5 % more may be chance |
 | uncalibrated | no compensation: nothing that was tried was better, or there is no drift |
 | unjudged | no thermometer moved by 0.5 K within a recording, so that nothing can be judged |
@@ -113,7 +113,7 @@ def judge(evidence: Evidence) -> Verdict:
 
 
 def _rests_on(evidence: Evidence, *, harmful: bool = False) -> str:
-    """Say so where one or two recordings cannot show how days differ, or what did the harm."""
+    """Name the recordings or blocks that a verdict rests on, where they are few or did harm."""
     if evidence.recordings in {1, 2}:
         few = 'judged on parts of a single recording', 'which rests on two recordings'
         return f', {few[evidence.recordings - 1]}'

@@ -34,7 +34,7 @@ from wrist_ft_comp.signals import (
 #: Length of the response to a step that is drawn, s: what a body does later is hardly seen in a
 #: warm-up.
 _RESPONSE_S = 7200.0
-#: A recording is hard when the others leave this many times as much of it as is usual.
+#: A recording is named where a model of the others leaves this many times the median of it.
 _HARD_RATIO = 1.5
 #: Length of the bins in which shares of the time at work are drawn, h.
 _BIN_H = 1 / 12
@@ -230,7 +230,7 @@ def evaluation_view(
         tables={e.recording.name: e.figures for e in evaluated if e.figures})  # fmt: skip
 
 
-def _axis_view(  # noqa: PLR0913, PLR0917 -- what is known of one axis, each a plain value
+def _axis_view(  # noqa: PLR0913, PLR0917 -- what an axis' view is made of
     stored: StoredModel,
     axis: str,
     evidence: Evidence,
@@ -337,7 +337,7 @@ def _held_out(fit: AxisFit) -> HeldOut:
 
 
 def _widening(fit: AxisFit) -> float:
-    """Say how many times as much is stated to be left as was of the folds that were held out."""
+    """Ratio of the stated error to that of the folds that were held out."""
     held_out = _held_out(fit)
     measured = float(rms_by_fold(held_out).after.mean())
     whole = not held_out.tared or held_out.recording.any()
@@ -351,7 +351,7 @@ def _slowest_s(fit: AxisFit) -> float:
 
 
 def _evidence_of_fit(fit: AxisFit, series: ErrorSeries, longest_s: float) -> Evidence:
-    """Collect what is known about one axis of a calibration."""
+    """Collect the evidence about one axis of a calibration."""
     held_out = _held_out(fit)
     tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
     return Evidence(

@@ -1,10 +1,10 @@
 """
 The hub of a node: it owns the parts and calls them, and no part can end it.
 
-What a part throws that is no refusal is a fault of the program: the hub logs it once with its
-traceback, calls that part no more, says so in the diagnostics and in the answers of the part's
-services, and goes on. The hub also opens topics for its parts: messages come as bytes, and
-parameters may override the quality of service.
+An exception of a part that is no refusal (WristFtCompError) is a fault of the program. The hub
+logs it once with its traceback, does not call that part again, reports it in the diagnostics and
+in the answers of the part's services, and goes on. The hub also opens topics for its parts:
+messages come as bytes, and parameters may override the quality of service.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,13 +28,15 @@ from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.node_log import ERROR, NodeLog, Status
 from wrist_ft_comp.ros.part import DeferredService, Part
 
+#: Parts are polled once in this time, s.
 HOUSEKEEPING_PERIOD_S = 0.1
+#: Diagnostics are published once in this time, s.
 DIAGNOSTICS_PERIOD_S = 1.0
-#: An answer that the asker has not taken yet is lost when its sender leaves the network.
+#: The node waits for this time at its end, s, so that callers take the last answers.
 FAREWELL_S = 0.5
-#: What the hub calls of those parts only that have a use for it.
+#: Verbs that the hub calls only for parts that define them.
 _VERBS = ('on_model', 'on_cells', 'on_force', 'check_parameters', 'apply_parameters', 'poll')
-#: What is made, and said, where the other side of our subscription or publisher does not agree.
+#: Events of quality of service that do not match, and what is logged then.
 _DISAGREEMENTS = {
     'subscription': (
         SubscriptionEventCallbacks,
@@ -57,25 +59,25 @@ class Hub(Node):
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, enable_logger_service=True, **options)
         self.log = NodeLog(cast('Any', self).get_logger())
-        #: Per topic, by relative name, the policy on which some other side does not agree.
+        #: Policy that does not match that of another node, by relative name of the topic.
         self.incompatible: dict[str, str] = {}
         #: Subscriptions that no executor serves.
         self._unserved: list[Any] = []
         self.parts: tuple[Part, ...] = ()
-        #: Parts that every wrench is handed to; in ordinary operation there are none.
+        #: Parts that get every wrench; usually there are none.
         self._listeners: tuple[Part, ...] = ()
         #: Whether all parts have started.
         self.running = False
         self._hearing: dict[str, list[Part]] = {}
         self._offered: list[DeferredService] = []
-        #: The refusal that a part's verb came to the last time, which is logged once.
+        #: The last refusal of a part, which is logged once.
         self._refusals: dict[Part, str] = {}
 
     def run(self, parts: Sequence[Part]) -> None:
-        """Start parts, offer their services, and look after them; WristFtCompError refuses."""
+        """Start parts, offer their services, and poll them; WristFtCompError when one refuses."""
         self.parts = tuple(parts)
         self._diagnostics = self.advertise(DiagnosticArray, '/diagnostics')
-        # Most parts have no use for most verbs: those are not called a thousand times a second.
+        # Most parts define few verbs; the others need not be called a thousand times a second.
         self._hearing = {
             verb: [part for part in parts if getattr(type(part), verb) is not getattr(Part, verb)]
             for verb in _VERBS
@@ -84,7 +86,7 @@ class Hub(Node):
             for part in parts:
                 self.call(part, part.start, self)
         except WristFtCompError:
-            self._end_parts()  # what was begun, such as a locked folder, is not left behind
+            self._end_parts()  # such as a folder that is locked
             raise
         self.running = True
         for part in self._hearing['on_model']:
@@ -98,7 +100,7 @@ class Hub(Node):
         ]  # fmt: skip
         self.add_on_set_parameters_callback(self._validate_parameters)
         self.add_post_set_parameters_callback(partial(self.tell, 'apply_parameters'))
-        # A steady clock: the node looks after itself where simulated time stands still, too.
+        # A steady clock: parts are polled where simulated time stands still, too.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(HOUSEKEEPING_PERIOD_S, self._keep_house, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._diagnose, clock=steady)
@@ -124,13 +126,13 @@ class Hub(Node):
             return None
 
     def _complain(self, part: Part, trouble: str) -> None:
-        """Log a trouble of a part, unless it was its last one, too."""
+        """Log a trouble of a part, unless it is the same as the last one."""
         if self._refusals.get(part) != trouble:
             self._refusals[part] = trouble
             self.log.error(trouble)
 
     def tell(self, verb: str, *values: Any) -> None:
-        """Call a verb of all parts that have a use for it."""
+        """Call a verb of all parts that define it."""
         for part in self._hearing[verb]:
             self.do(part, getattr(part, verb), *values)
 
@@ -198,7 +200,7 @@ class Hub(Node):
         self._listeners = (*others, part) if wanted and not part.stopped else others
 
     def _stop(self, part: Part, error: Exception) -> None:
-        """Call a part no more, because of a fault."""
+        """Stop a part because of a fault."""
         reason = f'{type(error).__name__}: {error}'.rstrip('.')
         part.stopped = (
             f'{part.title} has stopped by a fault of this program ({reason}); wrenches go on '
@@ -229,16 +231,16 @@ class Hub(Node):
         return SetParametersResult(successful=True)
 
     def _keep_house(self) -> None:
-        """Look after what does not come by message."""
+        """Poll the parts."""
         self.tell('poll')
 
     def _judge(self, part: Part) -> list[Status]:
-        """Ask a part how it stands; the hub answers for one that has stopped."""
+        """Get the statuses of a part; the hub gives that of a part that has stopped."""
         statuses = self.do(part, lambda: list(part.statuses())) or []
         return [Status(part.title, ERROR, part.stopped)] if part.stopped else statuses
 
     def hardware_id(self) -> str:
-        """Tell which device the diagnostics are about."""
+        """Name the device that the diagnostics are about."""
         return ''
 
     def _diagnose(self) -> None:
@@ -258,7 +260,7 @@ class Hub(Node):
         self._diagnostics.publish(array)
 
     def destroy_node(self) -> None:
-        """End what runs beside the node; who waits for an answer is told."""
+        """End all parts and the node; callers that wait for an answer get one."""
         if self._end_parts():
             time.sleep(FAREWELL_S)
         for subscription in tuple(self._unserved):
@@ -266,5 +268,5 @@ class Hub(Node):
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
 
     def _end_parts(self) -> bool:
-        """End all parts; tell whether somebody was answered just now."""
+        """End all parts; True when a caller was answered just now."""
         return any([self.do(part, part.end) for part in self.parts])  # noqa: C419 -- all of them

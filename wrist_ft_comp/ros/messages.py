@@ -1,4 +1,4 @@
-"""What is ROS about messages: quality of service, and typed ones where speed does not matter."""
+"""Quality of service, subscriptions that are polled, and typed messages."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -27,7 +27,7 @@ _profile: Any = QoSProfile  # its constructor carries no types
 FAST_SENSOR: QoSProfile = _profile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: Thermometers are slow (up to 100 Hz) and best effort, too; one second is kept.
 SLOW_SENSOR: QoSProfile = _profile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-#: Where only the newest counts, because nobody is woken for each.
+#: Where only the newest message counts, which is polled.
 NEWEST: QoSProfile = _profile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: What is sent once and kept for those who come later: static transforms.
 LATCHED: QoSProfile = _profile(
@@ -35,7 +35,7 @@ LATCHED: QoSProfile = _profile(
 )
 #: Reliable, so that every tool receives it; a controller wants the newest values, not old ones.
 OUTPUT: QoSProfile = _profile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-#: As any service's, but twenty askers at once overrun the usual queue of 10, and are never told.
+#: As any service's, but twenty calls at once overrun the usual queue of 10 without an error.
 SERVICE: QoSProfile = copy(qos_profile_services_default)
 SERVICE.depth = 1000
 
@@ -51,7 +51,7 @@ def overridable() -> QoSOverridingOptions:
     return QoSOverridingOptions.with_default_policies(callback=check)
 
 
-#: What rclpy says of a topic, of its name or of what overrides its quality of service.
+#: What rclpy raises for a topic, for its name, or for an override of its quality of service.
 _REFUSALS = (
     RuntimeError,
     ValueError,
@@ -63,7 +63,7 @@ _REFUSALS = (
 
 @contextmanager
 def opening(topic: str) -> Iterator[None]:
-    """Turn what rclpy says of a topic that it can't subscribe to or publish on into a sentence."""
+    """Turn rclpy's errors about a topic into a SettingsError."""
     try:
         yield
     except _REFUSALS as error:

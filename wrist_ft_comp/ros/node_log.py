@@ -1,4 +1,4 @@
-"""A status of the diagnostics, what it is made of, and the log, which tells statuses once."""
+"""A status of the diagnostics, and the log, which repeats no status."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -12,10 +12,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 ERROR, STALE = DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
-#: Reports during which the log does not mention what is stale: a driver may take time to start.
+#: The first reports, in which a stale status is not logged: a driver may take time to start.
 _PATIENCE_REPORTS = 5
-#: Reports without trouble after which the log says that it is over: what comes and goes more
-#: often is logged once.
+#: The log says that a trouble is over after this many reports without it. Trouble that returns
+#: sooner is logged once.
 _QUIET_REPORTS = 10
 #: Statuses whose troubles are logged nowhere else.
 _LOGGED = ('input', 'temperature', 'payload', 'output')
@@ -47,7 +47,7 @@ def doubtful(name: str, doubts: Iterable[str], well: str, values: dict[str, str]
 
 
 class Growth:
-    """Tells by how much counts have grown since the last report."""
+    """Measures by how much counts have grown since the last report."""
 
     def __init__(self) -> None:
         self._at_s, self._counts = time.monotonic(), dict[str, int]()
@@ -62,17 +62,17 @@ class Growth:
 
 
 class NodeLog:
-    """A node's log, which is told of refusals, and once a second of the statuses."""
+    """A node's log; it is given refusals, and once a second all statuses."""
 
     def __init__(self, logger: Any) -> None:
-        # rclpy tells call sites apart, so there is no method of ours between them and it.
+        # rclpy throttles per call site, so no method of ours may stand between.
         self.info, self.warning, self.error = logger.info, logger.warning, logger.error
         #: What was refused last, and why; empty before the first refusal.
         self.last_refusal = ''
         self._reports = 0
-        #: Per status: the sentences that were logged since all was well ...
+        #: Sentences that were logged since a status was well, by its name.
         self._logged: dict[str, set[str]] = defaultdict(set)
-        #: ... and for how many reports it has been well.
+        #: For how many reports a status has been well, by its name.
         self._well: dict[str, int] = defaultdict(int)
 
     def note_refusal(self, what: str, why: str) -> None:
@@ -87,7 +87,7 @@ class NodeLog:
                 self._tell_one(status)
 
     def _tell_one(self, status: Status) -> None:
-        """Log what a status says for the first time, and when it has been well for long."""
+        """Log what is new in a status, and that it has been well for long."""
         logged = self._logged[status.name]
         if status.level == OK:
             self._well[status.name] += 1

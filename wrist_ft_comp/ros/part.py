@@ -137,7 +137,7 @@ class Part:
         return ()
 
     def end(self) -> bool:
-        """End with the node, or with the part; tell whether somebody was answered just now."""
+        """End with the node, or after a fault; True when a caller was answered just now."""
         return False
 
 
@@ -190,7 +190,7 @@ class LongService(Part):
             self._answer(reply, str(error), success=False)
 
     def end(self) -> bool:
-        """Stop; tell whether its asker was answered just now."""
+        """Stop; True when a caller was answered just now."""
         if self._running is None:
             return False
         work, reply = self._running

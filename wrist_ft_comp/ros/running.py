@@ -92,7 +92,7 @@ def spin(executor: Executor, context: Context, stop: threading.Event) -> None:
     """Run callbacks until a flag, looked at now and then, is set or the context is shut down."""
     while context.ok() and not stop.is_set():
         # Not spin_once: leaving and entering the executor costs as much as a callback. The future
-        # is never done, and made anew because executors leave callbacks of theirs on it.
+        # is never done, and a new one every time, because executors leave callbacks on it.
         never = Future()  # type: ignore[no-untyped-call] # as rclpy declares it
         executor.spin_until_future_complete(never, timeout_sec=POLL_PERIOD_S)
 

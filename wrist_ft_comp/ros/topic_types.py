@@ -1,4 +1,4 @@
-"""What a topic carries: asked of the graph, which knows it once there is a publisher."""
+"""The type of a topic, as the ROS graph knows it once there is a publisher."""
 
 from importlib import import_module
 import re

@@ -13,14 +13,18 @@ from wrist_ft_comp.signals import FloatArray, GRAVITY, IntArray
 _LEGS = 200
 #: Legs in a row with a part in the gripper, and then without.
 _HELD_LEGS = 6
-#: Rests last this long on top of the least on average, s.
-_REST_S, _LEAST_REST_S = 6.0, 1.0
+#: Shortest rest, s.
+_LEAST_REST_S = 1.0
+#: Mean of what rests last longer, s.
+_REST_S = 6.0
 #: Standard deviation of a motion along each axis, m.
 _REACH_M = 0.15
 #: Largest force on things, N.
 _LARGEST_FORCE_N = 60.0
-#: Shares of a rest at which it begins and ends to press.
-_PRESS_FROM, _PRESS_TO = 0.1, 0.9
+#: The robot presses from this share of a rest ...
+_PRESS_FROM = 0.1
+#: ... to this share.
+_PRESS_TO = 0.9
 #: Time in which the force rises and falls, s.
 _RISE_S = 0.3
 #: Place of the accelerometer in the sensor's frame, m.

@@ -1,4 +1,4 @@
-"""What the package's own files share: what they may replace, atomic writing, size, a schema."""
+"""Common to all our own files: what they may replace, atomic writing, size, schema, records."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -19,15 +19,15 @@ import numpy as np
 from wrist_ft_comp.errors import OutputError, RecordingError, WristFtCompError
 
 Document = dict[str, Any]
-#: What a temporary neighbour's name ends with.
+#: End of the name of a temporary file beside the target.
 _SUFFIX = '.wrist_ft_comp.tmp'
-#: One that is older than this is nobody's any more, s.
+#: A temporary file that is older than this, s, was left by a killed process.
 _ABANDONED_S = 60.0
-#: Longest sentence that is quoted from the schema's checker.
+#: Most letters that are quoted of the schema's checker.
 _QUOTED = 200
-#: Levels of brackets that no file of ours has.
+#: Most levels of brackets; our files have fewer.
 _DEEPEST = 30
-#: Bytes of a file's beginning in which it says what it is.
+#: Bytes at the beginning of a file that show its kind.
 _BEGINNING = 4096
 #: Endings of names that promise a content; a new file of another content gets none of them.
 _PROMISING = '.yaml .yml .json .html .htm .png .svg .jpg .pdf .csv .mcap .db3'
@@ -79,7 +79,7 @@ def _sync_folder(folder: Path) -> None:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turn what the operating system says of a file being written into a RecordingError."""
+    """Turn errors of the operating system while writing a file into a RecordingError."""
     try:
         yield
     except OSError as error:
@@ -87,7 +87,7 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def plain(value: Any) -> Any:
-    """Turn records and arrays into plain values; an unknown number is none, for want of a NaN."""
+    """Turn records and arrays into plain values; NaN and infinity become None."""
     if is_dataclass(value):
         value = {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, Mapping):
@@ -159,7 +159,7 @@ def _integer(digits: str) -> int:
 
 
 def beginning(path: Path) -> str:
-    """Read the beginning of a file, where it says what it is; of what is none, nothing."""
+    """Read the beginning of a file, which shows its kind; empty where there is no file."""
     try:
         if not path.is_file():
             return ''  # a pipe would keep whoever reads it waiting
@@ -170,7 +170,7 @@ def beginning(path: Path) -> str:
 
 
 def _same(path: Path, other: Path) -> bool:
-    """Tell whether two paths lead to one file, by whatever spelling or links."""
+    """Whether two paths, spelt differently or by links, lead to the same file."""
     if path.exists() and other.exists():
         return path.samefile(other)
     return os.path.realpath(path) == os.path.realpath(other)

@@ -45,29 +45,15 @@ KIND = Kind(
     'changed.')  # fmt: skip
 
 
-#: Tells whether a file says that it is a model, of whatever version.
+#: Whether a file says that it is a model, of whatever version.
 is_model = KIND.is_own
 
 
 def load_model(path: Path | str) -> StoredModel:
     """
-    Read a model file.
+    Read a model file, which is checked against the schema.
 
-    Parameters
-    ----------
-    path : Path or str
-        The file.
-
-    Returns
-    -------
-    StoredModel
-        Checked against the schema, and able to run.
-
-    Raises
-    ------
-    ModelFileError
-        When it is missing, not YAML, of another version, or breaks the schema.
-
+    ModelFileError when it is missing, not YAML, of another version, or breaks the schema.
     """
     path = Path(path)
     content = KIND.read(path)
@@ -176,27 +162,11 @@ def save_model(
     path: Path | str, calibration: 'Calibration', provenance: Mapping[str, Any] | None = None
 ) -> StoredModel:
     """
-    Write a model file; an existing one is replaced in one step.
+    Write a model file, and its folder; an existing model file is replaced in one step.
 
-    Parameters
-    ----------
-    path : Path or str
-        Target; its folder is made when missing.
-    calibration : Calibration
-        Model and evidence.
-    provenance : mapping, optional
-        Plain values beside or instead of what the calibration tells of its origin.
-
-    Returns
-    -------
-    StoredModel
-        What ``load_model`` gives for it.
-
-    Raises
-    ------
-    ModelFileError
-        When the file cannot be written, or is another one than a model.
-
+    ``provenance`` holds plain values that are added to those of the calibration, or replace them.
+    Gives what ``load_model`` reads. ModelFileError when the file cannot be written, or another
+    file than a model is in its place.
     """
     from importlib.metadata import version  # noqa: PLC0415 -- a node that only loads starts faster
 

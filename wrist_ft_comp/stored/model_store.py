@@ -23,11 +23,11 @@ from weakref import finalize
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.stored.documents import Output, parse_json, remove_leftovers
 
-#: How many steps back ``previous`` can go.
+#: Most models that were live and can be gone back to.
 MAX_HISTORY = 20
-#: How many of the node's own recordings a calibration uses.
+#: Most of the node's own recordings that a calibration uses.
 MAX_RECORDINGS = 10
-#: Most bytes that are quoted of who holds the folder.
+#: Most bytes that are quoted of the process that holds the folder.
 _HOLDER = 200
 #: A list of MAX_HISTORY paths is shorter.
 _MAX_LIST_CHARACTERS = 200_000
@@ -75,7 +75,7 @@ class ModelStore:
             return path  # no possible name, or nothing that may be looked at
 
     def contains(self, path: Path) -> bool:
-        """Tell whether a path lies inside the folder, symbolic links resolved."""
+        """Whether a path lies inside the folder, symbolic links resolved."""
         try:
             end = path.resolve()
             # Python 3.13 gives back a loop of links as it is, older ones raise.
@@ -89,7 +89,7 @@ class ModelStore:
         return [None if entry is None else self.directory / entry for entry in entries]
 
     def given(self) -> str:
-        """Tell the SHA-256 of the model given at the last start; empty where none is known."""
+        """Read the SHA-256 of the model given at the last start; empty where none is known."""
         try:
             return str(self._read()['given'])
         except ModelFileError:

@@ -1,5 +1,5 @@
 """
-Payloads that were learnt, by name, in one JSON file beside the models.
+The learnt payloads, by name, in one JSON file beside the models.
 
 A name is never given to another payload: a program may have set it as ``payload.active``.
 """
@@ -17,8 +17,10 @@ from wrist_ft_comp.errors import ModelFileError, WristFtCompError
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
 from wrist_ft_comp.stored.documents import Document, Kind
 
-#: Its name, in the folder of the models, and what names begin with that ~/identify_payload gave.
-PAYLOADS, IDENTIFIED = 'payloads.json', 'identified'
+#: Name of the file, in the folder of the models.
+PAYLOADS = 'payloads.json'
+#: Beginning of the names of payloads that ~/identify_payload found.
+IDENTIFIED = 'identified'
 KIND = Kind(
     name='file of payloads', says='wrist_ft_comp payloads', version=1,
     schema='payloads.schema.json', max_bytes=10_000_000, error=ModelFileError,
@@ -37,7 +39,7 @@ def load_payloads(path: Path) -> Learnt:
 def add_payloads(
     path: Path, stem: str, payloads: Iterable[Payload], frame: ForceFrame, more: Iterable[str] = ()
 ) -> list[str]:
-    """Add payloads as stem-1, stem-2 …, or on from names that are taken; give their names."""
+    """Add payloads as stem-1, stem-2 …, after the names that are taken; give their names."""
     with _alone(path.parent):
         entries = _entries(path)
         taken = [re.fullmatch(rf'{re.escape(stem)}-(\d+)', name) for name in (*entries, *more)]
@@ -53,7 +55,7 @@ def add_payloads(
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Let one process at a time change the payloads of a folder; a killed one holds up nobody."""
+    """Let one process at a time change the payloads of a folder; a kill releases the lock."""
     handle = None
     with suppress(OSError):  # writing says why nothing can be written; some disks know no locks
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Samples of a recording onto the thermal grid, as a batch; empty cells as ``gap`` says."""
+"""Averages a recording over thermal cells, as a batch; ``gap`` fills the empty ones."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
@@ -28,17 +28,17 @@ from wrist_ft_comp.wire.temperature_source import TemperatureSource
 #: Largest number of cells times one more than the thermometers: 24 days at 1 s with one
 #: thermometer, 10 days with four. A calibration from that many takes 1 GB.
 MAX_NUMBERS = 4_200_000
-#: Longer recordings are doubted, s: an hour of milliseconds, read as seconds, lasts 42 days.
+#: A longer recording is doubted, s: an hour in milliseconds, read as seconds, is 42 days.
 _LONG_S = 7 * 86_400
 #: Stamps of wrenches and temperatures that lie farther apart come from two clocks, s.
 _SAME_CLOCK_S = 3600.0
-#: A warning is due when a thermometer comes later than this, s: a warm-up moves most at first.
+#: A thermometer that reports later is warned of, s: a warm-up is fastest at its beginning.
 _LATE_S = 60
-#: Specific force of neighbouring cells differs by less at rest, m/s².
+#: At rest, specific force changes by less from cell to cell, m/s².
 _STILL = 0.1
-#: A norm at rest is doubted that is off gravity by a larger share.
+#: A norm at rest is doubted where it differs from gravity by a larger share.
 _GRAVITY_DOUBT = 0.1
-#: A smaller norm at rest is no gravity in any unit; gravity is 1 in g.
+#: A smaller norm at rest is not that of gravity in any unit; in g it is 1.
 _LEAST_GRAVITY = 0.5
 
 

@@ -1,4 +1,4 @@
-"""Averages of a running stream, a row per thermal cell: what the node's own recording holds."""
+"""Averages of a running stream, one row per thermal cell, for the node's own recordings."""
 
 from collections.abc import Sequence
 from math import inf, isnan, sqrt
@@ -13,14 +13,14 @@ from wrist_ft_comp.signals import (
 from wrist_ft_comp.stream.stream_grid import CompletedCells
 
 _NAN = float('nan')
-#: Cells that a row waits for wrenches that are late.
+#: A row waits for late wrenches for this many cells.
 _PATIENCE_CELLS = 50
-#: Cells of wrenches that wait for temperatures.
+#: Most cells with wrenches that wait for temperatures.
 _HELD_CELLS = 600
 
-#: What is averaged besides temperatures, and how many numbers it has; the speed of rotation is
-#: averaged as its square.
+#: Channels that are averaged, besides temperatures; SPEED as its square.
 RAW, REFERENCE, FORCE, SPEED = range(4)
+#: Numbers of these channels.
 _WIDTHS = (len(AXES), len(AXES), 3, 1)
 
 #: Stamp of a cell's middle, ns, and values in the order of row_channels.
@@ -107,7 +107,7 @@ class CellAverager:
         return [row for row in rows if not all(map(isnan, row[1]))]
 
     def _is_due(self, cell: int, held: int, *, final: bool) -> bool:
-        """Tell whether a cell is complete or has waited long enough; held counts it and later."""
+        """Whether a cell is complete or waited long enough; held counts it and all later cells."""
         if cell >= self._end:
             return held > (0 if final and self._silent else _HELD_CELLS)
         # A reference is waited for when there is one at all, and so is specific force.

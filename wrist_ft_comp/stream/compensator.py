@@ -1,4 +1,4 @@
-"""The stream: drift, limits and tare around a wrench; the force path itself has no memory."""
+"""Corrects a stream of wrenches: drift, limits and tare. No wrench changes the next one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,9 +28,9 @@ class StreamSettings:
     thermal_period_s: float = 1.0
     #: How long a thermometer may be silent before its last value is held and a warning is due, s.
     temperature_timeout_s: float = 5.0
-    #: Largest zero drift that is ever subtracted from a force, N, and how fast it may move, N/s;
-    #: of a torque, a tenth of the number in N m and N m/s.
+    #: Largest zero drift that is subtracted from a force, N; from a torque, a tenth of it in N m.
     max_drift_n: float = 200.0
+    #: How fast that drift may change, N/s; of a torque, a tenth of it in N m/s.
     max_drift_rate_n_s: float = 1.0
     #: Temperatures kept for a model that goes live later, s.
     history_s: float = 6 * 3600.0
@@ -71,14 +71,15 @@ class Compensator:
         patience_s, history_s = settings.temperature_timeout_s, settings.history_s
         self.tracker = DriftTracker(thermometers, period_ns, patience_s, history_s)
         self.limits = Limits(settings.max_drift_n, settings.max_drift_rate_n_s)
-        #: Of the wrench, and of the wrench without the payload's weight; raw, N and N m, (6,).
+        #: Of the wrench, and of the external wrench; raw, N and N m, shape (6,).
         self.tare: FloatArray = np.zeros(len(AXES))
         self.external_tare: FloatArray = np.zeros(len(AXES))
-        #: What is subtracted when the present ramp ends, which lasts one cell: the model's drift,
-        #: within the limits. From what it began, and at which stamp, ns.
-        self.compensation = self._begun = no_drift()
-        self._begun_ns = 0
-        #: Whether the first cell may not move the output: after a tare or a change of model.
+        #: What is subtracted at the end of the present ramp, which lasts one cell: the drift of
+        #: the model, within the limits.
+        self.compensation = no_drift()
+        #: What is subtracted at the beginning of the ramp, and its stamp, ns.
+        self._begun, self._begun_ns = self.compensation, 0
+        #: Whether the first cell must not move the output: after a tare or a change of model.
         self._keep_output = False
         self._refresh_correction()
         if model is not None:
@@ -157,7 +158,7 @@ class Compensator:
         ]
 
     def compensation_at(self, stamp_ns: int) -> Drift:
-        """Tell what is subtracted at a stamp, ns, arrays of shape (6,)."""
+        """Compute what is subtracted at a stamp, ns, arrays of shape (6,)."""
         share, ends = self._share(stamp_ns), zip(self._begun, self.compensation, strict=True)
         return Drift(*(before + share * (after - before) for before, after in ends))
 
@@ -216,11 +217,11 @@ class Compensator:
         self._refresh_correction()
 
     def memory(self) -> ThermalMemory | None:
-        """Tell what a restarted stream needs; None while there is nothing to go on from."""
+        """Give what a restarted stream needs; None before the first cell."""
         return self.tracker.memory(self.compensation)
 
     def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
-        """Go on, before the first temperature, as DriftTracker.resume; its drift holds at once."""
+        """Continue from a memory, before the first temperature, as DriftTracker.resume does."""
         self.tracker.resume(memory, at_least_s)
         self._settle(self.limits.saturate(self.tracker.drift), None)
 
@@ -230,7 +231,7 @@ class Compensator:
         return 0.0 if share < 0.0 else min(share, 1.0)
 
     def _reading(self, wrench: Wrench | None) -> _Reading | None:
-        """Raw wrench and what it is corrected to; what is not finite counts as unloaded."""
+        """Correct a wrench; numbers that are not finite count as unloaded."""
         if wrench is None:
             return None
         stamp_ns, raw = wrench
@@ -239,7 +240,7 @@ class Compensator:
         return finite, np.array(self.correct(stamp_ns, finite.tolist())), np.array(external)
 
     def _settle(self, target: Drift, reading: _Reading | None) -> None:
-        """Stand at a drift at once; the tares take up what this would move the reading by."""
+        """Jump to a drift; the tares take up the jump of the reading."""
         self.compensation = self._begun = target
         self.limits.too_fast = ()
         if reading is not None:
@@ -250,7 +251,7 @@ class Compensator:
         self._refresh_correction()
 
     def _refresh_correction(self) -> None:
-        """Lay out what is constant over a ramp, per axis: offset, its step, gain, its step."""
+        """Precompute what is constant over a ramp, per axis: offset, its step, gain, its step."""
         zero, gain = self._begun.zero, 1.0 + self._begun.sensitivity
         zero_step, gain_step = np.subtract(self.compensation, self._begun)
         self._correction, self._external = (

@@ -13,18 +13,17 @@ from wrist_ft_comp.stream.stream_grid import CompletedCells, ThermalGrid
 from wrist_ft_comp.stream.timestamp_filter import TimestampFilter
 from wrist_ft_comp.stream.warm_restart import blocks_of, OpenCells, ThermalMemory
 
-#: Time over which a saved history is averaged, s; it takes a few kilobytes then.
+#: A saved history is averaged over this time, s, so that it takes a few kilobytes.
 SPAN_S = 60.0
-#: Blocks into which open cells are saved, which takes some ten kilobytes; fewer are saved one by
-#: one.
+#: Most blocks in which open cells are saved, which takes some ten kilobytes.
 _MOST_OPEN_BLOCKS = 600
-#: Cells that the model runs through per temperature at most, so that no temperature holds the
-#: stream up for long; after an outage of six hours it has caught up with the 12th.
+#: Most cells that the model runs through per temperature, so that none delays the stream for long.
+#: After an outage of six hours the model has caught up with the 12th temperature.
 _CELLS_AT_ONCE = 1800
-#: Up to this many cells are stepped one by one, which is faster than to begin a run.
+#: Up to this many cells are stepped one by one, which is faster than a run.
 _STEPS = 6
-#: A gap longer than the model remembers is reported from this length on, s: a model that remembers
-#: a minute may have a thermometer that is read every five.
+#: A shorter gap is not reported, s, though the model may remember less: a thermometer may be read
+#: every five minutes.
 _REPORTED_GAP_S = 600.0
 #: Origin of the drift of a model that has seen no temperature.
 _NOT_YET = 'no temperatures yet'
@@ -77,7 +76,7 @@ class History:
         self._end = new.stop
 
     def bridge(self, thermometer: int, silent: int) -> None:
-        """Draw the line from before a silence of some cells to the last cell, where it ended."""
+        """Put the cells of a silence, which the last cell ended, on a straight line."""
         if silent and len(self) > 1:
             column = self.temperature_c[-silent - 1 :, thermometer]
             ends = np.array([0, silent + 1]), column[-2:].copy()
@@ -104,11 +103,11 @@ class DriftTracker:
         self.grid = ThermalGrid(period_ns, thermometers, patience_s)
         self._thermometers, self._patience_s = thermometers, patience_s
         self._history_s = history_s
-        #: The longest gap that the model's memory outlasts, cells.
+        #: Longest gap after which the model may continue from its state, cells.
         self._longest = sys.maxsize
         #: After the newest cell that was run; held temperatures are in it.
         self._state: DriftState | None = None
-        #: What to go on from when the first cell is complete, and its age by another clock, s.
+        #: Memory to continue from at the first cell, and its age by another clock, s.
         self._awaited: tuple[ThermalMemory, float] | None = None
         self._forget()
 
@@ -123,16 +122,16 @@ class DriftTracker:
 
     def _soak(self) -> None:
         """Let the model start at rest with the next cell."""
-        #: How many cells at the end are open: a thermometer has been silent since before them.
+        #: Number of cells at the end that are open, because a thermometer is silent in them.
         self._open = 0
-        #: The state before these; None when the model starts at rest with the first of them.
+        #: State before the open cells; None when the model starts at rest with the first of them.
         self._settled: DriftState | None = None
-        #: How many of these the state has been through.
+        #: Number of open cells that the state was stepped through.
         self._run_open = 0
         self._since_soaked = 0
 
     def _most_cells(self) -> int:
-        """Tell how many cells are kept: what a later model needs, and the longest gap."""
+        """Count the cells that are kept, for a later model and for the longest gap."""
         most = round(self._history_s * NANOSECONDS / self.grid.period_ns)
         return max(most, 1, 0 if self.model is None else self._longest + 2)
 
@@ -143,7 +142,7 @@ class DriftTracker:
 
     @property
     def awaiting_gap(self) -> bool:
-        """Whether a restarted stream still waits for the temperatures behind its gap."""
+        """Whether a restarted stream still waits for the first temperatures after its gap."""
         return self._awaited is not None
 
     def add(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[CompletedCells]:
@@ -158,7 +157,7 @@ class DriftTracker:
         return completed
 
     def _take(self, cells: CompletedCells) -> None:
-        """Add completed cells, and judge the gap that they end."""
+        """Add completed cells, and judge the gap before them."""
         gap = 0 if self._next is None else cells.first_cell - self._next
         if gap > 0 and self.temperature_c is not None:
             silent = tuple(cells_silent + gap for cells_silent in self._silent)
@@ -170,14 +169,14 @@ class DriftTracker:
         self._append(cells)
 
     def _cross(self, gap: int) -> None:
-        """Go on over a gap of some cells, or let the model start anew behind it."""
+        """Continue over a gap of some cells, or let the model start again after it."""
         period_s = self.grid.period_ns / NANOSECONDS
         memory, at_least_s = self._awaited or (None, 0.0)
         self._awaited = None
         problem = doubt(gap * period_s, self._longest * period_s, at_least_s)
         if gap > self._longest:
             self._soak()
-        elif problem:  # what came before is of another time
+        elif problem:  # the cells before are of another clock
             self._forget()
         if self.model is None or (0 <= gap * period_s < _REPORTED_GAP_S and not memory):
             return
@@ -234,7 +233,7 @@ class DriftTracker:
             self.drift = drift
 
     def _run(self, model: DriftModel, temperature_c: FloatArray) -> Drift:
-        """Move the state on through cells, shape (N, J), N > 0; give the drift of the last one."""
+        """Step the state through cells, shape (N, J), N > 0; give the drift of the last one."""
         assert self._state is not None  # noqa: S101 -- for mypy
         if len(temperature_c) > _STEPS:
             self._state, last = drift_model.run(model, self._state, temperature_c, last_only=True)
@@ -244,7 +243,7 @@ class DriftTracker:
         return drift
 
     def use(self, model: DriftModel | None) -> None:
-        """Follow another model, whose state is made from the history; None follows no more."""
+        """Follow another model, whose state is made from the history; None follows none."""
         if model is not None and model.period_ns != self.grid.period_ns:
             counted = self.grid.rejected, self.grid.restarts
             self.grid = ThermalGrid(model.period_ns, self._thermometers, self._patience_s)
@@ -264,12 +263,12 @@ class DriftTracker:
             self._follow(self._open)
 
     def memory(self, compensation: Drift) -> ThermalMemory | None:
-        """Tell, once there is a state, what a restarted stream needs to go on and subtract."""
+        """Give what a restarted stream needs to continue; None before there is a state."""
         if self._awaited is not None:
             return self._awaited[0]
         if self._state is None or self.temperature_c is None:
             return None
-        # Cells at the end in which nothing was heard are a gap to the stream that goes on.
+        # Cells at the end without any sample are a gap for the stream that continues.
         unheard, period_ns = min(self._silent), self.grid.period_ns
         cells = self.history.temperature_c[-self._since_soaked :]
         cells = cells[: max(len(cells) - unheard, 0)]
@@ -290,11 +289,11 @@ class DriftTracker:
 
     def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
         """
-        Go on from what another stream left, as if its last temperature had been held.
+        Continue from the memory of another stream, as if its last temperature had been held.
 
-        The memory is of the model that is followed (``belongs_to``). By another clock the gap is
-        ``at_least_s`` long, 0 without one; the first completed cell tells how long it was, and
-        what the temperature did.
+        The memory has to belong to this model (``belongs_to``). The gap is ``at_least_s`` long by
+        another clock, 0 without one. The first completed cell shows how long it was, and how the
+        temperature changed.
         """
         if self.model is None:
             return

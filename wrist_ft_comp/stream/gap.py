@@ -1,14 +1,14 @@
 """
 Gaps in the temperatures: one rule for the running stream, for a restarted one and for files.
 
-- A thermometer that was not heard for some cells went along a straight line, from the last cell
-  that it measured to the next one. Until that comes, its last value is held.
-- When no thermometer was heard for longer than a model remembers, the sensor has soaked at the
-  temperatures after the gap.
-- When a thermometer comes back that was silent for longer than that, while others were heard, the
-  model starts at rest as many cells before as it remembers.
+- In cells without a sample of a thermometer, its temperature is on the straight line between the
+  cells before and after. Until the cell after is there, the last value is held.
+- After a gap of all thermometers that is longer than the model's memory, the sensor has soaked at
+  the temperatures after the gap.
+- After such a gap of one thermometer, while others reported, the model starts at rest. It starts
+  before the end of the gap, by the length of its memory.
 
-What a file gives differs from the stream in one thing: within a gap it knows the end of the line.
+The stream differs from a file in one thing: within a gap it does not know the end of the line.
 """
 
 from itertools import pairwise
@@ -18,13 +18,13 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, run_from_rest
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, NANOSECONDS
 
-#: After this many time constants a twentieth of what was remembered is left.
+#: A model's memory in slowest time constants: after three, 5 % of a change are left.
 TIME_CONSTANTS = 3.0
-#: A gap is allowed this long, s, however short a model's memory is.
+#: Shortest memory that is assumed of a model, s.
 LEAST_GAP_S = 60.0
-#: The stream keeps no more cells than these hours hold either.
+#: Longest memory that is assumed, s; the stream keeps as many cells.
 MOST_GAP_S = 6 * 3600.0
-#: A clock that lost more than this against another one was not running all the time, s.
+#: Two clocks disagree where their times since the save differ by more than this, s.
 _SLIP_S = 60.0
 
 
@@ -36,13 +36,13 @@ def slowest_time_constant_s(model: DriftModel) -> float:
 
 
 def longest_gap_s(model: DriftModel) -> float:
-    """Choose the longest gap, s, after which a model's memory is worth something."""
+    """Compute the longest gap, s, after which a model may continue from its state."""
     remembered_s = min(TIME_CONSTANTS * slowest_time_constant_s(model), MOST_GAP_S)
     return max(remembered_s, LEAST_GAP_S, model.start_s)
 
 
 def longest_gap_cells(model: DriftModel) -> int:
-    """Give ``longest_gap_s`` in whole cells."""
+    """Compute ``longest_gap_s`` in whole cells."""
     return int(longest_gap_s(model) * NANOSECONDS / model.period_ns)
 
 
@@ -50,20 +50,10 @@ def straight_lines(
     measured_cells: IntArray, measured_c: FloatArray, first_cell: int, count: int
 ) -> FloatArray:
     """
-    Find the temperatures of a thermometer in all cells.
+    Fill the cells of a thermometer: ``count`` temperatures, °C, from ``first_cell`` on.
 
-    Parameters
-    ----------
-    measured_cells, measured_c : ndarray, shape (n,)
-        Cells that it measured, ascending, and what it measured there, °C.
-    first_cell, count : int
-        Which cells are wanted.
-
-    Returns
-    -------
-    ndarray, shape (count,)
-        °C; behind the last measured cell its value is held.
-
+    Takes the numbers of the cells with a sample, ascending, and their temperatures, °C, (n,).
+    After the last of them its value is held.
     """
     cells = first_cell + np.arange(count)
     return np.asarray(np.interp(cells, measured_cells, measured_c))
@@ -71,21 +61,10 @@ def straight_lines(
 
 def starts(measured: BoolArray, longest: int) -> list[tuple[int, int]]:
     """
-    Find where the memory of what was before is of no use.
+    List where the model has to start from rest, because of gaps longer than ``longest``, cells.
 
-    Parameters
-    ----------
-    measured : ndarray, shape (N, J)
-        Which thermometers measured in which cells.
-    longest : int
-        The longest gap over which a model's memory holds, cells.
-
-    Returns
-    -------
-    list of (int, int)
-        From which cell on to run the model from rest, and from which cell on what it then says
-        counts; in order, beginning with (0, 0).
-
+    ``measured``, (N, J), marks the cells with a sample of each thermometer. A start is the cell
+    from which to run the model, and the cell from which its drift counts; (0, 0) is the first.
     """
     heard: BoolArray = np.logical_or.reduce(measured, axis=1)
     soaked = np.unique(np.append(0, _ends_of_gaps(heard, longest)))
@@ -114,22 +93,10 @@ def simulate(model: DriftModel, temperature_c: FloatArray, measured: BoolArray) 
 
 def doubt(gap_s: float, longest_s: float, at_least_s: float = 0.0) -> str:
     """
-    Judge a gap between a thermal state and the first temperature after it.
+    Say why a thermal state cannot be used after a gap, in half a sentence; empty where it can.
 
-    Parameters
-    ----------
-    gap_s : float
-        How long it is by the stamps, s; negative when they ran back.
-    longest_s : float
-        The longest gap over which the state holds, s.
-    at_least_s : float
-        How long it was by another clock, s; 0 without one.
-
-    Returns
-    -------
-    str
-        The first half of a sentence that says why the state is of no use; empty when it is.
-
+    The gap is ``gap_s`` long by the stamps, s, negative where they ran back, and ``at_least_s`` by
+    another clock, 0 without one. The state can be used for ``longest_s``.
     """
     if gap_s < -_SLIP_S:
         return (

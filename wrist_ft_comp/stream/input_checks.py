@@ -1,4 +1,4 @@
-"""Readings that no sensor makes: frozen, saturated, leaping, jumping, or in another unit."""
+"""Finds readings that no healthy sensor gives: frozen, saturated, jumping, leaping stamps."""
 
 from collections.abc import Sequence
 
@@ -11,18 +11,18 @@ from wrist_ft_comp.stream.stream_grid import CompletedCells
 LOOKS = 50
 #: Stamps stand still after this many looks in a row at the same one.
 _STAMP_LOOKS = 5
-#: Stamps that move by more between two looks have leapt, ...
+#: Stamps have leapt where they move by more between two looks, ns ...
 _LEAP_NS = 60 * NANOSECONDS
-#: ... if they also move by more than this many times their usual step.
+#: ... and by more than this many times the step before.
 _LEAP_STEPS = 10
-#: No thermometer in a piece of metal moves by more than this between two cells, K, ...
+#: A thermometer in metal does not change by more than this from cell to cell, K ...
 _JUMP_K = 2.0
-#: ... and this for every second between them, K/s.
+#: ... plus this for every second between them, K/s.
 _JUMP_K_S = 0.2
 
 
 class SensorWatch:
-    """Remembers what a sensor's readings looked like; ``looks`` equal ones are suspicious."""
+    """Watches a sensor's readings; the same value in ``looks`` looks in a row is suspicious."""
 
     def __init__(self, looks: int = LOOKS) -> None:
         #: How often stamps ran back, and leapt ahead.
@@ -81,7 +81,7 @@ class SensorWatch:
 
 
 class ThermometerWatch:
-    """Remembers the thermal cells of several thermometers."""
+    """Watches the thermal cells of several thermometers for jumps."""
 
     def __init__(self, thermometers: int) -> None:
         #: Jumps of each thermometer.

@@ -21,7 +21,7 @@ def axis_limits(force_limit: float) -> FloatArray:
 
 
 class Limits:
-    """Keeps a drift within its limits, as StreamSettings, and tells which axes they held back."""
+    """Keeps a drift within the limits of StreamSettings, and names the axes that are limited."""
 
     def __init__(self, max_drift_n: float, max_rate_n_s: float) -> None:
         #: Axes whose drift would be larger.

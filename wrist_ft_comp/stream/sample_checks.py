@@ -22,7 +22,7 @@ from wrist_ft_comp.wire.temperature_source import TemperatureSource, unit_remedy
 NO_TIME = int(np.iinfo(np.int64).min)
 #: No force/torque sensor samples faster: the fastest that robots carry do 8 kHz, Hz.
 _FASTEST_HZ = 50_000.0
-#: Fewer samples than this may lie close together by chance.
+#: Up to this many samples may lie closer together: a burst.
 _BURST = 100
 #: A thermometer that always reads between these, °C, is probably one of 15 to 60 °C in °F.
 _HOT_C = (59.0, 140.0)
@@ -46,7 +46,7 @@ class Tally:
 
 
 class SampleChecks:
-    """Drops samples that no sensor can have measured, and counts them; sources are a bag's."""
+    """Drops and counts samples that no sensor can have measured; sources are those of a bag."""
 
     def __init__(self, name: str, sources: Sequence[TemperatureSource] = ()) -> None:
         self._name = name
@@ -80,7 +80,7 @@ class SampleChecks:
         return Samples(samples.channels, stamps_ns, values)
 
     def judge(self, max_bad_share: float = 0.01) -> Iterator[tuple[str, bool]]:
-        """Say what was dropped and what is doubtful, and of each whether it is too much."""
+        """Give sentences about dropped and doubtful samples; True where they are too many."""
         for channels, tally in self.tallies.items():
             if _is_temperature(channels) and not tally.samples:
                 yield f'{_title(channels)} of {self._name} holds no sample; it is left out.', False
@@ -138,7 +138,7 @@ def why_unusable(channel: str, value: float) -> str:
 
 
 def _in_order(stamps_ns: IntArray, last_ns: int) -> BoolArray:
-    """Tell which stamps are later than all before them that count, shape (n,)."""
+    """Mark the stamps, (n,), that are later than all before them but single strays."""
     before = np.concatenate(([last_ns], stamps_ns))
     this, following, second = stamps_ns[:-2], stamps_ns[1:-1], stamps_ns[2:]
     ahead = (this > following) & (this > second) & (following > before[:-3])
@@ -152,7 +152,7 @@ def _limits(channel: str) -> tuple[float, float]:
 
 
 def _is_temperature(channels: tuple[str, ...]) -> bool:
-    """Tell whether a group is a thermometer."""
+    """Whether a group is a thermometer."""
     return channels[0].startswith('temperature')
 
 

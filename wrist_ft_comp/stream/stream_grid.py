@@ -1,10 +1,10 @@
 """
 The thermal grid as a stream: samples of several thermometers in, completed cells out.
 
-It gives the temperatures that GridBuilder gives for the same samples, but holds the last one in
-cells where a thermometer is not heard. A cell is complete when every thermometer has delivered a
-later one, or when the others are ahead of a silent one by more than the patience. Time comes in
-with the samples.
+It gives the same temperatures as GridBuilder, but holds the last value in cells without a sample
+of a thermometer. A cell is complete when every thermometer has sent a sample of a later one, or
+when the others are ahead of a silent one by more than the patience. The only time is that of
+stamps.
 """
 
 from collections.abc import Sequence
@@ -39,9 +39,9 @@ class ThermalGrid:
 
     def __init__(self, period_ns: int, thermometers: int, patience_s: float) -> None:
         self.period_ns = period_ns
-        #: Samples that were dropped, ...
+        #: Samples that were dropped.
         self.rejected = 0
-        #: ... and how often time ran back.
+        #: How often time ran back.
         self.restarts = 0
         self._thermometers = thermometers
         self._patience = max(1, math.ceil(patience_s * 1e9 / period_ns))
@@ -63,7 +63,7 @@ class ThermalGrid:
         self._open: dict[int, tuple[list[float], list[int]]] = {}
 
     def go_on(self, cell: int, held_c: Sequence[float], silent: Sequence[int]) -> None:
-        """Go on at a cell with J held temperatures, °C, and the cells since each was measured."""
+        """Continue at a cell, with J held temperatures, °C, and the cells since their samples."""
         self._begin()
         self._next, self._held = cell, list(held_c)
         self._held_from = [cell - 1 - cells for cells in silent]

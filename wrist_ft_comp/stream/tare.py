@@ -8,7 +8,7 @@ from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.signals import AXES, axis_unit, FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.limits import axis_limits
 
-#: The mean is compared over this many parts of the samples: noise averages out, motion does not.
+#: Parts whose means are compared with the whole: noise averages out, motion does not.
 _PARTS = 5
 _MIN_SAMPLES = 10
 
@@ -28,7 +28,7 @@ class TareCollector:
         self._wrenches: list[Sequence[float]] = []
 
     def add(self, stamp_ns: int, raw: Sequence[float]) -> bool:
-        """Take one raw wrench; tell whether the stretch is complete, with enough to average."""
+        """Add a raw wrench; True when the time is over and there are enough wrenches."""
         self._stamps_ns.append(stamp_ns)
         self._wrenches.append(raw)
         long_enough = stamp_ns - self._stamps_ns[0] >= self._duration_ns

@@ -1,10 +1,11 @@
 """
 Temperatures whose stamps leap: one stray stamp must not cost an hour of thermal memory.
 
-A sample far from the one before is kept back until the next samples of its thermometer come. When
-one of them goes on from the sample kept back, time did leap (a long silence, a clock that was set,
-a simulation that began anew), and both count; it goes on from there if it is a neighbour, or if a
-third one rises as they do. When one goes on from before, what was kept back is dropped.
+A sample whose stamp is far from the one before is kept back until the next samples of its
+thermometer come. Where they continue from the sample kept back, time did leap (a long silence, a
+clock that was set, a simulation that was restarted), and all of them count. They continue from it
+if the next one is near, or if three in a row ascend. Where they continue from the time before, the
+sample kept back was a stray one and is dropped.
 """
 
 from wrist_ft_comp.signals import NANOSECONDS
@@ -12,21 +13,21 @@ from wrist_ft_comp.signals import NANOSECONDS
 #: Thermometer, counted from 0, stamp, ns, and temperature, °C.
 Sample = tuple[int, int, float]
 
-#: Stamps that are farther apart than this leap.
+#: A step between stamps is a leap from this length on, ns ...
 _LEAP_NS = 60 * NANOSECONDS
-#: Steps of a slow thermometer are always longer; a leap is longer by this factor.
+#: ... and from this many usual steps on, because those of a slow thermometer are long.
 _LEAP_STEPS = 4
-#: This many samples in order are a time of their own, however far apart they are.
+#: This many ascending samples confirm a leap, however far apart they are.
 _CONFIRMING_SAMPLES = 3
 
 
 class TimestampFilter:
-    """Looks at the stamps of several thermometers."""
+    """Checks the stamps of several thermometers."""
 
     def __init__(self, thermometers: int) -> None:
         #: Stray samples that were dropped.
         self.strays = 0
-        #: How often time did leap.
+        #: How often time leapt.
         self.leaps = 0
         self._last: list[int | None] = [None] * thermometers
         self._expected: int | None = None
@@ -36,11 +37,11 @@ class TimestampFilter:
         self._kept: list[list[Sample]] = [[] for _ in range(thermometers)]
 
     def expect(self, stamp_ns: int) -> None:
-        """Say where another stream ended: a first sample far from there is kept back, too."""
+        """Set the stamp where another stream ended, with which first samples are compared."""
         self._expected = stamp_ns
 
     def admit(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[Sample]:
-        """Take a sample; give those that count now: none, this, or some kept back and this."""
+        """Take a sample; give those that count now: none, this one, or also some kept back."""
         sample = (thermometer, stamp_ns, temperature_c)
         last, kept = self._last[thermometer], self._kept[thermometer]
         before = self._expected if last is None else last
@@ -54,7 +55,7 @@ class TimestampFilter:
         return self._follow(thermometer, kept) if len(kept) > 1 else []
 
     def _follow(self, thermometer: int, kept: list[Sample]) -> list[Sample]:
-        """Let the samples kept back count, if time goes on from there."""
+        """Give the samples kept back, if time continues from them."""
         step = self._step[thermometer]
         if not self._leaps(thermometer, kept[-1][1] - kept[-2][1]):
             self.strays += len(kept) - 2
@@ -65,11 +66,11 @@ class TimestampFilter:
         return self._take(kept)
 
     def _leaps(self, thermometer: int, step_ns: int) -> bool:
-        """Tell whether a step between stamps is a leap."""
+        """Whether a step between stamps is a leap."""
         return abs(step_ns) > max(_LEAP_NS, _LEAP_STEPS * (self._step[thermometer] or 0))
 
     def _take(self, samples: list[Sample]) -> list[Sample]:
-        """Let samples of a thermometer count."""
+        """Give samples of a thermometer, and continue from them."""
         for thermometer, stamp_ns, _ in samples:
             last = self._last[thermometer]
             self._step[thermometer] = None if last is None else stamp_ns - last

@@ -1,8 +1,8 @@
 """
-Warm restarts: what a stream leaves behind, so that the next one goes on from it.
+Warm restarts: what a stream saves, so that the next one continues from it.
 
-Thermal memory is an hour long, a restart takes seconds. To the stream that goes on, the time
-between is a gap in the temperatures like any other (``stream/gap.py``).
+The sensor remembers an hour of temperatures, and a restart takes seconds. For the next stream, the
+time between is a gap in the temperatures like any other (``stream/gap.py``).
 """
 
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ class Block(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class OpenCells:
-    """Cells whose temperatures change when a thermometer comes back that is silent in them."""
+    """Cells in which a thermometer is silent; they change when it reports again."""
 
-    #: Whether the sensor had soaked before them; otherwise the filter state is that before them.
+    #: Whether the sensor had soaked before them. If not, the filter state is that before them.
     from_rest: bool
     #: For how many cells each thermometer has been silent, shape (J,).
     silent: tuple[int, ...]
@@ -41,16 +41,16 @@ class ThermalMemory:
     #: Stamp at which the last completed thermal cell ended, and cell length h, ns.
     end_ns: int
     period_ns: int
-    #: Of the last cell, °C, shape (J,), and the filter state of each modelled axis after it, or
-    #: before the open cells.
+    #: Of the last cell, °C, shape (J,).
     temperature_c: FloatArray
+    #: State of every modelled axis after the last cell, or before the open cells.
     filters: DriftState
     #: What was being subtracted, arrays of shape (6,).
     compensation: Drift
     #: The cells up to the filter state, oldest first, for another model that goes live after the
     #: restart.
     history: tuple[Block, ...]
-    #: The cells at the end that are not settled; None when all are.
+    #: The last cells, which may still change; None when no thermometer is silent.
     open_cells: OpenCells | None = None
 
 
@@ -69,7 +69,7 @@ def blocks_of(temperature_c: FloatArray, cells: int) -> tuple[Block, ...]:
 
 
 def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
-    """Tell whether a memory, perhaps from a file, has a model's form, so that it can go on."""
+    """Whether a memory, perhaps from a file, has the shapes of a model, so that it can be used."""
     shape, blocks = (model.thermometers,), memory.history
     if memory.open_cells is not None:
         blocks = (*blocks, *memory.open_cells.blocks)

@@ -28,19 +28,22 @@ from wrist_ft_comp.signals import FloatArray, IntArray, NANOSECONDS
 WRENCH_DOUBLES = 6
 #: Doubles of a temperature: itself and its variance.
 TEMPERATURE_DOUBLES = 2
-#: Doubles of an IMU: orientation, rotation and acceleration, each with its covariance.
+#: Doubles of an IMU: orientation, rotation and acceleration, all with a covariance.
 IMU_DOUBLES = 37
+#: Where rotation and acceleration are among them.
 ROTATION, ACCELERATION = slice(13, 16), slice(25, 28)
-WRENCH, TEMPERATURE = 'geometry_msgs/msg/WrenchStamped', 'sensor_msgs/msg/Temperature'
-IMU, TF = 'sensor_msgs/msg/Imu', 'tf2_msgs/msg/TFMessage'
+WRENCH = 'geometry_msgs/msg/WrenchStamped'
+TEMPERATURE = 'sensor_msgs/msg/Temperature'
+IMU = 'sensor_msgs/msg/Imu'
+TF = 'tf2_msgs/msg/TFMessage'
 DOUBLES = {WRENCH: WRENCH_DOUBLES, TEMPERATURE: TEMPERATURE_DOUBLES, IMU: IMU_DOUBLES}
 #: Byte at which frame_id begins.
 _FRAME = 16
 #: A frame name longer than this is not a frame name.
 _MAX_FRAME_BYTES = 65536
-#: Bytes of a frame's name that are shown; no sensor's is longer.
+#: Most bytes of a frame name that are shown; no sensor's is longer.
 _SHOWN = 255
-#: Layouts that are remembered: a topic has one, but a sender may vary its frame names.
+#: Most remembered layouts: a topic has one, but a sender may vary its frame names.
 _MAX_LAYOUTS = 100
 
 
@@ -74,9 +77,8 @@ class Layout:
 
 def locate(data: bytes, count: int) -> Layout:
     """
-    Find out where the parts of a message lie, checking that it is such a message.
+    Find the layout of a serialized message, with ``count`` doubles after its header.
 
-    It is serialized, with its 4-byte encapsulation header; ``count`` doubles follow its header.
     RecordingError, which names neither file nor topic, when the bytes are no such message.
     """
     return _layout(len(data), data[:2], data[12:_FRAME], count)

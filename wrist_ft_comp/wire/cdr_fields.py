@@ -29,7 +29,8 @@ _CODES = {
     'uint16': 'H', 'int16': 'h', 'uint32': 'I', 'int32': 'i', 'uint64': 'Q', 'int64': 'q',
     'float32': 'f', 'float': 'f', 'float64': 'd', 'double': 'd',
 }  # fmt: skip
-_SECONDS, _NANOSECONDS = ('header', 'stamp', 'sec'), ('header', 'stamp', 'nanosec')
+_SECONDS = ('header', 'stamp', 'sec')
+_NANOSECONDS = ('header', 'stamp', 'nanosec')
 #: A message that claims to hold more than this is damaged.
 _MOST_PARTS = 100_000
 
@@ -89,7 +90,7 @@ class MessageLayout:
         return Place(array.offset + index * array.code.itemsize, array.code, None)
 
     def alike(self, rows: NDArray[np.uint8]) -> BoolArray:
-        """Tell which messages of this one's size, one per row, are laid out like it."""
+        """Mark the messages of the same size, one per row, that have the same layout."""
         at = [0, 1, *(place + k for place in self.lengths for k in range(4))]
         expected = np.frombuffer(self.data, np.uint8)[at]
         return np.asarray((rows[:, at] == expected).all(axis=1))

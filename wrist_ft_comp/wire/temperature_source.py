@@ -30,21 +30,21 @@ Path = tuple[str | int, ...]
 _PLAIN: Path = ('temperature',)
 #: Factor and offset to °C of every unit.
 _UNITS = {'C': (1.0, 0.0), 'K': (1.0, -273.15), 'F': (5 / 9, -160 / 9)}
-#: Units in which a reading may be that is no temperature in °C.
+#: Other units, in which a reading may be that is implausible in °C.
 _OTHER_UNITS = {'degrees Fahrenheit': 'F', 'kelvins': 'K'}
-#: Temperatures that a robot's wrist works at, °C: a reading that lies here when it is converted
-#: from another unit is probably in that unit.
+#: Usual temperatures of a robot's wrist, °C: a reading is probably in another unit if conversion
+#: from that unit brings it into this range.
 _LIKELY_C = (-40.0, 85.0)
 _NAME_PART = r'(?![0-9])(?:[A-Za-z0-9_]|\{(?:node|ns|namespace)\})+'
 #: Names of topics as ROS allows them.
 _TOPIC = re.compile(rf'(?:~?/)?{_NAME_PART}(?:/{_NAME_PART})*')
 #: One step of a path: the name of a field, or an index.
 _STEP = re.compile(r'[A-Za-z][A-Za-z0-9_]*|[0-9]+')
-#: A field with one of these in its name is probably a temperature; no template, no attempt.
+#: Names of fields that are probably temperatures, but not those of a template or an attempt.
 _TEMPERATURE_NAME = re.compile(r'(?<!at)temp(?!la|o)|thermo|celsius|kelvin', re.IGNORECASE)
-#: Numbers of a message that are named in a sentence.
+#: Most numbers of a message that a sentence lists.
 _NAMED = 8
-#: Elements of one array that are looked at.
+#: Most elements of an array that are examined.
 _LOOKED_AT = 100
 _FORM = (
     'expected TOPIC of sensor_msgs/Temperature, or TOPIC:FIELD or TOPIC:FIELD:UNIT, such as '
@@ -129,7 +129,7 @@ def unit_remedy(value: float, in_unit: Callable[[str], str]) -> str:
 
 
 def parse_source(entry: str) -> TemperatureSource:
-    """Parse one entry; SettingsError when it is none, with what was expected."""
+    """Parse one entry; SettingsError with what was expected where it is wrong."""
     entry = entry.strip()
     topic, *rest = entry.split(':')
     if not _TOPIC.fullmatch(topic):
@@ -168,7 +168,7 @@ def parse_source(entry: str) -> TemperatureSource:
 def parse_sources(
     entries: Sequence[str], resolve: Callable[[str], str] = str
 ) -> tuple[TemperatureSource, ...]:
-    """Parse all entries; SettingsError when one is none, or two mean one number once resolved."""
+    """Parse all entries; SettingsError where one is wrong, or two resolve to the same number."""
     sources = tuple(parse_source(entry) for entry in entries)
     seen: dict[tuple[str, Path], str] = {}
     for source in sources:
@@ -195,12 +195,12 @@ def path_text(path: Path) -> str:
 
 
 def may_be_temperature(path: Path) -> bool:
-    """Tell whether a field's name says that it is a temperature."""
+    """Whether a field's name says that it is a temperature."""
     return any(_TEMPERATURE_NAME.search(step) for step in path if isinstance(step, str))
 
 
 def numbers_in(message: Any, path: Path = ()) -> Iterator[tuple[Path, float]]:
-    """Find the numbers of a message, but for its header and what is far back in long arrays."""
+    """List the numbers of a message, without its header and the ends of long arrays."""
     if _is_number(message):
         yield path, float(message)
     elif _is_array(message):
@@ -214,11 +214,11 @@ def numbers_in(message: Any, path: Path = ()) -> Iterator[tuple[Path, float]]:
 
 def temperatures_in(message: Any, topic: str = '') -> list[Path]:
     """
-    Find the numbers of a message that are probably temperatures, in its order.
+    Find the numbers of a message that are probably temperatures, in the order of its fields.
 
-    Their fields are named like one; or they are elements of an array, and a text at the same place
-    of an array beside it is, as in control_msgs/DynamicJointState. Where there are none, all
-    numbers count if the topic is named like a temperature.
+    A field is one by its name. An element of an array is one by the name at the same place in an
+    array of texts beside it, as in control_msgs/DynamicJointState. Where there are none, and the
+    topic has the name of a temperature, all numbers of the message may be one.
     """
     paths = [path for path, _ in numbers_in(message) if path[:1] != ('layout',)]
     named = [path for path in paths if may_be_temperature(path) or _named_beside(message, path)]
@@ -226,7 +226,7 @@ def temperatures_in(message: Any, topic: str = '') -> list[Path]:
 
 
 def _named_beside(message: Any, path: Path) -> bool:
-    """Tell whether an array of texts beside the one that a path ends in names a temperature."""
+    """Whether an array of texts beside the one that a path ends in names a temperature."""
     *above, array, index = ('', *path)
     if isinstance(index, str):
         return False
@@ -242,7 +242,7 @@ def _named_beside(message: Any, path: Path) -> bool:
 
 
 def _has(value: Any, step: str | int) -> bool:
-    """Tell whether a value has an element or a field."""
+    """Whether a value has an element or a field."""
     if isinstance(step, int):
         return _is_array(value) and step < len(value)
     return step in _fields_of(value)
@@ -254,7 +254,7 @@ def _part(value: Any, step: str | int) -> Any:
 
 
 def _numbers_of(message: Any, wanted: Path) -> str:
-    """Name numbers of a message: those that may be temperatures, else those named most alike."""
+    """Name numbers of a message: first the most similar one, then those that may be meant."""
     paths = {path_text(path): path for path, _ in numbers_in(message)}
     temperatures = [text for text, path in paths.items() if may_be_temperature(path)]
     alike = difflib.get_close_matches(path_text(wanted), paths, _NAMED, 0.5)
@@ -266,12 +266,12 @@ def _numbers_of(message: Any, wanted: Path) -> str:
 
 
 def _is_number(value: Any) -> bool:
-    """Tell whether a value is a number; true and false are none."""
+    """Whether a value is a number; true and false are none."""
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def _is_array(value: Any) -> bool:
-    """Tell whether a value is an array, of whatever type; a text is none."""
+    """Whether a value is an array, of whatever type; a text is none."""
     return hasattr(value, '__len__') and not isinstance(value, (str, bytes))
 
 

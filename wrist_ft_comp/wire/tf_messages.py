@@ -1,8 +1,8 @@
 """
 ``tf2_msgs/TFMessage``: stamps and rotations, out of many messages at once.
 
-Messages of a publisher differ in numbers only. The first one is followed by its definition; where
-its numbers lie holds for all messages with the same lengths and texts at the same places.
+The messages of a publisher differ in their numbers only. The first one is decoded by its
+definition; the places of its numbers are those of all messages with the same lengths and texts.
 """
 
 from collections import defaultdict
@@ -29,13 +29,16 @@ _DEFINITIONS: Definitions = {
     ],
     'Header': [('stamp', ('uint32', 2)), ('frame_id', ('string', None))],
 }
-#: Bytes of a stamp and of a quaternion.
-_STAMP, _ROTATION = 8, 32
-#: The squared norm of a rotation is off from 1 by less.
+#: Bytes of a stamp.
+_STAMP = 8
+#: Bytes of a quaternion.
+_ROTATION = 32
+#: A rotation is dropped where its squared norm differs from 1 by more.
 _NORM_ERROR = 0.1
-#: Sizes of messages whose layouts are remembered, and layouts of one size. Robots have a publisher
-#: or two; names that are new in every message must not fill the memory.
-_MOST_SIZES, _MOST_OF_A_SIZE = 100, 4
+#: Most sizes of messages with remembered layouts: new names in every message must not fill memory.
+_MOST_SIZES = 100
+#: Most remembered layouts of one size: robots have a publisher or two.
+_MOST_OF_A_SIZE = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +49,13 @@ class Layout:
     frames: tuple[tuple[str, str], ...]
     #: Bytes at which stamp and rotation of every transform lie, shape (k, 40).
     _numbers: IntArray
-    #: Reads lengths and texts, and what they are in every message.
+    #: Reads lengths and texts.
     _texts: struct.Struct
+    #: Lengths and texts of every message.
     _expected: tuple[bytes, ...]
 
     def fits(self, data: bytes) -> bool:
-        """Tell whether a message is laid out like this, and holds these names."""
+        """Whether a message has this layout, and these names."""
         return len(data) == self._texts.size and self._texts.unpack(data) == self._expected
 
     def decode(self, messages: Sequence[bytes], places: Sequence[int]) -> Iterator[Transforms]:
@@ -101,7 +105,7 @@ def decode_transforms(messages: Sequence[bytes]) -> Iterator[Transforms]:
 
 
 def _lay_out(data: bytes) -> Layout:
-    """Follow a message, and note what all that are laid out like it have in common."""
+    """Decode a message, and note what all messages with its layout have in common."""
     try:
         layout, message = follow(_DEFINITIONS, TF, data)
     except RecordingError as error:

@@ -1,10 +1,10 @@
 """
 Orientations between frames by their transforms, and what gravity makes of them.
 
-Bags and the running node ask the same: ``GravityByTf`` takes transforms as they come and gives
-specific force in the lower of two frames, where z of the upper one is up. Between the transforms
-of a frame orientations are interpolated; nothing is known where these are too far apart, or have
-ended. Quaternions are x, y, z, w as in messages.
+Bags and the running node use the same ``GravityByTf``: it takes transforms as they come and gives
+specific force in the lower of two frames, where z of the upper one is up. Orientations are
+interpolated between the transforms of a frame, unless these are too far apart or have ended.
+Quaternions are x, y, z, w as in messages.
 """
 
 from collections.abc import Sequence
@@ -16,17 +16,17 @@ from wrist_ft_comp.signals import FloatArray, GRAVITY, IntArray, NANOSECONDS
 
 #: Transforms that are further apart than this leave a gap.
 GAP_NS = NANOSECONDS // 2
-#: Transforms older than this behind the newest of their frame are dropped; a jump further back is
-#: a new start.
+#: Transforms that are older by this than the newest of their frame are dropped, ns; a stamp that
+#: is farther back is the beginning of a new time.
 _KEPT_NS = 3 * NANOSECONDS
-#: A frame whose transforms are this far behind others' is waited for no longer.
+#: A frame is not waited for any more when its transforms are this far behind the others', ns.
 _PATIENCE_NS = 2 * NANOSECONDS
-#: Different static transforms of one frame that are kept.
+#: Most static transforms of one frame that are kept.
 _STATIC = 100
-#: Frames that are remembered of what a node hears, and twice as many if they hang together with
-#: the two of interest. Robots have tens; a sender that makes up names for ever fills no memory.
+#: Most frames that a node remembers; twice that number for frames that are linked to the two of
+#: interest. Robots have tens, but a sender may make up names for ever.
 _MOST_FRAMES = 1000
-#: Names of frames in a sentence.
+#: Most names of frames in a message.
 _NAMED = 20
 
 #: Of transforms in order of time: stamps, ns, numbers of the parents, quaternions, shape (n, 4).
@@ -64,7 +64,7 @@ class _Link:
         self._columns, self._new = _NONE, list[tuple[IntArray, int, FloatArray]]()
 
     def add(self, parent: int, stamps_ns: IntArray, quaternions: FloatArray) -> None:
-        """Take transforms to a parent; a jump of the stamps back begins anew."""
+        """Take transforms to a parent; where stamps jump back, forget those before."""
         if not self.static and stamps_ns[-1] < self.newest_ns - _KEPT_NS:
             self._new, self._columns, self.newest_ns = [], _NONE, -_KEPT_NS
         if self.static and parent == self.parent and (quaternions == self._newest).all():
@@ -96,7 +96,7 @@ class _Link:
         self._columns = stamps_ns[keep], parents[keep], quaternions[keep]
 
     def at(self, times_ns: IntArray) -> tuple[IntArray, FloatArray]:
-        """Tell parents, -1 where there is none, and rotations, shape (n, 3, 3), at some times."""
+        """Interpolate at times (n,): numbers of the parents or -1, and rotations, (n, 3, 3)."""
         stamps_ns, parents, quaternions = self._sorted()
         before = np.searchsorted(stamps_ns, times_ns, 'right') - 1
         if self.static:  # the first one holds from the beginning, however late it came
@@ -146,18 +146,8 @@ class GravityByTf:
         """
         Choose the transforms of a message that may link the two frames, so that work is bounded.
 
-        Parameters
-        ----------
-        frames : sequence of (str, str)
-            Parent and child of every transform, without leading slashes.
-        static : bool
-            Whether they are sent once: those are kept though they may be needed only later.
-
-        Returns
-        -------
-        list of int
-            Places in ``frames``.
-
+        Takes parent and child of every transform, without leading slashes, and gives their places.
+        Static ones are sent once, and are kept because they may be needed later.
         """
         ways = {*self._way(self.lower), *self._way(self.upper)}
         names, parents = list(self._numbers), {child: parent for parent, child in frames}
@@ -183,7 +173,7 @@ class GravityByTf:
             link.forget()
 
     def settled_ns(self) -> int | None:
-        """Tell up to when all is there that is to come; None where nothing moves."""
+        """Newest stamp that all moving links have reached, ns; None where nothing moves."""
         lower, upper = self._way(self.lower), self._way(self.upper)
         if lower[-1] != upper[-1]:
             return None
@@ -192,7 +182,7 @@ class GravityByTf:
         return min((n for n in newest if n > max(newest) - _PATIENCE_NS), default=None)
 
     def root(self) -> str:
-        """Tell the uppermost frame above the lower one."""
+        """Name the uppermost frame above the lower one."""
         top = self._way(self.lower)[-1]  # which may number the lower one
         return list(self._numbers)[top]
 
@@ -226,7 +216,7 @@ class GravityByTf:
 
     def read(self, times_ns: IntArray) -> tuple[FloatArray, FloatArray]:
         """
-        Tell specific force, m/s², (n, 3), and speed of rotation, rad/s, (n,), at ascending times.
+        Compute specific force, m/s², (n, 3), and speed of rotation, rad/s, (n,); times ascend.
 
         The speed is the mean since the time before, also of the last call. NaN where not known.
         """
@@ -245,7 +235,7 @@ class GravityByTf:
         return GRAVITY * rotations[:, 2], speeds
 
     def missing(self) -> str:
-        """Say that nothing came of it, and which frames there are."""
+        """Say why the two frames are not linked, and which frames there are."""
         names = list(self._numbers)
         ends = {end for child, link in self._links.items() for end in (child, link.parent)}
         there = sorted(self._others | {names[end] for end in ends})

@@ -212,7 +212,7 @@ def test_by_hand_it_never_turns_as_another_sensor_or_an_unknown_source(holding, 
     node = holding(**{'payload.active': ''})
     ask(node, START, CONSTANT)
     node.node.gravity.frames = lambda: FrameIds('imu', 'tool0')
-    assert 'nobody knows how specific' in set_all(node, by_hand()).reason
+    assert 'the rotation from the IMU' in set_all(node, by_hand()).reason
     node.node.gravity.mount = lambda: FRAME
     assert set_all(node, by_hand()).successful
     feel(node, START, ASIDE)
@@ -314,7 +314,7 @@ def test_by_hand_it_waits_at_the_start_for_what_only_tf_can_tell(rig):
     node.ask_output(START, CONSTANT)
     found = node.diagnosis('payload')
     assert (found.level, node.node.external.published) == (WARN, 0)
-    assert 'nobody knows how specific force is turned' in found.message
+    assert 'the rotation from the IMU to the frame of the wrench is not known' in found.message
     assert node.set('payload.mass', 2.5).successful
     assert node.call('tare').message.startswith('Taring needs at least 10 wrenches')
     node.node.gravity.mount = lambda: FRAME

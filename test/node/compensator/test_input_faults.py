@@ -291,7 +291,7 @@ class TestTemperature:
         for second in range(5):
             node.warm(second * SECOND, 30.0)
         assert node.node.compensator.tracker.grid.restarts == 1
-        words = 'stamps of temperatures leapt; was a clock set, or a simulation begun anew?'
+        words = 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
         assert told(node, 'temperature', words).values['stamps_restarted'] == '1'
         unharmed(node, 10 * SECOND)
 
