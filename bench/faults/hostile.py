@@ -151,7 +151,7 @@ class HostileRobot(RuleBasedStateMachine):
         self.stack = ExitStack()
         self.data = self.ground.folder / 'data'
         for module in ('calibrate', 'learning'):
-            patched = f'wrist_ft_comp.node.{module}.CalibrationProcess'
+            patched = f'wrist_ft_comp.node.{module}.start_job'
             self.stack.enter_context(mock.patch(patched, FakeProcess))
         self.stack.enter_context(mock.patch('os.fsync', self._fsync))
         self.full = False

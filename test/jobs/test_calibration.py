@@ -14,13 +14,7 @@ from wrist_ft_comp.drift.arx import Orders
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.jobs.calibration import run_job
-from wrist_ft_comp.jobs.request import (
-    CalibrationJob,
-    decode_job,
-    encode_job,
-    Learning,
-    Minute,
-)
+from wrist_ft_comp.jobs.request import CalibrationJob, decode_job, encode_job, Learning, Minute
 from wrist_ft_comp.recordings.recordings import hash_recording
 from wrist_ft_comp.signals import Topics
 from wrist_ft_comp.stored.model_file import load_model

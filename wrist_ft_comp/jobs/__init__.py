@@ -1,1 +1,1 @@
-"""What takes long, in a process of its own; read ``request`` first, then ``calibration``."""
+"""What takes long, in a process of its own; read ``request``, ``process``, ``calibration``."""

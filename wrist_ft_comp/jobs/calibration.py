@@ -1,19 +1,13 @@
 """
-The calibration job: read recordings, fit, save the model. One function, and a process around it.
+The calibration job: read recordings, fit, save the model.
 
-The command line calls ``run_job``, the node starts a process: the job comes as one JSON object on
-standard input, the outcome goes as one to standard output. With ``--until-closed`` the job is a
-line, and where standard input is closed, as it is when the node is killed, the process ends.
+The command line calls ``run_job``; the node starts this module as a process (``process``).
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-import json
-import os
 from pathlib import Path
-import signal
 import sys
-import threading
 from typing import Any
 
 import numpy as np
@@ -23,7 +17,8 @@ from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate, summarise
 from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.jobs.lesson import answer_learning, keep_payloads
-from wrist_ft_comp.jobs.request import CalibrationJob, decode_job, Minute, UNTIL_CLOSED
+from wrist_ft_comp.jobs.process import serve
+from wrist_ft_comp.jobs.request import CalibrationJob, Minute
 from wrist_ft_comp.payload.driver_calls import driver_lines
 from wrist_ft_comp.payload.learnt import payload_line
 from wrist_ft_comp.payload.minute import CHANNELS, identify
@@ -48,16 +43,16 @@ ChamberColumns = dict[str, ChamberFigures]
 
 @dataclass(frozen=True, eq=False)
 class JobOutcome:
-    """What a job gave."""
+    """The result of a calibration job."""
 
     calibration: Calibration
     stored: StoredModel
     recordings: tuple[Recording, ...]
-    #: Which recordings were left out, and why, in sentences.
+    #: Recordings that were left out, and why, in sentences.
     left_out: tuple[str, ...]
 
     def view(self, job: CalibrationJob, tables: Mapping[str, ChamberColumns]) -> ReportView:
-        """Judge it, as its report shows it; tables come from judge_chamber_tables."""
+        """Make the content of its report; tables are those of judge_chamber_tables."""
         reference = job.settings.reference
         return calibration_view(self.calibration, self.recordings, self.stored, reference, tables)
 
@@ -76,7 +71,7 @@ def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome
 def _read(
     job: CalibrationJob, report: Progress
 ) -> tuple[list[Recording], dict[str, Path], tuple[str, ...]]:
-    """Read all recordings, half of the progress: they, their paths by hash, who was left out."""
+    """Read all recordings, half of the progress; also their paths by hash, and who is left out."""
     recordings: list[Recording] = []
     used: dict[str, Path] = {}
     left_out: list[str] = []
@@ -98,7 +93,7 @@ def _read(
 def _read_one(
     job: CalibrationJob, path: Path, used: Mapping[str, Path], report: Progress
 ) -> tuple[Recording, str]:
-    """Read and hash a recording; refuse a copy, and what this calibration can do without."""
+    """Read and hash a recording; refuse a copy, and one that cannot be used."""
     recording = read_recording(
         path, period_s=job.period_s, topics=job.topics,
         keep_copied_columns=job.keep_copied_columns, progress=report)  # fmt: skip
@@ -139,26 +134,6 @@ def judge_chamber_tables(job: CalibrationJob, stored: StoredModel) -> dict[str, 
             columns['left out'] = chamber_figures(left_out)
         tables[str(path)] = columns
     return tables
-
-
-def main() -> int:
-    """Run one job from standard input, at low priority, and write its outcome."""
-    os.nice(10)
-    if UNTIL_CLOSED in sys.argv:
-        text = sys.stdin.readline()
-        threading.Thread(target=_end_when_closed, daemon=True).start()
-    else:
-        text = sys.stdin.read()
-    json.dump(_answer(decode_job(text)), sys.stdout)
-    return 0
-
-
-def _end_when_closed() -> None:
-    """End the process when standard input is closed: nobody waits for it any more."""
-    # sys.stdin would not do: its lock would still be held when the interpreter ends.
-    while os.read(sys.stdin.fileno(), 1024):
-        pass
-    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def _answer(job: CalibrationJob) -> dict[str, Any]:
@@ -218,4 +193,4 @@ def _report(job: CalibrationJob, outcome: JobOutcome) -> str:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(serve(_answer))

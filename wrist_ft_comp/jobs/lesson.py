@@ -47,9 +47,9 @@ def answer_learning(job: CalibrationJob, learning: Learning) -> Answer:
 
 def _learn(job: CalibrationJob, learning: Learning) -> Answer:
     """
-    Judge the newest day and those that the diary has lost, and write down what came of it.
+    Judge the newest day, and those that are missing in the diary, and save the results.
 
-    What cannot be saved, such as the diary on a full disk, is said; the rest is done all the same.
+    What cannot be saved, such as the diary on a full disk, is reported; the rest is done.
     """
     paths = {path.name: path for path in job.recordings}
     directory, newest = job.recordings[-1].parent.parent, job.recordings[-1].name
@@ -98,7 +98,7 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
 
 @contextmanager
 def _noted(troubles: list[str], what: str) -> Iterator[None]:
-    """Add what goes wrong to a list of sentences."""
+    """Add a sentence about an error to a list, instead of raising it."""
     try:
         yield
     except (WristFtCompError, OSError) as error:
@@ -140,14 +140,14 @@ def _save(
 
 def keep_payloads(job: CalibrationJob, found: Calibration) -> Calibration:
     """
-    Keep what a job learnt of payloads beside its model; the answer names them as the file does.
+    Save the payloads of a calibration beside its model; gives it with their names in the file.
 
-    The model is saved already: where payloads cannot be kept, that is a warning.
+    The model is saved before: payloads that cannot be saved are a warning.
     """
     learnt = found.payloads
     if learnt is None:
         return found
-    # A file with columns does not say what told specific force; only TF's needs no frame.
+    # Columns of a file do not show what measured specific force; only that by TF needs no frame.
     source = job.topics.force_source or ('' if learnt.frame.does_nothing else 'imu')
     wrench_frame = next(iter(found.sensor.get('frame_id', ())), job.topics.wrench_frame)
     frame = learnt.frame.learnt_by(source, replace(job.topics, wrench_frame=wrench_frame))

@@ -1,4 +1,4 @@
-"""What a calibration job is, and how it travels between processes."""
+"""A calibration job, and its form as a line of JSON between two processes."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -9,13 +9,10 @@ from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.signals import Topics
 from wrist_ft_comp.stored.documents import restored
 
-#: Argument of the program that runs a job: end when standard input is closed.
-UNTIL_CLOSED = '--until-closed'
-
 
 @dataclass(frozen=True)
 class Learning:
-    """What a job needs that a node starts by itself: its recordings are days."""
+    """Settings of a job that a node starts by itself; its recordings are days."""
 
     #: Model that is live; None when there is none.
     champion: Path | None = None

@@ -1,28 +1,17 @@
-"""Jobs in a process of their own, and the service ~/calibrate, which starts one."""
+"""Makes jobs from the parameters, waits for their processes, and serves ~/calibrate."""
 
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
-import json
-import os
 from pathlib import Path
-import signal
-import subprocess
 import sys
 import time
 from typing import Any
 
-from wrist_ft_comp import ONE_THREAD
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.jobs.request import (
-    CalibrationJob,
-    encode_job,
-    Learning,
-    Minute,
-    UNTIL_CLOSED,
-)
+from wrist_ft_comp.jobs.process import JobProcess, UNTIL_CLOSED
+from wrist_ft_comp.jobs.request import CalibrationJob, Learning, Minute
 from wrist_ft_comp.node.recording import Recorder, RecordService
 from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
 from wrist_ft_comp.ros.part import LongService, Work
@@ -31,96 +20,18 @@ from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import PAYLOADS
 
-#: Runs a job that comes on standard input, and ends when that is closed, which it also is when
-#: this process is killed.
+#: The process that runs a job.
 COMMAND = (sys.executable, '-m', 'wrist_ft_comp.jobs.calibration', UNTIL_CLOSED)
-_END_TIMEOUT_S = 5.0
-#: Priority of a lesson, for which nobody waits.
-_LOWEST = 19
 
 
-class CalibrationProcess:
-    """One running calibration; OSError when it cannot be started."""
-
-    def __init__(self, job: CalibrationJob) -> None:
-        self._process = process = subprocess.Popen(  # noqa: S603 -- our own command line
-            COMMAND,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            bufsize=0,
-            env={**os.environ, **ONE_THREAD},
-            start_new_session=True,  # Ctrl-C in the terminal is the node's to handle
-        )
-        if job.learning is not None:
-            os.setpriority(os.PRIO_PROCESS, self.pid, _LOWEST)
-        self._pipes: list[Any] = [process.stdin, process.stdout, process.stderr]
-        entrance, *exits = self._pipes
-        #: What came so far, per pipe.
-        self._read: dict[int, list[bytes]] = {pipe.fileno(): [] for pipe in exits}
-        for pipe in self._pipes:
-            os.set_blocking(pipe.fileno(), False)
-        #: What the process has not taken of its job; a pipe holds 64 kB until it is read.
-        self._job = encode_job(job).encode() + b'\n'
-        self._hand_on(entrance)
-
-    def _hand_on(self, entrance: Any) -> None:
-        """Hand on as much of the job as the pipe takes."""
-        with suppress(BrokenPipeError):  # a process that has died says so in poll
-            self._job = self._job[entrance.write(self._job) or 0 :]
-
-    @property
-    def pid(self) -> int:
-        """Process id, which is also its group's."""
-        return self._process.pid
-
-    def poll(self) -> dict[str, Any] | None:
-        """Give the outcome, as jobs.calibration writes it; None while it runs."""
-        ended = self._process.poll()
-        if self._job:
-            self._hand_on(self._pipes[0])
-        for pipe, parts in self._read.items():
-            with suppress(BlockingIOError):  # so that a full pipe never stops the process
-                while part := os.read(pipe, 1 << 16):
-                    parts.append(part)
-        if ended is None:
-            return None
-        output, errors = (
-            b''.join(parts).decode(errors='replace') for parts in self._read.values()
-        )
-        self._close()
-        try:
-            outcome: dict[str, Any] = json.loads(output)
-        except ValueError:
-            last_line = errors.strip().rsplit('\n', 1)[-1]
-            how = f'by signal {-ended}' if ended < 0 else f'with code {ended}'
-            return {
-                'success': False,
-                'message': f'The calibration process was ended {how} and gave no result '
-                f'({last_line or "it said nothing"}). The running model stays; call again.',
-            }
-        return outcome
-
-    def end(self) -> None:
-        """Stop it, if it runs."""
-        for number in (signal.SIGTERM, signal.SIGKILL):
-            with suppress(ProcessLookupError):
-                os.killpg(self.pid, number)
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(_END_TIMEOUT_S)
-                break
-        self._close()
-
-    def _close(self) -> None:
-        """Close the pipes."""
-        for pipe in self._pipes:
-            with suppress(BrokenPipeError):  # what was buffered for a process that died
-                pipe.close()
+def start_job(job: CalibrationJob) -> JobProcess:
+    """Start a process that runs a job; OSError when it cannot be started."""
+    return JobProcess(COMMAND, job)
 
 
 @dataclass(frozen=True, eq=False)
 class JobMaker:
-    """Makes jobs; ``topics`` takes the present parameters and tells topics by their full names."""
+    """Makes jobs from the parameters; ``topics`` gives the full names of topics for them."""
 
     store: ModelStore
     settings: Callable[[], dict[str, Any]]
@@ -169,9 +80,9 @@ class JobMaker:
 
 
 def run_job(job: CalibrationJob) -> Generator[None, None, dict[str, Any]]:
-    """Wait for a process that runs a job; CalibrationRefusedError where it refuses, or can't."""
+    """Run a job in a process, and wait; CalibrationRefusedError where it refuses or fails."""
     try:
-        process = CalibrationProcess(job)
+        process = start_job(job)
     except OSError as error:
         raise CalibrationRefusedError(
             f'The calibration cannot be started: {error}. Mend that, then call again.'

@@ -16,9 +16,10 @@ from wrist_ft_comp.errors import (
     StateFileError,
     WristFtCompError,
 )
+from wrist_ft_comp.jobs.process import JobProcess
 from wrist_ft_comp.learning.day_files import DayFiles, SILENCE_NS
 from wrist_ft_comp.learning.memory import load_memory, Memory, save_memory
-from wrist_ft_comp.node.calibrate import CalibrateService, CalibrationProcess, JobMaker
+from wrist_ft_comp.node.calibrate import CalibrateService, JobMaker, start_job
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recording import OwnRecording, Recorder
 from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
@@ -137,7 +138,7 @@ class Learner(Part):
         self.diary: DiaryKeeper | None = None
         self._live, self._calibration, self._jobs, self._log = live, calibration, jobs, log
         self._directory = jobs.store.directory
-        self._process: CalibrationProcess | None = None
+        self._process: JobProcess | None = None
         #: The newest day that the job judges, and when it began, by the steady clock.
         self._judging, self._begun_s = '', 0.0
         self._begun_with_model = False
@@ -243,7 +244,7 @@ class Learner(Part):
         self._judging, self._begun_s = newest, time.monotonic()
         try:
             job = self._jobs.learning(days, champion, self.memory.since)
-            self._process = CalibrationProcess(job)
+            self._process = start_job(job)
         except OSError as error:
             self._wait(f'Learning cannot be started: {error}.')
 
@@ -254,7 +255,7 @@ class Learner(Part):
             self.waiting = why
             self._log.info(why)
 
-    def _follow(self, process: CalibrationProcess) -> None:
+    def _follow(self, process: JobProcess) -> None:
         """Look whether the job is done, and remember its outcome."""
         outcome = process.poll()
         if outcome is None:
