@@ -17,14 +17,14 @@ from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.recordings.chamber import (
+from wrist_ft_comp.recordings.chamber_table import (
     chamber_figures,
     ChamberFigures,
     compensate_table,
     leave_one_temperature_out,
+    read_chamber_table,
     table_recording,
 )
-from wrist_ft_comp.recordings.chamber_table import read_chamber_table
 from wrist_ft_comp.signals import AXES, Recording, Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 

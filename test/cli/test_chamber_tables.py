@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.cli.main import main
-from wrist_ft_comp.recordings.chamber import compensate_table
-from wrist_ft_comp.recordings.chamber_table import read_chamber_table
+from wrist_ft_comp.recordings.chamber_table import compensate_table, read_chamber_table
 from wrist_ft_comp.stored.model_file import load_model
 
 TABLES = ('table1_sensor_a_raw.csv', 'table2_sensor_b_raw.csv')

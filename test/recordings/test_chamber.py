@@ -5,7 +5,7 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
-from wrist_ft_comp.recordings.chamber import chamber_figures, ChamberTable
+from wrist_ft_comp.recordings.chamber_table import chamber_figures, ChamberTable
 
 
 def ideal(**changes):

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.chamber import chamber_figures
-from wrist_ft_comp.recordings.chamber_table import is_chamber_table, read_chamber_table
+from wrist_ft_comp.recordings.chamber_table import (
+    chamber_figures,
+    is_chamber_table,
+    read_chamber_table,
+)
 
 DATA = Path(__file__).parents[2] / 'data' / 'keller_pa10'
 #: Worked out from the printed tables by hand: max abs K_s, zero spread, largest deviation.

@@ -9,8 +9,11 @@ import pytest
 
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.recordings.chamber import chamber_figures, table_recording
-from wrist_ft_comp.recordings.chamber_table import read_chamber_table
+from wrist_ft_comp.recordings.chamber_table import (
+    chamber_figures,
+    read_chamber_table,
+    table_recording,
+)
 from wrist_ft_comp.report.evaluation import tared_errors
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.view import calibration_view, EvaluatedRecording, evaluation_view

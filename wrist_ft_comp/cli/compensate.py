@@ -11,8 +11,7 @@ from wrist_ft_comp.drift.drift_model import check_sensor, DriftModel, StoredMode
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.at_work import learn_at_work
 from wrist_ft_comp.payload.external import external_correction
-from wrist_ft_comp.recordings.chamber import table_tare
-from wrist_ft_comp.recordings.chamber_table import is_chamber_table, read_chamber_table
+from wrist_ft_comp.recordings.chamber_table import is_chamber_table, read_chamber_table, table_tare
 from wrist_ft_comp.recordings.recordings import (
     check_copy,
     EXTERNAL_TOPIC,

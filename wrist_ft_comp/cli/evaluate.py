@@ -10,8 +10,12 @@ from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.payload.at_work import learn_at_work
 from wrist_ft_comp.payload.learnt import LearntPayloads, same_payload
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recordings.chamber import chamber_figures, compensate_table
-from wrist_ft_comp.recordings.chamber_table import is_chamber_table, read_chamber_table
+from wrist_ft_comp.recordings.chamber_table import (
+    chamber_figures,
+    compensate_table,
+    is_chamber_table,
+    read_chamber_table,
+)
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors
 from wrist_ft_comp.report.outputs import REPORT

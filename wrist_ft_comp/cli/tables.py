@@ -14,7 +14,7 @@ from wrist_ft_comp.learning.memory import Memory
 from wrist_ft_comp.payload.driver_calls import driver_calls
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recordings.chamber import ChamberFigures, FIGURE_TITLES
+from wrist_ft_comp.recordings.chamber_table import ChamberFigures, FIGURE_TITLES
 from wrist_ft_comp.report.days import date_of, known_temperatures
 from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
 from wrist_ft_comp.signals import Recording

@@ -23,13 +23,14 @@ from wrist_ft_comp.payload.driver_calls import driver_lines
 from wrist_ft_comp.payload.learnt import payload_line
 from wrist_ft_comp.payload.minute import CHANNELS, identify
 from wrist_ft_comp.payload.weight import ForceFrame
-from wrist_ft_comp.recordings.chamber import (
+from wrist_ft_comp.recordings.chamber_table import (
     chamber_figures,
     ChamberFigures,
     compensate_table,
+    is_chamber_table,
     leave_one_temperature_out,
+    read_chamber_table,
 )
-from wrist_ft_comp.recordings.chamber_table import is_chamber_table, read_chamber_table
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page

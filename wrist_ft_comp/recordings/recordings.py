@@ -32,9 +32,9 @@ from wrist_ft_comp.recordings.bag_survey import (
     TEMPERATURE,
     TF,
 )
-from wrist_ft_comp.recordings.chamber import OUTPUT_UNIT
 from wrist_ft_comp.recordings.chamber_table import (
     is_chamber_table,
+    OUTPUT_UNIT,
     read_chamber_table,
     rewrite_table,
 )

@@ -10,7 +10,7 @@ import re
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from wrist_ft_comp.payload.weight import Payload
-from wrist_ft_comp.recordings.chamber import FIGURE_TITLES
+from wrist_ft_comp.recordings.chamber_table import FIGURE_TITLES
 from wrist_ft_comp.report.outputs import GENERATOR
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
 from wrist_ft_comp.report.view import AxisView, model_sources, one_after_the_other, ReportView

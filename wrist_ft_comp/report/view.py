@@ -12,7 +12,7 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HeldOut, rms_by_fold
 from wrist_ft_comp.payload.gains import COUNTS
 from wrist_ft_comp.payload.learnt import LearntPayloads
-from wrist_ft_comp.recordings.chamber import ChamberFigures
+from wrist_ft_comp.recordings.chamber_table import ChamberFigures
 from wrist_ft_comp.report.coverage import (
     cover,
     Coverage,
