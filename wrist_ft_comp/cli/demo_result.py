@@ -1,4 +1,4 @@
-"""What came of a demonstration: errors of what its topics brought, a verdict, and a picture."""
+"""The result of a demonstration: errors of the received wrenches, a verdict, a picture."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -14,15 +14,17 @@ from wrist_ft_comp.stored.demo_log import DemoLog
 
 #: The simulated sensor's thermometers.
 TOPICS = ('temperature', 'temperature_2')
-#: Masses of the tool, and of the part that it picks up, kg.
-TOOL_KG, PART_KG = 1.4, 0.8
+#: Mass of the tool, kg.
+TOOL_KG = 1.4
+#: Mass of the part that it picks up, kg.
+PART_KG = 0.8
 #: Both wrenches are tared on this time after the calibration, s.
 _TARE_S = 60.0
-#: How many times the drift of force z has to fall.
+#: The drift of force z has to become smaller by this factor.
 _RATIO = 10.0
 #: The same at work, where weight and contacts disturb the calibration.
 _RATIO_AT_WORK = 5.0
-#: Share of the tool's mass by which it may be found wrong.
+#: Largest relative error of the tool's mass.
 _MASS_SHARE = 0.05
 
 
@@ -35,7 +37,7 @@ def errors(log: DemoLog) -> TaredErrors:
 
 def external_errors(log: DemoLog) -> FloatArray:
     """Compare ``wrench_external`` with what pushed on the tool, (n, 6); NaN with a part in it."""
-    # The payload in use is the tool alone: what it is with a part in it does not count.
+    # The chosen payload is the tool alone: times with a part in it do not count.
     weight = np.linalg.norm((log.reference - log.external_reference)[:, :3], axis=1)
     alone = weight < (TOOL_KG + PART_KG / 2) * GRAVITY
     external = np.where(alone[:, np.newaxis], log.external, np.nan)
@@ -58,7 +60,7 @@ def _tared(log: DemoLog, wrench: FloatArray, true: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a demonstration showed; N and N m by axis."""
+    """Figures of a demonstration, N and N m by axis."""
 
     #: What is left of the drift in ``wrench``.
     axes: dict[str, AxisEvaluation]

@@ -1,4 +1,4 @@
-"""What the commands print: tables, verdicts, warnings, and the same for scripts."""
+"""Tables, verdicts and warnings that commands print, and the same for scripts."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import zip_longest
@@ -20,9 +20,9 @@ from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
 from wrist_ft_comp.signals import Recording
 from wrist_ft_comp.stored.payload_file import payload_figures
 
-#: Columns of a terminal, unless somebody made it wider.
+#: Letters in a line of a terminal.
 WIDTH = 80
-#: Days that people are shown; in JSON are all.
+#: Most days in the table; JSON has all.
 MOST_DAYS = 40
 _GAP = '  '
 

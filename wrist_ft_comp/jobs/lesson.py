@@ -31,7 +31,7 @@ Answer = dict[str, Any]
 
 
 def answer_learning(job: CalibrationJob, learning: Learning) -> Answer:
-    """Run a learning job and put its outcome into plain values."""
+    """Run a learning job; give its outcome in plain values."""
     nothing: Answer = {'success': False, 'learnt': False, 'paused': '', 'later': False}
     if not job.recordings:
         return {**nothing, 'message': 'No day has ended yet; there is nothing to learn from.'}
@@ -106,7 +106,7 @@ def _noted(troubles: list[str], what: str) -> Iterator[None]:
 
 
 def _champion(path: Path | None) -> Champion:
-    """Read the live model, and name the newest day that it was learnt from."""
+    """Load the live model, and find the newest day that it was learnt from."""
     if path is None:
         return Champion()
     stored = load_model(path)
@@ -124,7 +124,7 @@ def _save(
     look: Callable[[str], Day],
     troubles: list[str],
 ) -> Answer:
-    """Save a better model, its payloads and its report; the model outlives trouble with them."""
+    """Save a better model, and then payloads and report, whose errors do not matter to it."""
     sources = [{'path': str(path), 'sha256': hash_recording(path)} for path in days.values()]
     stored = save_model(job.output, better, {'recordings': sources})
     kept = keep_payloads(job, better)

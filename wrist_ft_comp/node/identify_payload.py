@@ -1,4 +1,4 @@
-"""The service ~/identify_payload: what is mounted, from a minute of motion."""
+"""The part that answers ~/identify_payload, from a minute of motion."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.part import LongService, Reply, Work
 from wrist_ft_comp.stream.compensator import Compensator
 
-#: It ends when no wrench with specific force has come for this time of the steady clock, s.
+#: It is refused when no wrench with specific force has come for this time, s.
 _PATIENCE_S = 10.0
 
 
 @dataclass(eq=False)
 class IdentifyService(LongService):
-    """Collects wrenches for a minute, in which a process finds a payload; the answer names it."""
+    """Collects a minute of wrenches, lets a job identify the payload, and answers its name."""
 
     _compensator: Compensator
     _external: ExternalWrench
@@ -40,7 +40,7 @@ class IdentifyService(LongService):
         return f'A payload is being identified for {passed_s:.0f} of {DURATION_S:g} s'
 
     def _work(self) -> Work:
-        """Collect for a minute of stamps, and say what is mounted and how to use it."""
+        """Collect a minute of stamps, let a job identify the payload, and say how to use it."""
         if self._external.forces.newest is None:
             raise CalibrationRefusedError(
                 'No specific force has come. Set gravity.source to imu or tf, and look whether '
@@ -70,7 +70,7 @@ class IdentifyService(LongService):
         return '\n'.join([use, *outcome['driver_lines']])
 
     def _wait(self, collector: MotionCollector) -> Iterator[None]:
-        """Wait until the minute is over; refuse when it can't be any more."""
+        """Wait until the minute is over; refuse where that cannot happen any more."""
         external, tare = self._external, self._compensator.external_tare
         count, heard_s = external.collected, time.monotonic()
         while collector.share < 1 and self._compensator.external_tare is tare:
@@ -84,7 +84,7 @@ class IdentifyService(LongService):
                 )
             yield
         external.identified_share = 1.0
-        if self._compensator.external_tare is not tare:  # which stepped the wrenches
+        if self._compensator.external_tare is not tare:  # the wrenches made a step
             raise CalibrationRefusedError('The tare or the model changed meanwhile. Call again.')
 
     def _answer(self, reply: Reply, message: str, *, success: bool) -> None:

@@ -1,4 +1,4 @@
-"""Learning: every day is recorded, a job judges models on it, and a better one is offered."""
+"""The part that learns: it records every day, has models judged on it, offers a better one."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -27,18 +27,18 @@ from wrist_ft_comp.ros.part import Part, Service
 from wrist_ft_comp.signals import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
 
-#: How often to look for a day that has ended, s.
+#: The node looks for an ended day once in this time, s.
 _LOOK_S = 1.0
-#: After this time a job is started again that could not run, s.
+#: A job that could not run is started again after this time, s.
 _JOB_RETRY_S = 60.0
-#: After this time a day is recorded again where the disk refused, s.
+#: A day is recorded again this long after the disk refused, s.
 _DISK_RETRY_S = 60.0
-#: What a memory holds when no model is offered.
+#: Fields of a memory without an offered model.
 _NO_OFFER = {'offered': '', 'sha256': '', 'why': '', 'automatic': False}
 
 
 def why_not(chosen: Mapping[str, Any]) -> str:
-    """Say why parameters do not allow what ``learning`` asks for; empty when they do."""
+    """Say why the parameters do not allow learning; empty when they do."""
     if chosen['learning'] == 'off':
         return 'learning is off: set the parameter learning to propose or auto at start-up.'
     reference, source = chosen['calibration.reference'], chosen['gravity.source']
@@ -51,7 +51,7 @@ def why_not(chosen: Mapping[str, Any]) -> str:
 
 
 class DiaryKeeper:
-    """Records days, and tries again later when the disk refuses."""
+    """Records days; tries again later when the disk refuses."""
 
     def __init__(self, recorder: Recorder, files: DayFiles, log: NodeLog) -> None:
         #: Why nothing is being recorded; empty while all is well.
@@ -61,20 +61,22 @@ class DiaryKeeper:
         self.files = files
         self._recorder, self._log = recorder, log
         self._recording: OwnRecording | None = None
-        #: By the steady clock: when to try again, and when the last row was written.
-        self._wait_until = self._heard = time.monotonic()
+        #: When to try again, by the steady clock.
+        self._wait_until = time.monotonic()
+        #: When the last row was written, by the steady clock.
+        self._written = self._wait_until
         self._begin()
 
     def poll(self) -> None:
-        """Record, unless the disk refused just now; a silence ends the day."""
+        """Go on recording, unless the disk refused just now; a silence ends the day."""
         now, recording = time.monotonic(), self._recording
         if recording is None:
             if now >= self._wait_until:
                 self._begin()
         elif recording.rows:
             self.rows, recording.rows = self.rows + recording.rows, 0
-            self._heard, self.problem = now, ''
-        if self.files.path is not None and now - self._heard > SILENCE_NS / NANOSECONDS:
+            self._written, self.problem = now, ''
+        if self.files.path is not None and now - self._written > SILENCE_NS / NANOSECONDS:
             self.end_day()
 
     def _begin(self) -> None:
@@ -82,7 +84,7 @@ class DiaryKeeper:
         self._recording = self._recorder.begin(self.files, self._fail, self._follow_period)
 
     def _follow_period(self) -> None:
-        """Go on with thermal cells of another length, which a new model has brought."""
+        """Continue with the thermal cells of a new model, which are of another length."""
         self.end()
         self._begin()
 
@@ -104,7 +106,7 @@ class DiaryKeeper:
             self._begin()
 
     def end(self) -> None:
-        """Write what there is, and close; the day goes on when recording does."""
+        """Write all rows, and close; the day goes on with the next recording."""
         recording, self._recording = self._recording, None
         if recording is None:
             return
@@ -116,7 +118,7 @@ class DiaryKeeper:
 
 
 class Learner(Part):
-    """Has models judged on days that have ended, and offers the better one or makes it live."""
+    """Starts a job for every ended day, and offers its better model or makes it live."""
 
     def __init__(
         self,
@@ -129,22 +131,24 @@ class Learner(Part):
         self.mode: str = chosen['learning']
         #: Why parameters do not allow learning; empty when they do.
         self.why_not = why_not(chosen)
-        #: Why a model could not be made live, or a decision not be remembered.
+        #: Why a model could not be made live, or a decision could not be saved.
         self.problem = ''
         self._max_bytes = 1e6 * chosen['learning.max_mb']
-        #: Why a day that has ended is not judged yet.
+        #: Why an ended day is not judged yet.
         self.waiting = ''
         self.memory = Memory()
         self.diary: DiaryKeeper | None = None
         self._live, self._calibration, self._jobs, self._log = live, calibration, jobs, log
         self._directory = jobs.store.directory
         self._process: JobProcess | None = None
-        #: The newest day that the job judges, and when it began, by the steady clock.
-        self._judging, self._begun_s = '', 0.0
+        #: Newest day of the running job.
+        self._judging = ''
+        #: When the job was started, by the steady clock.
+        self._begun_s = 0.0
         self._begun_with_model = False
         #: When to look for a day to judge, by the steady clock.
         self._wait_until = 0.0
-        #: The newest day when a job was started last to make room.
+        #: Newest day of the last job that was started to make room.
         self._crowded = ''
 
     title = 'learning'
@@ -154,7 +158,7 @@ class Learner(Part):
         return (Service(Trigger, '~/adopt', self.adopt),)
 
     def on_model(self) -> None:
-        """Begin when it is known which model is live; ``poll`` notices later models."""
+        """Begin when the first model is chosen; ``poll`` notices later models."""
         if self._begun_with_model:
             return
         self._begun_with_model = True
@@ -164,7 +168,7 @@ class Learner(Part):
             self._log.warning(self.why_not)
 
     def _begin(self) -> None:
-        """Go on with memory and diary, where the parameters allow it."""
+        """Load the memory, and begin to record."""
         broken, memory = '', None
         try:
             memory = load_memory(self._directory)
@@ -202,11 +206,11 @@ class Learner(Part):
         return self._directory / 'models' / self.memory.offered
 
     def poll(self) -> None:
-        """Go on with whatever is due: the diary, a job, what came of it."""
+        """Do what is due: record, start a job, take its outcome."""
         if self.diary is None:
             return
         self._notice()
-        if self.memory.automatic and self.mode == 'auto':  # the node was killed before it was live
+        if self.memory.automatic and self.mode == 'auto':  # a kill came before it was live
             self._go_live(lambda: self._live.load(self.offered))
         self.diary.poll()
         if self._calibration.running_s is not None:
@@ -219,7 +223,7 @@ class Learner(Part):
             self._start(files.ended(), crowded=files.full)
 
     def _notice(self) -> None:
-        """Note who changed the live model: a person, a job before a kill, or a broken file."""
+        """Note that the live model was changed: by a person, a job before a kill, or a fault."""
         live, memory = self._live, self.memory
         if live.sha256 == memory.champion:
             return
@@ -234,7 +238,7 @@ class Learner(Part):
             self._note_adopted()
 
     def _start(self, days: list[Path], *, crowded: bool) -> None:
-        """Start a job where no job has judged the newest day, or once to make room."""
+        """Start a job where the newest day is not judged, or once per day to make room."""
         newest = days[-1].name if days else ''
         if newest <= self.memory.judged and (not crowded or newest in {'', self._crowded}):
             return
@@ -256,7 +260,7 @@ class Learner(Part):
             self._log.info(why)
 
     def _follow(self, process: JobProcess) -> None:
-        """Look whether the job is done, and remember its outcome."""
+        """Take the outcome of the job, if it has ended."""
         outcome = process.poll()
         if outcome is None:
             return
@@ -280,7 +284,7 @@ class Learner(Part):
         """Make a better model live, or offer it."""
         sha256, why = outcome['sha256'], outcome['message']
         automatic = self.mode == 'auto' and not self.memory.paused
-        # First of all, so that after a kill it is known what was to become of this model.
+        # First of all, so that the decision survives a kill.
         self._remember(offered=path.name, sha256=sha256, why=why, automatic=automatic)
         if automatic:
             self._go_live(lambda: restore_model(path, sha256, outcome['document']))
@@ -288,7 +292,7 @@ class Learner(Part):
             self._log.info(f'The better model {path} is offered. Make it live with ~/adopt.')
 
     def _go_live(self, restore: Callable[[], StoredModel]) -> None:
-        """Make a model live that was learnt; where that fails, it is offered only."""
+        """Make the learnt model live; where that fails, it is only offered."""
         try:
             problem = self._live.take(restore())
         except WristFtCompError as error:
@@ -300,7 +304,7 @@ class Learner(Part):
         self.problem = self.problem or problem
 
     def _note_learnt(self) -> None:
-        """Remember that the model that was learnt is live, and that no person decided it."""
+        """Remember that the node itself made the learnt model live."""
         change = _dated(f'the node made {self.memory.offered} live: {self.memory.why}')
         self._remember(champion=self._live.sha256, change=change, **_NO_OFFER)
 
@@ -309,7 +313,7 @@ class Learner(Part):
         self._decide(f'{self.memory.offered} was made live with ~/adopt: {self.memory.why}')
 
     def _decide(self, what: str) -> None:
-        """Remember a person's decision: the days before are no evidence against it."""
+        """Remember a person's decision, against which the days before are no evidence."""
         self._end_job()
         if self.diary is None:
             return
@@ -320,7 +324,7 @@ class Learner(Part):
         self._remember(champion=self._live.sha256, change=_dated(what), **decided, **_NO_OFFER)
 
     def _remember(self, **changes: Any) -> None:
-        """Keep what changed over a restart; the file of an offer that has ended is deleted."""
+        """Save changes of the memory; delete the file of a model that is not offered any more."""
         before, offered = self.memory, self.offered
         self.memory, self.problem = replace(before, **changes), ''
         try:
@@ -353,23 +357,23 @@ class Learner(Part):
         return f'{message}\nwarning: {problem}' if problem else message
 
     def _end_job(self) -> None:
-        """Stop the job, if one runs; nothing of it counts."""
+        """Stop the job, if one runs, and forget it."""
         if self._process is not None:
             self._process.end()
             self._process = None
 
     def statuses(self) -> Iterator[Status]:
-        """Say what learning does and what came of it; nothing where learning is off."""
+        """Report what learning does, and its last results; nothing where it is off."""
         if self.mode == 'off':
             return
         memory, of_disk = self.memory, self.diary.problem if self.diary else ''
-        # What a person should look at, the worst first.
+        # The worst first.
         trouble = self.why_not or of_disk or self.problem or memory.paused or memory.incident
         level = WARN if trouble else OK
         yield Status(self.title, level, trouble or self._well(), self._numbers())
 
     def _well(self) -> str:
-        """Say what is going on."""
+        """Say what the part does, where nothing is wrong."""
         if self.memory.offered:
             return 'a better model is offered: see "offered", and call ~/adopt to make it live'
         if self.running_s is not None:
@@ -377,7 +381,7 @@ class Learner(Part):
         return self.waiting or 'the day is being recorded; no better model is offered'
 
     def _numbers(self) -> dict[str, str]:
-        """Give the numbers behind the status."""
+        """Collect the numbers behind the status."""
         memory = self.memory
         numbers = {
             'mode': self.mode,
@@ -398,7 +402,7 @@ class Learner(Part):
         return numbers
 
     def _rest(self) -> None:
-        """Stop recording and judging; both go on from here at the next beginning."""
+        """Stop recording and judging, until ``_begin``."""
         self._end_job()
         diary, self.diary = self.diary, None
         if diary is not None:
@@ -411,5 +415,5 @@ class Learner(Part):
 
 
 def _dated(what: str) -> str:
-    """Begin a sentence with the present day, UTC."""
+    """Put the present date, UTC, before a sentence."""
     return f'{datetime.now(timezone.utc).date()}: {what}'

@@ -1,4 +1,4 @@
-"""A simulated robot at work: it publishes imu, /tf where tf2_msgs is, and what pushes on it."""
+"""A simulated robot at work: publishes imu, /tf (with tf2_msgs), and the contact wrench."""
 
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -22,9 +22,9 @@ from wrist_ft_comp.simulation.work import (
 
 class SimulatedRobot:
     """
-    Moves, holds and presses; its messages have the stamp of a wrench.
+    Moves, holds tools and presses; its messages have the stamp of ``wrench``.
 
-    The seeds are the specimen's and the run's; ``advertise`` makes a publisher of a topic.
+    The seeds are those of the specimen and of the run; ``advertise`` makes a publisher.
     """
 
     def __init__(
@@ -56,9 +56,9 @@ class SimulatedRobot:
 
     def move(self, elapsed_s: FloatArray, near_c: FloatArray, load: FloatArray) -> FloatArray:
         """
-        Go on, at times, s, and temperatures, °C, (n,): all that pushes on the sensor, (n, 6).
+        Move at times, s, and temperatures, °C, (n,); give the whole wrench on the sensor, (n, 6).
 
-        ``load``, N and N m, (n, 6), pushes from outside, as contacts do.
+        ``load``, N and N m, (n, 6), is added to the contacts.
         """
         motion = move(self._work, elapsed_s)
         readings = read_imu(self._accelerometer, motion, near_c - NOMINAL_C, self._rng)
@@ -67,7 +67,7 @@ class SimulatedRobot:
         return np.asarray(contact + motion.weight)
 
     def send(self, number: int) -> None:
-        """Publish what belongs to one of the times."""
+        """Publish the messages of one of the times."""
         reading, pose, contact = (values[number] for values in self._moved)
         felt, turning = self._imu.linear_acceleration, self._imu.angular_velocity
         felt.x, felt.y, felt.z, turning.x, turning.y, turning.z = reading

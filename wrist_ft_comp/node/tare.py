@@ -1,4 +1,4 @@
-"""The services ~/tare and ~/reset_tare."""
+"""The part that answers ~/tare and ~/reset_tare."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from wrist_ft_comp.signals import AXES, axis_unit, FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector
 
-#: A tare that gets no wrenches is answered this long after it should have been done, s.
+#: A tare without wrenches is refused this long after its duration, s.
 _GRACE_S = 2.0
 
 
@@ -35,9 +35,9 @@ class TareService(LongService):
     _settings: Callable[[], Mapping[str, Any]]
     _save: Callable[[], None]
     _log: NodeLog
-    #: None when there are enough wrenches, or no tare runs.
+    #: Collects wrenches; None when it has enough, or no tare runs.
     _collector: TareCollector | None = None
-    #: Of the payload at each wrench, N and N m; None where it was not known.
+    #: Weight of the payload at every wrench, N and N m; None where it was not known.
     _weights: list[list[float] | None] = field(default_factory=list)
     _hub: Hub = field(init=False)
 
@@ -95,7 +95,7 @@ class TareService(LongService):
         return f'tared: {offsets}{also}'
 
     def _weight(self, before: LivePayload | None) -> FloatArray | None:
-        """Give the payload's mean weight; refuse if it is not the payload of ``before``."""
+        """Average the payload's weight; refuse where the payload is not that of ``before``."""
         payload, waiting = self._external.payload, self._external.waiting
         if payload is None and before is None and not waiting:
             return None

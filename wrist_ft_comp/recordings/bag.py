@@ -103,13 +103,13 @@ class Bag:
         return [c for c in self.connections if c.topic.strip('/') == topic.strip('/')]
 
     def find(self, topic: str, message_type: str | None, role: str) -> list[Connection]:
-        """Find connections of a type, or any (None); RecordingError with what there is."""
+        """Find a topic's connections, of a type or any (None); RecordingError where none fits."""
         named_so = self.named(topic)
         if not named_so:
             wanted = topic.strip('/')
-            there = {c.topic: c.msgtype for c in self.connections}
-            listed = ', '.join(f'{name} ({kind})' for name, kind in there.items())
-            fitting = [name for name, kind in there.items() if message_type in {kind, None}]
+            present = {c.topic: c.msgtype for c in self.connections}
+            listed = ', '.join(f'{name} ({kind})' for name, kind in present.items())
+            fitting = [name for name, kind in present.items() if message_type in {kind, None}]
             near = difflib.get_close_matches(f'/{wanted}', fitting, 1, 0.3) or fitting
             raise RecordingError(
                 f'{self.name} holds no topic /{wanted} for the {role}; it holds '

@@ -195,29 +195,12 @@ def recording_from_columns(
     """
     Make a recording of columns in memory, as read_recording does of a CSV file.
 
-    Parameters
-    ----------
-    *tables : mapping of str to array, or DataFrame
-        Each with a column ``stamp_s``, ``stamp_ms``, ``stamp_us`` or ``stamp_ns`` (whole ns, or
-        datetime64), ascending, and any channels (N, N m, °C, or as ``temperature_k`` says); NaN
-        is no sample. Channels of different rates may come in tables of their own.
-    name : str
-        What messages and reports call it.
-    period_s : float
-        Length of a thermal cell, s.
-    max_bad_share : float
-        Largest share of unusable samples per channel, 0 to 1.
-
-    Returns
-    -------
-    Recording
-        Its warnings say what was left out.
-
-    Raises
-    ------
-    RecordingError
-        When a table cannot be read, or they do not hold what a recording must.
-
+    A table is a mapping of names to arrays, or a DataFrame. It has a column ``stamp_s``,
+    ``stamp_ms``, ``stamp_us`` or ``stamp_ns`` (whole ns, or datetime64), ascending, and any
+    channels (N, N m, °C, or as ``temperature_k`` says); NaN is no sample. Channels of different
+    rates may come in several tables. Messages and reports use ``name``; cells last ``period_s``.
+    The recording's warnings say what was left out. RecordingError when a table cannot be read,
+    when more than ``max_bad_share`` of a channel cannot be used, or when a channel is missing.
     """
     blocks: list[Samples] = []
     names: list[str] = []
@@ -239,25 +222,9 @@ def compensate(
     """
     Remove the drift from the wrench of a table, as the command ``compensate`` does from a file.
 
-    Parameters
-    ----------
-    model : DriftModel
-        The model.
-    table, *others : mapping of str to array, or DataFrame
-        As for recording_from_columns; the wrench of the first one is compensated.
-    tare_s : float
-        Tare on the first seconds, which must be unloaded, s; 0 gives no tare.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Compensated columns, N and N m, by axis; those that the first table holds.
-
-    Raises
-    ------
-    RecordingError
-        As recording_from_columns, or when the thermometers are not those of the model.
-
+    Tables are as for recording_from_columns. Gives the compensated axes of the first one, N and
+    N m, tared on its first ``tare_s`` seconds, which must be unloaded; 0 gives no tare.
+    RecordingError as there, or when the thermometers are not those of the model.
     """
     recording = recording_from_columns(table, *others, period_s=model.period_ns / NANOSECONDS)
     stamps_ns, values = _read(table, recording.name)

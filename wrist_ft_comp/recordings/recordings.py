@@ -105,33 +105,12 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
     progress: Progress | None = None,
 ) -> Recording:
     """
-    Read a recording of any kind onto the thermal grid, in memory independent of its length.
+    Read a recording of any kind onto thermal cells of ``period_s``.
 
-    Parameters
-    ----------
-    path : Path or str
-        The file or folder.
-    period_s : float
-        Length of a thermal cell, s.
-    topics : Topics, optional
-        Where a bag holds what; the node's own names by default.
-    max_bad_share : float
-        Largest share of unusable samples per channel, 0 to 1.
-    keep_copied_columns : bool
-        As in read_chamber_table.
-    progress : callable, optional
-        Given the fraction done, 0 to 1.
-
-    Returns
-    -------
-    Recording
-        Its warnings say what was left out.
-
-    Raises
-    ------
-    RecordingError
-        When it cannot be read, or does not hold what a recording must.
-
+    Memory grows with the number of cells only. Topics of a bag are the node's own names by
+    default. Columns of a chamber table that repeat another one are left out, unless they are to be
+    kept. The recording's warnings say what was left out. RecordingError when it cannot be read,
+    when more than ``max_bad_share`` of a channel cannot be used, or when a channel is missing.
     """
     path = Path(path)
     kind = kind_of(path)

@@ -28,7 +28,7 @@ from wrist_ft_comp.signals import FloatArray, IntArray
 #: Without compensation, and with it.
 WITHOUT, WITH = '#D55E00', '#0A78B8'
 THERMOMETERS = ('#009E73', '#BC5F95', '#8A7300', '#7D848C')
-#: Axes, and whatever is no measurement.
+#: Axes, and everything that is not measured.
 FRAME = '#7D848C'
 _GRID: dict[str, Any] = {'color': FRAME, 'alpha': 0.35, 'lw': 0.6}
 _SOLID: dict[str, Any] = {'color': WITH, 'ls': '-', 'lw': 1.4}
@@ -38,11 +38,11 @@ _DOTS: dict[str, Any] = {'ls': '', 'marker': 'o', 'ms': 2.2, 'mew': 0, 'color': 
 _CROSSES: dict[str, Any] = {'ls': '', 'marker': 'x', 'ms': 3.2, 'mew': 0.8, 'color': WITHOUT}
 #: Width and height of an SVG, inches.
 _SIZE = (4.6, 2.7)
-#: Parts of a line in which the lowest and the highest point are kept.
+#: Parts of a line; of every part the lowest and the highest point are drawn.
 _BUCKETS = 240
-#: Points of a cloud.
+#: Most points of a cloud.
 _POINTS = 300
-#: Samples further apart than this many times the usual distance are not joined.
+#: Samples are not joined where they are farther apart than this many median distances.
 _GAP = 10.0
 #: Colour, width, height above others, and label of what is left of an axis' drift in a PNG.
 _LEFT = (
@@ -50,7 +50,7 @@ _LEFT = (
     (WITH, 1.0, 2.2, 'with'),
     (FRAME, 0.6, 2.1, 'with, payload taken off'),
 )
-#: Points of one line of a PNG.
+#: Most points of a line of a PNG.
 _PNG_POINTS = 4000
 
 
@@ -91,7 +91,7 @@ def temperatures_over_time(hours: FloatArray, temperature_c: FloatArray, part: I
 
 
 def time_over_temperature(coverage: Coverage) -> Figure:
-    """Draw how long the leading thermometer was at which temperature, and what it has not seen."""
+    """Draw how long the leading thermometer was at every temperature, and where it never was."""
     figure, panel = _panel('temperature, °C', 'minutes per kelvin')
     edges, minutes = coverage.edges_c, coverage.seconds[coverage.leading] / 60
     panel.bar(edges[:-1], minutes, np.diff(edges), align='edge', color=WITH, label='seen')
@@ -107,7 +107,7 @@ def time_over_temperature(coverage: Coverage) -> Figure:
 
 
 def directions_seen(directions: FloatArray) -> Figure:
-    """Draw where gravity came from: both halves of the sphere, equal areas, z in their middles."""
+    """Draw the directions of gravity: two half spheres, equal areas, z in their middles."""
     figure = Figure(figsize=_SIZE, layout='constrained')
     drawn = directions[:: max(-(-len(directions) // (2 * _POINTS)), 1)]
     angle = np.linspace(0, 2 * np.pi, 100)

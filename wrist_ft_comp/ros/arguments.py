@@ -1,4 +1,4 @@
-"""What ``--help`` of a node shows, and arguments that nothing reads."""
+"""The ``--help`` of a node, and arguments that no node reads."""
 
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
@@ -12,15 +12,16 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ros.parameters import Parameter
 
 HELP = ('-h', '--help')
-_WIDTH, _INDENT = 79, ' ' * 6
-#: Similarity, 0 to 1, from which on a parameter's name is taken for a mistyped one.
+_WIDTH = 79
+_INDENT = ' ' * 6
+#: A name is taken for a mistyped one from this similarity on, 0 to 1.
 _SIMILAR = 0.8
 #: The same for overrides of quality of service, whose names are always similar.
 _SIMILAR_OVERRIDES = 0.96
 _OVERRIDE = 'qos_overrides.'
-#: Unknown names that the log lists; a file of parameters may hold those of a whole robot.
+#: Most unknown names that the log lists: a file may hold the parameters of a whole robot.
 _LISTED_NAMES = 8
-#: What overridable() of messages.py lets parameters override.
+#: Policies that overridable() of messages.py lets parameters override.
 _POLICIES = ('history', 'depth', 'reliability')
 
 
@@ -62,17 +63,10 @@ def refuse_strays(words: Sequence[str]) -> None:
 
 def tell_unknown(node: Node, later: Iterable[str], log: Any) -> None:
     """
-    Log the parameters that a node was given and does not have.
+    Log the parameters that a node was given and does not have: a warning per mistyped name.
 
-    Parameters
-    ----------
-    node : Node
-        It has declared its parameters and opened its topics.
-    later : iterable of str
-        Full names of topics that it may subscribe to later.
-    log : NodeLog or logger
-        Takes a warning per mistyped name, and one line about all others.
-
+    The node has declared its parameters and opened its topics, but for those that it may subscribe
+    to later, which come by their full names.
     """
     # rclpy has no public name for it.
     given: Iterable[str] = getattr(node, '_parameter_overrides', {})

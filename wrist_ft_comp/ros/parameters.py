@@ -1,4 +1,4 @@
-"""Parameters: what a table's row is, how a node declares a table, and the rows of all nodes."""
+"""Tables of parameters: their rows, how a node declares them, and the rows of all nodes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from wrist_ft_comp.ranges import range_words
 
 Value: TypeAlias = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 _Type = RosParameter.Type
-#: Of a scalar and of an array of them; what people call the scalar.
+#: Types in ROS of a scalar and of an array, and the scalar in words.
 _TYPES = {
     bool: (_Type.BOOL, None, 'true or false'),
     int: (_Type.INTEGER, None, 'an integer'),
@@ -38,7 +38,7 @@ class Parameter:
     name: str
     #: Its type is the parameter's type. A tuple makes an array of doubles or of strings.
     default: Value
-    #: What it does, a sentence without its unit.
+    #: Its effect, in a sentence without its unit.
     description: str
     unit: str = ''
     #: Inclusive limits of a number, or of every element of an array.
@@ -89,7 +89,7 @@ class Parameter:
 
 
 def declare(node: Node, table: Sequence[Parameter]) -> None:
-    """Declare a table on a node, with what the user gave; SettingsError when that is wrong."""
+    """Declare a table on a node, with the given values; SettingsError where one is wrong."""
     for row in table:
         # rclpy refuses an integer for a double and takes an empty array for bytes. So the given
         # value is read under a dynamic type, converted, and declared again under the static type.
@@ -111,7 +111,7 @@ def values(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
 
 
 def converted(row: Parameter, value: Any) -> Value:
-    """Convert what came from outside to a parameter's type; SettingsError when it can't be."""
+    """Convert a given value to a parameter's type; SettingsError where that is impossible."""
     if not row.is_array:
         return cast('Value', _converted_scalar(row, value))
     single = value is None or isinstance(value, (bool, int, float, str))
@@ -172,7 +172,7 @@ def ros_parameter(row: Parameter, value: Value) -> RosParameter:
 def _converted_where_possible(
     rows: dict[str, Parameter], given: Sequence[RosParameter]
 ) -> list[RosParameter]:
-    """Convert the parameters of a set request; what cannot be converted stays as it is."""
+    """Convert the parameters of a set request, as far as possible."""
     return [
         _converted_if_possible(rows[parameter.name], parameter)
         if parameter.name in rows
@@ -182,12 +182,12 @@ def _converted_where_possible(
 
 
 def _converted_if_possible(row: Parameter, given: RosParameter) -> RosParameter:
-    """Convert one of these."""
+    """Convert one parameter of a set request, if possible."""
     try:
         return ros_parameter(row, converted(row, given.value))
     except SettingsError:
         if row.ros_type == _Type.DOUBLE and type(given.value) is int:
-            # So that the refusal speaks of the range, not of a type that would do.
+            # So that the refusal is about the range: the type would do.
             return ros_parameter(row, float(given.value))
         return given
 

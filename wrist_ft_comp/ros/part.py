@@ -93,15 +93,15 @@ class DeferredService:
 
 class Part:
     """
-    One feature of a node; every verb does nothing until a part has a use for it.
+    One feature of a node; a part defines the verbs that it needs.
 
-    A constructor only stores: what a part needs of the node, it asks the hub for in ``start``,
-    when all parts exist. Their order decides nothing but the order of their diagnostics.
+    A constructor only stores. In ``start``, when all parts exist, a part asks the hub for what it
+    needs of the node. The order of parts decides only the order of their diagnostics.
     """
 
-    #: What people call it, in the log and the diagnostics.
+    #: Its name in the log and the diagnostics.
     title = ''
-    #: Why the hub calls it no more; empty while all is well.
+    #: Why the hub does not call it any more; empty while all is well.
     stopped = ''
 
     def services(self) -> Sequence[Service]:
@@ -112,28 +112,28 @@ class Part:
         """Begin; a refusal (WristFtCompError) ends the node, as a wrong parameter does."""
 
     def on_model(self) -> None:
-        """Follow the model that is live: called when all parts have started, and at a change."""
+        """Follow the live model: called when all parts have started, and at every change."""
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Any) -> None:
-        """Take a raw wrench, N and N m, that was sent on; only while the hub's ``listen`` says."""
+        """Take a raw wrench, N and N m, that was published; only after the hub's ``listen``."""
 
     def on_cells(self, cells: Sequence[Any], stamp_ns: int) -> None:
-        """Take thermal cells that a temperature of a stamp, ns, has completed."""
+        """Take thermal cells that a temperature, with its stamp, ns, has completed."""
 
     def on_force(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
         """Take a specific force, m/s², and the speed of rotation, rad/s, where it is known."""
 
     def check_parameters(self, parameters: Sequence[Any]) -> None:
-        """Refuse parameters that cannot be had; changes nothing."""
+        """Refuse parameters by a WristFtCompError; change nothing."""
 
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Follow parameters that have changed."""
 
     def poll(self) -> None:
-        """Do what is due; ten times a second."""
+        """Do what is due; called ten times a second."""
 
     def statuses(self) -> Iterable[Status]:
-        """Judge how it stands; once a second."""
+        """Report the state; called once a second."""
         return ()
 
     def end(self) -> bool:
@@ -146,11 +146,11 @@ Work = Generator[None, None, str]
 
 
 class LongService(Part):
-    """Serves one request at a time, by work that goes on whenever it is polled."""
+    """Serves one request at a time, by work that continues at every poll."""
 
-    #: Does what is asked; closed when the part ends.
+    #: Does the work of a request; closed when the part ends.
     _work: Callable[[], Work]
-    #: Says that it is at work.
+    #: Says that a request is being served.
     _busy: Callable[[], str]
     #: Such as ``~/tare``.
     name: str
@@ -171,14 +171,14 @@ class LongService(Part):
         return (Service(Trigger, self.name, self.on_request),)
 
     def on_request(self, _request: Any, reply: Reply) -> None:
-        """Begin; the answer comes when it is done."""
+        """Begin the work; the answer comes at its end."""
         if self._running is not None:
             raise WristFtCompError(f'{self._busy()}; wait for its answer, then call again.')
         self._running = self._work(), reply
         self.poll()
 
     def poll(self) -> None:
-        """Go on, and answer when that is the end of it."""
+        """Continue the work, and answer at its end."""
         if self._running is None:
             return
         work, reply = self._running
@@ -200,7 +200,7 @@ class LongService(Part):
         return True
 
     def _answer(self, reply: Reply, message: str, *, success: bool) -> None:
-        """Answer, and let log and diagnostics know."""
+        """Answer, and note that in log and diagnostics."""
         self._running, self.last_outcome, self.refused = None, message, not success
         # One call site each: rclpy insists that a call site keeps its severity.
         if success:

@@ -1,1 +1,1 @@
-"""A simulated wrist with its sensor, whose node lives in ``ros``; read ``ft_sensor`` first."""
+"""A simulated wrist with its sensor, whose node is in ``node``; read ``ft_sensor`` first."""

@@ -21,10 +21,11 @@ from wrist_ft_comp.signals import FloatArray
 
 @dataclass(frozen=True)
 class FtSensorSettings:
-    """Physical constants of a simulated wrist; nobody but its developers chooses them."""
+    """Physical constants of a simulated wrist, which only developers change."""
 
-    #: Time step, s, and number of finite volumes of the body.
+    #: Time step, s.
     step_s: float = 1.0
+    #: Number of finite volumes of the body.
     cells: int = 10
     #: Heat of the motor at duty cycle 1, W.
     max_motor_power_w: float = 22.0
@@ -40,7 +41,7 @@ class FtSensorSettings:
     motor_convection_w_per_k: float = 0.2
     body_convection_w_per_k: float = 0.6
     tool_convection_w_per_k: float = 0.15
-    #: On the electronics toward the tool, and at the flange of the motor side.
+    #: Places, 0 to 1: on the electronics toward the tool, and at the flange of the motor.
     thermometer_positions: tuple[float, float] = (0.9, 0.1)
     #: Standard deviation, and step of the reading (0: none), K.
     thermometer_noise_k: float = 0.01

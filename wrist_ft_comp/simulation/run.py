@@ -1,4 +1,4 @@
-"""What happens to a simulated wrist, by simulated seconds since it began: duty, room and load."""
+"""Duty cycle, room temperature and load of a simulated wrist, by simulated seconds."""
 
 from dataclasses import dataclass, field
 
@@ -17,9 +17,9 @@ _SINES = 4
 class RunSettings:
     """What a person chooses about a run."""
 
-    #: Ascending times at which the duty cycle changes, s, before the first of which it is 0; and
-    #: its level from then on, 0 to 1.
+    #: Ascending times at which the duty cycle changes, s; before the first one it is 0.
     duty_start_s: tuple[float, ...] = (0.0, 120.0)
+    #: Duty cycle from each of these times on, 0 to 1.
     duty_level: tuple[float, ...] = (0.0, 0.8)
     #: Mean room temperature, °C, and amplitude, K, and period, s, of its slow swing.
     room_c: float = 22.0

@@ -1,4 +1,4 @@
-"""A robot at work, by legs that repeat: it moves, holds a tool and parts, and presses."""
+"""A simulated robot at work: it moves, holds a tool and parts, and presses on things."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from wrist_ft_comp.signals import FloatArray, GRAVITY, IntArray
 
 #: Legs of a program, each a motion and a rest.
 _LEGS = 200
-#: Legs in a row with a part in the gripper, and then without.
+#: Number of legs in a row with a part in the gripper, and then without one.
 _HELD_LEGS = 6
 #: Shortest rest, s.
 _LEAST_REST_S = 1.0
@@ -179,8 +179,8 @@ def read_imu(
     imu: Accelerometer, motion: Motion, warm_k: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Read specific force, m/s², and angular velocity, rad/s, (n, 6), at a warmth, K (n,)."""
-    felt = motion.force + lever(motion.omega, motion.alpha, _IMU_M)
+    at_imu = motion.force + lever(motion.omega, motion.alpha, _IMU_M)
     to_imu = imu.rotation.inv()
-    force = imu.scale * to_imu.apply(felt) + imu.bias + warm_k[:, np.newaxis] * imu.per_kelvin
+    force = imu.scale * to_imu.apply(at_imu) + imu.bias + warm_k[:, np.newaxis] * imu.per_kelvin
     read = np.concatenate((force, to_imu.apply(motion.omega)), axis=1)
     return np.asarray(read + rng.normal(0, np.repeat(imu.noise, 3), read.shape))

@@ -1,4 +1,4 @@
-"""What a restart goes on from, as JSON, and a thread that saves it while callbacks go on."""
+"""The state file, from which a restart continues, and a thread that writes it."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,13 +21,13 @@ KIND = Kind(
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; until then a restart loses the thermal state and the tare.')  # fmt: skip
 
-#: The schema has no room for larger numbers, nor for NaN and infinities.
+#: The schema allows no larger numbers, and neither NaN nor infinities.
 _LARGEST = 1e100
 
 
 @dataclass(frozen=True, eq=False)
 class SavedState:
-    """What a node remembers."""
+    """State of a node at the time of the save."""
 
     #: System time of the save, UTC, ns.
     saved_ns: int
@@ -92,7 +92,7 @@ def _readable(*arrays: FloatArray) -> bool:
 
 
 class StateWriter:
-    """Writes the newest state it was given; those that were overtaken are left out."""
+    """Writes the newest state in a thread; states that were replaced meanwhile are left out."""
 
     def __init__(self, path: Path) -> None:
         #: Why the last save failed; empty when it did not.
@@ -108,7 +108,7 @@ class StateWriter:
         self._thread: threading.Thread | None = None
 
     def put(self, state: SavedState) -> None:
-        """Have a state saved soon; returns at once."""
+        """Let the thread save a state; return at once."""
         with self._changed:
             self._newest = state
             self._changed.notify()
@@ -118,7 +118,7 @@ class StateWriter:
             self._thread.start()
 
     def end(self, timeout_s: float) -> bool:
-        """Save what was put, and stop; says whether the disk did everything in time."""
+        """Save the last state, and stop; False where the disk takes longer than the timeout."""
         with self._changed:
             self._ended = True
             self._changed.notify()

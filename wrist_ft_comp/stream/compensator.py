@@ -45,17 +45,9 @@ class StreamSettings:
 
 class Compensator:
     """
-    Owns what a sensor's stream needs: the drift tracker, the limits, the ramp, the tare.
+    Owns the drift tracker, the limits, the ramp and the tare of a sensor with J thermometers.
 
-    Parameters
-    ----------
-    thermometers : int
-        Number of thermometers J that will report.
-    settings : StreamSettings, optional
-        Limits and periods.
-    model : DriftModel, optional
-        None passes wrenches through, tared, until ``go_live``.
-
+    Without a model, wrenches pass through, tared, until ``go_live``.
     """
 
     def __init__(
@@ -103,26 +95,11 @@ class Compensator:
         keep_output_of: Wrench | None = None,
     ) -> list[CompletedCells]:
         """
-        Take one temperature.
+        Take one temperature of a thermometer, counted from 0; give the cells that it completes.
 
-        Parameters
-        ----------
-        thermometer, stamp_ns, temperature_c
-            Which one, counted from 0; its stamp, ns; °C.
-        keep_output_of : tuple of int and sequence of 6 floats, optional
-            The newest wrench, whose output stays where it was when the drift begins under a tare
-            or a model that was swapped in: the tare takes it up. Without it the tare stays.
-
-        Returns
-        -------
-        list of CompletedCells
-            What it completed; the compensation has moved when there are any.
-
-        Raises
-        ------
-        SettingsError
-            When there is no such thermometer.
-
+        The compensation has moved when there are any. Where the drift begins under a tare or after
+        a change of the model, the output of the newest wrench, ``keep_output_of``, stays where it
+        was, because the tare takes the difference up. SettingsError without such a thermometer.
         """
         if not 0 <= thermometer < self.thermometers:
             raise SettingsError(
@@ -164,23 +141,11 @@ class Compensator:
 
     def go_live(self, model: DriftModel | None, keep_output_of: Wrench | None = None) -> None:
         """
-        Swap a model in; its state is made from the kept temperatures.
+        Swap a model in, with a state made from the kept temperatures; None stops compensating.
 
-        Parameters
-        ----------
-        model : DriftModel or None
-            None stops compensating.
-        keep_output_of : tuple of int and sequence of 6 floats, optional
-            The newest wrench, whose output stays where it was: the tare takes up what the zero
-            drift differs by.
-
-        Raises
-        ------
-        SettingsError
-            When the model expects another number of thermometers; the running model stays.
-        ModelFileError
-            When it is of another unit than N and N m; the running model stays.
-
+        The output of the newest wrench, ``keep_output_of``, stays where it was: the tare takes up
+        the difference of the drifts. SettingsError when the model is for another number of
+        thermometers, ModelFileError when it is in another unit; the running model stays then.
         """
         if model is not None:
             check_fits(model, self.thermometers)

@@ -30,17 +30,7 @@ _NOT_YET = 'no temperatures yet'
 
 
 class History:
-    """
-    Keeps the newest cells of J thermometers, as a recording of them would hold them.
-
-    Parameters
-    ----------
-    thermometers : int
-        J.
-    most : int
-        How many cells are kept.
-
-    """
+    """Keeps the newest cells of J thermometers, ``most`` at most, as a recording would."""
 
     def __init__(self, thermometers: int, most: int) -> None:
         self.most = most

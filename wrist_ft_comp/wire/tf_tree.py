@@ -121,9 +121,9 @@ class GravityByTf:
         self.upper, self.lower = upper, lower
         self._numbers: dict[str, int] = {}
         self._links: dict[int, _Link] = {}
-        #: Frames of which no transform was needed.
+        #: Child frames of all messages, for what ``missing`` says.
         self._others: set[str] = set()
-        #: Time and rotation that were read last.
+        #: Last time with a known rotation, and that rotation.
         self._last: tuple[IntArray, FloatArray] = np.empty(0, np.int64), np.empty((0, 3, 3))
 
     def _number(self, frame: str) -> int:
@@ -149,9 +149,9 @@ class GravityByTf:
         Takes parent and child of every transform, without leading slashes, and gives their places.
         Static ones are sent once, and are kept because they may be needed later.
         """
-        ways = {*self._way(self.lower), *self._way(self.upper)}
+        chains = {*self._chain(self.lower), *self._chain(self.upper)}
         names, parents = list(self._numbers), {child: parent for parent, child in frames}
-        linking = {names[number] for number in ways}
+        linking = {names[number] for number in chains}
         for frame in tuple(linking):
             above = parents.get(frame)
             while above is not None and above not in linking:
@@ -174,7 +174,7 @@ class GravityByTf:
 
     def settled_ns(self) -> int | None:
         """Newest stamp that all moving links have reached, ns; None where nothing moves."""
-        lower, upper = self._way(self.lower), self._way(self.upper)
+        lower, upper = self._chain(self.lower), self._chain(self.upper)
         if lower[-1] != upper[-1]:
             return None
         links = [self._links[frame] for frame in set(lower) ^ set(upper)]
@@ -183,31 +183,31 @@ class GravityByTf:
 
     def root(self) -> str:
         """Name the uppermost frame above the lower one."""
-        top = self._way(self.lower)[-1]  # which may number the lower one
+        top = self._chain(self.lower)[-1]  # this may add the lower frame to the numbers
         return list(self._numbers)[top]
 
-    def _way(self, frame: str) -> list[int]:
-        """Climb from a frame as far as possible, as frames hang now."""
-        way = [self._number(frame)]
-        while (link := self._links.get(way[-1])) and link.parent not in way:
-            way.append(link.parent)
-        return way
+    def _chain(self, frame: str) -> list[int]:
+        """List a frame and all frames above it, by the newest transforms."""
+        chain = [self._number(frame)]
+        while (link := self._links.get(chain[-1])) and link.parent not in chain:
+            chain.append(link.parent)
+        return chain
 
     def _climb(
         self, frame: int, times_ns: IntArray, below: tuple[int, ...] = ()
     ) -> tuple[IntArray, FloatArray]:
-        """Climb as far as is known at each time: frames (n,), and turns to them, (n, 3, 3)."""
+        """Find the uppermost frame at every time, (n,), and the rotation to it, (n, 3, 3)."""
         tops, turns = np.full(len(times_ns), frame), np.tile(np.eye(3), (len(times_ns), 1, 1))
         if link := self._links.get(frame):
             parents, rotations = link.at(times_ns)
             for parent in set(parents.tolist()) - {-1, frame, *below}:
-                here = parents == parent
-                tops[here], above = self._climb(parent, times_ns[here], (*below, frame))
-                turns[here] = above @ rotations[here]
+                at = parents == parent
+                tops[at], above = self._climb(parent, times_ns[at], (*below, frame))
+                turns[at] = above @ rotations[at]
         return tops, turns
 
     def rotations(self, times_ns: IntArray) -> FloatArray:
-        """Turn from the lower frame to the upper one, (n, 3, 3), NaN where it is not known."""
+        """Compute rotations from the lower frame to the upper, (n, 3, 3), NaN where unknown."""
         (tops, lower), (others, upper) = (
             self._climb(self._number(frame), times_ns) for frame in (self.lower, self.upper)
         )
@@ -238,13 +238,13 @@ class GravityByTf:
         """Say why the two frames are not linked, and which frames there are."""
         names = list(self._numbers)
         ends = {end for child, link in self._links.items() for end in (child, link.parent)}
-        there = sorted(self._others | {names[end] for end in ends})
+        present = sorted(self._others | {names[end] for end in ends})
         upper, lower = self.upper.strip('/'), self.lower.strip('/')
         what = 'no chain of transforms, without a loop or a gap of half a second, links them'
-        if absent := [name for name in (upper, lower) if name not in there]:
+        if absent := [name for name in (upper, lower) if name not in present]:
             what = f'{" and ".join(absent)} {"are" if len(absent) > 1 else "is"} missing'
-        listed = ', '.join(there[:_NAMED]) or 'none'
-        more = f' and {len(there) - _NAMED} more' if len(there) > _NAMED else ''
+        listed = ', '.join(present[:_NAMED]) or 'none'
+        more = f' and {len(present) - _NAMED} more' if len(present) > _NAMED else ''
         return (
             f'TF does not say how {lower} is turned against {upper}: {what}. The frames there '
             f'are: {listed}{more}.'
