@@ -112,32 +112,13 @@ def evidence(
     champion: str,
 ) -> tuple[FloatArray, FloatArray]:
     """
-    Compare champion and challenger on days that neither was learnt from.
+    Compute what champion and challenger leave of days that neither was learnt from, (n, 6) each.
 
-    Parameters
-    ----------
-    unseen : sequence of DayEntry
-        Days that the challenger was not learnt from, with what it left of them.
-    before : mapping of str to DayEntry
-        Days that the champion was not learnt from, by name.
-    calibration : Calibration
-        The challenger, with the errors of its days when these were held out.
-    days : sequence of str
-        Names of the days that the challenger was learnt from, in order.
-    champion : str
-        Its name in the diary.
-
-    Returns
-    -------
-    tuple of ndarray, shape (n, 6)
-        What champion and challenger leave of the drift, newest day first, in units of a usual
-        day's drift, so that days that hardly drift count little.
-
-    Raises
-    ------
-    CalibrationRefusedError
-        When the champion cannot be judged on any of these days.
-
+    The newest day is first. The unit is a usual day's drift, so that days that hardly drift count
+    little. The challenger was not learnt from the days ``unseen``, which have its error; it was
+    learnt from ``days``, in this order, and their errors are those of the calibration when they
+    were held out. The champion was not learnt from the days ``before``. CalibrationRefusedError
+    when the champion cannot be judged on any of them.
     """
     shares = [(day, share_left(day, CHALLENGER)) for day in unseen]
     held_out = np.full((len(days), len(AXES)), np.nan)

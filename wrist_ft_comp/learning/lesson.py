@@ -85,24 +85,9 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
     """
     Judge the newest day, ``name``, and learn a challenger where one is due.
 
-    Parameters
-    ----------
-    name : str
-        The newest day.
-    look : callable
-        Reads and separates a day.
-    before : sequence of DayEntry
-        Entries of the days before, oldest first.
-    champion : Champion
-        The live model.
-    kept : sequence of str
-        Names of the days that have a recording.
-    since : str
-        Newest day before a person's last decision. This day and older ones are learnt from, but
-        are no evidence for a change.
-    settings : CalibrationSettings, optional
-        How to calibrate.
-
+    Entries of the days ``before`` come oldest first; ``kept`` are the days with a recording. The
+    day ``since``, the newest one before a person's last decision, and older days are learnt from,
+    but are no evidence for a change.
     """
     entry = describe_day(name, look, before, champion)
     words, entries = drift_words(entry), [*before, entry]

@@ -148,21 +148,12 @@ def rigid_bodies(
     scale: FloatArray | None = None,
 ) -> RigidBodies:
     """
-    Fit rigid bodies to gains of specific force.
+    Fit rigid bodies to gains, (K, 3, 6), of specific force, kg and kg m.
 
-    Parameters
-    ----------
-    gains : ndarray, shape (K, 3, 6)
-        kg and kg m.
-    normal : ndarray, shape (3K, 3K)
-        Sums of weighted products of the specific force, levels eliminated.
-    spread : ndarray, shape (6,)
-        Variances of the axes: the covariance of an axis' gains is spread times inverse of normal.
-    cells : float
-        Sum of the weights in normal.
-    scale : ndarray, shape (3, 3), optional
-        Relative covariance of the accelerometer's scale.
-
+    ``normal``, (3K, 3K), are weighted products of the specific force, levels eliminated, and
+    ``cells`` is the sum of the weights. The covariance of an axis' gains is its ``spread``, (6,),
+    times the inverse of normal. ``scale``, (3, 3), is the relative covariance of the
+    accelerometer's scale.
     """
     count = len(gains)
     by_body = normal.reshape(count, 3, count, 3)
