@@ -93,11 +93,11 @@ def test_a_full_disk_is_told_and_tried_again_while_the_stream_goes_on(learner, m
 
 
 def test_the_days_never_take_more_than_their_room(learner, tmp_path, monkeypatch):
-    monkeypatch.setattr(day_files, '_ROWS', 1)
+    monkeypatch.setattr(day_files, '_MEASURED_EVERY_ROWS', 1)
     days = tmp_path / 'data/days'
     days.mkdir(parents=True)
     with (days / 'day_00001.csv').open('wb') as file:
-        file.truncate(50_000_000 - day_files._MARGIN + 2000)
+        file.truncate(50_000_000 - day_files._MARGIN_BYTES + 2000)
     node = learner(**{'learning.max_mb': 50.0})
     node.hear(20)
     status = node.rig.diagnosis('learning', 'holds as much as learning.max_mb allows (50 MB)')
@@ -150,7 +150,7 @@ def test_a_silent_thermometer_does_not_end_the_day(learner):
 
 
 def test_a_day_ends_when_it_has_its_share_of_the_room(learner, tmp_path, monkeypatch):
-    monkeypatch.setattr(day_files, '_ROWS', 1)
+    monkeypatch.setattr(day_files, '_MEASURED_EVERY_ROWS', 1)
     days = tmp_path / 'data/days'
     days.mkdir(parents=True)
     node = learner(**{'learning.max_mb': 50.0})
@@ -163,7 +163,7 @@ def test_a_day_ends_when_it_has_its_share_of_the_room(learner, tmp_path, monkeyp
 
 
 def test_days_from_before_a_smaller_bound_are_tidied_up(learner, tmp_path, monkeypatch):
-    monkeypatch.setattr(day_files, '_ROWS', 1)
+    monkeypatch.setattr(day_files, '_MEASURED_EVERY_ROWS', 1)
     node = learner()
     node.a_day()
     node.node.destroy_node()
