@@ -54,7 +54,7 @@ ZERO, GAIN, NOISE, MOUNTING = 'zero', 'gain', 'noise', 'mounting'
 LEARNT_FROM = ('', TOOL)
 #: Days of these kinds stop learning.
 PAUSING = (ZERO, GAIN, NOISE, MOUNTING)
-#: Days before one of these kinds are not compared any more, as if of another sensor.
+#: Days before one of these kinds are not used any more, as if they were of another sensor.
 FORGETTING = (GAIN, MOUNTING)
 
 
@@ -99,7 +99,7 @@ class DayEntry:
 
 
 class Decision(NamedTuple):
-    """A change of the live model, or the begin or end of learning."""
+    """A change of the live model, or the beginning or end of learning."""
 
     #: Name of the newest day before it.
     day: str

@@ -36,7 +36,7 @@ COUNTS = 0.5
 _LEAST_CELLS_IN_BLOCK = 30
 #: A block with a smaller share of usable cells is left out: one contact would look like its level.
 _LEAST_USABLE_SHARE = 0.2
-#: Least noise, as a share of the wrench's RMS. Without it, noise-free data would weigh one cell.
+#: Least noise, as a share of the wrench's RMS. Without it, an axis without noise would decide all.
 _LEAST_NOISE_SHARE = 1e-4
 #: Ridge on the gains, m/s²: smaller changes of the specific force do not determine a gain.
 _RIDGE = 0.001
