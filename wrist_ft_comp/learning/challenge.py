@@ -94,10 +94,10 @@ def reason(entries: Sequence[DayEntry], champion: str) -> tuple[bool, str]:
     bad_share = max(_BAD_RATIO * float(np.median(shares or [1.0])), _BAD_SHARE)
     # A challenger is not learnt from the newest day, so only an earlier one can be the reason.
     for day in good[last + 1 : -1]:
-        bad = champion in day.left and np.nanmean(share_left(day, champion)) > bad_share
-        if len(day.known - seen) > _NEW_TEMPERATURES_SHARE * len(day.known) or bad:
-            why = f'the live model did badly on {day.name}'
-            return True, why if bad else f'{day.name} had other temperatures'
+        new = len(day.known - seen) > _NEW_TEMPERATURES_SHARE * len(day.known)
+        if new or (champion in day.left and np.nanmean(share_left(day, champion)) > bad_share):
+            bad = f'the live model did badly on {day.name}'
+            return True, f'{day.name} had other temperatures' if new else bad
     return False, (
         f'No new model was tried: {grown} of {np.ceil(awaited):.0f} more good days have come, and '
         'no day with other temperatures or a bad result of the live model.'
