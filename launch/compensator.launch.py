@@ -5,12 +5,11 @@ ros2 launch wrist_ft_comp compensator.launch.py wrench_raw:=/driver/wrench
   temperature_topics:='["/driver/temperature", "/driver/state:data[3]:K"]'
 """
 
+from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 import yaml
-
-from launch import LaunchDescription
 
 #: Names of topics that can be given, and what they are.
 TOPICS = {

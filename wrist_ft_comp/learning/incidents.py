@@ -230,7 +230,9 @@ def _is_weight(day: Day, step: Step, present: list[bool]) -> bool:
         np.linalg.norm((one - other - step.jump) / day.noise)
         for one, other in permutations(weights, 2)
     ]
-    return bool(min(missed, default=np.inf) < _SAME_WEIGHT_SHARE * np.linalg.norm(step.jump / day.noise))
+    return bool(
+        min(missed, default=np.inf) < _SAME_WEIGHT_SHARE * np.linalg.norm(step.jump / day.noise)
+    )
 
 
 def _is_tare(raw: FloatArray, step: Step, noise: FloatArray) -> bool:
