@@ -28,15 +28,28 @@ LONGEST = (
 )  # fmt: skip
 
 
+def pytest_configure(config):
+    """Know the mark of pytest-xdist where that is not installed, too."""
+    config.addinivalue_line('markers', 'xdist_group(name): tests that run on one worker')
+
+
 def pytest_report_header():
     """Say so where the nodes' tests cannot run."""
     return 'test/node is left out: it needs ROS 2 (rclpy)' if collect_ignore else ''
 
 
 def pytest_collection_modifyitems(items):
-    """Run what takes longest first, so that no worker does it alone in the end."""
+    """
+    Run what takes longest first, so that no worker does it alone in the end.
+
+    A file's tests run on one worker; so do all walks through documents, whose simulated sensors
+    are many times faster than real ones: two of them at once would starve each other.
+    """
     place = {name: number for number, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path.stem, len(place)))
+    for item in items:
+        walks = item.path.parent.name == 'documents'
+        item.add_marker(pytest.mark.xdist_group('walks' if walks else item.path.as_posix()))
 
 
 def pytest_collection_finish():
