@@ -1,6 +1,8 @@
 """
 Drift left on the next day, in worlds that nobody tuned on, against what a careful engineer does.
 
+``--before TREE`` also judges ``auto`` of another version, from its own tree, in the same worlds.
+
 ``python bench/accuracy/worlds.py`` draws the worlds from the last commit that touched how drift is
 learnt; ``--dev`` draws the ones to develop on. Learnt are some days, judged is another one, tared
 in its first minute, over means of ten seconds: root mean square left, over raw. Intervals are
@@ -21,6 +23,7 @@ os.environ.setdefault('OMP_NUM_THREADS', '1')
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import numpy as np
+from other_tree import OtherTree
 from peers import block_means, day_of, Peer, PEERS, root_mean_square, tared
 from real_worlds import chamber_rows, CREDITS, load_cell_world, six_axes, SPLITS
 from scenarios import SCENARIOS
@@ -36,8 +39,10 @@ ROOT = Path(__file__).resolve().parents[2]
 #: The folders that decide how drift is learnt: their last commit draws the worlds.
 LEARNING = ('fit', 'payload')
 DEVELOPMENT_SEED = 1000
-AUTO, TRUTH = 'auto', 'the truth'
+AUTO, BEFORE, TRUTH = 'auto', 'auto before', 'the truth'
 METHODS = (*PEERS, AUTO, TRUTH)
+#: Tree of the version that is judged as ``auto before``.
+BEFORE_TREE = 'WORLDS_BEFORE_TREE'
 OVERALL_PEER = 'mean of 30'
 #: The best peer of each family on the development seeds (least median times mean), fixed before
 #: anything was judged; of the others it is the best of all families together.
@@ -120,8 +125,11 @@ def print_family(title: str, results: Mapping[str, Result], peer: str) -> None:
         print(f'{name:16}{cells}')
     if AUTO in results and peer in results:
         print(f'{AUTO} by {peer}: ' + ratios(results[AUTO].left, results[peer].left))
-    if AUTO in results and np.isfinite(results[AUTO].kept).any():
-        print(f'{AUTO}, left by claimed: ' + claims(results[AUTO].kept))
+    if AUTO in results and BEFORE in results:
+        print(f'{AUTO} by {BEFORE}: ' + ratios(results[AUTO].left, results[BEFORE].left))
+    for name in (AUTO, BEFORE):
+        if name in results and np.isfinite(results[name].kept).any():
+            print(f'{name}, left by claimed: ' + claims(results[name].kept))
 
 
 def ratios(ours: FloatArray, peers: FloatArray) -> str:
@@ -190,6 +198,11 @@ def by_auto(world: World) -> Answer:
     return Answer(drift, np.sqrt(np.mean(deviation**2, axis=0)))
 
 
+def by_other_tree(world: World) -> Answer:
+    """Calibrate with ``auto`` of another version, in a process of its own."""
+    return Answer(*OtherTree.at(os.environ[BEFORE_TREE]).answer(world))
+
+
 def by_peer(peer: Peer, world: World) -> Answer:
     """Predict with a peer, which claims nothing."""
     predicted = peer([day_of(day) for day in world.learn], day_of(world.judge))
@@ -203,7 +216,7 @@ def by_truth(world: World) -> Answer:
 
 def answerer(method: str) -> Callable[[World], Answer]:
     """Find a method by its name."""
-    ours = {AUTO: by_auto, TRUTH: by_truth}
+    ours = {AUTO: by_auto, BEFORE: by_other_tree, TRUTH: by_truth}
     return ours.get(method) or partial(by_peer, PEERS[method])
 
 
@@ -306,6 +319,7 @@ def arguments() -> argparse.Namespace:
         help='and scenarios',
     )
     parser.add_argument('--methods', nargs='*', default=METHODS, choices=METHODS)
+    parser.add_argument('--before', type=Path, help='tree of a version to judge beside this one')
     parser.add_argument('--jobs', type=int, default=min(2, os.cpu_count() or 1))
     parser.add_argument('--no-real', action='store_true', help='drawn worlds only')
     parser.add_argument('--picture', type=Path, help='empirical distributions')
@@ -316,6 +330,9 @@ def main() -> None:
     """Judge all methods in all worlds."""
     options = arguments()
     first = DEVELOPMENT_SEED if options.dev else report_seed()
+    if options.before:
+        os.environ[BEFORE_TREE] = str(options.before.resolve())
+        options.methods = [*options.methods, BEFORE]
     results: dict[str, dict[str, Result]] = {}
     with ProcessPoolExecutor(options.jobs) as pool:
         for name in options.families:

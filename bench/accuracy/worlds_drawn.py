@@ -37,6 +37,8 @@ FACTORY_C = 22.0
 UNITS = np.array([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
 LOADS = np.array([20.0, 20.0, 20.0, 1.0, 1.0, 1.0])
 QUANTA_K = (0.01, 0.03125, 0.0625, 0.1)
+#: Share of its heat that each day has where days get unequally hot.
+UNEQUAL = (1.0, 0.1, 0.3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,8 @@ class Family:
     hours: float = 2.5
     loaded: bool = False
     body: str = 'network'
+    #: Some of the days get hot, some hardly do.
+    unequal: bool = False
 
 
 FAMILIES: dict[str, Family] = {
@@ -70,6 +74,23 @@ FAMILIES: dict[str, Family] = {
     'nothing': Family('nothing to learn', 0, 3, body='nothing'),
     'rod_two': Family('rod, two thermometers, four loaded days', 2, 4, loaded=True, body='rod'),
     'rod_one': Family('rod, one thermometer, three days', 1, 3, body='rod'),
+}
+#: The families of little data: name, title, days and hours a day.
+LITTLE = (
+    ('half_day', 'half a day of 90 min', 1, 1.5),
+    ('one_day', 'one day of 3 h', 1, 3.0),
+    ('two_days', 'two days of 3 h', 2, 3.0),
+)
+_WORDS = {1: 'one thermometer', 2: 'two thermometers', 3: 'three thermometers'}
+FAMILIES |= {
+    f'{name}_{body}_{count}': Family(f'{title}, {body}, {words}', count, days, hours, body=body)
+    for name, title, days, hours in LITTLE
+    for body in ('network', 'rod')
+    for count, words in _WORDS.items()
+}
+FAMILIES |= {
+    f'unequal_{count}': Family(f'three days unequally hot, {words}', count, 3, unequal=True)
+    for count, words in list(_WORDS.items())[:2]
 }
 
 
@@ -135,7 +156,8 @@ def draw_gauges(rng: np.random.Generator, body: Body, kind: str) -> Gauges:
 def draw_thermometers(rng: np.random.Generator, body: Body, count: int, kind: str) -> Thermometers:
     """Put thermometers at random nodes; of a rod, one near each end."""
     if kind == 'rod':
-        nodes = np.array([rng.integers(20, 38), rng.integers(2, 10)])[:count]
+        ends = [rng.integers(20, 38), rng.integers(2, 10)]
+        nodes = np.array([*ends, *([rng.integers(10, 20)] if count > 2 else [])])[:count]
     else:
         nodes = rng.choice(body.nodes, count, replace=False)
     slowest_s = 2.0 if kind == 'lag' else 60.0
@@ -220,6 +242,10 @@ def family(name: str, seed: int) -> World:
     for number in range(kind.days + 1):
         seconds = int(3600 * (kind.hours if number < kind.days else 2.5))
         night, day = draw_day(rng, body, sources, seconds)
+        if kind.unequal and number < kind.days:
+            heat = UNEQUAL[number] * rng.uniform(0.7, 1.0)
+            base_c = float(day[0].mean())
+            night, day = (base_c + heat * (values_c - base_c) for values_c in (night, day))
         if number == kind.days:
             node = thermometers.nodes[0]
             learnt = np.concatenate([earlier[:, node] for _, earlier in days])
