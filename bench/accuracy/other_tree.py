@@ -60,14 +60,13 @@ def _plain(day: Recording) -> tuple[Any, ...]:
         day.reference)  # fmt: skip
 
 
-def _module(names: tuple[str, ...]) -> Any:
+def _module(names: tuple[str, str]) -> Any:
     """Import the first of some modules that there is."""
-    for name in names:
-        try:
-            return importlib.import_module(name)
-        except ModuleNotFoundError:
-            continue
-    raise ModuleNotFoundError(names)
+    here, before = names
+    try:
+        return importlib.import_module(here)
+    except ModuleNotFoundError:
+        return importlib.import_module(before)
 
 
 def serve() -> None:
@@ -82,7 +81,9 @@ def serve() -> None:
         *learn, judge = (package.Recording(*day) for day in days)
         drift, claim = np.zeros_like(judge.wrench), np.full(judge.wrench.shape[1], np.nan)
         try:
-            model = package.calibrate(learn, package.CalibrationSettings(reference=reference)).model
+            model = package.calibrate(
+                learn, package.CalibrationSettings(reference=reference)
+            ).model
         except package.WristFtCompError:
             pass
         else:
