@@ -131,7 +131,7 @@ class Endurance:
         for tick in range(500):
             if tick % 10 == 0:
                 self._send_temperature(0.0)
-            self._raw.publish(message(time.time_ns(), self._sensor.raw()))
+            self._send(message(time.time_ns(), self._sensor.raw()))
             if tick == 350:
                 self._stand.call('tare')
             time.sleep(0.01)
