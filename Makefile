@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS = 1
 export OMP_NUM_THREADS = 1
 # Hundreds of processes start: where nothing compiled is kept, each compiles the package again.
 unexport PYTHONDONTWRITEBYTECODE
-PYTEST := python -m pytest -n 3 --dist loadgroup --no-loadscope-reorder
+PYTEST := python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 .PHONY: setup demo test test-noble colcon mutants lint docs bench reliability lock clean
 

@@ -21,16 +21,14 @@ from wrist_ft_comp.fit.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.signals import AXES, Recording
 
 collect_ignore = [] if find_spec('rclpy') else ['node']
-#: Files whose tests take longest, in this order: each begins on a worker of its own.
+#: Files whose tests take longest, in this order: each begins on a worker of its own. Between the
+#: walks
+#: through documents stand others: their simulated sensors are hundreds of times faster than real
+#: ones, and two at once starve each other.
 LONGEST = (
-    'test_tutorial', 'test_at_work', 'test_readme', 'test_benches_of_processes', 'test_benches',
-    'test_demo', 'test_calibration', 'test_calibrate', 'test_payload', 'test_show_bag',
+    'test_tutorial', 'test_benches', 'test_benches_of_processes', 'test_at_work', 'test_show_bag',
+    'test_calibration', 'test_demo', 'test_readme', 'test_calibrate', 'test_payload',
 )  # fmt: skip
-
-
-def pytest_configure(config):
-    """Know the mark of pytest-xdist where that is not installed, too."""
-    config.addinivalue_line('markers', 'xdist_group(name): tests that run on one worker')
 
 
 def pytest_report_header():
@@ -39,17 +37,9 @@ def pytest_report_header():
 
 
 def pytest_collection_modifyitems(items):
-    """
-    Run what takes longest first, so that no worker does it alone in the end.
-
-    A file's tests run on one worker; so do all walks through documents, whose simulated sensors
-    are many times faster than real ones: two of them at once would starve each other.
-    """
+    """Run what takes longest first, so that no worker does it alone in the end."""
     place = {name: number for number, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path.stem, len(place)))
-    for item in items:
-        walks = item.path.parent.name == 'documents'
-        item.add_marker(pytest.mark.xdist_group('walks' if walks else item.path.as_posix()))
 
 
 def pytest_collection_finish():

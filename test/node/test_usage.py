@@ -17,7 +17,7 @@ NODES = pytest.mark.parametrize(
     ],
 )
 #: What every node has.
-COMMON = ('/rosout', '/parameter_events', 'parameter', 'type_description')
+COMMON = ('/rosout', 'logger_levels', '/parameter_events', 'parameter', 'type_description')
 
 
 @NODES

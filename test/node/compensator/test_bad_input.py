@@ -65,7 +65,7 @@ class Here:
     'kind', [kind for kind, row in KINDS.items() if 'mcap' in row[2] and kind not in OWN_TYPES]
 )
 def test_the_node_says_what_the_files_say_and_loses_nothing(kind, rig, messages, monkeypatch):
-    monkeypatch.setattr('wrist_ft_comp.node.calibrate.CalibrationProcess', Here)
+    monkeypatch.setattr('wrist_ft_comp.node.calibrate.start_job', Here)
     change, pattern, _ = KINDS[kind]
     table = FILES['good']()
     if change:
