@@ -51,9 +51,20 @@ def day(messages, number, duty):
             yield topic, messages.temperature_type, at_ns, messages.temperature(at_ns, value)
 
 
+def write_log(path, number, duty):
+    """Write a day as somebody else's logger does: ISO times, kN, degrees Fahrenheit."""
+    lines = ['time,fx,fz,temp']
+    for second, (wrench, celsius) in enumerate(zip(*simulate(number, duty), strict=True)):
+        time = f'2026-11-20T08:{second // 60:02d}:{second % 60:02d}Z'
+        force = f'{wrench[0] / 1000:.7f},{wrench[2] / 1000:.7f}'
+        lines.append(f'{time},{force},{celsius[0] * 1.8 + 32:.3f}')
+    path.write_text('\n'.join(lines) + '\n')
+
+
 def test_the_readme_s_commands_run_and_give_its_figures(terminal, play, messages):
     for number, (name, duty) in enumerate(DAYS.items(), start=1):
         messages.write(terminal.folder / name, day(messages, number, duty), 'mcap')
+    write_log(terminal.folder / 'log.csv', 1, DAYS['warm_up'])
     documents = 'README.md', 'docs/running.md', 'docs/files.md'
     assert play(lambda heat: heat.temperature > 28.0, *documents) >= 10.0
     files = (ROOT / 'docs/files.md').read_text('utf-8')
