@@ -21,10 +21,9 @@ from wrist_ft_comp.fit.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.signals import AXES, Recording
 
 collect_ignore = [] if find_spec('rclpy') else ['node']
-#: Files whose tests take longest, in this order: each begins on a worker of its own. Between the
-#: walks
-#: through documents stand others: their simulated sensors are hundreds of times faster than real
-#: ones, and two at once starve each other.
+#: Files whose tests take longest, in this order: each begins on a worker of its own. Others stand
+#: between the walks through documents: their simulated sensors are hundreds of times faster than
+#: real ones, and two at once starve each other.
 LONGEST = (
     'test_tutorial', 'test_benches', 'test_benches_of_processes', 'test_at_work', 'test_show_bag',
     'test_calibration', 'test_demo', 'test_readme', 'test_calibrate', 'test_payload',

@@ -12,7 +12,7 @@ bootstrapped over worlds. ``family(name, seed)`` of ``worlds_drawn`` draws a sin
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 import os
 from pathlib import Path
@@ -69,10 +69,15 @@ _DRAWS = 1000
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Drift of the judged day (N, 6), and the RMS that is said to be left (6,), NaN for none."""
+    """
+    Drift of the judged day (N, 6), and what is said of it, (6,), NaN for nothing.
+
+    That is the RMS that is left, and the limit that the largest error stays below.
+    """
 
     drift: FloatArray
     claim: FloatArray
+    limit: FloatArray = field(default_factory=lambda: np.full(len(AXES), np.nan))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +91,8 @@ class Result:
         Of the drift of each axis; NaN where there was none.
     kept : ndarray, shape (worlds, 6)
         What was left by what had been claimed; NaN without a claim.
+    peak : ndarray, shape (worlds, 6)
+        The largest error of the day by the limit that had been stated; NaN without one.
     seconds : ndarray, shape (worlds,)
         Time it took.
 
@@ -93,6 +100,7 @@ class Result:
 
     left: FloatArray
     kept: FloatArray
+    peak: FloatArray
     seconds: FloatArray
 
 
@@ -129,7 +137,7 @@ def print_family(title: str, results: Mapping[str, Result], peer: str) -> None:
         print(f'{AUTO} by {BEFORE}: ' + ratios(results[AUTO].left, results[BEFORE].left))
     for name in (AUTO, BEFORE):
         if name in results and np.isfinite(results[name].kept).any():
-            print(f'{name}, left by claimed: ' + claims(results[name].kept))
+            print(f'{name}, left by claimed: {claims(results[name])}')
 
 
 def ratios(ours: FloatArray, peers: FloatArray) -> str:
@@ -142,10 +150,14 @@ def ratios(ours: FloatArray, peers: FloatArray) -> str:
     return ', '.join(words)
 
 
-def claims(kept: FloatArray) -> str:
-    """Say how much more is left than was claimed."""
-    finite = kept[np.isfinite(kept)]
-    return f'median {np.median(finite):.2f}, below 2: {np.mean(finite < 2):.0%}'
+def claims(result: Result) -> str:
+    """Say how much more is left than was claimed, and on how many days the day's limit holds."""
+    finite, peak = (part[np.isfinite(part)] for part in (result.kept, result.peak))
+    return (
+        f'median {np.median(finite):.2f}, below 2: {np.mean(finite < 2):.0%}; below the limit of '
+        f'a day: {np.mean(peak < 1):.0%}, 95 % of peaks below '
+        f'{np.quantile(peak, 0.95) if len(peak) else np.nan:.2f} of it'
+    )
 
 
 def pooled(families: Sequence[Mapping[str, Result]]) -> dict[str, Result]:
@@ -154,6 +166,7 @@ def pooled(families: Sequence[Mapping[str, Result]]) -> dict[str, Result]:
         name: Result(
             np.concatenate([family[name].left for family in families]),
             np.concatenate([family[name].kept for family in families]),
+            np.concatenate([family[name].peak for family in families]),
             np.concatenate([family[name].seconds for family in families]),
         )
         for name in families[0]
@@ -195,7 +208,8 @@ def by_auto(world: World) -> Answer:
     zero, gain = simulate_drift(calibration.model, world.judge)
     drift = zero + np.where(gain == 0.0, 0.0, gain * world.judge.reference)
     deviation = calibration.model.uncertainty(world.judge.temperature_c)
-    return Answer(drift, np.sqrt(np.mean(deviation**2, axis=0)))
+    limits = np.array([calibration.model.day_limits.get(axis, np.nan) for axis in AXES])
+    return Answer(drift, np.sqrt(np.mean(deviation**2, axis=0)), limits)
 
 
 def by_other_tree(world: World) -> Answer:
@@ -237,8 +251,10 @@ def left_of(world: World, answer: Answer) -> FloatArray:
     return tared(day.drift - block_means(answer.drift, cells), day.period_s)
 
 
-def judge(task: tuple[str, int, tuple[str, ...]]) -> list[tuple[FloatArray, FloatArray, float]]:
-    """Judge all methods in one world: share left, left by claimed, and seconds."""
+def judge(
+    task: tuple[str, int, tuple[str, ...]],
+) -> list[tuple[FloatArray, FloatArray, FloatArray, float]]:
+    """Judge all methods in one world: share left, left and peak by claimed, and seconds."""
     name, seed, methods = task
     world = drawn(name, seed)
     raw = root_mean_square(left_of(world, Answer(np.zeros_like(world.judge.wrench), np.zeros(6))))
@@ -247,8 +263,9 @@ def judge(task: tuple[str, int, tuple[str, ...]]) -> list[tuple[FloatArray, Floa
         began = time.perf_counter()
         answer = answerer(method)(world)
         seconds = time.perf_counter() - began
-        remaining = root_mean_square(left_of(world, answer))
-        rows.append((remaining / raw, remaining / answer.claim, seconds))
+        errors = left_of(world, answer)
+        remaining, peak = root_mean_square(errors), np.asarray(np.nanmax(np.abs(errors), axis=0))
+        rows.append((remaining / raw, remaining / answer.claim, peak / answer.limit, seconds))
     return rows
 
 
@@ -342,7 +359,7 @@ def main() -> None:
             ]
             rows = list(pool.map(judge, tasks))
             results[title] = {
-                method: Result(*(np.array([row[i][part] for row in rows]) for part in range(3)))
+                method: Result(*(np.array([row[i][part] for row in rows]) for part in range(4)))
                 for i, method in enumerate(options.methods)
             }
             peer = BEST_PEER.get(name, OVERALL_PEER)

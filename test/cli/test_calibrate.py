@@ -5,6 +5,7 @@ import pytest
 import yaml
 
 from wrist_ft_comp.fit.settings import METHODS
+from wrist_ft_comp.stored.model_file import load_model
 
 
 def test_learns_gain_drift_where_the_reference_was_recorded(done, make, tmp_path):
@@ -136,3 +137,21 @@ def test_a_wrong_temperature_is_refused_before_anything_is_read(run, bags, tmp_p
     sentence = run('calibrate', bags['mcap'], *words).sentence
     assert "'Kelvin'" in sentence
     assert 'C, K or F' in sentence
+
+
+def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
+    """Of one recording as of two; the file says what the command said."""
+    days = [make.csv(tmp_path / f'{n}.csv', make.drifting(1950, seed=n)) for n in (1, 2, 3)]
+    path, page = tmp_path / 'm.yaml', tmp_path / 'r.html'
+    for recordings in (days[:1], days[:2]):
+        argv = ['calibrate', *recordings, '-o', path, '--report', page]
+        said = done(*argv)
+        assert 'On another day, tared, between 20 and 3' in said
+        fit = json.loads(done(*argv, '--json'))['axes']['force_z']
+        assert f'force_z: below {fit["day_limit"]:.2g} N; uncompensated 1' in said
+        assert 'What to accept a robot by' in page.read_text()
+        assert load_model(path).model.day_limits['force_z'] == pytest.approx(fit['day_limit'])
+        day = json.loads(done('evaluate', path, days[2], '--json'))['axes']['force_z']
+        assert day['max_after'] < fit['day_limit'] + 5 * 0.02  # cells of 1 s are noisier
+        assert 0.5 < fit['largest_drift'] / day['max_before'] < 2.0
+    assert fit['day_limit'] < 0.1 * fit['largest_drift']

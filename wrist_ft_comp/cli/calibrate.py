@@ -147,7 +147,10 @@ def _as_json(
 ) -> dict[str, object]:
     """Everything a script may want."""
     calibration = outcome.calibration
-    names = 'chosen', 'rms_before', 'rms_after', 'time_constants_s', 'candidates', 'notes'
+    names = (
+        'chosen', 'rms_before', 'rms_after', 'day_limit', 'largest_drift', 'time_constants_s',
+        'candidates', 'notes',
+    )  # fmt: skip
     return {
         'model': str(outcome.stored.path),
         'sha256': outcome.stored.sha256,

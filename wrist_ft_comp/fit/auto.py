@@ -15,7 +15,13 @@ from wrist_ft_comp.drift.arx import free_run
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.fit.cross_validation import bin_means, day_over_blocks, keep_errors, tare
+from wrist_ft_comp.fit.cross_validation import (
+    bin_means,
+    day_over_blocks,
+    DAY_S,
+    keep_errors,
+    tare,
+)
 from wrist_ft_comp.fit.model_building import (
     anchored,
     build_axis_model,
@@ -292,6 +298,18 @@ def _weigh(errors: Sequence[FloatArray], days: int) -> list[FloatArray]:
     return [share * common + (1 - share) * none for share in use]
 
 
+def _expected(weights: FloatArray, tared: FloatArray) -> float:
+    """
+    Root mean square that a weighted average, (C,), is expected to leave of another day.
+
+    It is of all folds together, so that those that drift most count most; half of the candidates'
+    spread around the average is added, because what they disagree about is not known.
+    """
+    average = _root_mean_squares(weights, tared) ** 2
+    single = np.einsum('i,fii->f', weights, tared)
+    return float(np.sqrt(np.mean(average + single) / 2))
+
+
 def _if_worthwhile(weights: FloatArray, tared: FloatArray) -> FloatArray:
     """Run no average that leaves hardly less than no compensation in the mean over folds."""
     none: FloatArray = np.eye(len(weights))[0]
@@ -376,7 +394,10 @@ def _axis_fit(
         rms_before=none.rms, rms_after=after.rms,
         notes=(f'zero drift only: {data.no_sensitivity}',) if data.no_sensitivity else (),
         reason=reason, time_constants_s=tuple(tau_s.tolist()),
-        time_constant_errors_s=tuple(tau_errors_s.tolist()), unit=data.unit)  # fmt: skip
+        time_constant_errors_s=tuple(tau_errors_s.tolist()), unit=data.unit,
+        expected_rms=max(
+            after.rms, day_over_blocks(axis.binned, before, DAY_S) * _expected(weights, tared)
+        ) if after.rms else 0.0)  # fmt: skip
 
 
 def _model(body: Body, axis: Axis, gains: FloatArray) -> AxisModel | None:

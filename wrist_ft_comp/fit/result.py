@@ -123,6 +123,19 @@ class AxisFit:
     held_out: HeldOut | None = None
     #: N, N m, or what the recordings are in.
     unit: str = ''
+    #: Root mean square that another day is expected to keep; None is rms_after. It is larger where
+    #: the averaged fits disagree, and where a day goes further than the recordings.
+    expected_rms: float | None = None
+    #: Error that another day stays below on 95 of 100 days; NaN where it is not known.
+    day_limit: float = np.nan
+    #: Largest drift without compensation since a recording's first minute, in means over 10 s; NaN
+    #: where nothing is tared, as for a chamber table.
+    largest_drift: float = np.nan
+
+    @property
+    def stated_rms(self) -> float:
+        """Root mean square that is stated of another day."""
+        return self.rms_after if self.expected_rms is None else self.expected_rms
 
     @property
     def harmful(self) -> bool:
@@ -150,3 +163,16 @@ class Calibration:
     separation: Separation | None = None
     #: What the recordings call the sensor, the first one where they differ.
     sensor: SensorNames = field(default_factory=dict)
+
+    @property
+    def acceptance(self) -> list[str]:
+        """Say by axis what another day is accepted by; nothing of a chamber table."""
+        lines = [
+            f'  {axis}: below {fit.day_limit:.2g} {fit.unit}; '
+            f'uncompensated {fit.largest_drift:.2g} {fit.unit}'
+            for axis, fit in self.fits.items()
+            if np.isfinite(fit.largest_drift)
+        ]
+        low_c, high_c = max(self.temperature_range_c.tolist(), key=lambda ends: ends[1] - ends[0])
+        tared = f'On another day, tared, between {low_c:.0f} and {high_c:.0f} °C'
+        return [f'{tared} (95 of 100 days):', *lines] if lines else []

@@ -73,6 +73,8 @@ def _axis_numbers(stream: Compensator) -> dict[str, str]:
         numbers[f'{axis}_drift'] = f'{zero:.4g} {unit}'
         if np.isfinite(deviation):
             numbers[f'{axis}_drift_deviation'] = f'{deviation:.4g} {unit}'
+        if model is not None and axis in model.day_limits:
+            numbers[f'{axis}_day_limit'] = f'{model.day_limits[axis]:.4g} {unit}'
         numbers[f'{axis}_sensitivity'] = f'{100 * sensitivity:.3g} %'
         numbers[f'{axis}_tare'] = f'{tare:.4g} {unit}'
     return numbers

@@ -137,6 +137,8 @@ class ReportView:
     tables: Mapping[str, Mapping[str, ChamberFigures]]
     #: What was learnt at work, if it was.
     work: WorkView | None = None
+    #: What another day is accepted by: a heading, and a line per axis.
+    acceptance: Sequence[str] = ()
 
     @property
     def provenance(self) -> dict[str, str]:
@@ -188,6 +190,7 @@ def calibration_view(
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportView(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
+        acceptance=tuple(calibration.acceptance),
         explanation=_explanation(calibration, recordings, reference), axes=tuple(axes),
         advice=(*_hardest_day(fits, recordings), *advice),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),

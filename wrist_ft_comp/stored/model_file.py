@@ -32,8 +32,8 @@ _MAX_EVENTS = 100_000
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 #: What is written of an axis.
 _KEPT = (
-    'chosen', 'unit', 'rms_before', 'rms_after', 'reason', 'time_constants_s',
-    'time_constant_errors_s', 'terms', 'notes', 'candidates', 'model',
+    'chosen', 'unit', 'rms_before', 'rms_after', 'expected_rms', 'day_limit', 'reason',
+    'time_constants_s', 'time_constant_errors_s', 'terms', 'notes', 'candidates', 'model',
 )  # fmt: skip
 # A model of six axes with hats and banks takes some tens of kilobytes.
 KIND = Kind(
@@ -113,8 +113,19 @@ def _build_model(document: Document) -> DriftModel:
             for axis, entry in document['axes'].items()
             if entry['model'] is not None
         },
-        deviation={axis: entry['rms_after'] for axis, entry in document['axes'].items()},
+        deviation={axis: _expected_rms(entry) for axis, entry in document['axes'].items()},
+        day_limits={
+            axis: entry['day_limit']
+            for axis, entry in document['axes'].items()
+            if entry.get('day_limit') is not None
+        },
         start_s=document.get('start_s', 0.0), unit=next(others, ''))  # fmt: skip
+
+
+def _expected_rms(entry: Document) -> float:
+    """Take what another day is expected to keep; versions up to 0.2.0 have no such figure."""
+    expected = entry.get('expected_rms')
+    return float(entry['rms_after'] if expected is None else expected)
 
 
 def _build_axis(entry: Document, thermometers: int) -> AxisModel:
