@@ -9,6 +9,7 @@ import gc
 from importlib.util import find_spec
 import struct
 
+from hypothesis import settings
 import numpy as np
 import pytest
 
@@ -20,6 +21,9 @@ from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import assign_folds, build_axis_data
 from wrist_ft_comp.signals import AXES, Recording
 
+# Machines are shared and noisy: no test fails because it took long.
+settings.register_profile('shared', deadline=None)
+settings.load_profile('shared')
 collect_ignore = [] if find_spec('rclpy') else ['node']
 #: Files whose tests take longest, in this order: each begins on a worker of its own. Others stand
 #: between the walks through documents: their simulated sensors are hundreds of times faster than

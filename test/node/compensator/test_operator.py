@@ -79,7 +79,8 @@ def test_the_status_is_one_page_of_text_or_json(wired, operate):
     node.put(START, [1.0] * 6, frame='wrist_3_link')
     code, out, _ = operate('status', node.namespace)
     assert out.startswith(f'{node.namespace}/wrist_ft_comp')
-    assert (code, 'STALE   input' in out) == (1, True)
+    assert 'no model; record a warm-up' in out
+    assert code == int('STALE ' in out)  # the wrench may be too old by now
     statuses = json.loads(operate('status', node.namespace, '--json')[1])['statuses']
     assert statuses['model']['level'] == 'warning'
     assert statuses.keys() >= {'input', 'temperature', 'model', 'calibration', 'output'}
