@@ -163,6 +163,8 @@ def test_times_are_read_to_the_nanosecond_and_refused_where_they_are_none():
         ('force_z=fz:Nm', '', 'force_z may be in N, kN'),
         ('temperature_c=t:R', '', 'A temperature is in C, K or F'),
         ('stamp=t', 'minutes', '--time is s, ms, us, ns, iso'),
+        ('force_z=fz*-', '', 'A factor is a number'),
+        ('force_z=fz*1e999', '', 'A factor is a number'),
     ],
 )
 def test_a_map_that_cannot_be_meant_so_is_refused(columns, time, words):

@@ -49,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f'{", ".join(METHODS)} (default: %(default)s)', default='auto')  # fmt: skip
     _add_structure(parser)
     options.add_topics(parser)
+    options.add_part(parser)
     options.add_output_forms(parser)
 
 

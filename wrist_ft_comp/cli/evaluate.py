@@ -45,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='tare on the first SECONDS (default: 60)')  # fmt: skip
     options.add_copied_columns(parser)
     options.add_topics(parser)
+    options.add_part(parser)
     options.add_output_forms(parser)
 
 

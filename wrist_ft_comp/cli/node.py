@@ -36,7 +36,7 @@ examples:
 """
 #: What a node is asked for, and whose status tells how far it is.
 ACTIONS = {
-    'record': 'recording', 'stop': 'recording', 'calibrate': 'calibration',
+    'record': 'calibration', 'stop': 'calibration', 'calibrate': 'calibration',
     'identify_payload': 'payload', 'tare': 'output', 'reset_tare': 'output', 'status': '',
     'adopt': 'calibration', 'rollback': 'model',
 }  # fmt: skip
@@ -66,11 +66,11 @@ def run(arguments: argparse.Namespace) -> int:
             'A running node is reached by rclpy, which this Python does not have. Source a ROS 2 '
             'installation, or install the package with its extra "ros".'
         )
-    from wrist_ft_comp.node.operate import operating  # noqa: PLC0415 -- loads rclpy
+    from wrist_ft_comp.node.operate import operating, Watch  # noqa: PLC0415 -- loads rclpy
 
     with operating() as operator:
         name = operator.find(arguments.name)
-        watch = operator.watch(name)
+        watch = Watch(operator, name)
         if arguments.action == 'status':
             return _show(operator, name, watch, as_json=arguments.json)
         answer = _ask(operator, name, watch, arguments.action)

@@ -18,7 +18,7 @@ from wrist_ft_comp.recordings.bag import SUFFIXES
 from wrist_ft_comp.recordings.chamber_table import is_chamber_table
 from wrist_ft_comp.recordings.foreign_log import log_map
 from wrist_ft_comp.recordings.part import parse_part
-from wrist_ft_comp.recordings.recordings import BAG, kind_of, TABLE
+from wrist_ft_comp.recordings.recordings import BAG, CSV, kind_of, TABLE
 from wrist_ft_comp.signals import Progress, Reference, Topics
 from wrist_ft_comp.stored.documents import plain
 from wrist_ft_comp.stored.model_file import is_model
@@ -101,7 +101,7 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         '--gravity-frame', default='', metavar='FRAME',
         help='without an IMU: gravity by /tf, from the rotation between FRAME, whose z is up, and '
         'the frame_id of the wrench')  # fmt: skip
-    log = parser.add_argument_group('logs of other programs, and parts')
+    log = parser.add_argument_group('logs of other programs')
     log.add_argument(
         '--columns', default='', metavar='NAME=COLUMN[:UNIT],…',
         help="what a CSV log's columns are: 'stamp=time,force_z=fz:kN,temperature_c=temp:F' "
@@ -110,18 +110,23 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         '--time', default='', metavar='FORM',
         help='what its stamps are: s, ms, us, ns, iso, or a form such as "%%d.%%m.%%y %%H:%%M"',
     )  # fmt: skip
-    log.add_argument(
+    return group
+
+
+def add_part(parser: argparse.ArgumentParser) -> None:
+    """Add which part of the recordings counts; for commands that learn or judge."""
+    part = parser.add_argument_group('a part of the recordings')
+    part.add_argument(
         '--from', dest='begin', default='', metavar='TIME',
         help='leave out what was before, since the beginning: 4800, 80min, 1.5h or 1:20:00',
     )  # fmt: skip
-    log.add_argument(
+    part.add_argument(
         '--until', dest='end', default='', metavar='TIME', help='leave out what was after'
     )
-    log.add_argument(
+    part.add_argument(
         '--exclude', action='append', default=[], metavar='A..B',
         help='leave out the wrenches from A to B, such as a bump, 79min..81min; may be repeated',
     )  # fmt: skip
-    return group
 
 
 def topics_from(arguments: argparse.Namespace) -> Topics:
@@ -132,11 +137,17 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
     if all(force):
         raise UsageError('--imu-topic and --gravity-frame give the same; leave one out.')
     log_map(arguments.columns, arguments.time)
-    parse_part(arguments.begin, arguments.end, arguments.exclude)
+    part = {}
+    if 'exclude' in arguments:
+        part = {
+            'begin': arguments.begin,
+            'end': arguments.end,
+            'exclude': tuple(arguments.exclude),
+        }
+        parse_part(**part)
     return Topics(
         arguments.wrench_topic, temperatures, arguments.reference_topic, *force,
-        columns=arguments.columns, time=arguments.time, begin=arguments.begin, end=arguments.end,
-        exclude=tuple(arguments.exclude))  # fmt: skip
+        columns=arguments.columns, time=arguments.time, **part)  # fmt: skip
 
 
 def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> None:
@@ -150,6 +161,7 @@ def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> N
     chosen_alone = method == 'arx_pls_oe' or (method == 'auto' and not hats)
     for names, idle, why in (
         (_OF_BAGS, BAG not in kinds, 'nothing that was named is a bag'),
+        (['columns', 'time'], CSV not in kinds, 'nothing that was named is a CSV file'),
         (['keep_copied_columns'], TABLE not in kinds, 'nothing that was named is a chamber table'),
         (['tare'], tables and 'output' in asked, 'a chamber table is tared where its load is 0'),
         (['reference_topic'], asked['reference'] != 'recorded', 'the reference is not "recorded"'),

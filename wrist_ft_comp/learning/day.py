@@ -52,7 +52,7 @@ def look_at(recording: Recording) -> Day:
             'gravity.source, so that it is recorded.'
         )
     separation = separate([recording])
-    if recording.duration_s > SLOW_S:  # so far, presses of more than a minute look like drift
+    if recording.duration_s > SLOW_S:  # without a model, a press of over a minute looks like drift
         drift = slow_drift(recording, separation.drift[0], separation.fit.noise)
         separation = separate_again(separation, [drift])
     return _day(separation)

@@ -85,10 +85,6 @@ class Operator:
             )
         return several[0]
 
-    def watch(self, name: str) -> 'Watch':
-        """Follow the diagnostics of a node."""
-        return Watch(self, name)
-
     def request(
         self, service_type: Any, service: str, request: Any, gives_up: Callable[[], Any]
     ) -> Any:

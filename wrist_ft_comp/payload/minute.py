@@ -36,7 +36,7 @@ _LEAST_NORM = 0.5
 _MOST_NORM_ERROR = 0.02
 #: Fits of which the best one is the start.
 _DRAWS = 300
-#: Cells of such a fit: one more than it has unknowns per axis.
+#: Cells that one trial fit takes: one more than it has unknowns per axis.
 _DRAWN_CELLS = 5
 #: Ridge that keeps gains small where the drawn cells are of one pose, m²/s⁴.
 _RIDGE = 1e-3

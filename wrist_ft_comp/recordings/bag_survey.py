@@ -75,7 +75,7 @@ class Candidate:
 
 @dataclass(eq=False)
 class _Tally:
-    """Statistics of a connection so far."""
+    """Statistics of the messages of a connection."""
 
     connection: Connection
     role: str

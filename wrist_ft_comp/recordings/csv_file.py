@@ -124,7 +124,7 @@ class CsvRecording:
         self._stamp = next(column for column in STAMPS if column in self.columns)
         unit_ns = STAMPS[self._stamp]
         self._factors, self._comma = names.factors, self.delimiter != ','
-        #: Whether a number has had a decimal comma so far.
+        #: Whether a number with a decimal comma was read.
         self._has_commas = False
         #: How the columns that are used are converted, and what they are expected to hold.
         self._expected: dict[str, tuple[Callable[[str], float], str]] = {

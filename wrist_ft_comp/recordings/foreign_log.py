@@ -7,9 +7,11 @@ stand in a file ``recording.yaml`` beside the recordings, with the keys ``column
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from functools import partial
+import math
 from pathlib import Path
 import re
 
@@ -48,6 +50,8 @@ _FORM = (
 _ISO = re.compile(r'(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9})\d*)?(Z|[+-]\d\d:?\d\d)?')
 #: Between which readings a day may begin in a unit, and hardly in °C.
 _COLD_STARTS = {'F': (55.0, 120.0), 'K': (230.0, 330.0)}
+#: Signs of the map itself: a column with one of them in its name cannot stand in a map.
+_SIGNS = ',:*='
 #: Stamps from 2001 on, in seconds, have at least this size; in other units it is that much larger.
 _EPOCH_S = 1e9
 
@@ -73,7 +77,7 @@ def log_map(columns: str, time: str) -> LogMap:
         if match is None:
             raise SettingsError(f'The columns {columns!r} cannot be read: {_FORM}; got {entry!r}.')
         ours, theirs = match['ours'], match['theirs'].strip()
-        unit, factor = match['unit'] or '', float(match['factor'] or 1)
+        unit, factor = match['unit'] or '', _finite(match['factor'] or '1', entry)
         if ours in {'stamp', *STAMPS}:
             ours = _TIMES.get(time or 's', 'stamp_ns') if ours == 'stamp' else ours
         elif channel_of(ours) == '':
@@ -90,6 +94,14 @@ def log_map(columns: str, time: str) -> LogMap:
         if factor != 1:
             factors[ours] = factor
     return LogMap(names, factors, _stamp_reader(time))
+
+
+def _finite(text: str, entry: str) -> float:
+    """Read a factor."""
+    with suppress(ValueError):
+        if math.isfinite(factor := float(text)):
+            return factor
+    raise SettingsError(f'A factor is a number, such as *9.81; got {entry!r}.')
 
 
 def _in_unit(ours: str, unit: str, entry: str) -> str:
@@ -148,7 +160,10 @@ def map_beside(path: Path, columns: str, time: str) -> LogMap:
     except yaml.YAMLError as error:
         raise RecordingError(f'{beside} cannot be read: {error}.') from error
     if not isinstance(content, dict) or not content.keys() <= {'columns', 'time'}:
-        raise RecordingError(f'{beside} must have the keys columns and time and no others.')
+        raise RecordingError(
+            f'{beside} must have the keys columns and time and no others. If it is of another '
+            'program, move it, or give --columns.'
+        )
     entries = content.get('columns', '')
     if isinstance(entries, dict):
         entries = ','.join(f'{ours}={theirs}' for ours, theirs in entries.items())
@@ -172,7 +187,7 @@ def guessed_map(columns: Sequence[str], row: Sequence[str]) -> tuple[str, str]:
         cell = row[columns.index(column)] if len(row) == len(columns) else ''
         if name == 'stamp_s':
             time = time or _guessed_time(cell, word)
-        if name:
+        if name and not set(column) & set(_SIGNS):
             if name.startswith('temperature') and word not in known:
                 word = _guessed_temperature_unit(cell)
             unit_word = f':{word}' if word in known and name != 'stamp_s' else ''

@@ -46,10 +46,10 @@ class Part:
         return np.asarray(counts)
 
 
-def parse_part(begin: str, end: str, excluded: Iterable[str]) -> Part:
+def parse_part(begin: str, end: str, exclude: Iterable[str]) -> Part:
     """Understand ``--from``, ``--until`` and ``--exclude``, or refuse them by a SettingsError."""
     stretches = []
-    for text in excluded:
+    for text in exclude:
         first, dots, last = text.partition('..')
         if not dots:
             raise SettingsError(
