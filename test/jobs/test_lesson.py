@@ -12,6 +12,8 @@ import time
 import numpy as np
 import pytest
 
+from wrist_ft_comp.drift.drift_model import run_from_rest
+from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.jobs.calibration import _answer
 from wrist_ft_comp.jobs.request import CalibrationJob, encode_job, Learning
@@ -25,7 +27,7 @@ from wrist_ft_comp.learning.diary import (
     load_diary,
     save_diary,
 )
-from wrist_ft_comp.stored.model_file import load_model
+from wrist_ft_comp.stored.model_file import load_model, save_model
 
 QUICK = CalibrationSettings('payload', identification=IdentificationSettings('pls', degree=1))
 CELLS, PERIOD_S = 300, 4.0
@@ -188,6 +190,29 @@ def test_what_the_system_refuses_is_an_answer(own_days, monkeypatch):
     monkeypatch.setattr(tempfile, 'tempdir', str(own_days / 'nowhere'))
     lost = _answer(job_of(own_days, 2))
     assert (lost['success'], lost['later'], 'nowhere' in lost['message']) == (False, False, True)
+
+
+@pytest.mark.parametrize(('pause_s', 'rests'), [(0, False), (3 * 3600, True)])
+def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, pause_s, rests):
+    """A sensor that lags by 20 min is hot when its day is cut: the file does not begin at rest."""
+    model = make_model({'force_z': (1.0, 0.0, 1200.0)}, period_s=PERIOD_S)
+    fits = {'force_z': AxisFit(model.axes['force_z'], 'by hand', (), 1.0, 0.1, (1.0,))}
+    calibration = Calibration(model, fits, np.array([[0.0, 90.0]]), 3600.0, ())
+    live = save_model(tmp_path / 'models/live.yaml', calibration)
+    warm = 20 + 20 * (1 - np.exp(-np.arange(2 * CELLS) / 60))
+    drift = run_from_rest(model, warm[:, np.newaxis])[1].zero[:, 2]
+    for number, part in ((1, slice(CELLS)), (2, slice(CELLS, None))):
+        path = write_day(tmp_path, number)
+        header, *lines = path.read_text().splitlines()
+        rows = np.array([[float(value) for value in line.split(',')] for line in lines])
+        rows[:, 3] += drift[part] - 0.5 * 0.4 * rows[:, 7]
+        rows[:, 7], rows[:, 0] = warm[part], PERIOD_S * (np.arange(2 * CELLS)[part] + 0.5)
+        rows[:, 0] += pause_s * (number - 1)
+        lines = [','.join(f'{value:.9g}' for value in row) for row in rows]
+        path.write_text('\n'.join((header, *lines)) + '\n')
+    assert _answer(job_of(tmp_path, 2, live.path))['success']
+    left = load_diary(tmp_path).days[1].left[live.sha256[:12]][2]
+    assert (left > 0.2) == rests, left
 
 
 def test_presses_of_minutes_are_no_drift(tmp_path):

@@ -14,7 +14,7 @@ from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.jobs.request import CalibrationJob, Learning
 from wrist_ft_comp.learning.challenge import MOST_DAYS
 from wrist_ft_comp.learning.day import Day, look_at
-from wrist_ft_comp.learning.day_files import day_number, LARGEST_BYTES, size_of
+from wrist_ft_comp.learning.day_files import day_number, goes_on, LARGEST_BYTES, size_of
 from wrist_ft_comp.learning.diary import alone, Decision, Diary, load_diary, prune, save_diary
 from wrist_ft_comp.learning.incidents import pause
 from wrist_ft_comp.learning.lesson import Champion, describe_day, drift_words, take
@@ -22,6 +22,7 @@ from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.view import calibration_view, model_sources
+from wrist_ft_comp.signals import Recording
 from wrist_ft_comp.stored.model_file import load_model, save_model
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 
@@ -55,6 +56,10 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
     directory, newest = job.recordings[-1].parent.parent, job.recordings[-1].name
     diary, champion = load_diary(directory), _champion(learning.champion)
 
+    def read(path: Path) -> Recording:
+        """Read a day."""
+        return read_recording(path, period_s=job.period_s, topics=job.topics)
+
     @lru_cache(maxsize=MOST_DAYS + 1)
     def look(name: str) -> Day:
         """Read and separate a day."""
@@ -63,7 +68,11 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
                 f'{paths[name]} is no file that a node wrote: empty, a dead link, or larger than '
                 f'{LARGEST_BYTES / 1e6:.0f} MB. Move it away.'
             )
-        return look_at(read_recording(paths[name], period_s=job.period_s, topics=job.topics))
+        recording = read(paths[name])
+        earlier = max((paths[other] for other in paths if other < name), default=None)
+        before = read(earlier) if earlier and goes_on(earlier, paths[name]) else None
+        same = before is not None and before.thermometers == recording.thermometers
+        return look_at(recording, before if same else None)
 
     entries = [entry for entry in diary.days if entry.name != newest]
     for name in sorted(set(paths) - {entry.name for entry in entries} - {newest}):

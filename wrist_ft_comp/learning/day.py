@@ -1,10 +1,10 @@
 """A day at work, separated into payload, contacts and drift; what models leave of the drift."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrist_ft_comp.drift.drift_model import Drift, no_drift
+from wrist_ft_comp.drift.drift_model import Drift, DriftModel, no_drift
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.cross_validation import bin_means, tare
 from wrist_ft_comp.learning.diary import Cell, DayEntry, NONE
@@ -15,6 +15,7 @@ from wrist_ft_comp.payload.rigid_body import CONTRAST
 from wrist_ft_comp.payload.separation import separate, separate_again, Separation, Step
 from wrist_ft_comp.payload.slow_drift import slow_drift, SLOW_S
 from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, Recording
+from wrist_ft_comp.stream.offline import simulate_drift
 
 #: Errors are judged as means over this time, s, which hold less noise; thermal drift is slower.
 _MEAN_S = 10.0
@@ -42,9 +43,15 @@ class Day:
     payloads: LearntPayloads | None
     #: Why no payload can be identified; empty where the robot only did not move enough.
     doubt: str
+    #: The day before where this one goes on with it: the model was not at rest then.
+    before: Recording | None = None
+
+    def simulate(self, model: DriftModel) -> Drift:
+        """Run a model freely over the day, as it ran live: (N, 6)."""
+        return simulate_drift(model, self.drift, self.before)
 
 
-def look_at(recording: Recording) -> Day:
+def look_at(recording: Recording, before: Recording | None = None) -> Day:
     """Separate drift from weight and contacts; CalibrationRefusedError where that fails."""
     if recording.specific_force is None:
         raise CalibrationRefusedError(
@@ -55,7 +62,7 @@ def look_at(recording: Recording) -> Day:
     if recording.duration_s > SLOW_S:  # without a model, a press of over a minute looks like drift
         drift = slow_drift(recording, separation.drift[0], separation.fit.noise)
         separation = separate_again(separation, [drift])
-    return _day(separation)
+    return replace(_day(separation), before=before)
 
 
 def _day(separation: Separation) -> Day:

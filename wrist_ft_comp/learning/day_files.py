@@ -104,6 +104,13 @@ def size_of(path: Path) -> int:
     return 0
 
 
+def goes_on(path: Path, day: Path) -> bool:
+    """Tell whether a day begins where the one at ``path`` was ended by its length alone."""
+    spans = [span_of(file) if size_of(file) else None for file in (path, day)]
+    first, last = spans
+    return bool(first and last and 0 < last.first_ns - first.last_ns <= SILENCE_NS)
+
+
 class DayFiles:
     """
     Writes rows into the file of their day, below a node's directory, without reference channels.

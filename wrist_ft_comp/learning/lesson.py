@@ -25,7 +25,6 @@ from wrist_ft_comp.learning.diary import (
 )
 from wrist_ft_comp.learning.incidents import incident, pause
 from wrist_ft_comp.signals import FloatArray
-from wrist_ft_comp.stream.offline import simulate_drift
 
 #: Reads and separates the day of a name; WristFtCompError where that is impossible.
 Look = Callable[[str], Day]
@@ -63,7 +62,7 @@ def describe_day(
         entry = replace(describe(day), name=name, live=champion.key)
         with suppress(WristFtCompError):  # a model for other thermometers, or another period
             if champion.model is not None:
-                simulated = simulate_drift(champion.model, day.drift)
+                simulated = day.simulate(champion.model)
                 drift = simulated.zero
                 entry = replace(entry, left={**entry.left, champion.key: left(simulated, day)})
         kind, sentence = incident(day, entry, before, drift)
@@ -141,5 +140,5 @@ def _readable(look: Look, days: Sequence[DayEntry]) -> Iterator[DayEntry]:
 def _judged(entry: DayEntry, challenger: Calibration, look: Look) -> DayEntry:
     """Add to an entry what a challenger leaves of that day, which it was not learnt from."""
     day = look(entry.name)
-    by_challenger = left(simulate_drift(challenger.model, day.drift), day)
+    by_challenger = left(day.simulate(challenger.model), day)
     return replace(entry, left={**entry.left, CHALLENGER: by_challenger})

@@ -20,10 +20,14 @@ class DriftTrack(NamedTuple):
     drift: Drift
 
 
-def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
+def simulate_drift(
+    model: DriftModel, recording: Recording, before: Recording | None = None
+) -> Drift:
     """
     Run the model freely over a recording, from rest and over gaps (``gap``): (N, 6).
 
+    It starts from rest in the recording ``before``, of the same thermometers and period, where
+    this one goes on with that.
     RecordingError when thermometers or thermal period differ, ModelFileError when the unit does.
     """
     if recording.thermometers != model.thermometers:
@@ -38,7 +42,17 @@ def simulate_drift(model: DriftModel, recording: Recording) -> Drift:
             f'{model.period_ns / 1e9} s. Read it with the period of the model.'
         )
     drift_model.check_unit(model, recording.unit)
-    return simulate(model, recording.temperature_c, recording.measured)
+    if before is None:
+        return simulate(model, recording.temperature_c, recording.measured)
+    between = max(recording.first_cell - before.first_cell - len(before), 0)
+    line = np.linspace(before.temperature_c[-1], recording.temperature_c[0], between + 2)[1:-1]
+    silent = np.zeros((between, recording.thermometers), dtype=bool)
+    drift = simulate(
+        model,
+        np.concatenate((before.temperature_c, line, recording.temperature_c)),
+        np.concatenate((before.measured, silent, recording.measured)),
+    )
+    return Drift(*(part[-len(recording) :] for part in drift))
 
 
 def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:
