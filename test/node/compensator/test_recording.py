@@ -134,3 +134,17 @@ def test_a_recording_that_cannot_hear_its_reference_does_not_begin(rig):
     assert not (node.directory / 'recordings').exists()
     assert node.diagnosis('calibration').message == 'idle'
     assert not node.call('record', False).success, 'no recording runs'
+
+
+def test_wrenches_that_come_late_are_recorded_also_after_stamps_ran_back(rig):
+    node = rig()
+    path = start_recording(node)
+    feed(node, 6, first=100)
+    for cell in range(20):
+        node.warm(START + cell * SECOND + SECOND // 2, 25.0)
+        if cell >= 2:
+            node.stream([START + (cell - 2) * SECOND], [[float(cell - 2)] * 6])
+    assert node.call('record', False).success
+    table = np.genfromtxt(path, delimiter=',', names=True)
+    cells = (table['stamp_ns'] - START) // SECOND
+    np.testing.assert_allclose(table['force_x'][cells < 17], np.arange(17.0))
