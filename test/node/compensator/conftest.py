@@ -1,6 +1,6 @@
 """A compensator under test, what talks to it, and models with a known drift."""
 
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from functools import partial
 import itertools
 import queue
@@ -13,6 +13,7 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParameters
+from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
@@ -336,6 +337,22 @@ def _request(data):
 def rig(bench, tmp_path):
     """Make compensators; each in its own namespace, all with the same data_directory."""
     return partial(_make_rig, Rig, bench, tmp_path)
+
+
+@pytest.fixture
+def driver(bench, ros_domain):
+    """Make participants: within one, a topic has one type only."""
+    with ExitStack() as stack:
+
+        def make():
+            context = Context()
+            context.init([], domain_id=ros_domain)
+            stack.callback(context.try_shutdown)
+            result = type(bench)(context)
+            stack.callback(result.close)
+            return result
+
+        yield make
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """Temperatures that are fields of other messages, over DDS."""
 
-from contextlib import ExitStack
 from importlib import import_module
 import itertools
 from pathlib import Path
@@ -10,7 +9,6 @@ from types import SimpleNamespace
 
 from geometry_msgs.msg import Wrench, WrenchStamped
 import pytest
-from rclpy.context import Context
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState, FluidPressure, JointState, Temperature
@@ -61,22 +59,6 @@ def seen(node):
 
 def publisher(node, kind, name, qos=1000):
     return node.bench.publisher(kind, node.topic(name), qos)
-
-
-@pytest.fixture
-def driver(bench, ros_domain):
-    """Make participants: within one, a topic has one type only."""
-    with ExitStack() as stack:
-
-        def make():
-            context = Context()
-            context.init([], domain_id=ros_domain)
-            stack.callback(context.try_shutdown)
-            result = type(bench)(context)
-            stack.callback(result.close)
-            return result
-
-        yield make
 
 
 def held_c(node):

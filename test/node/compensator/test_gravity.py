@@ -3,8 +3,9 @@
 import sys
 from types import ModuleType
 
-from geometry_msgs.msg import PoseArray
+from geometry_msgs.msg import AccelStamped, PoseArray
 import numpy as np
+import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
@@ -53,12 +54,17 @@ def test_an_imu_is_recorded_beside_the_wrench(wired, messages):
     np.testing.assert_allclose(recording.rotation_speed[:CELLS], np.sqrt(squares.mean(axis=1)))
 
 
-def test_gravity_by_tf_is_recorded_beside_the_wrench(wired, bench, messages, monkeypatch):
+@pytest.fixture
+def tf_messages(monkeypatch):
     """Of the package that is missing here, the node needs a type only: bytes are bytes."""
     package = ModuleType('tf2_msgs.msg')
     package.TFMessage = PoseArray
     monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
     monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', package)
+
+
+@pytest.mark.usefixtures('tf_messages')
+def test_gravity_by_tf_is_recorded_beside_the_wrench(wired, bench, messages):
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     static = bench.helper.create_publisher(PoseArray, '/tf_static', latched)
     mount = Rotation.from_euler('y', 0.5)
@@ -94,3 +100,21 @@ def test_two_publishers_of_an_imu_are_told(rig):
     topic = node.topic('imu')
     both = [node.bench.helper.create_publisher(Imu, topic, 1) for _ in 'ab']
     node.diagnosis('payload', f'{topic} has {len(both)} publishers; their readings are mixed')
+
+
+@pytest.mark.usefixtures('tf_messages')
+@pytest.mark.parametrize(
+    ('source', 'kind', 'topic', 'said'),
+    [
+        ('imu', AccelStamped, 'imu', 'carries geometry_msgs/AccelStamped, not sensor_msgs/Imu'),
+        ('tf', PoseArray, '/tf_static', 'offers less durability than is asked for'),
+    ],
+)
+def test_a_publisher_that_cannot_be_heard_is_named(  # noqa: PLR0913, PLR0917 -- fixtures
+    wired, driver, source, kind, topic, said
+):
+    """Of another type, and transforms that are not kept for those who come later."""
+    node = wired(parameters={'gravity.source': source, 'gravity.frame': 'base'})
+    name = topic if topic[0] == '/' else node.topic(topic)
+    driver().helper.create_publisher(kind, name, 1)
+    node.diagnosis('payload', said)
