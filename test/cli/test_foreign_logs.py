@@ -62,23 +62,34 @@ def commands(shown):
 
 
 def test_three_commands_lead_from_a_log_to_a_judged_model(logs, done):
-    """``show``, and the two that it prints; the unit of force alone is the user's to say."""
+    """``show``, and the two that it prints."""
     shown = done('show', logs[0])
     calibrate, evaluate = commands(shown)
     assert 'temperature_c=temp:F' in shown
+    assert 'force_z=fz:kN,torque_x=tx,' in shown
     assert '--time' in calibrate
-    in_kn = [re.sub(r'(force_\w=f\w)', r'\1:kN', word) for word in calibrate]
-    assert 'learnt from 1.00 h at 22.0 to 3' in done(*in_kn)
+    assert 'learnt from 1.00 h at 22.0 to 3' in done(*calibrate)
     words = [word.replace('another_day', 'day_2') for word in evaluate]
-    words = [re.sub(r'(force_\w=f\w)', r'\1:kN', word) for word in words]
     axes = json.loads(done(*words, '--json'))['axes']
     assert all(axis['rms_after'] < 0.1 * axis['rms_before'] for axis in axes.values())
     assert axes['force_z']['rms_before'] > 1.0  # N: the map's units were used
 
 
+@pytest.mark.parametrize(
+    ('force', 'torque', 'kilo'),
+    [(1, 1, False), (1, 1000, False), (1e-3, 1, True), (0.03, 1, True), (1e-3, 0, True)],
+)
+def test_kilonewtons_are_guessed_where_newtons_cannot_be(done, tmp_path, force, torque, kilo):
+    """Not of torques in N mm; a force alone has to move by less than its noise would."""
+    t, wrench, celsius = day(1)
+    rows = np.column_stack((t, wrench[:, 2] * force, wrench[:, 3] * torque, celsius))
+    log = write(tmp_path / 'log.csv', 'time,fz,tx,temp', rows.tolist())
+    assert ('force_z=fz:kN' in done('show', log)) == kilo
+
+
 def test_a_map_beside_the_recordings_is_written_once(logs, done, tmp_path):
     shown = done('show', logs[0])
-    recipe = re.sub(r'(force_\w=f\w)', r'\1:kN', shown[shown.index('columns: ') :])
+    recipe = shown[shown.index('columns: ') :]
     (tmp_path / 'recording.yaml').write_text(recipe.split('\nwarning')[0])
     done('calibrate', *logs[:2], '-o', 'model.yaml', '--method', 'pls')
     compensated = tmp_path / 'compensated'

@@ -15,11 +15,12 @@ import math
 from pathlib import Path
 import re
 
+import numpy as np
 import yaml
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recordings.columns import channel_of, meant_columns, STAMPS
-from wrist_ft_comp.signals import AXES, axis_unit, GRAVITY, NANOSECONDS
+from wrist_ft_comp.signals import AXES, axis_unit, GRAVITY, NANOSECONDS, Samples
 from wrist_ft_comp.stored.documents import beginning
 
 #: File beside recordings that says how they are read.
@@ -54,6 +55,11 @@ _COLD_STARTS = {'F': (55.0, 120.0), 'K': (230.0, 330.0)}
 _SIGNS = ',:*='
 #: Stamps from 2001 on, in seconds, have at least this size; in other units it is that much larger.
 _EPOCH_S = 1e9
+#: Forces that move by less than this over a whole recording, less than any sensor's noise, are in
+#: no newtons.
+_NEVER_NEWTONS = 0.02
+#: Nor are those that move by less than this, and by less than the torques: a lever arm of a metre.
+_PERHAPS_NEWTONS = 0.5
 
 
 @dataclass(frozen=True)
@@ -216,6 +222,22 @@ def _guessed_temperature_unit(cell: str) -> str:
     except ValueError:
         return ''
     return next((unit for unit, (low, high) in _COLD_STARTS.items() if low < reading < high), '')
+
+
+def with_guessed_force_unit(columns: str, blocks: Iterable[Samples]) -> str:
+    """Put kN behind the forces of a guessed map that names no unit, where newtons cannot be."""
+    low, high = np.full(len(AXES), np.inf), np.full(len(AXES), -np.inf)
+    for block in blocks:
+        for axis, values in zip(block.channels, block.values.T, strict=True):
+            if axis in AXES and len(values):
+                at = AXES.index(axis)
+                low[at] = min(low[at], np.nanmin(values, initial=np.inf))
+                high[at] = max(high[at], np.nanmax(values, initial=-np.inf))
+    spans = np.where(high > low, high - low, 0.0)
+    force, torque = spans[:3].max(), spans[3:].max()
+    if not 0 < force < max(_NEVER_NEWTONS, min(torque, _PERHAPS_NEWTONS)):
+        return columns
+    return re.sub(r'(\bforce_[xyz]=[^,:]*)(?=,|$)', r'\1:kN', columns)
 
 
 def recipe(columns: str, time: str) -> Iterable[str]:

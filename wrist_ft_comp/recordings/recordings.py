@@ -40,7 +40,13 @@ from wrist_ft_comp.recordings.chamber_table import (
 )
 from wrist_ft_comp.recordings.columns import COMPENSATED, require_channels
 from wrist_ft_comp.recordings.csv_file import CsvRecording, first_rows, rewrite_csv, sensor_in
-from wrist_ft_comp.recordings.foreign_log import guessed_map, log_map, LogMap, map_beside
+from wrist_ft_comp.recordings.foreign_log import (
+    guessed_map,
+    log_map,
+    LogMap,
+    map_beside,
+    with_guessed_force_unit,
+)
 from wrist_ft_comp.recordings.part import parse_part
 from wrist_ft_comp.signals import (
     AXES,
@@ -298,8 +304,10 @@ def _describe_csv(path: Path, topics: Topics, progress: Progress | None) -> Reco
     """Describe a CSV file; a log that cannot be read as it is with a map that is guessed."""
     names = map_beside(path, topics.columns, topics.time)
     if names == LogMap() and (guess := guessed_map(*first_rows(path)))[0]:
-        topics = replace(topics, columns=guess[0], time=guess[1])
-        names = log_map(*guess)
+        columns, time = guess
+        columns = with_guessed_force_unit(columns, CsvRecording(path, log_map(*guess)).samples())
+        topics = replace(topics, columns=columns, time=time)
+        names = log_map(columns, time)
     text = CsvRecording(path, names)
     summary = _describe_samples(path.name, CSV, text.samples(progress), text.warnings)
     return replace(summary, topics=topics)
