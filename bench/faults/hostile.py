@@ -464,15 +464,15 @@ def run(steps: int, seed: int) -> tuple[Counter[str], int]:
         mock.patch('wrist_ft_comp.ros.hub.FAREWELL_S', 0.0),
     ):
         GROUND[:] = [Ground(Path(folder))]
-        chosen = settings(
-            max_examples=max(1, steps // STEPS_PER_LIFE), stateful_step_count=STEPS_PER_LIFE,
-            deadline=None, database=None, suppress_health_check=list(HealthCheck),
-            print_blob=False,
-        )  # fmt: skip
         take: Any = run_state_machine_as_test
         try:
             # A life may end early; then other lives follow, until there were enough steps.
-            while sum(GROUND[0].done.values()) < steps:
+            while (missing := steps - sum(GROUND[0].done.values())) > 0:
+                chosen = settings(
+                    max_examples=max(1, missing // STEPS_PER_LIFE),
+                    stateful_step_count=STEPS_PER_LIFE, deadline=None, database=None,
+                    suppress_health_check=list(HealthCheck), print_blob=False,
+                )  # fmt: skip
                 take(with_seed(seed)(HostileRobot), settings=chosen)
                 seed += 1
         finally:
