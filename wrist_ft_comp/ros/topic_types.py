@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.wire.cdr import TEMPERATURE
+from wrist_ft_comp.wire.cdr import TEMPERATURE, WRENCH
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, numbers_in, path_text
 
 _NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
@@ -73,6 +73,12 @@ def wrong_type(node: Node, topic: str, wanted: str) -> str:
     if not types or wanted in types:
         return ''
     return f'{topic} carries {short(types[0])}, not {short(wanted)}'
+
+
+def no_wrench(node: Node, topic: str) -> str:
+    """Say that a topic carries no geometry_msgs/WrenchStamped, and what to do; else nothing."""
+    problem = wrong_type(node, topic, WRENCH)
+    return problem and f'{problem}; name a wrench inside it by wrench_topic:={topic}:FIELD'
 
 
 def no_temperature(node: Node, topic: str) -> str:
