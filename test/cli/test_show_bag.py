@@ -169,7 +169,6 @@ def test_a_wrench_and_a_temperature_in_one_message_are_learnt_from_and_compensat
     for seed, name in enumerate(('day', 'another_day')):
         messages.write(tmp_path / name, drivers.flange_like(seed), 'mcap')
     out = done('show', 'day')
-    assert 'raw wrench, temperature' in out
     calibrate, evaluate, node = commands(out)
     words = ['--wrench-topic', '/flange/state:wrench']
     words += ['--temperature-topic', '/flange/state:temperature']
@@ -182,6 +181,8 @@ def test_a_wrench_and_a_temperature_in_one_message_are_learnt_from_and_compensat
     shown = json.loads(done('show', 'out', '--wrench-topic', '/wrench', '--json'))
     count = {c['name']: (c['kind'], c['samples']) for c in shown['channels']}
     assert count['/wrench'] == (messages.wrench_type, count['/flange/state'][1])
+    assert [c['role'] for c in shown['channels']] == ['temperature', 'raw wrench']
+    assert commands(done('show', 'out'))[0][-4:] == words, 'the raw wrench, not the output'
     words[1] = '/wrench'
     left = json.loads(done('evaluate', 'model.yaml', 'out', '--json', *words))
     assert left['axes']['force_z']['rms_before'] < 0.3, 'of 20 N: it is compensated already'

@@ -199,7 +199,7 @@ def _wrench_streams(bag: Bag, topics: Topics) -> list[_Stream]:
             for inside in wrenches_inside(bag, connection)[:1]:
                 raise RecordingError(
                     f'{connection.topic} of {bag.name} is {connection.msgtype}; the raw wrench '
-                    f'must be {cdr.WRENCH}, or inside. Did you mean {source.topic}:{inside}?'
+                    f'must be {cdr.WRENCH}, or inside: name it as {source.topic}:{inside}.'
                 )
         return [_Stream(c, AXES) for c in bag.find(source.topic, cdr.WRENCH, 'raw wrench')]
     return [

@@ -25,8 +25,8 @@ from wrist_ft_comp.wire.temperature_source import Path, path_text
 
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
 _ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}
-#: Names of wrenches that were processed before.
-_TREATED = re.compile(r'compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE)
+#: Names of wrenches that were processed before; /wrench is what compensate adds.
+_TREATED = re.compile(r'^/wrench$|compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE)
 #: Names of temperatures of the sensor, or near it.
 _NEAR = re.compile(r'sensor|force|wrench|torque|tool|flange|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
 #: Names of temperatures of what heats the sensor, or of its surroundings.
