@@ -1,13 +1,18 @@
 #!/bin/sh
-# Builds the packages of messages in test/support/messages, as a workspace does, for tests over DDS:
-# build/messages/install, and of another version of one of them, build/messages/older. Takes a minute.
+# Builds the packages of messages in test/support/messages, as a workspace does, against the wheels in
+# .venv, for tests over DDS: build/messages/install, and another version of one, build/messages/older.
 set -eu
+if [ -n "${AMENT_PREFIX_PATH:-}" ]; then
+    echo 'A ROS 2 is sourced, and this builds against wheels only; tests of other messages skip.' >&2
+    exit 1
+fi
 if ! command -v cmake > /dev/null || ! command -v ninja > /dev/null || ! command -v c++ > /dev/null; then
     echo 'cmake, ninja and a C++ compiler are needed; without them tests of other messages skip.' >&2
     exit 1
 fi
 here=$(cd "$(dirname "$0")" && pwd)
 tools=$PWD/build/messages venv=$PWD/.venv
+sh "$here/overlay.sh" messages
 export AMENT_PREFIX_PATH="$tools:$venv" CMAKE_PREFIX_PATH="$tools:$venv"
 export LD_LIBRARY_PATH="$venv/lib" PATH="$tools/bin:$PATH"
 

@@ -1,7 +1,6 @@
 """Fixtures of the node tests: an own domain, nodes in threads, queues with timeouts, processes."""
 
 from contextlib import ExitStack
-import ctypes
 from functools import cached_property
 from importlib import import_module
 import os
@@ -251,32 +250,3 @@ def run_bench(ros_domain):  # noqa: ARG001
         return done.returncode, done.stdout + done.stderr
 
     return run
-
-
-@pytest.fixture(scope='session')
-def message_packages(ros_domain):  # noqa: ARG001
-    """
-    Give the folder of packages of messages that were built, and let processes import them.
-
-    ``install`` in it can be imported here and in child processes; ``older`` holds another version
-    of one. Libraries are found by their names once they are loaded, or by LD_LIBRARY_PATH.
-    """
-    folder = ROOT / 'build/messages'
-    if not (ROOT / 'build/.messages').exists():
-        pytest.skip('no packages of messages are built: make build/.messages (a minute, cmake)')
-    with pytest.MonkeyPatch.context() as environment:
-        for name, value in paths_of(folder / 'install').items():
-            environment.setenv(name, value)
-        environment.syspath_prepend(paths_of(folder / 'install')['PYTHONPATH'].split(':')[0])
-        for library in sorted((folder / 'install/lib').glob('*.so')):
-            ctypes.CDLL(str(library))
-        yield folder
-
-
-def paths_of(prefix):
-    """Give the variables by which a process finds the packages in a prefix."""
-    (modules,) = prefix.glob('lib/python3*/site-packages')
-    return {
-        'PYTHONPATH': f'{modules}:{ROOT}',
-        'LD_LIBRARY_PATH': f'{prefix / "lib"}:{os.environ.get("LD_LIBRARY_PATH", "")}',
-    }

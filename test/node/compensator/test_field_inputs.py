@@ -235,6 +235,10 @@ def test_a_package_whose_library_cannot_be_loaded_is_told(rig, driver):
     driver().helper.create_publisher(DisparityImage, node.topic('image'), 10)
     said = node.diagnosis('temperature', 'stereo_msgs').message
     assert 'its libraries cannot be loaded (Could not import' in said
+    inside = rig(parameters={'wrench_topic': f'{node.topic("image")}:f'})
+    assert said.split(': ', 1)[1].startswith(
+        inside.diagnosis('input', 'stereo_msgs').message.split(': ', 1)[1]
+    )
 
 
 def test_tf_whose_library_cannot_be_loaded_is_refused_and_not_needed_with_an_imu(
