@@ -162,7 +162,7 @@ def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PL
     assert re.search(rf'thermometer 2: .* °C, {re.escape(words[5])}', done('show', 'model.yaml'))
 
 
-def test_a_wrench_and_a_temperature_in_one_message_are_learnt_from_and_compensated(
+def test_a_wrench_and_a_temperature_in_one_message_are_learnt_from_and_compensated(  # noqa: PLR0913, PLR0917
     run, done, drivers, messages, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)

@@ -132,7 +132,7 @@ class CompensatorNode(Hub):
         for name, output in zip(('wrench', 'wrench_external'), outputs, strict=True):
             if self._raw_topic == output:
                 raise SettingsError(
-                    f'wrench_raw and {name} are both {self._raw_topic}: the node would hear itself. Remap '
+                    f'wrench_raw and {name} are both {output}: the node would hear itself. Remap '
                     f"wrench_raw to the driver's topic, and {name} to another."
                 )
 

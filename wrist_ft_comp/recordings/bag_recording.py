@@ -52,7 +52,7 @@ from wrist_ft_comp.wire.temperature_source import (
 )
 from wrist_ft_comp.wire.tf_messages import decode_transforms
 from wrist_ft_comp.wire.tf_tree import GAP_NS, GravityByTf
-from wrist_ft_comp.wire.wrench_source import parse_wrench, WrenchReader, wrenches_in
+from wrist_ft_comp.wire.wrench_source import parse_wrench, wrenches_in, WrenchReader
 
 #: A wrench is stamped by another clock than the recorder's where its time of arrival is farther
 #: from its stamp, ns.

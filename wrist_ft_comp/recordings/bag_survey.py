@@ -26,7 +26,9 @@ from wrist_ft_comp.wire.temperature_source import Path, path_text
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
 _ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}
 #: Names of wrenches that were processed before; /wrench is what compensate adds.
-_TREATED = re.compile(r'^/wrench$|compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE)
+_TREATED = re.compile(
+    r'^/wrench$|compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE
+)
 #: Names of temperatures of the sensor, or near it.
 _NEAR = re.compile(r'sensor|force|wrench|torque|tool|flange|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
 #: Names of temperatures of what heats the sensor, or of its surroundings.
@@ -175,8 +177,9 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     """
     Choose the topics of a bag: the named ones that it holds, else the most probable ones.
 
-    The raw wrench is one whose name shows no processing, best one on a topic of its own. Topics with the name of another wrench's
-    sensor are not used. The thermometer inside the sensor comes first. It is most probably the one
+    The raw wrench is one whose name shows no processing, if possible on a topic of its own. Topics
+    with the name of another wrench's sensor are not used. The thermometer inside the sensor comes
+    first. It is most probably the one
     without the name of a motor, with the longest common beginning of its name and the wrench's, or
     with the name of something at the tool; the same holds for IMUs. In an array, the last element
     is taken for the nearest to the tool. Without a raw wrench, its topic is empty.

@@ -356,8 +356,8 @@ def _survey_gravity(
 def _judge_samples(bag: Bag, topics: Topics) -> tuple[str, ...]:
     """Say what of a bag's wrench and temperatures cannot be used, as read_recording would."""
     sources = parse_sources(topics.temperatures)
-    named = parse_wrench(topics.wrench), *sources
-    if not all(bag.named(source.topic) for source in named):
+    named = parse_wrench(topics.wrench).topic, *(source.topic for source in sources)
+    if not all(map(bag.named, named)):
         return ()
     checks = SampleChecks(bag.name, sources)
     try:

@@ -129,9 +129,7 @@ def _add_topic(writer: Writer, like: Connection, topic: str, kind: str) -> Any:
         store = get_typestore(Stores.ROS2_JAZZY)
         return writer.add_connection(topic, kind, typestore=store, offered_qos_profiles=qos)
     text, digest = _described(like.native)
-    return writer.add_connection(
-        topic, kind, msgdef=text, rihs01=digest, offered_qos_profiles=qos
-    )
+    return writer.add_connection(topic, kind, msgdef=text, rihs01=digest, offered_qos_profiles=qos)
 
 
 def _described(connection: Any) -> tuple[str, str]:

@@ -188,9 +188,7 @@ class WrenchReader:
                 f'The wrench {source.entry!r} is not there: expected force and torque, or an '
                 f'array of six numbers. {found}'
             )
-        numbers = [
-            (struct.Struct(layout.order + place.code.char), place.offset) for place in six
-        ]
+        numbers = [(struct.Struct(layout.order + place.code.char), place.offset) for place in six]
         places = 0, 1, *(begin + k for begin in layout.lengths for k in range(4))
         pick, header = itemgetter(*places), _header(layout, source.path or ())
         lead, used = '4siIIx', 13

@@ -17,7 +17,7 @@ from wrist_ft_comp.cli.main import main
 BUILT = Path(__file__).parents[3] / 'build/messages'
 pytestmark = pytest.mark.skipif(
     not BUILT.with_name('.messages').exists(),
-    reason='no packages of messages are built: make build/.messages (cmake, ninja, a C++ compiler)',
+    reason='no messages are built: make build/.messages (cmake, ninja, a C++ compiler)',
 )
 SECOND = 1_000_000_000
 START = 1_700_000_000
@@ -65,8 +65,9 @@ def test_show_calibrate_and_the_node_take_wrench_and_temperature_out_of_one_mess
     def day():
         for k in range(900):
             inside = 22 + 12 * (1 - np.exp(-k / 250)) + 2 * np.sin(k / 90)
-            halves = make('geometry_msgs/msg/Vector3', 1.0, 2.0, 3.0 * (inside - 22)), make(
-                'geometry_msgs/msg/Vector3', 0.0, 0.0, 0.0
+            halves = (
+                make('geometry_msgs/msg/Vector3', 1.0, 2.0, 3.0 * (inside - 22)),
+                make('geometry_msgs/msg/Vector3', 0.0, 0.0, 0.0),
             )
             whole = make('geometry_msgs/msg/Wrench', *halves)
             data = messages.pack(kind, (START + k) * SECOND, 0, whole, inside)
@@ -116,9 +117,7 @@ def _definition(messages):
 def test_a_message_of_another_version_is_told_and_not_read(wired, executable):
     topic = '/other/state'
     executable('', source=OLDER.format(load=LOAD, topic=topic))
-    node = wired(
-        topics=[f'{topic}:temperature'], parameters={'wrench_topic': f'{topic}:wrench'}
-    )
+    node = wired(topics=[f'{topic}:temperature'], parameters={'wrench_topic': f'{topic}:wrench'})
     for status in ('input', 'temperature'):
         assert 'flange_msgs/State of another version' in node.diagnosis(status, 'version').message
     assert node.node.counts.wrenches == node.node.inputs.usable == 0
