@@ -236,8 +236,8 @@ Removes the temperature drift of a wrist force/torque sensor beside any driver:
     -p 'temperature_topics:=["/driver/temperature", "/driver/state:data[3]:K"]'
 
 hears      wrench_raw (WrenchStamped) or wrench_topic, the topics in
-           temperature_topics, imu or /tf (gravity.source) and, while recording,
-           wrench_reference; -r maps them to the driver's own
+           temperature_topics, imu or /tf (gravity.source) and, while
+           recording, wrench_reference; -r maps them to the driver's own
 publishes  wrench (compensated), wrench_external (without the payload, too),
            ~/drift, ~/correction (what a controller adds), /diagnostics
 serves     ~/record, ~/calibrate, ~/identify_payload, ~/tare, ~/reset_tare,

@@ -96,8 +96,8 @@ class WrenchInput(Part):
         self,
         counts: Counts,
         newest: Callable[[], Newest | None],
-        name: str,
-        inside: WrenchTopic | None,
+        name: str = 'wrench_raw',
+        inside: WrenchTopic | None = None,
     ) -> None:
         self._counts, self.newest, self._name = counts, newest, name
         #: Reads the wrenches where they are inside messages of another type.
