@@ -121,6 +121,7 @@ class WrenchInput(Part):
         """Look at the newest wrench, if it is another one than at the last look."""
         if self._inside is not None:
             self._inside.poll()
+            self._counts.malformed = self._inside.unreadable
         newest, number = self.newest(), self._counts.wrenches
         if newest is not None and number != self._looked_at:
             self._looked_at, self._heard_s = number, time.monotonic()
@@ -137,10 +138,8 @@ class WrenchInput(Part):
 
     def statuses(self) -> Iterator[Status]:
         """Judge the raw wrenches: stale, unusable, suspicious, or well."""
-        inside, misread = self._inside, ''
-        if inside is not None:
-            inside.look()
-            misread, self._counts.malformed = inside.misread, inside.unreadable
+        if self._inside is not None:
+            self._inside.look()
         self.poll()
         counts, publishers = self._counts, self._hub.count_publishers(self._topic)
         strange = counts.not_finite + counts.implausible
@@ -165,7 +164,8 @@ class WrenchInput(Part):
         if grown['unusable']:
             which = 'some wrenches are' if rate_hz else 'all wrenches are'
             why = f': they are {why_unusable(AXES[0], counts.strange)}' * (grown['strange'] > 0)
-            why = f': {misread}' if misread and not grown['strange'] else why
+            if self._inside is not None and not grown['strange']:
+                why = f': {self._inside.misread}'
             message = f'{which} unusable and dropped; check the driver{why}'
             yield Status(self.title, WARN, message, numbers)
         elif not rate_hz:

@@ -60,6 +60,8 @@ _APART_NS = 10 * NANOSECONDS
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 #: Gravity by TF is computed once in this time, ns.
 _STEP_NS = NANOSECONDS // 50
+#: Time of arrival, ns, and bytes of a message.
+_Found = tuple[int, bytes]
 #: Steps after a transform in which it may be used: until a gap would begin.
 _STEPS = np.arange(GAP_NS // _STEP_NS)
 
@@ -263,6 +265,8 @@ def _decode(
             return read_numbers(stream.definitions, kind, messages, paths)
         doubles = cdr.DOUBLES[cdr.WRENCH if stream.reader else kind]
         return cdr.decode_many(stream.stamped(times_ns, messages), doubles)
+    except SettingsError as error:
+        raise RecordingError(f'{bag.name}: {error}') from error
     except RecordingError as error:
         if messages[0].startswith(_ZSTD_MAGIC):
             raise RecordingError(
@@ -278,7 +282,8 @@ def sensor_of(bag: Bag, topics: Topics) -> SensorNames:
     temperatures = [f'/{entry.strip("/")}' for entry in topics.temperatures]
     name = f'{wrench.connection.topic}{parse_wrench(topics.wrench).inside}'
     names = {'wrench_topic': [name], 'temperature_topics': temperatures}
-    with suppress(RecordingError):  # who decodes the wrench says what is wrong with it
+    # Who decodes the wrench says what is wrong with it.
+    with suppress(RecordingError, SettingsError):
         (data,) = wrench.stamped([0], [bag.first(wrench.connection) or b''])
         if frame_id := cdr.locate(data, cdr.WRENCH_DOUBLES).frame_id(data):
             names['frame_id'] = [frame_id]
@@ -394,19 +399,12 @@ def rewrite_bag(
 
 
 def _corrected(
-    bag: Bag,
-    stream: _Stream,
-    found: Sequence[tuple[int, bytes]],
-    corrections: Iterable[Correction],
+    bag: Bag, stream: _Stream, found: list[_Found], corrections: Iterable[Correction]
 ) -> list[tuple[bytes | None, ...]]:
-    """
-    Correct messages, by time of arrival, ns, and bytes, in several ways.
-
-    None where a correction gives NaN for a finite wrench.
-    """
+    """Correct messages in several ways; None where a correction gives NaN for a finite wrench."""
     if not found:
         return []
-    times_ns, messages = map(list, zip(*found, strict=True))
+    times_ns, messages = [at_ns for at_ns, _ in found], [data for _, data in found]
     stamps_ns, raw = _decode(bag, stream, times_ns, messages)
     messages, columns = stream.stamped(times_ns, messages), []
     for correct in corrections:

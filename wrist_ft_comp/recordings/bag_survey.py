@@ -179,10 +179,10 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
 
     The raw wrench is one whose name shows no processing, if possible on a topic of its own. Topics
     with the name of another wrench's sensor are not used. The thermometer inside the sensor comes
-    first. It is most probably the one
-    without the name of a motor, with the longest common beginning of its name and the wrench's, or
-    with the name of something at the tool; the same holds for IMUs. In an array, the last element
-    is taken for the nearest to the tool. Without a raw wrench, its topic is empty.
+    first. It is most probably the one without the name of a motor, with the longest common
+    beginning of its name and the wrench's, or with the name of something at the tool; the same
+    holds for IMUs. In an array, the last element is taken for the nearest to the tool. Without a
+    raw wrench, its topic is empty.
     """
     wrenches = [c for c in candidates if c.role == RAW_WRENCH]
     wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), ':' in c.entry, -c.samples))

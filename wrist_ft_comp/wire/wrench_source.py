@@ -14,14 +14,14 @@ geometry_msgs/WrenchStamped, so that all else knows one form only. Its header is
 around the numbers. Without any, its stamp is the time of arrival and its frame_id is empty.
 """
 
-from collections.abc import Callable, Sequence
+from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from operator import itemgetter
 import re
 import struct
-from typing import Any
 
-from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.signals import NANOSECONDS
 from wrist_ft_comp.wire.cdr import WRENCH_DOUBLES
 from wrist_ft_comp.wire.cdr_fields import Definitions, follow, MessageLayout, Place
@@ -39,6 +39,9 @@ _WRENCH_NAME = re.compile(r'wrench|force|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
 _COMPONENTS: tuple[Path, ...] = (('x', 'y', 'z'), (0, 1, 2))
 #: Most remembered layouts: a driver has a few, unless texts in its messages vary.
 _MOST_LAYOUTS = 100
+#: Picks bytes of a message; makes a WrenchStamped of it, arrived at a time, ns.
+_Pick = Callable[[bytes], object]
+_Make = Callable[[bytes, int], bytes]
 
 
 @dataclass(frozen=True)
@@ -113,90 +116,57 @@ def _six_numbers(layout: MessageLayout, path: Path, first: int | None = None) ->
     return []
 
 
-@dataclass(frozen=True, eq=False)
-class _Form:
-    """Where the parts lie in all messages that have the same size and lengths."""
-
-    #: Picks the bytes of the encapsulation and of the lengths, and what they are in this form.
-    pick: Callable[[bytes], Any]
-    expected: Any
-    #: Reads one of the six numbers, and the byte at which it begins.
-    numbers: Sequence[tuple[struct.Struct, int]]
-    #: Bytes of the header; None without one.
-    header: slice | None
-    #: Writes the doubles behind a header, or both where there is none.
-    tail: struct.Struct
-
-
 class WrenchReader:
     """Makes geometry_msgs/WrenchStamped of the messages of a topic, remembering their layouts."""
 
     def __init__(self, source: WrenchSource, kind: str, definitions: Definitions) -> None:
         self.source, self._kind, self._definitions = source, kind, definitions
-        self._forms: dict[int, list[_Form]] = {}
+        #: By the size of messages: what to pick of them, what that is where they are laid out
+        #: alike, and what makes a WrenchStamped of these.
+        self._forms: defaultdict[int, list[tuple[_Pick, object, _Make]]] = defaultdict(list)
 
     def stamped(self, data: bytes, arrival_ns: int) -> bytes:
         """
-        Make one serialized WrenchStamped of a serialized message.
+        Make a WrenchStamped of a message, both serialized; ``arrival_ns`` is its time of arrival.
 
-        Parameters
-        ----------
-        data : bytes
-            A message of the reader's type.
-        arrival_ns : int
-            Its time of arrival, ns, for a message without a header.
-
-        Returns
-        -------
-        bytes
-
-        Raises
-        ------
-        RecordingError
-            When it is no such message, or holds no wrench where the source says.
-
+        RecordingError when it is no such message, SettingsError when it holds no such wrench.
         """
-        form = self._find(data)
-        six = [number.unpack_from(data, at)[0] for number, at in form.numbers]
-        if form.header is None:
-            return form.tail.pack(data[:4], *divmod(arrival_ns, NANOSECONDS), 1, *six)
-        return data[:4] + data[form.header] + form.tail.pack(*six)
-
-    def _find(self, data: bytes) -> _Form:
-        """Find the form of a message."""
-        alike = self._forms.get(len(data), [])
-        for form in alike:
-            if form.pick(data) == form.expected:
-                return form
-        form = self._lay_out(data)
+        for pick, expected, make in self._forms[len(data)]:
+            if pick(data) == expected:
+                return make(data, arrival_ns)
+        pick, make = self._lay_out(data)
         if sum(map(len, self._forms.values())) >= _MOST_LAYOUTS:
             self._forms.clear()
-        self._forms.setdefault(len(data), []).insert(0, form)
-        return form
+        self._forms[len(data)].insert(0, (pick, pick(data), make))
+        return make(data, arrival_ns)
 
-    def _lay_out(self, data: bytes) -> _Form:
-        """Follow a message by its definition, and note what all alike have in common."""
+    def _lay_out(self, data: bytes) -> tuple[_Pick, _Make]:
+        """Follow a message by its definition: how to tell all alike, and how to read them."""
         layout, _ = follow(self._definitions, self._kind, data)
-        source = self.source
+        source, order = self.source, layout.order
         six = _six_numbers(layout, source.path or (), source.first)
         if not six:
             there, array = wrenches_in(layout), layout.places.get(source.path or ())
             found = f'The message holds {", ".join(there) or "none"}.'
             if array is not None and array.size is not None:
                 found = f'There is an array of {array.size}; name six of them, such as [0..5].'
-            raise RecordingError(
+            raise SettingsError(
                 f'The wrench {source.entry!r} is not there: expected force and torque, or an '
                 f'array of six numbers. {found}'
             )
-        numbers = [(struct.Struct(layout.order + place.code.char), place.offset) for place in six]
-        places = 0, 1, *(begin + k for begin in layout.lengths for k in range(4))
-        pick, header = itemgetter(*places), _header(layout, source.path or ())
-        lead, used = '4siIIx', 13
-        if header is not None:
-            lead, used = '', header.stop - header.start
-        # Doubles are aligned to eight bytes behind the encapsulation.
-        tail = struct.Struct(f'{layout.order}{lead}{-used % 8}x{WRENCH_DOUBLES}d')
-        return _Form(pick, pick(data), numbers, header, tail)
+        numbers = [(struct.Struct(order + p.code.char).unpack_from, p.offset) for p in six]
+        header, arrival = _header(layout, source.path or ()), struct.Struct(f'{order}iIIx')
+        size = arrival.size if header is None else header.stop - header.start
+        # Doubles are aligned to eight bytes, counted from behind the encapsulation.
+        doubles = struct.Struct(f'{order}{-size % 8}x{WRENCH_DOUBLES}d')
+
+        def make(data: bytes, arrival_ns: int) -> bytes:
+            stamp = divmod(arrival_ns, NANOSECONDS)
+            head = arrival.pack(*stamp, 1) if header is None else data[header]
+            return data[:4] + head + doubles.pack(*(read(data, at)[0] for read, at in numbers))
+
+        lengths = (begin + k for begin in layout.lengths for k in range(4))
+        return itemgetter(0, 1, *lengths), make
 
 
 def _header(layout: MessageLayout, path: Path) -> slice | None:

@@ -334,6 +334,7 @@ def test_wrenches_of_another_type_are_told(rig, driver):
     other = driver()
     other.helper.create_publisher(Wrench, topic, 10)
     said = f'{topic} carries geometry_msgs/Wrench, not geometry_msgs/WrenchStamped'
+    said += f'; set wrench_topic to {topic}:. for a wrench inside'
     node.diagnosis('input', f'no raw wrenches arrive: {said}')
     other.close()
     driver().helper.create_publisher(WrenchStamped, topic, 10)
