@@ -17,7 +17,16 @@ float32[3] force
 float32[3] torque
 float64[] numbers
 float64[6] tcp_force
+Other other
 float64 temperature
+================================================================================
+MSG: forms_msgs/Other
+OtherHeader header
+geometry_msgs/Wrench wrench
+================================================================================
+MSG: forms_msgs/OtherHeader
+builtin_interfaces/Time stamp
+uint64 count
 ================================================================================
 MSG: forms_msgs/Inner
 std_msgs/Header header
@@ -32,6 +41,7 @@ FORMS = {
     '.': (20.0, 'arrival', None),
     'numbers[2..7]': (30.0, 'arrival', None),
     'tcp_force': (40.0, 'arrival', None),
+    'other': (50.0, 'arrival', None),
 }
 
 
@@ -53,7 +63,10 @@ def parts(messages):
         inner = make('forms_msgs/msg/Inner', at + 10**8, whole, bare(values + 10))
         halves = np.split((values + 20).astype(np.float32), 2)
         numbers = np.r_[7.0, 7.0, values + 30, 7.0]
-        fields = inner, *halves, numbers, values + 40, 20.0 + second
+        time = make('builtin_interfaces/msg/Time', 5, 6)
+        count = make('forms_msgs/msg/OtherHeader', time, 7)
+        other = store.types['forms_msgs/msg/Other'](count, bare(values + 50))
+        fields = inner, *halves, numbers, values + 40, other, 20.0 + second
         data = messages.pack(kind, 'x' * (second % 3), *fields)
         yield '/frame', kind, at + ARRIVES_LATER_NS, data
 
@@ -96,7 +109,10 @@ def test_every_form_is_read_and_rewritten_as_a_wrench_of_its_own(bag, tmp_path, 
     [
         ('numbers', r'an array of 9; name six of them, such as \[0..5\]'),
         ('numbers[4..9]', 'an array of 9'),
-        ('inner', 'The message holds inner.stamped.wrench, inner.bare, ., tcp_force'),
+        (
+            'inner',
+            'The message holds inner.stamped.wrench, inner.bare, ., tcp_force, other.wrench',
+        ),
         ('text', 'is not there'),
     ],
 )

@@ -14,7 +14,6 @@ geometry_msgs/WrenchStamped, so that all else knows one form only. Its header is
 around the numbers. Without any, its stamp is the time of arrival and its frame_id is empty.
 """
 
-from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from operator import itemgetter
@@ -123,7 +122,7 @@ class WrenchReader:
         self.source, self._kind, self._definitions = source, kind, definitions
         #: By the size of messages: what to pick of them, what that is where they are laid out
         #: alike, and what makes a WrenchStamped of these.
-        self._forms: defaultdict[int, list[tuple[_Pick, object, _Make]]] = defaultdict(list)
+        self._forms: dict[int, list[tuple[_Pick, object, _Make]]] = {}
 
     def stamped(self, data: bytes, arrival_ns: int) -> bytes:
         """
@@ -131,13 +130,13 @@ class WrenchReader:
 
         RecordingError when it is no such message, SettingsError when it holds no such wrench.
         """
-        for pick, expected, make in self._forms[len(data)]:
+        for pick, expected, make in self._forms.get(len(data), ()):
             if pick(data) == expected:
                 return make(data, arrival_ns)
         pick, make = self._lay_out(data)
         if sum(map(len, self._forms.values())) >= _MOST_LAYOUTS:
             self._forms.clear()
-        self._forms[len(data)].insert(0, (pick, pick(data), make))
+        self._forms.setdefault(len(data), []).insert(0, (pick, pick(data), make))
         return make(data, arrival_ns)
 
     def _lay_out(self, data: bytes) -> tuple[_Pick, _Make]:
@@ -171,9 +170,10 @@ class WrenchReader:
 
 def _header(layout: MessageLayout, path: Path) -> slice | None:
     """Find the bytes of the nearest header at a path or around it: stamp, then frame_id."""
+    text_ends = dict(layout.texts)
     for depth in range(len(path), -1, -1):
         stamp = layout.places.get((*path[:depth], 'header', 'stamp', 'sec'))
-        if stamp is not None:
-            ends = dict(layout.texts)
-            return slice(stamp.offset, ends[stamp.offset + 12])
+        # Others' headers may be something else: a std_msgs/Header's text follows its stamp.
+        if stamp is not None and stamp.offset + 12 in text_ends:
+            return slice(stamp.offset, text_ends[stamp.offset + 12])
     return None
