@@ -59,6 +59,13 @@ def commands(document):
 
 
 @every_document
+def test_commands_stand_in_documents_that_are_walked(document):
+    walks = ''.join(path.read_text('utf-8') for path in ROOT.glob('test/node/documents/test_*.py'))
+    name = document.relative_to(ROOT).as_posix()
+    assert not commands(document) or f"'{name}'" in walks
+
+
+@every_document
 def test_thermometers_that_are_named_can_be(document):
     for words in commands(document):
         after = dict(pairwise(words))

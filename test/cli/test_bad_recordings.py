@@ -167,7 +167,7 @@ REFUSED = {
         None, 'header stamp 0.* or name it /temperature:temperature', BAGS),
     'no topic of a wrench': (None, 'no topic /wrench_raw for the raw wrench', BAGS),
     'wrench and temperature in one message': (
-        None, r'holds a wrench inside \(wrench.force\).*topic_tools transform', BAGS),
+        None, 'must be geometry_msgs/msg/WrenchStamped, or inside: name it as /.*:wrench', BAGS),
     'a stamp taken for a temperature': (None, 'such as 1.72\\d+e\\+09 °C', BAGS),
     'a step that stays': (
         put('force_z', plus(30.0), *range(300, ROWS)),

@@ -207,7 +207,7 @@ def test_what_could_be_used_is_found_and_judged(driver, messages, tmp_path):
     path = messages.write(tmp_path / 'bag', driver.parts(1001), 'mcap', 'file')
     found = {each.entry: each for each in describe_recording(path).candidates}
     assert list(found) == [
-        '/wrench_raw', '/driver/frame:temperature',
+        '/driver/frame:wrench', '/wrench_raw', '/driver/frame:temperature',
         *(f'/driver/state:temperatures[{k}]' for k in range(6)),
         '/driver/state:motors[0].temperature', '/driver/state:motors[1].temperature',
         '/driver/state:raw_temperature[0]', '/driver/state:raw_temperature[1]',

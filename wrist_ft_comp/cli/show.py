@@ -222,8 +222,8 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str]:
 
 def _refusal(summary: RecordingSummary, path: Path, progress: Progress) -> str:
     """Say why nothing can be learnt from a recording; empty where it is read as others read it."""
-    held = {channel.role for channel in summary.channels if channel.samples}
-    if lacks := [role for role in (RAW_WRENCH, TEMPERATURE) if role not in held]:
+    held = [channel.role for channel in summary.channels if channel.samples]
+    if lacks := [part for part in (RAW_WRENCH, TEMPERATURE) if not any(part in h for h in held)]:
         named = ' of that name' if any(c.role in lacks for c in summary.candidates) else ''
         words = {RAW_WRENCH: 'raw wrench in a form that can be read'}
         what = ' and no '.join(words.get(role, role) for role in lacks)
@@ -296,7 +296,9 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     run += ['-p', 'model_file:=model.yaml']
     if topics.wrench.strip('/') != Topics().wrench.strip('/'):
         words += ['--wrench-topic', topics.wrench]
-        run += ['-r', f'wrench_raw:={topics.wrench}']
+        inside = ':' in topics.wrench
+        run += ['-p', 'wrench_topic'] if inside else ['-r', 'wrench_raw']
+        run[-1] += f':={topics.wrench}'
     if topics.temperatures != Topics().temperatures:
         for entry in topics.temperatures:
             words += ['--temperature-topic', entry]

@@ -13,6 +13,7 @@ from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.node.calibrate import CalibrateService, JobMaker
 from wrist_ft_comp.node.correction import Correction
 from wrist_ft_comp.node.external_wrench import ExternalWrench, Shelf
+from wrist_ft_comp.node.field_inputs import WrenchTopic
 from wrist_ft_comp.node.identify_payload import IdentifyService
 from wrist_ft_comp.node.inputs import Counts, Newest, TemperatureInput, WrenchInput
 from wrist_ft_comp.node.learning import Learner
@@ -34,6 +35,7 @@ from wrist_ft_comp.stored.state_file import StateWriter
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSource
+from wrist_ft_comp.wire.wrench_source import parse_wrench
 
 
 class CompensatorNode(Hub):
@@ -59,9 +61,16 @@ class CompensatorNode(Hub):
         writer = StateWriter(store.directory / 'state.json')
         writer.problem = store.check_writable()
         self._output = self.advertise(WrenchStamped, 'wrench', negotiable=True)
-        self._raw = self.subscribe(
-            WrenchStamped, 'wrench_raw', self._on_wrench, messages.FAST_SENSOR
-        )
+        self._wrench = wrench = parse_wrench(chosen['wrench_topic'])
+        with messages.opening(wrench.topic):
+            self._raw_topic = self.resolve_topic_name(wrench.topic)
+        inside: WrenchTopic | None = None
+        if wrench.path is None:
+            self._raw = self.subscribe(
+                WrenchStamped, wrench.topic, self._on_wrench, messages.FAST_SENSOR
+            )
+        else:
+            inside = WrenchTopic(self, self._raw_topic, wrench, self._on_wrench)
 
         # The parts, which meet in their constructors and begin in ``run``.
         self.live = live = LiveModel(
@@ -69,7 +78,7 @@ class CompensatorNode(Hub):
         )
         self.state_keeper = StateKeeper(compensator, lambda: live.sha256, writer, chosen, log)
         self.gravity = Gravity(chosen)
-        self.wrench_input = WrenchInput(counts, self.newest)
+        self.wrench_input = WrenchInput(counts, self.newest, wrench.topic, inside)
         self.inputs = TemperatureInput(
             sources, self._topics, compensator, self.wrench_input, self.gravity, live,
             self.state_keeper,
@@ -100,7 +109,7 @@ class CompensatorNode(Hub):
         ))  # fmt: skip
         self._check_topics()
         self.add_post_set_parameters_callback(self._follow_uncalibrated)
-        later = (self.resolve_topic_name('wrench_reference'), *self._topics)
+        later = (self.resolve_topic_name('wrench_reference'), self._raw_topic, *self._topics)
         tell_unknown(self, later, log)
 
     def _thermometers(self, entries: Sequence[str]) -> tuple[TemperatureSource, ...]:
@@ -119,11 +128,11 @@ class CompensatorNode(Hub):
 
     def _check_topics(self) -> None:
         """Refuse remaps that make the node hear itself."""
-        raw, *outputs = self.own_topics
+        _, *outputs = self.own_topics
         for name, output in zip(('wrench', 'wrench_external'), outputs, strict=True):
-            if raw == output:
+            if self._raw_topic == output:
                 raise SettingsError(
-                    f'wrench_raw and {name} are both {raw}: the node would hear itself. Remap '
+                    f'wrench_raw and {name} are both {output}: the node would hear itself. Remap '
                     f"wrench_raw to the driver's topic, and {name} to another."
                 )
 
@@ -160,11 +169,9 @@ class CompensatorNode(Hub):
 
     @property
     def own_topics(self) -> tuple[str, str, str]:
-        """Full names of the topics that no other sensor may use."""
-        raw, output, external = map(
-            self.resolve_topic_name, ('wrench_raw', 'wrench', 'wrench_external')
-        )
-        return raw, output, external
+        """Full names of the topics that no other sensor may use, with the field of the wrench."""
+        output, external = map(self.resolve_topic_name, ('wrench', 'wrench_external'))
+        return self._raw_topic + self._wrench.inside, output, external
 
     def hardware_id(self) -> str:
         """Give the sensor's frame; empty before the first wrench."""
@@ -193,7 +200,7 @@ class CompensatorNode(Hub):
         names = {
             'hardware_id': [self.get_parameter('hardware_id').value],
             'frame_id': [self.hardware_id()],
-            'wrench_topic': [self._raw.topic_name],
+            'wrench_topic': [self.own_topics[0]],
             'temperature_topics': [
                 topic + source.entry.removeprefix(source.topic)
                 for topic, source in zip(self._topics, self._sources, strict=True)
@@ -207,7 +214,7 @@ class CompensatorNode(Hub):
         reference, source = self.resolve_topic_name('wrench_reference'), chosen['gravity.source']
         imu = self.resolve_topic_name('imu') if source == 'imu' else ''
         frame = chosen['gravity.frame'] if source == 'tf' else ''
-        names = self._raw.topic_name, temperatures, reference, imu, frame
+        names = self.own_topics[0], temperatures, reference, imu, frame
         return Topics(*names, *self.gravity.frames())
 
 
@@ -228,9 +235,9 @@ Removes the temperature drift of a wrist force/torque sensor beside any driver:
   compensator --ros-args -r wrench_raw:=/driver/wrench \\
     -p 'temperature_topics:=["/driver/temperature", "/driver/state:data[3]:K"]'
 
-hears      wrench_raw (WrenchStamped), the topics in temperature_topics, imu or
-           /tf (gravity.source) and, while recording, wrench_reference; -r maps
-           them to the driver's own
+hears      wrench_raw (WrenchStamped) or wrench_topic, the topics in
+           temperature_topics, imu or /tf (gravity.source) and, while
+           recording, wrench_reference; -r maps them to the driver's own
 publishes  wrench (compensated), wrench_external (without the payload, too),
            ~/drift, ~/correction (what a controller adds), /diagnostics
 serves     ~/record, ~/calibrate, ~/identify_payload, ~/tare, ~/reset_tare,

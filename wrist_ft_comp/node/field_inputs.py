@@ -1,4 +1,8 @@
-"""Takes temperatures in: sensor_msgs/Temperature, and polled fields of any messages."""
+"""
+Takes in what lies in messages of any type: raw wrenches, and temperatures, which are polled.
+
+Also takes sensor_msgs/Temperature.
+"""
 
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -9,7 +13,8 @@ from typing import Any
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Temperature
 
-from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.errors import RecordingError, SettingsError, WristFtCompError
+from wrist_ft_comp.recordings.bag import Connection, define_installed
 from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.topic_types import (
@@ -20,6 +25,7 @@ from wrist_ft_comp.ros.topic_types import (
     types_on,
 )
 from wrist_ft_comp.wire.temperature_source import header_stamp_ns, TemperatureSource
+from wrist_ft_comp.wire.wrench_source import WrenchReader, WrenchSource
 
 #: Takes a thermometer, counted from 0, a stamp, ns, 0 if it was not filled and None where the type
 #: has none, and a temperature, °C.
@@ -55,24 +61,21 @@ class PlainTopic:
                 self._subscription = self._subscribe()
 
 
-class FieldTopic:
-    """One topic, and the thermometers in its messages, by number from 0."""
+class AnyTopic:
+    """A topic, by full and by given name, that is subscribed to once its type is known."""
 
     def __init__(self, node: Hub, topic: str, name: str) -> None:
-        self.thermometers: dict[int, TemperatureSource] = {}
-        #: Why no temperature can be read; empty when one can.
+        #: Why nothing can be read; empty when something can.
         self.problem = ''
         #: Whether it has a publisher.
         self.published = False
         self._node, self._topic, self._name = node, topic, name
         self._type = ''
         self._subscription: Any = None
-        #: Whether no message is read until the next look, because the last one was unreadable.
-        self._resting = False
 
     def look(self) -> None:
         """Ask which type the topic has, and subscribe when that is new."""
-        types, self._resting = types_on(self._node, self._topic), False
+        types = types_on(self._node, self._topic)
         self.published = bool(types)
         if not types:
             unseen = f'{self._topic} has no publisher yet, so what it carries is not known'
@@ -87,12 +90,74 @@ class FieldTopic:
     def _subscribe(self, name: str) -> None:
         """Subscribe to messages of a type."""
         try:
-            kind = load_type(self._topic, name)
-            self._subscription = self._node.subscribe_unserved(kind, self._name)
-        except SettingsError as error:
+            self._subscription = self._open(load_type(self._topic, name), name)
+        except WristFtCompError as error:
             self.problem = str(error).rstrip('.')
             return
         self._type, self.problem = name, ''
+
+    def _open(self, kind: Any, _name: str) -> Any:
+        """Subscribe to messages of a type, by its class and its name."""
+        return self._node.subscribe_unserved(kind, self._name)
+
+
+class WrenchTopic(AnyTopic):
+    """Makes geometry_msgs/WrenchStamped, for ``take``, of what one topic's messages hold."""
+
+    def __init__(
+        self, node: Hub, topic: str, source: WrenchSource, take: Callable[[bytes], None]
+    ) -> None:
+        super().__init__(node, topic, source.topic)
+        #: Messages without a wrench, and what was wrong with the last one.
+        self.unreadable, self.misread = 0, ''
+        self._source, self._take, self._publishers = source, take, 0
+
+    def poll(self) -> None:
+        """Look as soon as publishers came or went, ten times a second; a look takes half a ms."""
+        publishers = self._node.count_publishers(self._topic)
+        if publishers != self._publishers:
+            self._publishers = publishers
+            self.look()
+
+    def look(self) -> None:
+        """Look for publishers that came, or came back with another type or version."""
+        super().look()
+        if self._type:
+            self.problem = other_version(self._node, self._topic)
+
+    def _open(self, kind: Any, name: str) -> Any:
+        """Subscribe to every message, as to raw wrenches."""
+        definitions = define_installed(Connection(0, self._topic, name, 0, None))
+        reader = WrenchReader(self._source, name, definitions)
+        return self._node.subscribe(
+            kind, self._name, partial(self._on_message, reader), messages.FAST_SENSOR
+        )
+
+    def _on_message(self, reader: WrenchReader, data: bytes) -> None:
+        """Hand on the wrench of one message."""
+        if self.problem:
+            return
+        try:
+            wrench = reader.stamped(data, self._node.now_ns())
+        except (RecordingError, SettingsError) as error:
+            self.unreadable, self.misread = self.unreadable + 1, str(error).rstrip('.')
+            return
+        self._take(wrench)
+
+
+class FieldTopic(AnyTopic):
+    """One topic, and the thermometers in its messages, by number from 0."""
+
+    def __init__(self, node: Hub, topic: str, name: str) -> None:
+        super().__init__(node, topic, name)
+        self.thermometers: dict[int, TemperatureSource] = {}
+        #: Whether no message is read until the next look, because the last one was unreadable.
+        self._resting = False
+
+    def look(self) -> None:
+        """Ask which type the topic has, and subscribe when that is new."""
+        self._resting = False
+        super().look()
 
     def newest(self) -> Any:
         """Take the newest message that came since the last time; None when there is none."""

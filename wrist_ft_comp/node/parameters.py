@@ -14,6 +14,11 @@ _STREAM, _CALIBRATION = StreamSettings(), CalibrationSettings()
 PARAMETERS = (
     *PROCESS_PARAMETERS,
     at_start(
+        'wrench_topic', 'wrench_raw',
+        'The raw wrench: a topic of geometry_msgs/WrenchStamped, or TOPIC:FIELD for a Wrench or '
+        'WrenchStamped inside messages of any type, such as /driver/state:wrench, or for six '
+        'numbers in an array, such as /driver/state:data[0..5].'),
+    at_start(
         'temperature_topics', ('temperature',),
         'The thermometers, the one inside the sensor first: topics of sensor_msgs/Temperature, or '
         'TOPIC:FIELD for a number in messages of any type, such as '

@@ -130,9 +130,10 @@ class Bag:
         return named_so
 
 
-#: Two functions that write a bag. The first adds a topic of a connection's type, by name. The
-#: second writes a message: what the first one returned, the time of arrival, ns, and bytes.
-BagWriter = tuple[Callable[[Connection, str], Any], Callable[[Any, int, bytes], None]]
+#: Two functions that write a bag. The first adds a topic like a connection, by name and type,
+#: which is the connection's or a standard one. The second writes a message: what the first one
+#: returned, the time of arrival, ns, and bytes.
+BagWriter = tuple[Callable[[Connection, str, str], Any], Callable[[Any, int, bytes], None]]
 
 
 @contextmanager

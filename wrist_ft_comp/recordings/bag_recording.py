@@ -35,9 +35,15 @@ from wrist_ft_comp.signals import (
 )
 from wrist_ft_comp.stream.sample_checks import NO_TIME
 from wrist_ft_comp.wire import cdr
-from wrist_ft_comp.wire.cdr_fields import decode, Decoded, Definitions, read_numbers
+from wrist_ft_comp.wire.cdr_fields import (
+    decode,
+    Decoded,
+    Definitions,
+    follow,
+    MessageLayout,
+    read_numbers,
+)
 from wrist_ft_comp.wire.temperature_source import (
-    numbers_in,
     parse_sources,
     Path,
     path_text,
@@ -46,6 +52,7 @@ from wrist_ft_comp.wire.temperature_source import (
 )
 from wrist_ft_comp.wire.tf_messages import decode_transforms
 from wrist_ft_comp.wire.tf_tree import GAP_NS, GravityByTf
+from wrist_ft_comp.wire.wrench_source import parse_wrench, wrenches_in, WrenchReader
 
 #: A wrench is stamped by another clock than the recorder's where its time of arrival is farther
 #: from its stamp, ns.
@@ -53,6 +60,8 @@ _APART_NS = 10 * NANOSECONDS
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 #: Gravity by TF is computed once in this time, ns.
 _STEP_NS = NANOSECONDS // 50
+#: Time of arrival, ns, and bytes of a message.
+_Found = tuple[int, bytes]
 #: Steps after a transform in which it may be used: until a gap would begin.
 _STEPS = np.arange(GAP_NS // _STEP_NS)
 
@@ -66,18 +75,36 @@ class _Stream:
     channels: tuple[str, ...]
     sources: tuple[TemperatureSource, ...] = ()
     definitions: Definitions = field(default_factory=dict)
+    #: Makes WrenchStamped of messages with a wrench inside.
+    reader: WrenchReader | None = None
+
+    def stamped(self, times_ns: Iterable[int], messages: list[bytes]) -> list[bytes]:
+        """Make WrenchStamped of messages that hold one inside; others stay."""
+        if self.reader is None:
+            return messages
+        return [
+            self.reader.stamped(message, at_ns)
+            for at_ns, message in zip(times_ns, messages, strict=True)
+        ]
 
 
 def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
     """Read wrench, temperatures and, where they are, reference and specific force; by batch."""
-    streams = {stream.connection.id: stream for stream in _streams(bag, topics)}
-    unstamped = {stream for stream in streams.values() if not stream.sources}
-    unread = {stream for stream in streams.values() if stream.sources}
+    found = _streams(bag, topics)
+    streams: dict[int, list[_Stream]] = {stream.connection.id: [] for stream in found}
+    for stream in found:
+        streams[stream.connection.id].append(stream)
+    unstamped = {stream for stream in found if not stream.sources}
+    unread = {stream for stream in found if stream.sources}
     ahead_ns = 0
     if topics.gravity_frame:
         yield from gravity_samples(bag, topics)
-    for stream, times_ns, messages in bag.grouped(streams, progress):
-        stamps_ns, values = _decode(bag, stream, messages)
+    for stream, times_ns, messages in (
+        (stream, times_ns, messages)
+        for sharing, times_ns, messages in bag.grouped(streams, progress)
+        for stream in sharing
+    ):
+        stamps_ns, values = _decode(bag, stream, times_ns, messages)
         if not stream.sources:
             if stamps_ns.any():
                 unstamped.discard(stream)
@@ -129,11 +156,8 @@ def _samples(stream: _Stream, stamps_ns: IntArray, values: FloatArray) -> Iterat
 
 
 def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
-    """Find the topics; one stream for each connection."""
-    for sentence in chain(*(wrenches_inside(bag, c) for c in bag.named(topics.wrench))):
-        raise RecordingError(sentence)
-    plain: list[tuple[str, str, str, tuple[str, ...]]]
-    plain = [(topics.wrench, cdr.WRENCH, 'raw wrench', AXES)]
+    """Find the topics; a stream for each connection, and one more for a wrench inside."""
+    plain: list[tuple[str, str, str, tuple[str, ...]]] = []
     fields: defaultdict[str, list[tuple[str, TemperatureSource]]] = defaultdict(list)
     sources = parse_sources(topics.temperatures, lambda topic: topic.strip('/'))
     for number, source in enumerate(sources):
@@ -148,7 +172,8 @@ def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
         plain.append((topics.reference, cdr.WRENCH, 'reference', REFERENCE_CHANNELS))
     if topics.imu:
         plain.append((topics.imu, cdr.IMU, 'IMU', FORCE_CHANNELS))
-    streams = [
+    streams = _wrench_streams(bag, topics)
+    streams += [
         _Stream(connection, channels)
         for topic, message_type, role, channels in plain
         for connection in bag.find(topic, message_type, role)
@@ -157,14 +182,32 @@ def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
         channels, named = zip(*parts, strict=True)
         found = bag.find(topic, None, 'temperature')
         streams += [_Stream(c, channels, named, bag.define(c)) for c in found]
-    seen: set[int] = set()
-    for connection in (stream.connection for stream in streams):
-        if connection.id in seen:
+    seen: set[tuple[int, bool]] = set()
+    for stream in streams:
+        key = stream.connection.id, stream.reader is not None
+        if key in seen:
             raise RecordingError(
-                f'Topic {connection.topic} is named twice; each must be another one.'
+                f'Topic {stream.connection.topic} is named twice; each must be another one.'
             )
-        seen.add(connection.id)
+        seen.add(key)
     return streams
+
+
+def _wrench_streams(bag: Bag, topics: Topics) -> list[_Stream]:
+    """Find the raw wrench; RecordingError where it is not as named, with what could be meant."""
+    source = parse_wrench(topics.wrench)
+    if source.path is None:
+        for connection in bag.named(source.topic):
+            for inside in wrenches_inside(bag, connection)[:1]:
+                raise RecordingError(
+                    f'{connection.topic} of {bag.name} is {connection.msgtype}; the raw wrench '
+                    f'must be {cdr.WRENCH}, or inside: name it as {source.topic}:{inside}.'
+                )
+        return [_Stream(c, AXES) for c in bag.find(source.topic, cdr.WRENCH, 'raw wrench')]
+    return [
+        _Stream(c, AXES, reader=WrenchReader(source, c.msgtype, bag.define(c)))
+        for c in bag.find(source.topic, None, 'raw wrench')
+    ]
 
 
 def _check_plain(bag: Bag, source: TemperatureSource) -> None:
@@ -181,28 +224,21 @@ def _check_plain(bag: Bag, source: TemperatureSource) -> None:
 
 def temperatures_inside(bag: Bag, connection: Connection) -> list[Path]:
     """Find the numbers of a topic's first message that are named like temperatures."""
-    message = _first_message(bag, connection)
-    return [] if message is None else temperatures_in(message, connection.topic)
+    first = _followed(bag, connection)
+    return [] if first is None else temperatures_in(first[1], connection.topic)
 
 
 def wrenches_inside(bag: Bag, connection: Connection) -> list[str]:
-    """Say how to use the wrenches inside messages of another type than WrenchStamped."""
-    message = None if connection.msgtype == cdr.WRENCH else _first_message(bag, connection)
-    found = [path for path, _ in numbers_in(message)] if message else []
-    return [
-        f'{connection.topic} of {bag.name} is {connection.msgtype} and holds a wrench inside '
-        f'({path_text(path[:-1])}); a raw wrench is read from {cdr.WRENCH} only. Play the bag, '
-        'publish it as that, too (ros2 run topic_tools transform), and record the result.'
-        for path in found
-        if path[-2:] in {('force', 'x'), ('force', 0)}
-    ]
+    """Find the wrenches inside a topic's first message, unless it is a WrenchStamped itself."""
+    first = None if connection.msgtype == cdr.WRENCH else _followed(bag, connection)
+    return [] if first is None else wrenches_in(first[0])
 
 
-def _first_message(bag: Bag, connection: Connection) -> Decoded | None:
-    """Decode the first message of a topic; None where there is none, or it cannot be decoded."""
+def _followed(bag: Bag, connection: Connection) -> tuple[MessageLayout, Decoded] | None:
+    """Follow the first message of a topic; None where there is none, or it cannot be decoded."""
     content = bag.first(connection)
     try:
-        return decode(bag.define(connection), connection.msgtype, content) if content else None
+        return follow(bag.define(connection), connection.msgtype, content) if content else None
     except RecordingError:
         return None
 
@@ -218,14 +254,19 @@ def _check_first(bag: Bag, stream: _Stream, messages: list[bytes], values: Float
             raise RecordingError(f'{bag.name}: {error}') from error
 
 
-def _decode(bag: Bag, stream: _Stream, messages: list[bytes]) -> tuple[IntArray, FloatArray]:
+def _decode(
+    bag: Bag, stream: _Stream, times_ns: Sequence[int], messages: list[bytes]
+) -> tuple[IntArray, FloatArray]:
     """Read stamps and numbers, naming bag and topic where a message is none of this form."""
     topic, kind = stream.connection.topic, stream.connection.msgtype
     try:
         if stream.sources:
             paths = [source.path for source in stream.sources]
             return read_numbers(stream.definitions, kind, messages, paths)
-        return cdr.decode_many(messages, cdr.DOUBLES[kind])
+        doubles = cdr.DOUBLES[cdr.WRENCH if stream.reader else kind]
+        return cdr.decode_many(stream.stamped(times_ns, messages), doubles)
+    except SettingsError as error:
+        raise RecordingError(f'{bag.name}: {error}') from error
     except RecordingError as error:
         if messages[0].startswith(_ZSTD_MAGIC):
             raise RecordingError(
@@ -237,11 +278,13 @@ def _decode(bag: Bag, stream: _Stream, messages: list[bytes]) -> tuple[IntArray,
 
 def sensor_of(bag: Bag, topics: Topics) -> SensorNames:
     """Find the names of the sensor of a bag."""
-    wrench = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')[0]
+    wrench = _wrench_streams(bag, topics)[0]
     temperatures = [f'/{entry.strip("/")}' for entry in topics.temperatures]
-    names = {'wrench_topic': [wrench.topic], 'temperature_topics': temperatures}
-    data = bag.first(wrench) or b''
-    with suppress(RecordingError):  # who decodes the wrench says what is wrong with it
+    name = f'{wrench.connection.topic}{parse_wrench(topics.wrench).inside}'
+    names = {'wrench_topic': [name], 'temperature_topics': temperatures}
+    # Who decodes the wrench says what is wrong with it.
+    with suppress(RecordingError, SettingsError):
+        (data,) = wrench.stamped([0], [bag.first(wrench.connection) or b''])
         if frame_id := cdr.locate(data, cdr.WRENCH_DOUBLES).frame_id(data):
             names['frame_id'] = [frame_id]
     return names
@@ -335,14 +378,14 @@ def rewrite_bag(
     bare = target.suffix in SUFFIXES
     folder = target.with_name(f'{target.stem}_bag') if bare else target
     compression = '' if bare else bag.compression
-    wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
-    stream, raw = _Stream(wrenches[0], AXES), {connection.id for connection in wrenches}
+    wrenches = _wrench_streams(bag, topics)
+    stream, raw = wrenches[0], {wrench.connection.id for wrench in wrenches}
     with backend().write_bag(folder, bag, compression) as (add, write):
-        copies = {c.id: add(c, c.topic) for c in bag.connections}
-        added = [add(wrenches[0], f'/{topic.strip("/")}') for topic in outputs]
+        copies = {c.id: add(c, c.topic, c.msgtype) for c in bag.connections}
+        added = [add(stream.connection, f'/{name.strip("/")}', cdr.WRENCH) for name in outputs]
         for batch in bag.batches(bag.connections, progress):
-            messages = [data for connection, _, data in batch if connection.id in raw]
-            corrected = iter(_corrected(bag, stream, messages, outputs.values()))
+            found = [(at_ns, data) for connection, at_ns, data in batch if connection.id in raw]
+            corrected = iter(_corrected(bag, stream, found, outputs.values()))
             for connection, stamp, data in batch:
                 write(copies[connection.id], stamp, data)
                 if connection.id in raw:
@@ -356,13 +399,14 @@ def rewrite_bag(
 
 
 def _corrected(
-    bag: Bag, stream: _Stream, messages: list[bytes], corrections: Iterable[Correction]
+    bag: Bag, stream: _Stream, found: list[_Found], corrections: Iterable[Correction]
 ) -> list[tuple[bytes | None, ...]]:
     """Correct messages in several ways; None where a correction gives NaN for a finite wrench."""
-    if not messages:
+    if not found:
         return []
-    stamps_ns, raw = _decode(bag, stream, messages)
-    columns = []
+    times_ns, messages = [at_ns for at_ns, _ in found], [data for _, data in found]
+    stamps_ns, raw = _decode(bag, stream, times_ns, messages)
+    messages, columns = stream.stamped(times_ns, messages), []
     for correct in corrections:
         wrench = correct(stamps_ns, raw)
         lost = np.isnan(wrench).any(axis=1) & np.isfinite(raw).all(axis=1)

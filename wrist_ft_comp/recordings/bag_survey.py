@@ -10,7 +10,7 @@ import numpy as np
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.directions import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.recordings.bag import Bag, Connection
-from wrist_ft_comp.recordings.bag_recording import temperatures_inside
+from wrist_ft_comp.recordings.bag_recording import temperatures_inside, wrenches_inside
 from wrist_ft_comp.signals import (
     FloatArray,
     IntArray,
@@ -25,8 +25,10 @@ from wrist_ft_comp.wire.temperature_source import Path, path_text
 
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
 _ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}
-#: Names of wrenches that were processed before.
-_TREATED = re.compile(r'compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE)
+#: Names of wrenches that were processed before; /wrench is what compensate adds.
+_TREATED = re.compile(
+    r'^/wrench$|compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE
+)
 #: Names of temperatures of the sensor, or near it.
 _NEAR = re.compile(r'sensor|force|wrench|torque|tool|flange|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
 #: Names of temperatures of what heats the sensor, or of its surroundings.
@@ -78,8 +80,10 @@ class _Tally:
     """Statistics of the messages of a connection."""
 
     connection: Connection
+    #: Empty for messages of another type, with wrenches or temperatures inside.
     role: str
-    #: Temperatures in messages of any type.
+    #: Of messages of another type: wrenches, as entries name them, and temperatures.
+    wrenches: list[str] = field(default_factory=list)
     paths: list[Path] = field(default_factory=list)
     definitions: Definitions = field(default_factory=dict)
     samples: int = 0
@@ -111,7 +115,7 @@ class _Tally:
         """Read stamps, 0 where there are none, and temperatures, shape (n, P)."""
         if self.role == TF:
             return np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
-        if self.paths:
+        if not self.role:
             return read_numbers(self.definitions, self.connection.msgtype, messages, self.paths)
         stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[self.connection.msgtype])
         if self.role == IMU:
@@ -123,14 +127,16 @@ class _Tally:
         span_ns = self.last_ns - (self.first_ns or 0)
         known = self.samples, span_ns / NANOSECONDS, self.gap_ns / NANOSECONDS, self.stamped
         topic = self.connection.topic
-        if self.role != TEMPERATURE:
+        yield from (Candidate(RAW_WRENCH, f'{topic}:{path}', *known) for path in self.wrenches)
+        if self.role and self.role != TEMPERATURE:
             yield Candidate(self.role, topic, *known, force=describe_force(self.moments))
             return
         # What has no stamp counts at its time of arrival where it is read as a field.
         plain: list[Path] = [()] if self.stamped else [('temperature',)]
-        for path, low, high in zip(self.paths or plain, self.low, self.high, strict=True):
+        paths = plain if self.role else self.paths
+        for path, low, high in zip(paths, self.low, self.high, strict=True):
             entry = f'{topic}:{path_text(path)}' if path else topic
-            yield Candidate(self.role, entry, *known, (float(low), float(high)))
+            yield Candidate(TEMPERATURE, entry, *known, (float(low), float(high)))
 
 
 def survey_bag(
@@ -161,30 +167,35 @@ def _tally(bag: Bag, connection: Connection, warnings: list[str]) -> _Tally | No
     try:
         definitions = bag.define(connection)
     except RecordingError as error:
-        warnings.append(f'Whether it holds temperatures is not known: {error}')
+        warnings.append(f'Whether it holds wrench or temperatures is not known: {error}')
         return None
-    paths = temperatures_inside(bag, connection)
-    return _Tally(connection, TEMPERATURE, paths, definitions) if paths else None
+    found = wrenches_inside(bag, connection), temperatures_inside(bag, connection)
+    return _Tally(connection, '', *found, definitions) if any(found) else None
 
 
 def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     """
     Choose the topics of a bag: the named ones that it holds, else the most probable ones.
 
-    The raw wrench is one whose name shows no processing. Topics with the name of another wrench's
-    sensor are not used. The thermometer inside the sensor comes first. It is most probably the one
-    without the name of a motor, with the longest common beginning of its name and the wrench's, or
-    with the name of something at the tool; the same holds for IMUs. In an array, the last element
-    is taken for the nearest to the tool. Without a raw wrench, its topic is empty.
+    The raw wrench is one whose name shows no processing, if possible on a topic of its own. Topics
+    with the name of another wrench's sensor are not used. The thermometer inside the sensor comes
+    first. It is most probably the one without the name of a motor, with the longest common
+    beginning of its name and the wrench's, or with the name of something at the tool; the same
+    holds for IMUs. In an array, the last element is taken for the nearest to the tool. Without a
+    raw wrench, its topic is empty.
     """
     wrenches = [c for c in candidates if c.role == RAW_WRENCH]
-    wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), -c.samples))
+    wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), ':' in c.entry, -c.samples))
     wrenches.sort(key=lambda c: c.entry.strip('/') != topics.wrench.strip('/'))
     wrench = wrenches[0].entry if wrenches else ''
+    if ':' in topics.wrench:  # others than those that are found by their names
+        wrench = topics.wrench
+    # Only wrenches of the same form are of other sensors: drivers publish one in several forms.
+    rivals = [c.entry for c in wrenches if (':' in c.entry) == (':' in wrench)]
 
     def is_of_another_sensor(candidate: Candidate) -> bool:
         names, ours = _names(candidate.entry), _names(wrench)
-        others = (_names(other.entry) for other in wrenches[1:])
+        others = (_names(other) for other in rivals if other != wrench)
         return any(names & (other - ours) and not names & (ours - other) for other in others)
 
     def distance(candidate: Candidate) -> tuple[bool, int, bool, int]:

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 import hashlib
-from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -22,7 +21,6 @@ from wrist_ft_comp.recordings.bag_recording import (
     rewrite_bag,
     sensor_of,
     uppermost_frame,
-    wrenches_inside,
 )
 from wrist_ft_comp.recordings.bag_survey import (
     Candidate,
@@ -65,6 +63,7 @@ from wrist_ft_comp.stored.documents import beginning, Output, writing
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.sample_checks import SampleChecks
 from wrist_ft_comp.wire.temperature_source import parse_source, parse_sources, TemperatureSource
+from wrist_ft_comp.wire.wrench_source import parse_wrench
 
 BAG, CSV, TABLE = 'rosbag2', 'CSV recording', 'chamber table'
 REFERENCE = 'reference'
@@ -253,7 +252,7 @@ class ChannelSummary:
     #: Message type or unit.
     kind: str
     samples: int
-    #: RAW_WRENCH, TEMPERATURE, REFERENCE, SPECIFIC_FORCE, or '' where it is not used.
+    #: RAW_WRENCH, TEMPERATURE, both, REFERENCE, SPECIFIC_FORCE, or '' where it is not used.
     role: str
     #: Lowest and highest usable reading of a temperature in a file, °C.
     reads: tuple[float, float] | None = None
@@ -319,11 +318,14 @@ def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> Reco
         candidates, warnings = survey_bag(bag, progress)
         topics = suggested_topics(candidates, topics)
         topics, force, doubts = _survey_gravity(bag, candidates, topics)
+        temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
+        wrench = parse_wrench(topics.wrench).topic.strip('/')
+        both = f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH
         roles = {
             (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
             topics.reference.strip('/'): REFERENCE,
-            **{parse_source(entry).topic.strip('/'): TEMPERATURE for entry in topics.temperatures},
-            topics.wrench.strip('/'): RAW_WRENCH,
+            **dict.fromkeys(temperatures, TEMPERATURE),
+            wrench: both,
         }
         counts: Counter[tuple[str, str]] = Counter()
         for connection in bag.connections:
@@ -336,9 +338,6 @@ def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> Reco
         )
         kind = f'{BAG}, {bag.storage}{compressed}'
         warnings = *bag.warnings, *warnings, *doubts, *_judge_samples(bag, topics)
-        if not topics.wrench:
-            inside = (wrenches_inside(bag, connection) for connection in bag.connections)
-            warnings += tuple(chain.from_iterable(inside))
         known = first, last, warnings, candidates, topics, force
         return RecordingSummary(path.name, kind, channels, *known)
 
@@ -365,7 +364,8 @@ def _survey_gravity(
 def _judge_samples(bag: Bag, topics: Topics) -> tuple[str, ...]:
     """Say what of a bag's wrench and temperatures cannot be used, as read_recording would."""
     sources = parse_sources(topics.temperatures)
-    if not all(map(bag.named, (topics.wrench, *(source.topic for source in sources)))):
+    named = parse_wrench(topics.wrench).topic, *(source.topic for source in sources)
+    if not all(map(bag.named, named)):
         return ()
     checks = SampleChecks(bag.name, sources)
     try:

@@ -95,7 +95,7 @@ def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
             rosbag2_py.ConverterOptions('', ''),
         )
         yield (
-            lambda like, topic: _add_topic(writers[0], like, topic),
+            lambda like, topic, kind: _add_topic(writers[0], like, topic, kind),
             lambda topic, time_ns, data: writers[0].write(topic, data, time_ns),
         )
         _close(writers[0])
@@ -105,10 +105,12 @@ def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
         writers.clear()
 
 
-def _add_topic(writer: Any, like: Connection, topic: str) -> str:
-    """Add a topic with the type, hash and quality of service of another."""
+def _add_topic(writer: Any, like: Connection, topic: str, kind: str) -> str:
+    """Add a topic with the quality of service of another, and with its hash if of its type."""
     known = like.native
-    kept = 'type', 'serialization_format', 'offered_qos_profiles', 'type_description_hash'
+    kept = 'serialization_format', 'offered_qos_profiles', 'type_description_hash'
     same = {name: getattr(known, name) for name in kept}
-    writer.create_topic(rosbag2_py.TopicMetadata(id=0, name=topic, **same))
+    if kind != like.msgtype:
+        same['type_description_hash'] = ''
+    writer.create_topic(rosbag2_py.TopicMetadata(id=0, name=topic, type=kind, **same))
     return topic

@@ -121,14 +121,15 @@ def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
         raise OSError(errno.EIO, str(error)) from error
 
 
-def _add_topic(writer: Writer, like: Connection, topic: str) -> Any:
-    """Add a topic with the type, definition and quality of service of another."""
-    text, digest = _described(like.native)
+def _add_topic(writer: Writer, like: Connection, topic: str, kind: str) -> Any:
+    """Add a topic with the quality of service of another, and its definition or a standard one."""
     extra = like.native.ext
     qos = extra.offered_qos_profiles if isinstance(extra, ConnectionExtRosbag2) else []
-    return writer.add_connection(
-        topic, like.msgtype, msgdef=text, rihs01=digest, offered_qos_profiles=qos
-    )
+    if kind != like.msgtype:
+        store = get_typestore(Stores.ROS2_JAZZY)
+        return writer.add_connection(topic, kind, typestore=store, offered_qos_profiles=qos)
+    text, digest = _described(like.native)
+    return writer.add_connection(topic, kind, msgdef=text, rihs01=digest, offered_qos_profiles=qos)
 
 
 def _described(connection: Any) -> tuple[str, str]:

@@ -8,8 +8,8 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.wire.cdr import TEMPERATURE
-from wrist_ft_comp.wire.temperature_source import may_be_temperature, numbers_in, path_text
+from wrist_ft_comp.wire.cdr import TEMPERATURE, WRENCH
+from wrist_ft_comp.wire.temperature_source import may_be_temperature, numbers_in, Path, path_text
 
 _NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
 #: Fields of a message that a sentence proposes.
@@ -75,15 +75,31 @@ def wrong_type(node: Node, topic: str, wanted: str) -> str:
     return f'{topic} carries {short(types[0])}, not {short(wanted)}'
 
 
+def no_wrench(node: Node, topic: str) -> str:
+    """Say that a topic carries no geometry_msgs/WrenchStamped, and what to write; else nothing."""
+    problem = wrong_type(node, topic, WRENCH)
+    if not problem:
+        return ''
+    first = {('force', 'x'), ('force', 0)}
+    found = [path[:-2] for path in _numbers_on(node, topic) if path[-2:] in first]
+    entries = ' or '.join(f'{topic}:{path_text(path) or "."}' for path in found)
+    return f'{problem}; set wrench_topic to {entries or f"{topic}:FIELD"} for a wrench inside'
+
+
 def no_temperature(node: Node, topic: str) -> str:
     """Say that a topic carries no sensor_msgs/Temperature, and what to write; empty if it does."""
     problem = wrong_type(node, topic, TEMPERATURE)
     if not problem:
         return ''
-    try:
-        paths = [path for path, _ in numbers_in(load_type(topic, types_on(node, topic)[0])())]
-    except SettingsError:
-        paths = []
+    paths = _numbers_on(node, topic)
     likely = [path for path in paths if may_be_temperature(path)] or paths
     entries = ' or '.join(f'{topic}:{path_text(path)}' for path in likely[:_PROPOSED_FIELDS])
     return f'{problem}; write {entries or f"{topic}:FIELD"} to take a number in it'
+
+
+def _numbers_on(node: Node, topic: str) -> list[Path]:
+    """List the numbers in an empty message of a topic's type; none where it cannot be loaded."""
+    try:
+        return [path for path, _ in numbers_in(load_type(topic, types_on(node, topic)[0])())]
+    except SettingsError:
+        return []

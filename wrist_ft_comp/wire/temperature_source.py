@@ -131,13 +131,7 @@ def unit_remedy(value: float, in_unit: Callable[[str], str]) -> str:
 def parse_source(entry: str) -> TemperatureSource:
     """Parse one entry; SettingsError with what was expected where it is wrong."""
     entry = entry.strip()
-    topic, *rest = entry.split(':')
-    if not _TOPIC.fullmatch(topic):
-        name, dot, inside = topic.partition('.')
-        meant = f' Did you mean {name}:{inside}?' if dot and _TOPIC.fullmatch(name) else ''
-        raise SettingsError(
-            f'The temperature {entry!r} does not begin with the name of a topic; {_FORM}.{meant}'
-        )
+    topic, *rest = split_entry(entry, 'temperature', _FORM)
     if not rest:
         return TemperatureSource(topic, entry=entry)
     inside, unit = rest[0], (rest[1:] or ['C'])[0]
@@ -153,16 +147,32 @@ def parse_source(entry: str) -> TemperatureSource:
             f'The temperature {entry!r} names a unit and no field; {_FORM}. Of a '
             f'sensor_msgs/Temperature that is not in °C, name {topic}:temperature:{inside}.'
         )
+    return TemperatureSource(topic, parse_path(inside, entry, 'temperature'), unit, entry)
+
+
+def split_entry(entry: str, what: str, form: str) -> list[str]:
+    """Split an entry at its colons; SettingsError where it does not begin with a topic."""
+    topic, *rest = entry.split(':')
+    if not _TOPIC.fullmatch(topic):
+        name, dot, inside = topic.partition('.')
+        meant = f' Did you mean {name}:{inside}?' if dot and _TOPIC.fullmatch(name) else ''
+        raise SettingsError(
+            f'The {what} {entry!r} does not begin with the name of a topic; {form}.{meant}'
+        )
+    return [topic, *rest]
+
+
+def parse_path(inside: str, entry: str, what: str) -> Path:
+    """Parse the names of fields and the indices of an entry; SettingsError where it has others."""
     steps = re.sub(r'\[([0-9]+)\]', r'.\1', inside).split('.')
     for place, step in enumerate(steps):
         if not _STEP.fullmatch(step) or (place == 0 and step.isdecimal()):
             raise SettingsError(
-                f'The temperature {entry!r} holds {step!r} where the name of a field'
+                f'The {what} {entry!r} holds {step!r} where the name of a field'
                 f'{" or an index from 0 on" if place else ""} is expected; write a path such as '
                 'joints[2].temperature.'
             )
-    path = tuple(int(step) if step.isdecimal() else step for step in steps)
-    return TemperatureSource(topic, path, unit, entry)
+    return tuple(int(step) if step.isdecimal() else step for step in steps)
 
 
 def parse_sources(

@@ -68,6 +68,8 @@ class Rig:
             'temperature_topics': self.topics,
             **options.pop('parameters', {}),
         }
+        #: Whether wrenches come on a topic of their own.
+        self.own_wrench = 'wrench_topic' not in options['parameters']
         #: What was published on ``wrench``, as bytes or messages, and nobody took yet.
         self.outputs: queue.Queue[Any] = queue.Queue()
         self._connect(options)
@@ -222,7 +224,8 @@ class WiredRig(Rig):
         self.outputs = bench.listen(WrenchStamped, self.topic('wrench'), QoSProfile(depth=5000))
         bench.wait_until(lambda: self.node._output.get_subscription_count() > 0, 'a listener')
         self._arrays = bench.listen(DiagnosticArray, '/diagnostics')
-        self._raw = bench.publisher(WrenchStamped, self.topic('wrench_raw'))
+        if self.own_wrench:
+            self._raw = bench.publisher(WrenchStamped, self.topic('wrench_raw'))
         self._temperatures = [
             bench.publisher(Temperature, self.topic(t)) for t in self.topics if ':' not in t
         ]

@@ -143,9 +143,9 @@ class Player:
             if words[:2] == ['ros2', 'run']:
                 self._start(words)
                 continue
-            if words[0] == 'wrist_ft_comp':
+            if words[0] == 'wrist_ft_comp' and words[1] != 'node':
                 self._terminal.end()
-            if words[-1] == '{data: false}':
+            if words[-1] in {'{data: false}', 'stop'}:
                 self._wait(enough)
             printed = self._terminal.run(words)
             if words[1] == 'evaluate':
