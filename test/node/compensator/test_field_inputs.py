@@ -102,9 +102,7 @@ def flows(node):
 def test_a_field_moves_the_drift_as_a_temperature_does(wired, make_model, executor):
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)})
     node = wired(
-        topics=['state:temperature'],
-        parameters={'model_file': str(model.path)},
-        executor=executor,
+        topics=['state:temperature'], parameters={'model_file': str(model.path)}, executor=executor
     )
     state = publisher(node, BatteryState, 'state', BEST_EFFORT)
     send(node, state, *(battery(second, 23.0) for second in range(4)))
@@ -262,9 +260,7 @@ def test_a_wrong_entry_of_one_sensor_leaves_the_right_one_of_another(rig, wired,
 @pytest.mark.parametrize('executor', ['default', 'events'])
 def test_a_publisher_may_come_late_die_and_come_back_as_another_type(wired, driver, executor):
     node = wired(
-        topics=['state:temperature'],
-        parameters={'temperature_timeout': 0.1},
-        executor=executor,
+        topics=['state:temperature'], parameters={'temperature_timeout': 0.1}, executor=executor
     )
     late = f'{node.topic("state")} has no publisher yet, so what it carries is not known'
     assert late in node.diagnosis('temperature', 'no publisher').message
