@@ -70,6 +70,15 @@ def test_a_recording_is_readable_while_it_runs(rig):
     assert len(read_recording(path)) == 4
 
 
+def test_beside_a_live_model_raw_wrenches_are_recorded(rig, make_model):
+    model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)})
+    node = rig(parameters={'model_file': str(model.path)})
+    path = start_recording(node)
+    feed(node, 5)
+    assert node.node.compensator.compensation.zero[2] > 5.0
+    np.testing.assert_allclose(read_recording(path).wrench[:, 2], 1.5 + 10 * np.arange(4))
+
+
 def test_starting_twice_and_ending_twice_are_refused(rig):
     node = rig()
     answer = node.call('record', False)
