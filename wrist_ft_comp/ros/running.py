@@ -98,7 +98,7 @@ class Stop:
         self._set = False
         self._callback: Callable[[Stop], object] = lambda _: None
 
-    def set(self) -> None:
+    def set(self) -> None:  # noqa: A003 -- as threading.Event calls it
         """Set the flag, for ever."""
         self._set = True
         self._callback(self)
