@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 
 from wrist_ft_comp.jobs.calibration import run_job
 from wrist_ft_comp.jobs.request import CalibrationJob
-from wrist_ft_comp.ros.running import make_executor, spin
+from wrist_ft_comp.ros.running import make_executor, spin, Stop
 from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS
 
 BENCH = Path(__file__).resolve().parents[1]
@@ -130,7 +130,7 @@ class Stand:
         self.talker: Any = Node('stand_sensor', context=self._context)
         self._executor = make_executor('default', self._context)
         self._executor.add_node(self.node)
-        self._stop = threading.Event()
+        self._stop = Stop()
         arguments = (self._executor, self._context, self._stop)
         self._thread = threading.Thread(target=spin, args=arguments)
         self._thread.start()

@@ -138,13 +138,13 @@ def model(tmp_path_factory, drift_csv):
 
 @pytest.fixture(scope='session')
 def bags(tmp_path_factory, messages):
-    """Bags of both storages: 1 kHz wrenches and 10 Hz temperatures of an accelerated warm-up."""
+    """Bags of both storages: 200 Hz wrenches, 2 Hz temperatures of an accelerated warm-up."""
     rng = np.random.default_rng(0)
-    t = np.arange(90_000) / 1000
+    t = np.arange(18_000) / 200
     inside = 20 + 15 * (1 - np.exp(-t / 25)) + 2 * np.sin(t / 4 + rng.uniform(0, 6))
     wrenches = np.tile([0.1, -0.2, 0.0, 0.01, 0.02, 0.03], (len(t), 1))
     wrenches[:, 2] = 1.0 + 2.0 * (inside - 20) + rng.normal(0, 0.05, len(t))
-    stamps_ns = 1_700_000_000_000_000_000 + 10**6 * np.arange(len(t))
+    stamps_ns = 1_700_000_000_000_000_000 + 5 * 10**6 * np.arange(len(t))
     folder = tmp_path_factory.mktemp('bags')
     return {
         storage: messages.write(

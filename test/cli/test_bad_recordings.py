@@ -2,10 +2,10 @@
 One table of bad recordings: whatever door they come through, one sentence, and nothing is lost.
 
 A row is a kind of bad input, how it is made of a good recording, what the sentence says, and the
-doors it can come through: a CSV file, a bag of either storage, a table in memory, and the messages
-of a bag as they come to a running node (test/node/compensator/test_bad_input.py). A refusal is
-a RecordingError or a CalibrationRefusedError, exit code 1 and one line on standard error; what is
-only dropped or doubted is a warning of ``calibrate``, beside its model.
+doors it can come through: a CSV file, a bag, a table in memory, and the messages of a bag as they
+come to a running node (test/node/compensator/test_bad_input.py). A refusal is a RecordingError or
+a CalibrationRefusedError, exit code 1 and one line on standard error; what is only dropped or
+doubted is a warning of ``calibrate``, beside its model.
 """
 
 import json
@@ -25,9 +25,10 @@ from wrist_ft_comp.recordings.recordings import read_recording
 
 ROWS = 600
 EPOCH_S = 1_723_248_197.0
-ALL = ('csv', 'mcap', 'sqlite3', 'table')
+ALL = ('csv', 'mcap', 'table')
 COLUMNS = ('csv', 'table')
-BAGS = ('mcap', 'sqlite3')
+#: Of one storage: that all hold the same is tested in test/recordings.
+BAGS = ('mcap',)
 SETTINGS = CalibrationSettings(identification=IdentificationSettings(method='pls'))
 
 

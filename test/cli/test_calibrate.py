@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import yaml
 
-from wrist_ft_comp.fit.settings import METHODS
 from wrist_ft_comp.stored.model_file import load_model
 
 
@@ -18,32 +17,6 @@ def test_learns_gain_drift_where_the_reference_was_recorded(done, make, tmp_path
     assert force['rms_after'] < 0.05
     assert force['rms_before'] > 2
     assert 'gain' in done('show', model)
-
-
-@pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
-def test_a_bag_of_a_kilohertz_is_learnt_and_judged(storage, done, bags, tmp_path):
-    path = tmp_path / 'm.yaml'
-    learnt = json.loads(done('calibrate', bags[storage], '-o', path, '--method', 'pls', '--json'))
-    assert learnt['duration_s'] == 90
-    judged = json.loads(done('evaluate', path, bags[storage], '--json', '--tare', '2'))
-    force = judged['axes']['force_z']
-    assert force['rms_after'] < 0.1 * force['rms_before']
-    assert force['rms_before'] > 10
-
-
-@pytest.mark.parametrize('method', METHODS)
-def test_every_method_learns(method, done, drift_csv, tmp_path):
-    model = tmp_path / 'm.yaml'
-    argv = ['calibrate', drift_csv, '-o', model, '--method', method]
-    axes = json.loads(done(*argv, '--json'))['axes']
-    assert set(axes) == {'force_z', 'torque_x'}
-    settings = yaml.safe_load(model.read_text())['provenance']['settings']
-    assert settings['identification']['method'] == method
-    harmful = axes['force_z']['rms_after'] > axes['force_z']['rms_before']
-    assert harmful == (method == 'arx_pls'), 'least-squares ARX needs a lag'
-    assert axes['force_z']['rms_before'] > 1
-    assert harmful or axes['force_z']['rms_after'] < 0.1
-    assert ('WORSE THAN NONE' in done(*argv).splitlines()[0]) == harmful
 
 
 def test_figures_of_one_recording_are_of_the_same_blocks_by_every_method(done, make, tmp_path):
@@ -144,7 +117,7 @@ def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
     days = [make.csv(tmp_path / f'{n}.csv', make.drifting(1950, seed=n)) for n in (1, 2, 3)]
     path, page = tmp_path / 'm.yaml', tmp_path / 'r.html'
     for recordings in (days[:1], days[:2]):
-        argv = ['calibrate', *recordings, '-o', path, '--report', page]
+        argv = ['calibrate', *recordings, '-o', path, '--report', page, '--method', 'pls']
         said = done(*argv)
         assert 'On another day, tared, between 20 and 3' in said
         fit = json.loads(done(*argv, '--json'))['axes']['force_z']

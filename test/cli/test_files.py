@@ -30,16 +30,6 @@ def test_a_missing_file_is_named(command, name, run, model, drift_csv, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize('content', ['', '\ufeff', 'hello', '1,2,3\n4,5,6\n', '\0\0\0'])
-def test_a_file_that_is_no_recording_is_refused(content, run, model, tmp_path):
-    path = tmp_path / 'no.csv'
-    path.write_text(content, encoding='utf-8')
-    assert 'no.csv' in run('calibrate', path, '-o', tmp_path / 'm.yaml').sentence
-    assert 'no.csv' in run('evaluate', model, path).sentence
-    assert 'no.csv' in run('compensate', model, path, '-o', tmp_path / 'out.csv').sentence
-    assert [left.name for left in tmp_path.iterdir()] == ['no.csv']
-
-
 def test_what_never_ends_is_refused_at_once(run, tmp_path):
     for words in (['show', '/dev/zero'], ['calibrate', '/dev/zero', '-o', tmp_path / 'm.yaml']):
         assert 'is a device' in run(*words).sentence

@@ -111,11 +111,7 @@ def test_a_bump_is_left_out_as_the_refusal_proposes(logs, run, done):
 
 
 #: Of an RTDE recording (record.py of Universal Robots' client): separated by spaces.
-RTDE = [
-    'timestamp',
-    *(f'actual_TCP_force_{n}' for n in range(6)),
-    'joint_temperatures_5',
-]
+RTDE = ['timestamp', *(f'actual_TCP_force_{n}' for n in range(6)), 'joint_temperatures_5']
 OURS = ['stamp', *AXES, 'temperature_c']
 #: Forms in which logs come: header, delimiter, and the map where names alone do not tell it.
 FORMS = {

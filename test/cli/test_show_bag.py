@@ -133,12 +133,15 @@ def commands(out):
 
 
 @pytest.mark.parametrize(
-    ('kind', 'storage', 'compression', 'words'),
-    [('bota_like', 'mcap', 'storage', BOTA_WORDS), ('ur_like', 'sqlite3', 'file', UR_WORDS)],
+    ('kind', 'storage', 'compression', 'words', 'more'),
+    [
+        ('bota_like', 'mcap', 'storage', BOTA_WORDS, []),
+        ('ur_like', 'sqlite3', 'file', UR_WORDS, ['--method', 'pls']),
+    ],
     ids=['bota', 'ur'],
 )
 def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PLR0917
-    run, done, drivers, messages, tmp_path, monkeypatch, kind, storage, compression, words
+    run, done, drivers, messages, tmp_path, monkeypatch, kind, storage, compression, words, more
 ):
     """Every storage reads alike (test_temperature_fields.py): each driver is learnt from one."""
     day = messages.write(tmp_path / 'a day', getattr(drivers, kind)(), storage, compression)
@@ -155,7 +158,7 @@ def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PL
     monkeypatch.chdir(tmp_path)
     other = getattr(drivers, kind)(seed=1)
     messages.write(tmp_path / 'another_day', other, storage, compression)
-    done(*calibrate[1:])
+    done(*calibrate[1:], *more)
     assert 'force_z: good' in run(*evaluate[1:]).out
     kept = yaml.safe_load((tmp_path / 'model.yaml').read_text())['provenance']
     assert kept['temperature_topics'] == [words[3], words[5]]
@@ -284,7 +287,7 @@ def test_what_show_prints_calibrate_takes(  # noqa: PLR0913, PLR0917
     monkeypatch.chdir(tmp_path)
     shown = json.loads(done('show', bag, '--json'))
     if fault in {'none', 'temperature'}:
-        done(*shlex.split(shown['commands'][0])[1:])
+        done(*shlex.split(shown['commands'][0])[1:], '--method', 'pls')
         return
     assert not shown['commands']
     assert shown['refusal'] in done('show', bag)

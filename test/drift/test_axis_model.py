@@ -27,12 +27,7 @@ LOWER_C, UPPER_C = np.array([15.0, 18.0]), np.array([45.0, 38.0])
 def make_axis():
     """Two thermometers, two powers of each filtered temperature, random gains."""
 
-    def make(
-        filters=FILTERS,
-        latents=LATENTS,
-        outputs=2,
-        degree=2,
-    ):
+    def make(filters=FILTERS, latents=LATENTS, outputs=2, degree=2):
         rng = np.random.default_rng([len(filters), len(latents), outputs, degree])
         count = max(len(filters), 1)
         features = Features(

@@ -10,12 +10,7 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.calibrate import identify_axis
-from wrist_ft_comp.fit.competition import (
-    anchor,
-    finish,
-    fit_lags,
-    state_errors,
-)
+from wrist_ft_comp.fit.competition import anchor, finish, fit_lags, state_errors
 from wrist_ft_comp.fit.cross_validation import FoldBins, simplest_good
 from wrist_ft_comp.fit.model_building import build_features
 from wrist_ft_comp.fit.moments import bin_axis_data

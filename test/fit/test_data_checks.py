@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.data_checks import (
-    drop_stuck_cells,
-    idle_thermometers,
-    silent_stretches,
-)
+from wrist_ft_comp.fit.data_checks import drop_stuck_cells, idle_thermometers, silent_stretches
 
 CELLS = 1000
 

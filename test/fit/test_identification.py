@@ -10,11 +10,7 @@ from wrist_ft_comp.drift.arx import Orders
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.model_building import build_features
-from wrist_ft_comp.fit.settings import (
-    CalibrationSettings,
-    IdentificationSettings,
-    METHODS,
-)
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
 from wrist_ft_comp.signals import AXES
 

@@ -182,10 +182,12 @@ def answer(asked):
     return json.loads(out)
 
 
-def test_the_process_gives_the_model_as_json_even_where_the_report_fails(good, tmp_path):
-    outcome = answer(job(tmp_path, good, report=good / 'report.html'))
+def test_the_process_gives_the_model_as_json_even_where_the_report_fails(good, two, tmp_path):
+    report = good / 'report.html'
+    outcome = answer(job(tmp_path, good, two, skip_unusable=True, report=report))
     assert outcome['success']
     assert 'force_z: ' in outcome['message']
+    assert '\nwarning: two.csv was left out: ' in outcome['message']
     last = outcome['message'].splitlines()[-1]
     assert last.startswith('warning: ')
     assert 'report.html' in last

@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 
 import wrist_ft_comp
-from wrist_ft_comp.ros.running import make_executor, spin
+from wrist_ft_comp.ros.running import make_executor, spin, Stop
 
 #: Longest time to wait for anything, seconds: far above what is normal, so that only a fault hits.
 TIMEOUT_S = 60.0
@@ -80,7 +80,7 @@ class Bench:
     def __init__(self, context):
         self.context = context
         self._stack = ExitStack()
-        self._stops: list[threading.Event] = []
+        self._stops: list[Stop] = []
         self._clients: dict[str, Any] = {}
 
     @cached_property
@@ -104,7 +104,7 @@ class Bench:
         nodes = factory(context=self.context, **_node_arguments(kwargs))
         for node in nodes:
             executor.add_node(node)
-        stop = threading.Event()
+        stop = Stop()
         self._stops.append(stop)
         thread = threading.Thread(target=spin, args=(executor, self.context, stop))
         thread.start()

@@ -1,14 +1,18 @@
+from functools import partial
 import signal
 import sys
+import threading
+import time
 
 import pytest
 from rclpy.node import Node
 
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.ros.parameters import declare, EXECUTOR_PARAMETER, Parameter
-from wrist_ft_comp.ros.running import run_nodes
+from wrist_ft_comp.ros.running import make_executor, run_nodes, spin, Stop
 
 MODULE = 'example'
+TIMEOUT_S = 20.0
 
 
 class Example(Node):
@@ -110,3 +114,24 @@ def test_fault_of_ours_keeps_its_traceback(run):
 
 def test_shutdown_by_the_node_itself_is_a_normal_end(run):
     assert run(lambda node: node.context.shutdown()) == (0, '')
+
+
+@pytest.mark.parametrize('choice', ['events', 'default'])
+def test_an_overloaded_node_hears_that_it_is_to_stop(bench, choice):
+    """Its timer is due again before its callback has ended, so that the queue is never empty."""
+    called = threading.Event()
+
+    def overload(_):
+        called.set()
+        time.sleep(0.015)
+
+    node = bench.make(partial(Example, overload))
+    executor, stop = make_executor(choice, bench.context), Stop()
+    executor.add_node(node)
+    thread = threading.Thread(target=spin, args=(executor, bench.context, stop), daemon=True)
+    thread.start()
+    assert called.wait(TIMEOUT_S)
+    stop.set()
+    thread.join(TIMEOUT_S)
+    assert not thread.is_alive()
+    executor.shutdown()

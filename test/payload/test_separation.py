@@ -23,7 +23,7 @@ MASSES, CENTERS = [1.3, 2.1], [[0.01, -0.02, 0.09], [0.02, -0.01, 0.12]]
 
 @pytest.fixture(scope='module')
 def days(make_working_day):
-    return [make_working_day(0), make_working_day(1)]
+    return [make_working_day(0, 1200), make_working_day(1, 1200)]
 
 
 @pytest.fixture(scope='module')
@@ -190,7 +190,7 @@ class TestDrift:
             share = 1 + 0.002 * (day.temperature_c - 30.0)
             drift = day.wrench - without_drift(day)
             stretched.append(replace(day, wrench=share * without_drift(day) + drift))
-        terms = calibrate(stretched, CalibrationSettings('payload')).fits['force_z']
+        terms = calibrate(stretched, AT_WORK).fits['force_z']
         assert terms.model is not None
         assert len(terms.model.dynamics.output_mean) == 2
 

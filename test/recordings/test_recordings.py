@@ -14,7 +14,7 @@ from wrist_ft_comp.recordings.recordings import (
     read_recording,
     rewrite_recording,
 )
-from wrist_ft_comp.signals import AXES, NANOSECONDS, Topics
+from wrist_ft_comp.signals import NANOSECONDS, Topics
 from wrist_ft_comp.wire import cdr
 
 Reader = pytest.importorskip('rosbags.rosbag2').Reader
@@ -39,22 +39,6 @@ def raw_messages(path):
         for connection, stamp, data in reader.messages():
             topics.setdefault(connection.topic, []).append((stamp, data))
     return topics
-
-
-def test_the_same_data_as_csv_and_as_bag_give_the_same_recording(make_bag, make_csv):
-    bag = make_bag(count=1500)
-    contents = [data for _, data in raw_messages(bag)['/wrench_raw']]
-    rows = [
-        f'{stamp},{",".join(map(repr, row))},{25.0 + k * 1e-4 if k % 100 == 0 else ""}\n'
-        for k, (stamp, row) in enumerate(
-            zip(*(part.tolist() for part in cdr.decode_many(contents, 6)), strict=True)
-        )
-    ]
-    one = read_recording(bag)
-    other = read_recording(make_csv(f'stamp_ns,{",".join(AXES)},temperature_c\n{"".join(rows)}'))
-    assert one.first_cell == other.first_cell
-    np.testing.assert_array_equal(one.wrench, other.wrench)
-    np.testing.assert_array_equal(one.temperature_c, other.temperature_c)
 
 
 def test_period_and_share_of_bad_samples_are_passed_on(make_csv):

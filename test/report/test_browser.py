@@ -13,9 +13,10 @@ KINDS = ('good', 'weak', 'none', 'evaluation', 'chamber')
 WIDTHS = (1280, 400)
 SCHEMES = ('light', 'dark')
 
+#: Nothing depends on width and scheme together.
 every_look = pytest.mark.parametrize(
     ('kind', 'width', 'scheme'),
-    [(kind, width, scheme) for kind in KINDS for width in WIDTHS for scheme in SCHEMES],
+    [(kind, *look) for kind in KINDS for look in zip(WIDTHS, SCHEMES, strict=True)],
 )
 
 #: Everything that sticks out to the right of the window, or of a box that hides what does.

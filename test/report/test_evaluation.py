@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.report.evaluation import (
-    AxisEvaluation,
-    judge_errors,
-    tared_errors,
-    TaredErrors,
-)
+from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors, TaredErrors
 from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stream.offline import initial_tare
 

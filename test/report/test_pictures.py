@@ -124,10 +124,7 @@ def test_the_same_picture_is_the_same_text_and_its_description_too():
 def figure(axes=3, points=200, title='force'):
     t = np.linspace(0, 7200, points)
     series = [(f'{title} {k}', t, (t / 100 + k, np.sin(t / 500))) for k in range(axes)]
-    temperatures = [
-        ('temperature_c', t, 20 + t / 600),
-        ('temperature_2_c', t, 22 + t / 900),
-    ]
+    temperatures = [('temperature_c', t, 20 + t / 600), ('temperature_2_c', t, 22 + t / 900)]
     return draw_drift(series, temperatures)
 
 

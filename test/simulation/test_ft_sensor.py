@@ -19,10 +19,7 @@ from wrist_ft_comp.simulation.ft_sensor import (
     thermometer_temperatures,
     trajectory,
 )
-from wrist_ft_comp.simulation.heat_flow import (
-    FtSensorSettings,
-    interpolation,
-)
+from wrist_ft_comp.simulation.heat_flow import FtSensorSettings, interpolation
 from wrist_ft_comp.simulation.run import (
     draw_run,
     drive,

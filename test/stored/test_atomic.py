@@ -9,12 +9,7 @@ from wrist_ft_comp.errors import OutputError, StateFileError, WristFtCompError
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, save_diary
 from wrist_ft_comp.learning.memory import Memory, save_memory
-from wrist_ft_comp.stored.documents import (
-    beginning,
-    Output,
-    remove_leftovers,
-    replace_file,
-)
+from wrist_ft_comp.stored.documents import beginning, Output, remove_leftovers, replace_file
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.state_file import save_state, SavedState
 

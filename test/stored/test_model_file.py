@@ -20,6 +20,8 @@ from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stored.model_file import KIND, load_model, save_model
 
+#: Written in C where PyYAML has it.
+FAST = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 #: The second one behind a regularised regression, which knows no errors.
 TERMS = (
     Term('zero', 777.0, 'θ1²', 1 / 3, 1e-17),
@@ -113,7 +115,7 @@ def load(tmp_path):
     def write_and_load(content):
         path = tmp_path / 'changed.yaml'
         if not isinstance(content, (str, bytes)):
-            content = yaml.safe_dump(content)
+            content = yaml.dump(content, Dumper=FAST)
         path.write_bytes(content.encode() if isinstance(content, str) else content)
         return load_model(path).model
 

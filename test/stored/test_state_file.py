@@ -14,12 +14,7 @@ import pytest
 from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.stored import state_file
-from wrist_ft_comp.stored.state_file import (
-    load_state,
-    save_state,
-    SavedState,
-    StateWriter,
-)
+from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState, StateWriter
 from wrist_ft_comp.stream.warm_restart import Block, ThermalMemory
 
 TIMEOUT_S = 20.0

@@ -207,9 +207,7 @@ class TestLimits:
             np.testing.assert_allclose(moved.sensitivity - 0.1, reached * rates[1])
             assert limits.too_fast == told
 
-    def test_a_drift_is_as_large_as_its_limit_at_most_and_nothing_where_it_is_no_number(
-        self,
-    ):
+    def test_a_drift_is_as_large_as_its_limit_at_most_and_nothing_where_it_is_no_number(self):
         limits, largest = Limits(30.0, 1.0), Drift([30.0] * 3 + [3.0] * 3, [MAX_SENSITIVITY] * 6)
         for share, reached in ((-1e3, -1), (0.9, 0.9), (1, 1), (np.inf, 1)):
             target = Drift(*(share * np.array(part) for part in largest))

@@ -15,7 +15,6 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
-from rclpy.task import Future
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.ros.arguments import HELP, refuse_strays
@@ -88,13 +87,53 @@ def make_executor(choice: str, context: Context) -> Executor:
     return SingleThreadedExecutor(context=context)
 
 
-def spin(executor: Executor, context: Context, stop: threading.Event) -> None:
-    """Run callbacks until a flag, looked at now and then, is set or the context is shut down."""
-    while context.ok() and not stop.is_set():
-        # Not spin_once: leaving and entering the executor costs as much as a callback. The future
-        # is never done, and a new one every time, because executors leave callbacks on it.
-        never = Future()  # type: ignore[no-untyped-call] # as rclpy declares it
-        executor.spin_until_future_complete(never, timeout_sec=POLL_PERIOD_S)
+class Stop:
+    """
+    A flag that ends ``spin``: what an executor is told to wait for, in the place of a Future.
+
+    It has no lock, because signal handlers set it, and it keeps the newest callback only.
+    """
+
+    def __init__(self) -> None:
+        self._set = False
+        self._callback: Callable[[Stop], object] = lambda _: None
+
+    def set(self) -> None:  # noqa: A003 -- as threading.Event calls it
+        """Set the flag, for ever."""
+        self._set = True
+        self._callback(self)
+
+    def done(self) -> bool:
+        """Tell whether the flag is set."""
+        return self._set
+
+    def cancelled(self) -> bool:
+        """Nobody cancels it."""
+        return False
+
+    def add_done_callback(self, callback: Callable[['Stop'], object]) -> None:
+        """Call this when the flag is set, or is set already."""
+        self._callback = callback
+        if self._set:
+            callback(self)
+
+    def remove_done_callback(self, _: object) -> bool:
+        """Call nothing any more."""
+        self._callback = lambda _: None
+        return True
+
+
+def spin(executor: Any, context: Context, stop: Stop) -> None:
+    """
+    Run callbacks until a flag is set or the context is shut down.
+
+    An executor that waits is left now and then, because Python runs signal handlers only then. An
+    EventsExecutor with callbacks due looks neither at the time nor at a flag: it is ended by the
+    callback of the flag.
+    """
+    while context.ok() and not stop.done():
+        # Not spin_once: leaving and entering the executor costs as much as a callback.
+        executor.spin_until_future_complete(stop, timeout_sec=POLL_PERIOD_S)
 
 
 def _initialise(context: Context, words: list[str]) -> None:
@@ -112,7 +151,7 @@ def _initialise(context: Context, words: list[str]) -> None:
         ) from error
 
 
-def _create_and_spin(factory: NodesFactory, context: Context, stop: threading.Event) -> None:
+def _create_and_spin(factory: NodesFactory, context: Context, stop: Stop) -> None:
     """Create nodes and executor, spin, and take them down in the order that does not abort."""
     with ExitStack() as stack:
         nodes: Sequence[Any] = factory(context=context)
@@ -130,9 +169,9 @@ def _create_and_spin(factory: NodesFactory, context: Context, stop: threading.Ev
 
 
 @contextmanager
-def _stop_flag() -> Iterator[threading.Event]:
+def _stop_flag() -> Iterator[Stop]:
     """Yield a flag that SIGINT and SIGTERM set, however often; only in the main thread."""
-    stop = threading.Event()
+    stop = Stop()
     if threading.current_thread() is not threading.main_thread():
         yield stop
         return

@@ -91,8 +91,10 @@ class Rig:
         return f'{self.namespace}/{name}'
 
     def send_reference(self, stamp, values):
-        """Send one reference wrench."""
-        self.node.recording.on_reference(serialize_message(wrench_message(stamp, 'world', values)))
+        """Send one reference wrench to what is subscribed to them."""
+        topic = self.topic('wrench_reference')
+        (heard,) = (each for each in self.node.subscriptions if each.topic_name == topic)
+        heard.callback(serialize_message(wrench_message(stamp, 'world', values)))
 
     def put(self, stamp, values, frame='tool0'):
         """Send one raw wrench."""
@@ -229,13 +231,6 @@ class WiredRig(Rig):
         self._temperatures = [
             bench.publisher(Temperature, self.topic(t)) for t in self.topics if ':' not in t
         ]
-
-    def reference(self):
-        """Give what publishes reference wrenches; only while a recording runs."""
-        publisher = self.bench.publisher(WrenchStamped, self.topic('wrench_reference'))
-        return lambda stamp, values: publisher.publish(
-            serialize_message(wrench_message(stamp, 'world', values))
-        )
 
     def put_bytes(self, data):
         """Publish bytes where a raw wrench belongs."""

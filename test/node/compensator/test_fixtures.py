@@ -3,18 +3,13 @@
 import csv
 import json
 from pathlib import Path
-import queue
 import shutil
 
-from geometry_msgs.msg import WrenchStamped
 import pytest
-from rclpy.serialization import deserialize_message
 
 V0_1_0, V0_2_0 = VERSIONS = sorted((Path(__file__).parents[2] / 'fixtures').glob('v*'))
 SECOND = 1_000_000_000
 AXES = ('force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z')
-#: Specific forces of the expectations, m/s².
-FORCES = ((0.0, 0.0, 9.807), (9.0, -3.0, 2.0), (-1.0, 8.0, -5.0))
 every_version = pytest.mark.parametrize('here', VERSIONS, ids=lambda here: here.name)
 
 
@@ -53,33 +48,6 @@ def test_it_goes_on_from_the_saved_state(start, here):
             outputs.append(node.ask_output(stamp + SECOND, [row[axis] for axis in AXES]))
     for output, wanted in zip(outputs, expected['stream'][:4], strict=True):
         assert output == close(wanted)
-
-
-def test_it_takes_the_payload_off_under_the_saved_tare(start, messages):
-    (name,) = read_json(V0_2_0 / 'store/models/payloads.json')['payloads']
-    node = start(V0_2_0, **{'gravity.source': 'imu', 'payload.active': name})
-    node.node.external.publish = (externals := queue.Queue()).put
-    end_ns = read_json(V0_2_0 / 'store/state.json')['thermal']['end_ns']
-    for number, force in enumerate(FORCES):
-        node.node.gravity.on_imu(messages.imu(end_ns + number, force, [0.0] * 3))
-        node.ask_output(end_ns + number, [1.0] * 6)
-        wrench = deserialize_message(externals.get_nowait(), WrenchStamped).wrench
-        parts = (getattr(half, axis) for half in (wrench.force, wrench.torque) for axis in 'xyz')
-        assert tuple(parts) == close(read_json(V0_2_0 / 'state.json')['external'][number])
-
-
-@every_version
-def test_it_goes_back_to_the_models_before_and_to_none(start, here):
-    node = start(here)
-    history = [
-        path and Path(path).name for path in read_json(here / 'store/active.json')['history']
-    ]
-    while (live := history.pop()) is not None:
-        assert Path(node.diagnosis('model').values['file']).name == live
-        answer = node.call('rollback')
-        assert answer.success
-        assert (history[-1] or 'uncompensated') in answer.message
-    assert not node.call('rollback').success
 
 
 def test_it_goes_on_learning(start):

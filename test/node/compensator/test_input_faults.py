@@ -190,8 +190,7 @@ class TestWrench:
             log(node, f'{name}: {words}')
             node.bench.helper.destroy_publisher(both[0])
             node.diagnosis(
-                name,
-                lambda each: node.ask_output(START + 20 * SECOND, RAW) and each.level == OK,
+                name, lambda each: node.ask_output(START + 20 * SECOND, RAW) and each.level == OK
             )
         unharmed(node)
 

@@ -1,14 +1,11 @@
 import math
 
 import numpy as np
-import pytest
 
 from wrist_ft_comp.recordings.recordings import read_recording
-from wrist_ft_comp.stream.cell_averager import REFERENCE
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 
 def start_recording(rig):
@@ -31,17 +28,12 @@ def feed(rig, cells, *, first=0, per_cell=4, celsius=(25.0,)):
     return sent
 
 
-@executors
-def test_rows_are_the_means_per_cell(wired, executor):
-    node = wired(executor=executor, thermometers=2)
+def test_rows_are_the_means_per_cell(rig):
+    node = rig(thermometers=2)
     path = start_recording(node)
-    send_reference = node.reference()
     for k in range(8):
-        send_reference(START + k * SECOND, [float(k)] * 6)
-        send_reference(START + k * SECOND + 5, [k + 1.0] * 6)
-    averager = node.node.recording.current.averager
-    newest = START // SECOND + 7
-    node.wait_until(lambda: averager._latest[REFERENCE] == newest, 'the references')
+        node.send_reference(START + k * SECOND, [float(k)] * 6)
+        node.send_reference(START + k * SECOND + 5, [k + 1.0] * 6)
     sent = feed(node, 8, celsius=(20.0, 40.0))
     answer = node.call('record', False)
     assert answer.success
@@ -68,6 +60,15 @@ def test_a_recording_is_readable_while_it_runs(rig):
     node.bench.close()
     assert node.node.recording.current is None, 'it ends with the node'
     assert len(read_recording(path)) == 4
+
+
+def test_beside_a_live_model_raw_wrenches_are_recorded(rig, make_model):
+    model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)})
+    node = rig(parameters={'model_file': str(model.path)})
+    path = start_recording(node)
+    feed(node, 5)
+    assert node.node.compensator.compensation.zero[2] > 5.0
+    np.testing.assert_allclose(read_recording(path).wrench[:, 2], 1.5 + 10 * np.arange(4))
 
 
 def test_starting_twice_and_ending_twice_are_refused(rig):

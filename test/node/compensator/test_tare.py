@@ -1,10 +1,8 @@
 import numpy as np
-import pytest
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 OFFSET = np.array([1.0, -2.0, 3.0, 0.1, -0.2, 0.3])
-executors = pytest.mark.parametrize('executor', ['default', 'events'])
 #: Stamps of just over the second that a tare averages by default.
 STAMPS = START + np.arange(51) * SECOND // 50
 
@@ -22,9 +20,8 @@ def tare(node, stamps=STAMPS, wrenches=None):
     return answers.get(timeout=20.0)
 
 
-@executors
-def test_a_tare_answers_with_the_offset_and_reads_zero_after(wired, executor):
-    node = wired(executor=executor)
+def test_a_tare_answers_with_the_offset_and_reads_zero_after(rig):
+    node = rig()
     answer = tare(node)
     assert answer.success
     assert answer.message == (

@@ -28,28 +28,24 @@ class Robot:
         self.temperature_c = 20.0 + np.stack((far, near)[:thermometers], axis=1)
         moved = _lag(far, 300.0) + (0.7 * _lag(near, 100.0) if thermometers > 1 else 0.0)
         self.zero = moved[:, np.newaxis] * self.GAINS
-        self.sensitivity = 0.004 * _lag(far, 300.0)[:, np.newaxis]
         self._rng = np.random.default_rng(5)
 
-    def raw(self, cell, load=0.0):
-        """Reading under a load, N and N m."""
+    def raw(self, cell):
+        """Reading without load, N and N m."""
         noise = self._rng.normal(0, 0.01, 6) * [1, 1, 1, 0.1, 0.1, 0.1]
-        return (1 + self.sensitivity[cell]) * load + self.zero[cell] + noise
+        return self.zero[cell] + noise
 
     def stamps(self, cell):
         """Times of two wrenches in a thermal cell of 10 s."""
         return [1_700_000_000 * SECOND + (10 * cell + part) * SECOND for part in (2, 7)]
 
-    def run(self, rig, cells, load=None):
-        """Send cells one by one; return outputs, shape (2 N, 6). load(cell) is the true wrench."""
+    def run(self, rig, cells):
+        """Send cells one by one; return outputs, shape (2 N, 6)."""
         outputs = []
         for cell in cells:
-            true = load(cell) if load else np.zeros(6)
             stamps = self.stamps(cell)
-            for stamp in stamps if load else ():
-                rig.send_reference(stamp, true)
             rig.warm(stamps[0], *self.temperature_c[cell])
-            outputs.append(rig.stream(stamps, [self.raw(cell, true) for _ in stamps]))
+            outputs.append(rig.stream(stamps, [self.raw(cell) for _ in stamps]))
         return np.concatenate(outputs)
 
     def write(self, path, cells=300, axes=('force_z',)):

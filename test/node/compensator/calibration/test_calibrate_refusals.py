@@ -63,16 +63,6 @@ def test_too_small_a_span_leaves_the_live_model(rig, make_robot, make_model):
     assert node.call('calibrate').success
 
 
-def test_a_corrupt_recording_beside_a_good_one_is_a_warning(ready, make_robot):
-    node = ready()
-    make_robot(2).write(node.directory / 'recordings/two.csv')
-    (node.directory / 'recordings/bad.csv').write_text('nothing of the kind')
-    answer = node.call('calibrate')
-    assert answer.success, answer.message
-    assert '\nwarning: bad.csv was left out: ' in answer.message
-    assert '\nwarning: two.csv was left out: two.csv has 2 thermometers' in answer.message
-
-
 def test_a_second_call_is_refused_and_a_killed_process_is_a_sentence(ready, gate):
     node = ready()
     answers, process = begin(node)

@@ -10,11 +10,7 @@ SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 #: Length of a thermal cell; a day has 144 of them.
 CELL_S = 600.0
-NEEDED = {
-    'calibration.reference': 'payload',
-    'gravity.source': 'imu',
-    'thermal_period': CELL_S,
-}
+NEEDED = {'calibration.reference': 'payload', 'gravity.source': 'imu', 'thermal_period': CELL_S}
 #: Stands for the learning job: keeps what it was asked, copies a model, answers.
 JOB = """
 import json, os, shutil, sys
