@@ -81,7 +81,7 @@ def make_tree(room: str) -> None:
     """Copy what the tests of a room need."""
     tree = TREES / room
     shutil.rmtree(tree, ignore_errors=True)
-    for folder in ('wrist_ft_comp', 'test'):
+    for folder in ('wrist_ft_comp', 'test', 'data'):
         shutil.copytree(folder, tree / folder, ignore=shutil.ignore_patterns('__pycache__'))
     with Path(shutil.copy('pyproject.toml', tree)).open('a') as settings:
         tests = [f'test/{room}', *ROOMS[room]]
