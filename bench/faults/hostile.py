@@ -497,8 +497,9 @@ def main() -> int:
         print(f'{count:8d} {what}')
     after = resident_mb()
     grows = after - before > GROUND_MB + MEMORY_MB * lives
+    found = 'memory grows without an end' if grows else 'no finding'
     print(f'{sum(done.values())} steps in {lives} lives, {time.monotonic() - begun:.0f} s, '
-          f'memory {before:.0f} to {after:.0f} MB; {"it grows" if grows else "no finding"}')  # fmt: skip
+          f'memory {before:.0f} to {after:.0f} MB; {found}')  # fmt: skip
     return int(grows)
 
 
