@@ -154,14 +154,15 @@ class Gravity(Part):
     def doubt(self) -> str:
         """Say what is wrong with the messages since the last call; empty when nothing is."""
         unreadable, self._unreadable_before = self._unreadable_before, self.unreadable
-        for topic in ('imu', '/tf', '/tf_static') if self._hub is not None else ():
-            if policy := self._hub.incompatible.get(topic):
+        hub = self._hub
+        for topic in ('imu', '/tf', '/tf_static'):
+            if hub is not None and (policy := hub.incompatible.get(topic)):
                 return f'{topic} is not heard: a publisher offers less {policy} than is asked for'
-        if self._imu is not None and self._hub is not None:
+        if self._imu is not None and hub is not None:
             topic = self._imu.topic_name
-            if other := wrong_type(self._hub, topic, IMU):
+            if other := wrong_type(hub, topic, IMU):
                 return other
-            if (publishers := self._hub.count_publishers(topic)) > 1:
+            if (publishers := hub.count_publishers(topic)) > 1:
                 return f'{topic} has {publishers} publishers; their readings are mixed'
         if self.unreadable == unreadable:
             return ''
