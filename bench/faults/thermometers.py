@@ -10,6 +10,7 @@ thermometer. Healthy days are counted on which a thermometer was not believed.
 
 import argparse
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 import os
 from pathlib import Path
@@ -67,10 +68,8 @@ class Outcome:
 def drawn(seeds: Sequence[int], count: int) -> Iterator[tuple[int, World]]:
     """Draw worlds; bodies with fewer parts than thermometers are left out."""
     for seed in seeds:
-        try:
+        with suppress(ValueError):
             yield seed, family(f'lying_{count}', seed)
-        except ValueError:
-            continue
 
 
 def without(recording: Recording, j: int) -> Recording:
@@ -96,7 +95,12 @@ def lying(day: Recording, fault: str, j: int, begin: int, sign: float) -> Record
 
 def watch(model: DriftModel, day: Recording) -> tuple[list[tuple[float, int]], bool, float]:
     """Find minutes and thermometers of lies, whether a contradiction was said, and s per cell."""
-    agreement, found, said, begun = Agreement(model, day.thermometers), [], False, time.process_time()
+    agreement, found, said, begun = (
+        Agreement(model, day.thermometers),
+        [],
+        False,
+        time.process_time(),
+    )
     for first in range(0, len(day), agreement.cells):
         cells = slice(first, first + agreement.cells)
         _, rewrite = agreement.add(day.temperature_c[cells], day.measured[cells])
@@ -117,8 +121,9 @@ def due_min(day: Recording, j: int, begin: int) -> float:
 def judge(seed: int, world: World) -> list[Outcome]:
     """Learn with and without a thermometer, and let it lie."""
     rng = np.random.default_rng([seed, world.judge.thermometers])
-    j, settings = int(rng.integers(world.judge.thermometers)), CalibrationSettings(
-        reference=world.reference
+    j, settings = (
+        int(rng.integers(world.judge.thermometers)),
+        CalibrationSettings(reference=world.reference),
     )
     model = calibrate(world.learn, settings).model
     reserve = calibrate([without(day, j) for day in world.learn], settings).model
@@ -193,8 +198,10 @@ def main() -> None:
             found, doubted, cost_s = watch(plain_model(world.learn), world.judge)
             days, alarms, said = days + 1, alarms + bool(found), said + doubted
             seconds.append(cost_s)
-    print(f'\n{days} healthy days: {alarms} with a thermometer that was not believed, {said} with a '
-          f'contradiction that was only said; {1e6 * np.mean(seconds):.1f} µs per cell')  # fmt: skip
+    if days:
+        print(f'\n{days} healthy days: {alarms} with a thermometer that was not believed, {said} '
+              'with a contradiction that was only said; '
+              f'{1e6 * np.mean(seconds):.1f} µs per cell')  # fmt: skip
 
 
 if __name__ == '__main__':

@@ -173,4 +173,3 @@ def test_a_model_file_keeps_predictions(learn, tmp_path):
     old = path.read_text('utf-8').replace('prediction:', 'of_no_version_before:')
     path.write_text(old, 'utf-8')
     assert load_model(path).model.prediction is None
-

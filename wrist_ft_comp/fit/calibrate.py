@@ -138,6 +138,7 @@ def _learn(
     refusals = [fit.refusal for fit in fits.values() if fit.refusal]
     if refusals and all(fit.model is None for fit in fits.values()):
         raise CalibrationRefusedError(f'{refusals[0]}.')
+    predicted = predict_each_other(recordings, folds) if axis_data[0].tared else None
     model = DriftModel(
         period_ns=recordings[0].period_ns, thermometers=recordings[0].thermometers,
         axes={axis: fit.model for axis, fit in fits.items() if fit.model is not None},
@@ -146,7 +147,7 @@ def _learn(
             axis: fit.day_limit for axis, fit in fits.items() if np.isfinite(fit.day_limit)
         },
         start_s=_START_S, unit=recordings[0].unit,
-        prediction=predict_each_other(recordings, folds) if axis_data[0].tared else None)  # fmt: skip
+        prediction=predicted)  # fmt: skip
     return fits, model
 
 

@@ -1,11 +1,11 @@
-"""How well thermometers know each other: ridge regressions, and their errors on what is held out."""
+"""How well thermometers know each other: ridge regressions, and their errors held out."""
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from wrist_ft_comp.drift.prediction import AVERAGED_BINS, bin_cells, Prediction
-from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, NANOSECONDS, Recording
+from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, Recording
 
 #: Relaxations of the other thermometers, s: from none to what a robot's body remembers.
 TIME_CONSTANTS_S: FloatArray = np.array([0.0, 60.0, 150.0, 400.0, 1000.0, 2500.0, 6000.0])
@@ -23,6 +23,8 @@ _STILL_MARGIN = 3.0
 _LEAST_SILENCE_S = 600.0
 #: … and for this many times its longest silence in the recordings.
 _SILENCE_MARGIN = 3.0
+#: Below every mean square, K², so that logarithms exist.
+_TINY_K2 = 1e-12
 #: Fewer bins than this cannot tell one thermometer by another.
 _FEWEST_BINS = 60
 
@@ -43,17 +45,18 @@ def predict_each_other(
         return None
     held_out = [of_cells[::cells][: len(b)] for of_cells, b in zip(folds, binned, strict=True)]
     fold = np.concatenate(held_out)
-    none = np.zeros((thermometers, len(TIME_CONSTANTS_S), thermometers)), *np.zeros((4, thermometers))
-    learnt = Prediction(TIME_CONSTANTS_S, *none)
+    gains = np.zeros((thermometers, len(TIME_CONSTANTS_S), thermometers))
+    learnt = Prediction(TIME_CONSTANTS_S, gains, *np.zeros((4, thermometers)))
     bin_s = cells * recordings[0].period_s
     columns = np.concatenate([relaxed(learnt, values_c, bin_s) for values_c in binned])
     values_c = np.concatenate(binned)
     for j in range(thermometers):
         others = np.delete(columns, j, axis=2).reshape(len(columns), -1)
-        error_k, gains, constant_c = _fit(others, values_c[:, j], fold)
-        learnt.gains[j] = np.insert(gains.reshape(len(TIME_CONSTANTS_S), -1), j, 0.0, axis=1)
+        error_k, of_others, constant_c = _fit(others, values_c[:, j], fold)
+        gains[j] = np.insert(of_others.reshape(len(TIME_CONSTANTS_S), -1), j, 0.0, axis=1)
         learnt.constant_c[j] = constant_c
-        largest_k = max(np.abs(smooth(error_k[fold == number])).max() for number in np.unique(fold))
+        folded_k = [smooth(error_k[fold == number]) for number in np.unique(fold)]
+        largest_k = float(np.abs(np.concatenate(folded_k)).max())
         learnt.limit_k[j] = max(_LEAST_LIMIT_K, _ERROR_MARGIN * largest_k)
         moved_k = max(_moved_while_still(values, j) for values in binned)
         learnt.still_k[j] = max(_LEAST_STILL_K, _STILL_MARGIN * moved_k)
@@ -95,13 +98,13 @@ def _fit(
             gains, constant_c = _ridge(columns[~out], target_c[~out], strength)
             error_k[out] = target_c[out] - constant_c - columns[out] @ gains
         squares = [np.mean(error_k[fold == number] ** 2) for number in np.unique(fold)]
-        best = min(best, (float(np.log(np.maximum(squares, 1e-12)).mean()), strength, error_k), key=lambda b: b[0])
+        score = float(np.log(np.maximum(squares, _TINY_K2)).mean())
+        if score < best[0]:
+            best = score, strength, error_k
     return best[2], *_ridge(columns, target_c, best[1])
 
 
-def _ridge(
-    columns: FloatArray, target_c: FloatArray, strength: float
-) -> tuple[FloatArray, float]:
+def _ridge(columns: FloatArray, target_c: FloatArray, strength: float) -> tuple[FloatArray, float]:
     """Regress on columns, (n, C), with a free constant: gains, (C,), and the constant."""
     mean, size = columns.mean(axis=0), columns.std(axis=0)
     size = np.where(size > 0, size, 1.0)

@@ -242,8 +242,10 @@ def _thermometers(calibration: 'Calibration') -> list[Document]:
     entries: list[Document] = [{'range_c': row} for row in calibration.temperature_range_c]
     prediction = calibration.model.prediction
     for j, entry in enumerate(entries if prediction is not None else ()):
-        parts = {**vars(prediction), 'time_constants_s': [prediction.time_constants_s] * len(entries)}
-        entry['prediction'] = {name: values[j] for name, values in parts.items()}
+        entry['prediction'] = {
+            name: values if name == 'time_constants_s' else values[j]
+            for name, values in vars(prediction).items()
+        }
     return entries
 
 

@@ -1,11 +1,11 @@
 """
 Thermometers that die, freeze or come loose: found by what the others predict of them.
 
-On bins of a minute. One that lies is replaced by its prediction from the bin on in which that began,
-so that model and filters stay those of all thermometers. One that is silent or stands still shows
-by itself. Of those that contradict each other, the one lies without which all others agree, if only
-one is such; otherwise, as with two thermometers of which one is a few kelvin off, or where two were
-exchanged, nothing is done but said.
+Bins of a minute are judged. One that lies is replaced by its prediction from the bin on in which
+that began, so that model and filters stay those of all thermometers. One that is silent or stands
+still shows by itself. Of those that contradict each other, the one lies without which all others
+agree, if only one is such. Otherwise, as with two thermometers of which one is a few kelvin off,
+or where two were exchanged, the contradiction is only said.
 """
 
 from collections.abc import Iterable
@@ -23,9 +23,9 @@ _MOST_BINS = 360
 #: A thermometer that has agreed for this many bins is believed again.
 _AGREED_BINS = 30
 #: What explains a contradiction leaves all errors below this share of their limits, …
-_EXPLAINED_SHARE = 0.5
+_EXPLAINED_SHARE = 0.4
 #: … and every other explanation is refuted: it leaves one above this share.
-_REFUTED_SHARE = 1.0
+_REFUTED_SHARE = 0.7
 #: A thermometer that is believed again is approached with this time constant, s.
 _APPROACH_S = 300.0
 #: What is left of that is dropped below this, K.
@@ -82,8 +82,9 @@ class Agreement:
         """Begin with no bins."""
         self._sums, self._counts = np.zeros((2, self._thermometers))
         self._filled = self._unheard = self._closed = 0
-        #: Means of the heard cells of bins, NaN where there are none, and who was believed, (n, J).
+        #: Means of the heard cells of bins, NaN where there are none, shape (n, J).
         self._readings: FloatArray = np.zeros((0, self._thermometers))
+        #: Whose readings are believed, shape (n, J).
         self._trusted: BoolArray = np.zeros((0, self._thermometers), dtype=bool)
         self._bins = _Bins(self._readings, self._readings, np.zeros((0, 0)))
 
@@ -160,8 +161,9 @@ class Agreement:
         self._readings = np.concatenate((self._readings[last], reading_c[np.newaxis]))
         self._trusted = np.concatenate((self._trusted[last], trusted[np.newaxis]))
         new = self._run(self._readings[-1:], self._trusted[-1:], self._bins)
-        kept = (np.concatenate((old[last], fresh)) for old, fresh in zip(self._bins, new[:2]))
-        self._bins = _Bins(*kept, new.relaxed_c)
+        old_c = self._bins.believed_c[last], self._bins.predicted_c[last]
+        pairs = zip(old_c, new[:2], strict=True)
+        self._bins = _Bins(*map(np.concatenate, pairs), new.relaxed_c)
         return self._judge(heard) if self._judging else None
 
     def _run(self, readings_c: FloatArray, trusted: BoolArray, before: _Bins | None) -> _Bins:
@@ -272,7 +274,8 @@ class Agreement:
 
     def _replace(self, j: int, bins: int, why: str) -> Rewrite:
         """Put predictions in the place of a thermometer, from some bins before on."""
-        self.replaced[j], self._agreeing[j], self._approach_k[j] = why, 0, 0.0
+        self.replaced[j], self.doubt = why, ''
+        self._agreeing[j], self._approach_k[j] = 0, 0.0
         self._trusted[len(self._trusted) - bins :, j] = False
         self._bins = self._run(self._readings, self._trusted, None)
         middles = (np.arange(len(self._readings)) + 0.5) * self.cells
@@ -297,16 +300,19 @@ class Offsets:
 
     def on(self, drift: Drift, seconds: FloatArray | float) -> Drift:
         """Add the offsets to drifts, (…, 6), some seconds, (…, 1), after the replacement."""
-        share, parts = np.exp(-seconds / _APPROACH_S), zip(drift, *vars(self).values(), strict=True)
+        share = np.exp(-seconds / _APPROACH_S)
+        parts = zip(drift, self.kept, self.released, strict=True)
         return Drift(*(part + kept + share * released for part, kept, released in parts))
 
-    def going_on(  # noqa: PLR0913, PLR0917 -- two rests and two drifts
-        self, model: DriftModel, rested_c: FloatArray, rests_c: FloatArray, before: Drift, now: Drift
+    def going_on(
+        self,
+        model: DriftModel,
+        rests_c: tuple[FloatArray, FloatArray],
+        before: Drift,
+        now: Drift,
     ) -> 'Offsets':
-        """Go on from the drift before; ``now`` is the model's, and so are the rests, °C, (J,)."""
-        old, new = (
-            np.stack(step(model, start(model, rest_c), rest_c)[1]) for rest_c in (rested_c, rests_c)
-        )
+        """Go on from a drift; now is the model's. Rests are as read and as believed, °C, (J,)."""
+        old, new = (np.stack(step(model, start(model, rest), rest)[1]) for rest in rests_c)
         kept = self.kept + old - new
         return Offsets(kept, np.stack(before) - np.stack(now) - kept)
 

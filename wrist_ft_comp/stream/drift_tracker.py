@@ -225,23 +225,23 @@ class DriftTracker:
         model = self.model
         assert model is not None  # noqa: S101 -- without one nothing is doubted
         self._follow(self._open)
-        rest = slice(-min(self._since_soaked, len(self.history)), None)
-        rested_c = self.history.temperature_c[rest][: model.start_cells].mean(axis=0)
+        begin, _ = starts(self.history.measured, self._longest)[-1]
+        rest_c = self.history.temperature_c[begin : begin + model.start_cells]
+        rested_c = rest_c.mean(axis=0)
         rewrite.apply(self.history.temperature_c, self.history.measured)
-        rests_c = self.history.temperature_c[rest][: model.start_cells].mean(axis=0)
-        before, self._offsets = self.drift, Offsets(self._offsets.kept, 0 * self._offsets.kept)
+        before, offsets, self._offsets = self.drift, self._offsets, Offsets()
         silent = list(self._silent)
         silent[rewrite.thermometer] = 0
         self._silent = tuple(silent)
-        self._run_history(model)
-        now = Drift(*(part - kept for part, kept in zip(self.drift, self._offsets.kept)))
-        self._offsets = self._offsets.going_on(model, rested_c, rests_c, before, now)
+        self._run_history()
+        rests_c = rested_c, rest_c.mean(axis=0)
+        self._offsets = offsets.going_on(model, rests_c, before, self.drift)
         self.drift, self._offsets_s = before, 0.0
 
-    def _run_history(self, model: DriftModel) -> None:
+    def _run_history(self) -> None:
         """Make the state from the history."""
         self._soak()
-        begin, _ = starts(self.history.measured, longest_gap_cells(model))[-1]
+        begin, _ = starts(self.history.measured, self._longest)[-1]
         self._open = self._since_soaked = len(self.history) - begin
         self._follow(self._open)
 
@@ -301,8 +301,7 @@ class DriftTracker:
         self._offsets, self.agreement = Offsets(), Agreement(model, self._thermometers)
         if model is not None and len(self.history):
             self.agreement.replay(self.history.temperature_c, self.history.measured)
-            self.origin = ''
-            self._run_history(model)
+            self._run_history()
             self.origin = f'the drift was found from {self._since_soaked} thermal cells before'
 
     def memory(self, compensation: Drift) -> ThermalMemory | None:
