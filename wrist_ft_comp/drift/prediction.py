@@ -42,9 +42,12 @@ class Prediction:
     def __post_init__(self) -> None:
         """Check once, where the record is built, that the parts fit together."""
         count, thermometers = len(self.time_constants_s), len(self.constant_c)
-        shapes = {'gains': (thermometers, count, thermometers)}
-        shapes |= dict.fromkeys(('limit_k', 'still_k', 'silence_s'), (thermometers,))
-        for name, shape in shapes.items():
+        for name, shape in (
+            ('gains', (thermometers, count, thermometers)),
+            ('limit_k', (thermometers,)),
+            ('still_k', (thermometers,)),
+            ('silence_s', (thermometers,)),
+        ):
             if getattr(self, name).shape != shape:
                 raise ModelFileError(
                     f'{name} of the predicted thermometers must have shape {shape}; got '

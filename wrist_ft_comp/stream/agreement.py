@@ -106,6 +106,8 @@ class Agreement:
 
         With the last cell of a bin the thermometers are judged; a rewrite includes this cell.
         """
+        if not self.able:
+            return temperature_c, None
         if self._unheard > 1 and heard.any():  # the body has soaked, as at a start
             self.forget()
         believed_c = self._believe(temperature_c)
@@ -133,7 +135,7 @@ class Agreement:
             believed_c += self._approach_k * pole ** (cells + 1)
             self._approach_k = self._approach_k * pole ** len(cells)
             self._approach_k[np.abs(self._approach_k) < _APPROACHED_K] = 0.0
-        if self.replaced and self.able:
+        if self.replaced:
             columns, predicted_c = list(self.replaced), self._bins.predicted_c[-2:]
             if not len(predicted_c):
                 trusted = np.ones((1, self._thermometers), dtype=bool)
@@ -150,7 +152,7 @@ class Agreement:
         reading_c = np.where(heard, self._sums / np.maximum(self._counts, 1), np.nan)
         self._sums, self._counts = np.zeros((2, len(heard)))
         self._filled = 0
-        if not heard.any() or not self.able:
+        if not heard.any():
             self._unheard += 1
             return None
         self._unheard = 0
