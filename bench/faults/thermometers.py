@@ -187,7 +187,7 @@ def main() -> None:
     parser.add_argument('--healthy', type=int, default=70, help='days per number of thermometers')
     options = parser.parse_args()
     first = DEVELOPMENT_SEED if options.dev else report_seed()
-    for count in COUNTS:
+    for count in COUNTS if options.worlds else ():
         worlds = drawn(range(first, first + options.worlds), count)
         print(f'\n{count} thermometers')
         print_faults([outcome for seed, world in worlds for outcome in judge(seed, world)])

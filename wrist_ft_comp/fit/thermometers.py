@@ -74,7 +74,8 @@ def predict_each_other(
 def _means(recording: Recording, cells: int) -> FloatArray:
     """Average temperatures over whole bins, shape (n, J)."""
     whole = len(recording) // cells * cells
-    return recording.temperature_c[:whole].reshape(-1, cells, recording.thermometers).mean(axis=1)
+    binned_c = recording.temperature_c[:whole].reshape(-1, cells, recording.thermometers)
+    return np.asarray(binned_c.mean(axis=1))
 
 
 def relaxed(prediction: Prediction, values_c: FloatArray, bin_s: float) -> FloatArray:
