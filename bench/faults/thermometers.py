@@ -22,7 +22,8 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'accuracy'))
 
 import numpy as np
-from worlds import Answer, DEVELOPMENT_SEED, left_of, report_seed, root_mean_square
+from peers import root_mean_square
+from worlds import Answer, DEVELOPMENT_SEED, left_of, report_seed
 from worlds_drawn import FAMILIES, Family, family, World
 
 from wrist_ft_comp.drift.arx import static_gain
@@ -57,8 +58,7 @@ class Outcome:
     left: float
     believed: float
     without: float
-    #: Minutes from the time when it was due until it was found; inf where it was not, NaN where it
-    #: was not due.
+    #: Minutes after it was due when it was found; inf where it was not, NaN where it was not due.
     late_min: float
     #: Whether another one was not believed, and whether a contradiction was only said.
     wrong: bool
@@ -163,20 +163,20 @@ def plain_model(days: Sequence[Recording]) -> DriftModel:
 
 
 def print_faults(outcomes: Sequence[Outcome]) -> None:
-    """Print a line for every fault."""
-    print(f'{"":12}{"days":>5}{"left":>8}{"believed":>10}{"without":>9}{"ratio":>7}{"due":>5}'
+    """Print a line for every fault, of the days on which it was due to be found."""
+    print(f'{"":12}{"days":>5}{"left":>8}{"believed":>10}{"without":>9}{"ratio":>7}'
           f'{"in 10 min":>11}{"late, min":>11}{"wrong":>7}{"said":>6}')  # fmt: skip
     for fault in FAULTS:
-        days = [outcome for outcome in outcomes if outcome.fault == fault]
-        left, believed, alone, late = (
-            np.array([getattr(day, name) for day in days])
-            for name in ('left', 'believed', 'without', 'late_min')
+        of_fault = [outcome for outcome in outcomes if outcome.fault == fault]
+        days = [outcome for outcome in of_fault if not np.isnan(outcome.late_min)]
+        names = 'left', 'believed', 'without', 'late_min', 'wrong', 'said'
+        left, believed, alone, late, wrong, said = (
+            np.array([getattr(day, name) for day in days]) for name in names
         )
-        due, found = ~np.isnan(late), late[np.isfinite(late)]
-        print(f'{fault:12}{len(days):5}{np.nanmean(left):8.3f}{np.nanmean(believed):10.3f}'
-              f'{np.nanmean(alone):9.3f}{np.nanmean(left) / np.nanmean(alone):7.2f}{due.sum():5}'
-              f'{np.sum(found <= 10):11}{np.median(found) if len(found) else np.nan:11.1f}'
-              f'{sum(day.wrong for day in days):7}{sum(day.said for day in days):6}')  # fmt: skip
+        means = [float(np.nanmean(part)) for part in (left, believed, alone)]
+        print(f'{fault:12}{len(days):5}{means[0]:8.3f}{means[1]:10.3f}{means[2]:9.3f}'
+              f'{means[0] / means[2]:7.2f}{np.sum(late <= 10):11}{np.median(late):11.1f}'
+              f'{wrong.sum():7}{said.sum():6}')  # fmt: skip
 
 
 def main() -> None:

@@ -163,9 +163,11 @@ class Agreement:
         self._readings = np.concatenate((self._readings[last], reading_c[np.newaxis]))
         self._trusted = np.concatenate((self._trusted[last], trusted[np.newaxis]))
         new = self._run(self._readings[-1:], self._trusted[-1:], self._bins)
-        old_c = self._bins.believed_c[last], self._bins.predicted_c[last]
-        pairs = zip(old_c, new[:2], strict=True)
-        self._bins = _Bins(*map(np.concatenate, pairs), new.relaxed_c)
+        self._bins = _Bins(
+            np.concatenate((self._bins.believed_c[last], new.believed_c)),
+            np.concatenate((self._bins.predicted_c[last], new.predicted_c)),
+            new.relaxed_c,
+        )
         return self._judge(heard) if self._judging else None
 
     def _run(self, readings_c: FloatArray, trusted: BoolArray, before: _Bins | None) -> _Bins:
@@ -191,7 +193,8 @@ class Agreement:
         assert self._axis is not None  # noqa: S101 -- looked at by ``able``
         low_c, high_c = self._axis.lower_c, self._axis.upper_c
         span_k = high_c - low_c
-        return np.minimum(np.maximum(temperature_c, low_c - span_k), high_c + span_k)
+        above_c = np.maximum(temperature_c, low_c - span_k)
+        return np.asarray(np.minimum(above_c, high_c + span_k))
 
     def _errors(self, bins: _Bins) -> FloatArray:
         """Average the newest errors in units of their limits, (J,); NaN where not heard."""
@@ -214,7 +217,8 @@ class Agreement:
             if j in self.replaced or not set(others) - {j}:
                 continue
             column = self._readings[:, j]
-            silent = len(column) - 1 - np.max(np.flatnonzero(np.isfinite(column)), initial=-1)
+            last_heard = np.flatnonzero(np.isfinite(column)).max(initial=-1)
+            silent = len(column) - 1 - int(last_heard)
             if silent * self._bin_s > self._prediction.silence_s[j]:
                 return self._replace(j, silent, 'is silent')
             still = self._still(j)
