@@ -95,12 +95,8 @@ def lying(day: Recording, fault: str, j: int, begin: int, sign: float) -> Record
 
 def watch(model: DriftModel, day: Recording) -> tuple[list[tuple[float, int]], bool, float]:
     """Find minutes and thermometers of lies, whether a contradiction was said, and s per cell."""
-    agreement, found, said, begun = (
-        Agreement(model, day.thermometers),
-        [],
-        False,
-        time.process_time(),
-    )
+    agreement, begun = Agreement(model, day.thermometers), time.process_time()
+    found, said = [], False
     for first in range(0, len(day), agreement.cells):
         cells = slice(first, first + agreement.cells)
         _, rewrite = agreement.add(day.temperature_c[cells], day.measured[cells])
@@ -121,10 +117,8 @@ def due_min(day: Recording, j: int, begin: int) -> float:
 def judge(seed: int, world: World) -> list[Outcome]:
     """Learn with and without a thermometer, and let it lie."""
     rng = np.random.default_rng([seed, world.judge.thermometers])
-    j, settings = (
-        int(rng.integers(world.judge.thermometers)),
-        CalibrationSettings(reference=world.reference),
-    )
+    j = int(rng.integers(world.judge.thermometers))
+    settings = CalibrationSettings(reference=world.reference)
     model = calibrate(world.learn, settings).model
     reserve = calibrate([without(day, j) for day in world.learn], settings).model
     raw = root_mean_square(left_of(world, Answer(np.zeros_like(world.truth), np.zeros(6))))
@@ -168,7 +162,7 @@ def print_faults(outcomes: Sequence[Outcome]) -> None:
           f'{"in 10 min":>11}{"late, min":>11}{"wrong":>7}{"said":>6}')  # fmt: skip
     for fault in FAULTS:
         of_fault = [outcome for outcome in outcomes if outcome.fault == fault]
-        days = [outcome for outcome in of_fault if not np.isnan(outcome.late_min)]
+        days = [day for day in of_fault if not np.isnan(day.late_min)]
         names = 'left', 'believed', 'without', 'late_min', 'wrong', 'said'
         left, believed, alone, late, wrong, said = (
             np.array([getattr(day, name) for day in days]) for name in names
@@ -191,17 +185,15 @@ def main() -> None:
         worlds = drawn(range(first, first + options.worlds), count)
         print(f'\n{count} thermometers')
         print_faults([outcome for seed, world in worlds for outcome in judge(seed, world)])
-    days = alarms = said = 0
-    seconds = []
+    days, alarms, said, seconds = 0, 0, 0, []
     for count in COUNTS:
         for _, world in drawn(range(first, first + options.healthy), count):
             found, doubted, cost_s = watch(plain_model(world.learn), world.judge)
             days, alarms, said = days + 1, alarms + bool(found), said + doubted
             seconds.append(cost_s)
     if days:
-        print(f'\n{days} healthy days: {alarms} with a thermometer that was not believed, {said} '
-              'with a contradiction that was only said; '
-              f'{1e6 * np.mean(seconds):.1f} µs per cell')  # fmt: skip
+        print(f'\n{days} healthy days: {alarms} with a thermometer that was not believed, on '
+              f'{said} a contradiction was said; {1e6 * np.mean(seconds):.1f} µs per cell')  # fmt: skip
 
 
 if __name__ == '__main__':
