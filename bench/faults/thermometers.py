@@ -192,8 +192,8 @@ def main() -> None:
             days, alarms, said = days + 1, alarms + bool(found), said + doubted
             seconds.append(cost_s)
     if days:
-        print(f'\n{days} healthy days: {alarms} with a thermometer that was not believed, on '
-              f'{said} a contradiction was said; {1e6 * np.mean(seconds):.1f} µs per cell')  # fmt: skip
+        print(f'\n{days} healthy days: on {alarms} a thermometer was not believed, on {said} a '
+              f'contradiction was said; {1e6 * np.mean(seconds):.1f} µs per cell')  # fmt: skip
 
 
 if __name__ == '__main__':
