@@ -164,7 +164,10 @@ def lagged():
 def make_model():
     """Build a drift model of lags by hand: per axis (gain of o, gain of s, time constant)."""
 
-    def make(axes, *, period_s=1.0, thermometers=1, reference_c=20.0, range_c=(-100.0, 200.0)):
+    def make(  # noqa: PLR0913 -- a factory names what it can vary
+        axes, *, period_s=1.0, thermometers=1, reference_c=20.0, range_c=(-100.0, 200.0),
+        prediction=None,
+    ):  # fmt: skip
         ones = np.ones(thermometers)
         return DriftModel(
             period_ns=round(period_s * 1e9),
@@ -189,6 +192,7 @@ def make_model():
                 )
                 for axis, (zero, sensitivity, tau) in axes.items()
             },
+            prediction=prediction,
         )
 
     return make

@@ -152,6 +152,13 @@ def test_a_live_model_for_other_thermometers_is_said(look, good):
     assert 'for other thermometers' in lesson.entry.verdict
 
 
+def test_a_day_with_a_thermometer_that_lies_is_told_and_not_learnt_from(look, good, monkeypatch):
+    monkeypatch.setattr(lessons, 'lies', lambda *_: ['thermometer 2 reads +3.0 K beside'])
+    champion = Champion('a' * 12, good)
+    entry = describe_day(NAMES[3], look, past(look, champion, 1, 2), champion)
+    assert (entry.kind, 'thermometer 2 reads' in entry.incident) == ('thermometer', True)
+
+
 def entries(count, **more):
     return [DayEntry(name, known=frozenset({(1, 1)}), left={NONE: (1.0,) * 6, 'a': (0.1,) * 6},
                      **more) for name in NAMES[:count]]  # fmt: skip

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.drift.prediction import Prediction
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.signals import (
     AXES,
@@ -49,6 +50,8 @@ class DriftModel:
     start_s: float = 0.0
     #: Of every axis where it is not N and N m; else empty.
     unit: str = ''
+    #: What each thermometer should read by the others; None with one, or where it is not known.
+    prediction: Prediction | None = None
 
     def __post_init__(self) -> None:
         """Check the names and the numbers of thermometers."""

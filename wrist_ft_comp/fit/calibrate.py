@@ -15,6 +15,7 @@ from wrist_ft_comp.fit.competition import identify_hats, identify_lags, identify
 from wrist_ft_comp.fit.cross_validation import largest_drift
 from wrist_ft_comp.fit.result import AxisFit, Calibration, SURE_SHARE
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.fit.thermometers import predict_each_other
 from wrist_ft_comp.payload.at_work import learn_at_work
 from wrist_ft_comp.payload.doubts import follows_gravity
 from wrist_ft_comp.signals import AXES, IntArray, Progress, Recording
@@ -137,6 +138,7 @@ def _learn(
     refusals = [fit.refusal for fit in fits.values() if fit.refusal]
     if refusals and all(fit.model is None for fit in fits.values()):
         raise CalibrationRefusedError(f'{refusals[0]}.')
+    predicted = predict_each_other(recordings, folds) if axis_data[0].tared else None
     model = DriftModel(
         period_ns=recordings[0].period_ns, thermometers=recordings[0].thermometers,
         axes={axis: fit.model for axis, fit in fits.items() if fit.model is not None},
@@ -144,7 +146,8 @@ def _learn(
         day_limits={
             axis: fit.day_limit for axis, fit in fits.items() if np.isfinite(fit.day_limit)
         },
-        start_s=_START_S, unit=recordings[0].unit)  # fmt: skip
+        start_s=_START_S, unit=recordings[0].unit,
+        prediction=predicted)  # fmt: skip
     return fits, model
 
 

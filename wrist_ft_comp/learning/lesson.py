@@ -20,11 +20,13 @@ from wrist_ft_comp.learning.diary import (
     good_days,
     LEARNT_FROM,
     NONE,
+    THERMOMETER,
     UNREADABLE,
     worthiest,
 )
 from wrist_ft_comp.learning.incidents import incident, pause
 from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.stream.offline import lies
 
 #: Reads and separates the day of a name; WristFtCompError where that is impossible.
 Look = Callable[[str], Day]
@@ -57,15 +59,18 @@ def describe_day(
 ) -> DayEntry:
     """Make a day's entry: what it saw, its incident, and what the live model left."""
     drift: FloatArray | float = 0.0
+    lying: list[str] = []
     try:
         day = look(name)
         entry = replace(describe(day), name=name, live=champion.key)
         with suppress(WristFtCompError):  # a model for other thermometers, or another period
             if champion.model is not None:
                 simulated = day.simulate(champion.model)
-                drift = simulated.zero
+                drift, lying = simulated.zero, lies(champion.model, day.drift)
                 entry = replace(entry, left={**entry.left, champion.key: left(simulated, day)})
         kind, sentence = incident(day, entry, before, drift)
+        if lying and not kind:
+            kind, sentence = THERMOMETER, f'On this day {"; ".join(lying)}.'
     except WristFtCompError as error:
         sentence = f'This day cannot be judged: {error}'
         return DayEntry(name, live=champion.key, kind=UNREADABLE, incident=sentence)

@@ -1,6 +1,6 @@
 """The parts that take raw wrenches and temperatures in, and judge them."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import math
 import time
@@ -18,6 +18,7 @@ from wrist_ft_comp.ros.node_log import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.topic_types import no_wrench
 from wrist_ft_comp.signals import AXES, is_plausible, NANOSECONDS, temperature_channel
+from wrist_ft_comp.stream.agreement import numbered
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.input_checks import SensorWatch, ThermometerWatch
 from wrist_ft_comp.stream.sample_checks import why_unusable
@@ -312,9 +313,12 @@ class TemperatureInput(Part):
             numbers[f'thermometer_{j}_age_s'] = _age(at_s)
             if self._stamped[j - 1] is None:
                 numbers[f'thermometer_{j}_time'] = 'of arrival: its messages have no header'
-        if self._tracker.temperature_c is not None:
-            for j, value in enumerate(self._tracker.temperature_c, start=1):
+        if self._tracker.reading_c is not None and self._tracker.temperature_c is not None:
+            for j, value in enumerate(self._tracker.reading_c, start=1):
                 numbers[f'thermometer_{j}_c'] = f'{value:.2f}'
+            for j in self._tracker.agreement.replaced:
+                believed_c = self._tracker.temperature_c[j]
+                numbers[f'thermometer_{j + 1}_believed_c'] = f'{believed_c:.2f}'
         yield doubtful(self.title, self._doubts(grown), 'all thermometers report', numbers)
 
     def _doubts(self, grown: dict[str, int]) -> Iterator[str]:
@@ -326,6 +330,7 @@ class TemperatureInput(Part):
                 f'readings of thermometer {j + 1} are dropped; they are '
                 f'{why_unusable(temperature_channel(j), value)}. {remedy} Drift is held meanwhile'
             )
+        yield from self._lies()
         yield from self._silence()
         if 0 < grown['rejected'] >= grown['usable'] / 2:
             clock = '' if self._stamp_ns else f': {_arrival(0)}'
@@ -358,7 +363,7 @@ class TemperatureInput(Part):
             yield 'a temperature was dropped, because its stamp was far from those around it'
         if unstamped := [j for j, stamped in enumerate(self._stamped) if stamped is False]:
             arrival = _arrival(self._stamp_ns)
-            yield f'thermometer {_numbers(unstamped)} does not stamp its readings; {arrival}'
+            yield f'thermometer {numbered(unstamped)} does not stamp its readings; {arrival}'
 
     def _silence(self) -> Iterator[str]:
         """Say which thermometers can't be read or are silent, and why, where that is known."""
@@ -379,14 +384,22 @@ class TemperatureInput(Part):
                 )
             elif at_s is None:
                 never.append(j)
-            elif time.monotonic() - at_s > limit_s:
+            elif time.monotonic() - at_s > limit_s and j not in self._tracker.agreement.replaced:
                 silent.append(j)
         if never:
-            yield f'thermometer {_numbers(never)} has not reported; {drift}'
+            yield f'thermometer {numbered(never)} has not reported; {drift}'
         if silent:
             yield (
-                f'thermometer {_numbers(silent)} silent for more than {limit_s:g} s; drift is held'
+                f'thermometer {numbered(silent)} silent for more than {limit_s:g} s; drift is held'
             )
+
+    def _lies(self) -> Iterator[str]:
+        """Say which thermometers are not believed."""
+        agreement = self._tracker.agreement
+        for finding in agreement.findings:
+            yield f'{finding}; what the others predict of it is used'
+        if agreement.doubt:
+            yield f'{agreement.doubt}; the drift follows them'
 
     def _outside(self) -> Iterator[str]:
         """Say which thermometers are outside the calibrated range, and guess why."""
@@ -400,11 +413,6 @@ class TemperatureInput(Part):
             unit = other_unit(float(temperature_c[outside[0]]), low_c, high_c)
             hint = f'. In {unit} it would be inside: check the unit' if unit else ''
         yield (
-            f'thermometer {_numbers(outside)} outside the calibrated range; drift is less '
+            f'thermometer {numbered(outside)} outside the calibrated range; drift is less '
             f'certain there, and held further out{hint}'
         )
-
-
-def _numbers(thermometers: Iterable[int]) -> str:
-    """Write thermometers as numbers from 1."""
-    return ', '.join(str(j + 1) for j in thermometers)

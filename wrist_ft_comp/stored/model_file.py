@@ -1,6 +1,6 @@
 """Model files: YAML that people can read, checked against a schema, exact to the last digit."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from datetime import datetime, timezone
 import hashlib
@@ -17,6 +17,7 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import Document, DriftModel, StoredModel
 from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.drift.prediction import Prediction
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.signals import axis_unit, FloatArray, SENSOR_FACTS
 from wrist_ft_comp.stored.documents import Kind, plain
@@ -119,7 +120,23 @@ def _build_model(document: Document) -> DriftModel:
             for axis, entry in document['axes'].items()
             if entry.get('day_limit') is not None
         },
-        start_s=document.get('start_s', 0.0), unit=next(others, ''))  # fmt: skip
+        start_s=document.get('start_s', 0.0), unit=next(others, ''),
+        prediction=_build_prediction(document['thermometers']))  # fmt: skip
+
+
+def _build_prediction(entries: Sequence[Document]) -> Prediction | None:
+    """Build what thermometers predict of each other; versions up to 0.2.0 wrote nothing of it."""
+    if not all('prediction' in entry for entry in entries):
+        return None
+    parts = {
+        part.name: [entry['prediction'][part.name] for entry in entries]
+        for part in fields(Prediction)
+    }
+    (time_constants_s, *others) = parts.pop('time_constants_s')
+    if any(other != time_constants_s for other in others):
+        raise ModelFileError('All predictions must have the same time_constants_s.')
+    arrays = {name: _array(name, values) for name, values in parts.items()}
+    return Prediction(_array('time_constants_s', time_constants_s), **arrays)
 
 
 def _expected_rms(entry: Document) -> float:
@@ -186,7 +203,7 @@ def save_model(
         'format': KIND.says,
         'version': KIND.version,
         'period_ns': calibration.model.period_ns,
-        'thermometers': [{'range_c': row} for row in calibration.temperature_range_c],
+        'thermometers': _thermometers(calibration),
         'duration_s': calibration.duration_s,
         'start_s': calibration.model.start_s,
         'warnings': calibration.warnings,
@@ -218,6 +235,18 @@ def save_model(
     )
     KIND.write(path, text)
     return load_model(path)
+
+
+def _thermometers(calibration: 'Calibration') -> list[Document]:
+    """List the ranges of thermometers, and how each is predicted from the others."""
+    entries: list[Document] = [{'range_c': row} for row in calibration.temperature_range_c]
+    prediction = calibration.model.prediction
+    for j, entry in enumerate(entries if prediction is not None else ()):
+        entry['prediction'] = {
+            name: values if name == 'time_constants_s' else values[j]
+            for name, values in vars(prediction).items()
+        }
+    return entries
 
 
 class _Dumper(yaml.SafeDumper):

@@ -63,12 +63,15 @@ def _document(state: SavedState) -> Document:
     if memory is not None:
         blocks = (*memory.history, *(memory.open_cells.blocks if memory.open_cells else ()))
         means, filters = (block.temperature_c for block in blocks), memory.filters.values()
-        if not _readable(memory.temperature_c, *filters, *memory.compensation, *means):
+        offsets = (memory.distrust.kept, memory.distrust.released) if memory.distrust else ()
+        if not _readable(*offsets, memory.temperature_c, *filters, *memory.compensation, *means):
             memory = None
     thermal: Document | None = None
     if memory is not None:
         thermal = {**vars(memory), **memory.compensation._asdict()}
         del thermal['compensation'], thermal['open_cells']
+        if thermal['distrust'] is None:
+            del thermal['distrust']
         thermal['history'] = [block._asdict() for block in memory.history]
         if cells := memory.open_cells:
             listed = [block._asdict() for block in cells.blocks]

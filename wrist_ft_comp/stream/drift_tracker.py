@@ -8,10 +8,11 @@ import numpy as np
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState, no_drift
 from wrist_ft_comp.signals import BoolArray, FloatArray, NANOSECONDS
+from wrist_ft_comp.stream.agreement import Agreement, Offsets, Rewrite
 from wrist_ft_comp.stream.gap import doubt, longest_gap_cells, starts, straight_lines
 from wrist_ft_comp.stream.stream_grid import CompletedCells, ThermalGrid
 from wrist_ft_comp.stream.timestamp_filter import TimestampFilter
-from wrist_ft_comp.stream.warm_restart import blocks_of, OpenCells, ThermalMemory
+from wrist_ft_comp.stream.warm_restart import blocks_of, Distrust, OpenCells, ThermalMemory
 
 #: A saved history is averaged over this time, s, so that it takes a few kilobytes.
 SPAN_S = 60.0
@@ -91,6 +92,11 @@ class DriftTracker:
         self.forgot = False
         self.timestamp_filter = TimestampFilter(thermometers)
         self.grid = ThermalGrid(period_ns, thermometers, patience_s)
+        #: Who is believed, and what was kept when somebody no longer was.
+        self.agreement = Agreement(None, thermometers)
+        self._offsets, self._offsets_s = Offsets(), 0.0
+        #: Of the last completed cell as it was read, °C, shape (J,).
+        self.reading_c: FloatArray | None = None
         self._thermometers, self._patience_s = thermometers, patience_s
         self._history_s = history_s
         #: Longest gap after which the model may continue from its state, cells.
@@ -103,6 +109,7 @@ class DriftTracker:
 
     def _forget(self) -> None:
         """Begin with no cells."""
+        self.agreement.forget()
         self.history = History(self._thermometers, self._most_cells())
         #: The cell that comes next; None before the first.
         self._next: int | None = None
@@ -178,6 +185,25 @@ class DriftTracker:
             self.origin = f'the drift goes on from the thermal state saved {before_s:.0f} s before'
 
     def _append(self, cells: CompletedCells) -> None:
+        """Add cells as far as they are believed; bins may end in them."""
+        agreement, left = self.agreement, cells.count
+        self.reading_c = cells.temperature_c
+        while left:
+            count = min(left, agreement.room) if agreement.able else left
+            left -= count
+            shape = count, self._thermometers
+            heard = np.broadcast_to(cells.measured, shape)
+            believed_c, rewrite = agreement.add(np.broadcast_to(cells.temperature_c, shape), heard)
+            silent = [max(silent - left, 0) for silent in cells.silent]
+            others = [s for j, s in enumerate(silent) if j not in agreement.replaced]
+            for j in agreement.replaced:
+                silent[j] = min(others)
+            first = cells.first_cell + cells.count - left - count
+            self._keep(CompletedCells(first, count, believed_c[-1], tuple(silent)))
+            if rewrite is not None:
+                self._rewrite(rewrite)
+
+    def _keep(self, cells: CompletedCells) -> None:
         """Add cells to the history; a thermometer that was heard ends its silence."""
         self.history.add(cells.temperature_c, cells.measured, cells.count)
         for thermometer, measured in enumerate(cells.measured):
@@ -186,12 +212,38 @@ class DriftTracker:
         self.temperature_c, self._silent = cells.temperature_c, cells.silent
         self._next = cells.first_cell + cells.count
         self.end_ns = self._next * self.grid.period_ns
+        self._offsets_s += cells.count * self.grid.period_ns / NANOSECONDS
         self._open += cells.count
         self._since_soaked += cells.count
         if max(self._silent) > self._longest:
             too_old = max(self._open - self._longest, 0)
             self._open, self._settled = self._open - too_old, None
             self._run_open = max(self._run_open - too_old, 0)
+
+    def _rewrite(self, rewrite: Rewrite) -> None:
+        """Run through the history again without a lie; the drift goes on from where it is."""
+        model = self.model
+        assert model is not None  # noqa: S101 -- without one nothing is doubted
+        self._follow(self._open)
+        begin, _ = starts(self.history.measured, self._longest)[-1]
+        rest_c = self.history.temperature_c[begin : begin + model.start_cells]
+        rested_c = rest_c.mean(axis=0)
+        rewrite.apply(self.history.temperature_c, self.history.measured)
+        before, offsets, self._offsets = self.drift, self._offsets, Offsets()
+        silent = list(self._silent)
+        silent[rewrite.thermometer] = 0
+        self._silent = tuple(silent)
+        self._run_history()
+        rests_c = rested_c, rest_c.mean(axis=0)
+        self._offsets = offsets.going_on(model, rests_c, before, self.drift)
+        self.drift, self._offsets_s = before, 0.0
+
+    def _run_history(self) -> None:
+        """Make the state from the history."""
+        self._soak()
+        begin, _ = starts(self.history.measured, self._longest)[-1]
+        self._open = self._since_soaked = len(self.history) - begin
+        self._follow(self._open)
 
     def _follow(self, most: int) -> None:
         """Run the model up to the last cell, or through the next ``most`` cells."""
@@ -220,7 +272,7 @@ class DriftTracker:
             drift = self._run(model, cells)
             self._run_open += len(cells)
         if drift is not None and self._run_open == self._open:
-            self.drift = drift
+            self.drift = self._offsets.on(drift, self._offsets_s)
 
     def _run(self, model: DriftModel, temperature_c: FloatArray) -> Drift:
         """Step the state through cells, shape (N, J), N > 0; give the drift of the last one."""
@@ -246,11 +298,11 @@ class DriftTracker:
         self.forgot = False
         self.drift = no_drift()
         self._soak()
+        self._offsets, self.agreement = Offsets(), Agreement(model, self._thermometers)
         if model is not None and len(self.history):
-            begin, _ = starts(self.history.measured, self._longest)[-1]
-            self._open = self._since_soaked = len(self.history) - begin
-            self.origin = f'the drift was found from {self._open} thermal cells before'
-            self._follow(self._open)
+            self.agreement.replay(self.history.temperature_c, self.history.measured)
+            self._run_history()
+            self.origin = f'the drift was found from {self._since_soaked} thermal cells before'
 
     def memory(self, compensation: Drift) -> ThermalMemory | None:
         """Give what a restarted stream needs to continue; None before there is a state."""
@@ -274,8 +326,16 @@ class DriftTracker:
         filters = self._state if self._settled is None else self._settled
         stamps = self.end_ns - unheard * period_ns, period_ns
         return ThermalMemory(
-            *stamps, self.temperature_c, filters, compensation, history, open_cells
-        )
+            *stamps, self.temperature_c, filters, compensation, history, open_cells,
+            self._distrust(),
+        )  # fmt: skip
+
+    def _distrust(self) -> Distrust | None:
+        """Give who is not believed, and the offsets; None where all ever were."""
+        offsets, replaced = self._offsets.after(self._offsets_s), self.agreement.replaced
+        if not (replaced or offsets.kept.any() or offsets.released.any()):
+            return None
+        return Distrust({str(j + 1): why for j, why in replaced.items()}, **vars(offsets))
 
     def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
         """
@@ -295,9 +355,16 @@ class DriftTracker:
         self._open = min(sum(block.cells for block in later.blocks), len(self.history))
         self._settled = None if later.from_rest else memory.filters
         self._silent, self._since_soaked = later.silent, len(self.history)
+        if memory.distrust is not None:
+            named = memory.distrust.replaced
+            self.agreement.replaced = {int(number) - 1: why for number, why in named.items()}
+            self._offsets = Offsets(memory.distrust.kept, memory.distrust.released)
+            self._offsets_s = 0.0
+        self.agreement.replay(self.history.temperature_c, self.history.measured)
         self._next = memory.end_ns // memory.period_ns
         self.grid.go_on(self._next, memory.temperature_c.tolist(), later.silent)
         self.temperature_c, self.end_ns = memory.temperature_c, memory.end_ns
+        self.reading_c = memory.temperature_c
         self._state = memory.filters
         self._follow(self._open)
         self.drift = memory.compensation
@@ -305,5 +372,6 @@ class DriftTracker:
         if cells > 0:
             held = np.tile(memory.temperature_c, (cells, 1))
             ended = drift_model.run(self.model, self._state, held, last_only=True)[1]
-            self.drift = Drift(ended.zero[0], ended.sensitivity[0])
+            ended = Drift(ended.zero[0], ended.sensitivity[0])
+            self.drift = self._offsets.on(ended, at_least_s)
         self.origin = 'the drift saved before the restart is held until a temperature comes'

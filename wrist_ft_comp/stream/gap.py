@@ -17,6 +17,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, run_from_rest
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.stream.agreement import Agreement, Offsets
 
 #: A model's memory in slowest time constants: after three, 5 % of a change are left.
 TIME_CONSTANTS = 3.0
@@ -82,7 +83,45 @@ def _ends_of_gaps(measured: BoolArray, longest: int) -> IntArray:
 
 
 def simulate(model: DriftModel, temperature_c: FloatArray, measured: BoolArray) -> Drift:
-    """Run a model freely over N cells on straight lines, (N, J), and over gaps: drift (N, 6)."""
+    """
+    Run a model freely over N cells on straight lines, (N, J), and over gaps: drift (N, 6).
+
+    A thermometer that is found to lie is replaced where the stream would have found it.
+    """
+    agreement = Agreement(model, temperature_c.shape[1])
+    if not agreement.able:
+        return _run_over_gaps(model, temperature_c, measured)
+    believed_c, heard, longest = temperature_c.copy(), measured.copy(), longest_gap_cells(model)
+    parts, offsets, begin = [], Offsets(), 0
+
+    def run(end: int) -> Drift:
+        return _run_over_gaps(model, believed_c[:end], heard[:end])
+
+    def newest(end: int) -> Drift:
+        seconds = (np.arange(end - begin)[:, np.newaxis] + 1) * model.period_ns / NANOSECONDS
+        return offsets.on(Drift(*(values[begin:] for values in run(end))), seconds)
+
+    for first in range(0, len(measured), agreement.cells):
+        end = min(first + agreement.cells, len(measured))
+        part = slice(first, end)
+        believed_c[part], rewrite = agreement.add(temperature_c[part], measured[part])
+        heard[part, list(agreement.replaced)] |= measured[part].any(axis=1, keepdims=True)
+        if rewrite is not None:
+            parts.append(newest(end))
+            soaked = starts(heard[:end], longest)[-1][0]
+            rest = slice(soaked, soaked + model.start_cells)
+            rested_c = believed_c[rest].mean(axis=0)
+            rewrite.apply(believed_c[:end], heard[:end])
+            before, now = (Drift(*(v[-1] for v in drift)) for drift in (parts[-1], run(end)))
+            rests_c = rested_c, believed_c[rest].mean(axis=0)
+            offsets = offsets.going_on(model, rests_c, before, now)
+            begin = end
+    parts.append(newest(len(measured)))
+    return Drift(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def _run_over_gaps(model: DriftModel, temperature_c: FloatArray, measured: BoolArray) -> Drift:
+    """Run a model over N cells, (N, J), from rest, and again after gaps: drift (N, 6)."""
     at = starts(measured, longest_gap_cells(model))
     parts = []
     for (first, cell), (_, end) in pairwise([*at, (0, len(measured))]):

@@ -8,6 +8,7 @@ from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.signals import AXES, FloatArray, IntArray, Recording
+from wrist_ft_comp.stream.agreement import Agreement
 from wrist_ft_comp.stream.gap import simulate
 
 
@@ -53,6 +54,16 @@ def simulate_drift(
         np.concatenate((before.measured, silent, recording.measured)),
     )
     return Drift(*(part[-len(recording) :] for part in drift))
+
+
+def lies(model: DriftModel, recording: Recording) -> list[str]:
+    """Say which thermometers ``simulate_drift`` did not believe, and why, in half sentences."""
+    agreement, found = Agreement(model, recording.thermometers), dict[str, None]()
+    for first in range(0, len(recording), agreement.cells):
+        cells = slice(first, first + agreement.cells)
+        agreement.add(recording.temperature_c[cells], recording.measured[cells])
+        found |= dict.fromkeys(agreement.findings)
+    return list(found)
 
 
 def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:

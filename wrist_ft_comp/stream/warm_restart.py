@@ -5,6 +5,7 @@ The sensor remembers an hour of temperatures, and a restart takes seconds. For t
 time between is a gap in the temperatures like any other (``stream/gap.py``).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.signals import AXES, FloatArray
 
 
 class Block(NamedTuple):
@@ -35,6 +36,17 @@ class OpenCells:
 
 
 @dataclass(frozen=True, eq=False)
+class Distrust:
+    """Which thermometers are not believed, and what keeps the drift from stepping."""
+
+    #: Why, by the number of the thermometer, counted from 1.
+    replaced: Mapping[str, str]
+    #: As in ``agreement.Offsets``, shapes (2, 6).
+    kept: FloatArray
+    released: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class ThermalMemory:
     """What a stream remembers of the temperatures."""
 
@@ -52,6 +64,8 @@ class ThermalMemory:
     history: tuple[Block, ...]
     #: The last cells, which may still change; None when no thermometer is silent.
     open_cells: OpenCells | None = None
+    #: None when all thermometers are believed, and always were.
+    distrust: Distrust | None = None
 
 
 def blocks_of(temperature_c: FloatArray, cells: int) -> tuple[Block, ...]:
@@ -74,6 +88,12 @@ def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
     if memory.open_cells is not None:
         blocks = (*blocks, *memory.open_cells.blocks)
         if len(memory.open_cells.silent) != model.thermometers:
+            return False
+    if memory.distrust is not None:
+        numbers = {str(j + 1) for j in range(model.thermometers)}
+        if model.prediction is None or not memory.distrust.replaced.keys() < numbers:
+            return False
+        if {memory.distrust.kept.shape, memory.distrust.released.shape} != {(2, len(AXES))}:
             return False
     if any(c.shape != shape for c in (memory.temperature_c, *(mean for mean, _ in blocks))):
         return False

@@ -12,6 +12,7 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 
+from wrist_ft_comp.drift.prediction import Prediction
 from wrist_ft_comp.node.inputs import Counts, WrenchInput
 from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.stream.input_checks import LOOKS, SensorWatch
@@ -22,6 +23,10 @@ HOUR = 3600 * SECOND
 OK, WARN = b'\0', b'\1'
 RAW = np.array([1.0, 2.0, 30.0, 0.1, 0.2, 0.3])
 AXES = {'force_z': (0.5, 0.0, 300.0)}
+#: Two thermometers that read the same.
+ALIKE = Prediction(
+    np.zeros(1), np.array([[[0.0, 1.0]], [[1.0, 0.0]]]), np.zeros(2), *np.array([[1], [3], [600]])
+    * np.ones((3, 2)))  # fmt: skip
 executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 
@@ -54,8 +59,9 @@ def told(log):
 def warm(rig, make_model):
     """Make a compensating node: 20 s at 30 °C, so force z drifts by 5 N."""
 
-    def start(thermometers=1, kind=rig, **options):
-        model = make_model('m.yaml', AXES, thermometers=thermometers, range_c=(15.0, 45.0))
+    def start(thermometers=1, kind=rig, prediction=None, **options):
+        more = {'thermometers': thermometers, 'prediction': prediction}
+        model = make_model('m.yaml', AXES, range_c=(15.0, 45.0), **more)
         options.setdefault('parameters', {}).setdefault('temperature_timeout', 3600)
         options['parameters']['model_file'] = str(model.path)
         node = kind(thermometers=thermometers, **options)
@@ -224,6 +230,17 @@ class TestTemperature:
         log(node, 'temperature: thermometer 2 silent')
         assert node.node.compensator.tracker.grid._next > START // SECOND + 20
         unharmed(node)
+
+    def test_that_stands_still_while_another_moves_is_replaced_and_told(self, warm, told):
+        node = warm(thermometers=2, prediction=ALIKE)
+        for second in range(20, 420):
+            celsius = 30.0 + max(second - 60, 0) / 50
+            node.warm(START + second * SECOND, celsius, min(celsius, 31.0))
+        words = 'thermometer 2 stands still at 31.0 °C while another moved by 3.'
+        status = told(node, 'temperature', words)
+        assert status.message.endswith('what the others predict of it is used')
+        assert status.values['thermometer_2_c'] == '31.00'
+        assert float(status.values['thermometer_2_believed_c']) == pytest.approx(celsius, abs=0.1)
 
     def test_that_jumps_moves_the_drift_no_faster_than_its_limit(self, warm, told):
         node = warm(parameters={'max_drift_rate': 0.01})

@@ -1,0 +1,176 @@
+"""Thermometers that lie: found by the others, replaced without a step, believed again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.stored.model_file import load_model, save_model
+from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.stream.offline import lies, simulate_drift
+
+PERIOD_S, CELLS, BEGIN = 10.0, 1080, 400
+FORCE_Z = 2
+FIRST_NS = 1_700_000_000_000_000_000
+
+
+def lagged(values, tau_s):
+    pole = np.exp(-PERIOD_S / tau_s)
+    return lfilter([1 - pole], [1, -pole], values, zi=[pole * values[0]])[0]
+
+
+def temperatures(seed):
+    """A motor, a flange behind it and a sensor between both, °C, (N, 3)."""
+    rng = np.random.default_rng(seed)
+    heat = 22.0 + 25.0 * np.repeat(rng.random(CELLS // 90), 90)
+    motor = lagged(heat, 300.0)
+    flange = lagged(motor, 900.0)
+    middle = 0.5 * lagged(motor, 200.0) + 0.5 * flange
+    return np.stack((motor, flange, middle), axis=1) + rng.normal(0, 0.02, (CELLS, 3))
+
+
+def drift(temperature_c):
+    """Zero drift of force z, N: mostly of the flange's temperature."""
+    return 0.8 * (temperature_c[:, 1] - 22.0) + 0.3 * (lagged(temperature_c[:, 0], 200.0) - 22.0)
+
+
+@pytest.fixture(scope='module')
+def make_day(make_recording):
+    def make(seed, thermometers=3):
+        values = temperatures(seed)
+        noise = np.random.default_rng(seed + 99).normal(0, 0.05, CELLS)
+        wrench = {'force_z': drift(values) + noise}
+        return make_recording(values[:, :thermometers], wrench, first_cell=FIRST_NS // 10**10)
+
+    return make
+
+
+@pytest.fixture(scope='module')
+def learn(make_day):
+    found = {}
+
+    def calibration(thermometers):
+        if thermometers not in found:
+            days = [make_day(seed, thermometers) for seed in (1, 2, 3)]
+            settings = CalibrationSettings(identification=IdentificationSettings('filtered_pls'))
+            found[thermometers] = calibrate(days, settings)
+        return found[thermometers]
+
+    return calibration
+
+
+def lying(day, fault, j=1, end=CELLS):
+    temperature_c, measured = day.temperature_c.copy(), day.measured.copy()
+    lie = slice(BEGIN, end)
+    if fault == 'loose':
+        temperature_c[lie, j] -= 4.0
+    else:
+        temperature_c[lie, j] = temperature_c[BEGIN - 1, j]
+        measured[lie, j] = fault == 'frozen'
+    return replace(day, temperature_c=temperature_c, measured=measured)
+
+
+def stream(compensator, day, begin=0, end=CELLS):
+    """Send a day, cell by cell; drift of force z after every completed cell."""
+    seen = {}
+    for k in range(begin, end):
+        for j in np.flatnonzero(day.measured[k]):
+            stamp_ns = FIRST_NS + round((k + 0.3 + 0.1 * j) * PERIOD_S * 1e9)
+            for cells in compensator.add_temperature(j, stamp_ns, day.temperature_c[k, j]):
+                last = cells.first_cell + cells.count - 1 - day.first_cell
+                seen[last] = compensator.tracker.drift.zero[FORCE_Z]
+    return seen
+
+
+def left(day, model):
+    true = drift(temperatures(7))
+    error = true - simulate_drift(model, day).zero[:, FORCE_Z]
+    return np.sqrt(np.mean((error - error[:6].mean()) ** 2))
+
+
+FAULTS = [(2, 'dead'), (2, 'frozen'), (3, 'dead'), (3, 'frozen')]
+
+
+@pytest.mark.parametrize(('thermometers', 'fault'), FAULTS)
+def test_a_lie_is_found_and_replaced_without_a_step(learn, make_day, thermometers, fault):
+    model, healthy = learn(thermometers).model, make_day(7, thermometers)
+    day = lying(healthy, fault)
+    (found,) = lies(model, day)
+    assert found.startswith('thermometer 2 ')
+    assert left(day, model) < 0.5 * left(day, replace(model, prediction=None))
+    zero, usual = (simulate_drift(model, each).zero[:, FORCE_Z] for each in (day, healthy))
+    assert np.abs(np.diff(zero[BEGIN + 2 :])).max() < 2 * np.abs(np.diff(usual)).max()
+
+
+@pytest.mark.parametrize(('thermometers', 'fault'), FAULTS)
+def test_the_stream_does_what_the_file_does(learn, make_day, thermometers, fault):
+    model, day = learn(thermometers).model, lying(make_day(7, thermometers), fault)
+    compensator = Compensator(thermometers, StreamSettings(temperature_timeout_s=60.0), model)
+    seen = stream(compensator, day)
+    simulated = simulate_drift(model, day).zero[:, FORCE_Z]
+    assert compensator.tracker.agreement.findings == lies(model, day)
+    cells = sorted(seen)
+    assert len(cells) > CELLS - 10
+    np.testing.assert_allclose([seen[k] for k in cells], simulated[cells], atol=1e-9)
+
+
+def test_healthy_thermometers_are_believed(learn, make_day):
+    for thermometers in (2, 3):
+        model = learn(thermometers).model
+        for seed in range(10, 20):
+            assert lies(model, make_day(seed, thermometers)) == []
+
+
+def test_one_thermometer_predicts_nothing(learn, make_day):
+    calibration, day = learn(1), make_day(7, 1)
+    assert calibration.model.prediction is None
+    assert lies(calibration.model, lying(day, 'frozen', 0)) == []
+
+
+@pytest.mark.parametrize('thermometers', [2, 3])
+def test_of_those_that_contradict_each_other_none_is_replaced(learn, make_day, thermometers):
+    day = lying(make_day(7, thermometers), 'loose')
+    compensator = Compensator(thermometers, model=learn(thermometers).model)
+    stream(compensator, day)
+    assert compensator.tracker.agreement.findings == []
+    assert 'thermometers 1, 2 contradict' in compensator.tracker.agreement.doubt
+
+
+def test_who_agrees_again_is_believed_again_without_a_step(learn, make_day):
+    model, healthy = learn(3).model, make_day(7)
+    day = lying(healthy, 'frozen', end=700)
+    compensator = Compensator(3, model=model)
+    seen = stream(compensator, day)
+    assert compensator.tracker.agreement.findings == []
+    assert len(lies(model, day)) == 1
+    zero, usual = (simulate_drift(model, each).zero[:, FORCE_Z] for each in (day, healthy))
+    assert np.abs(np.diff(zero[BEGIN + 2 :])).max() < 2 * np.abs(np.diff(usual)).max()
+    assert seen[CELLS - 2] == pytest.approx(usual[CELLS - 2], abs=0.1)
+
+
+@pytest.mark.parametrize('fault', ['dead', 'frozen'])
+def test_a_restart_goes_on_without_the_liar(learn, make_day, tmp_path, fault):
+    model, day, path = learn(3).model, lying(make_day(7), fault), tmp_path / 'state.json'
+    whole, before, after = (Compensator(3, model=model) for _ in range(3))
+    stream(before, day, end=800)
+    tare = np.zeros(6)
+    save_state(path, SavedState(0, 'f' * 64, tare, before.memory()))
+    after.resume(load_state(path).thermal, 0.0)
+    seen, unbroken = stream(after, day, 801), stream(whole, day)
+    assert after.tracker.agreement.replaced == before.tracker.agreement.replaced != {}
+    worst = max(abs(seen[k] - unbroken[k]) for k in seen if k > 802)
+    assert worst < 0.02 * np.ptp(list(unbroken.values()))
+
+
+def test_a_model_file_keeps_predictions(learn, tmp_path):
+    calibration, path = learn(3), tmp_path / 'm.yaml'
+    stored = save_model(path, calibration)
+    for name, part in vars(calibration.model.prediction).items():
+        np.testing.assert_array_equal(getattr(stored.model.prediction, name), part)
+    old = path.read_text('utf-8').replace('prediction:', 'of_no_version_before:')
+    path.write_text(old, 'utf-8')
+    assert load_model(path).model.prediction is None

@@ -1,0 +1,303 @@
+"""
+Thermometers that die or freeze: replaced by what the others predict of them.
+
+Bins of a minute are judged. One that is silent or stands still shows by itself. It is replaced by
+its prediction from the bin on in which that began, so that model and filters stay those of all
+thermometers. Of those that contradict each other, as where one came loose or two were exchanged,
+nobody can say surely which one lies, so that the contradiction is only said.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from wrist_ft_comp.drift.drift_model import Drift, DriftModel, start, step
+from wrist_ft_comp.drift.prediction import AVERAGED_BINS, bin_cells
+from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, IntArray, NANOSECONDS
+
+#: Bins that are kept, and so the longest time that a lie is followed back.
+_MOST_BINS = 360
+#: A thermometer that has agreed for this many bins is believed again.
+_AGREED_BINS = 30
+#: A thermometer agrees where its error is below this share of its limit.
+_AGREES_SHARE = 0.4
+#: A thermometer that is believed again is approached with this time constant, s.
+_APPROACH_S = 300.0
+#: What is left of that is dropped below this, K.
+_APPROACHED_K = 1e-3
+#: Bins in a row with the same mean before a thermometer counts as standing still.
+_STILL_BINS = 3
+
+
+class Rewrite(NamedTuple):
+    """What a thermometer has to be believed to have read in the newest n cells, °C, (n,)."""
+
+    thermometer: int
+    predicted_c: FloatArray
+
+    def apply(self, temperature_c: FloatArray, heard: BoolArray) -> None:
+        """Write over the end of temperatures, (N, J), and count them as heard; n may exceed N."""
+        count = min(len(self.predicted_c), len(temperature_c))
+        newest = slice(len(temperature_c) - count, None), self.thermometer
+        temperature_c[newest] = self.predicted_c[len(self.predicted_c) - count :]
+        heard[newest] = True
+
+
+class _Bins(NamedTuple):
+    """Bins that were run through, shapes (n, J), and the relaxed temperatures behind, (K, J)."""
+
+    believed_c: FloatArray
+    predicted_c: FloatArray
+    relaxed_c: FloatArray
+
+
+class Agreement:
+    """Owns what is believed of J thermometers; nothing is doubted without predictions."""
+
+    def __init__(self, model: DriftModel | None, thermometers: int) -> None:
+        able = model is not None and model.axes
+        self._prediction = model.prediction if model is not None and able else None
+        self._axis = next(iter(model.axes.values())) if model is not None and able else None
+        period_ns = model.period_ns if model is not None else NANOSECONDS
+        #: Cells of a bin, and its length, s.
+        self.cells = bin_cells(period_ns)
+        self._bin_s = self.cells * period_ns / NANOSECONDS
+        #: Why thermometers, counted from 0, are replaced by their predictions.
+        self.replaced: dict[int, str] = {}
+        #: What contradicts, where nobody can say who lies; empty where nothing does.
+        self.doubt = ''
+        self._thermometers, self._judging = thermometers, True
+        #: For how many bins each that is replaced has agreed.
+        self._agreeing: IntArray = np.zeros(thermometers, np.int64)
+        #: What is still added to a thermometer that is believed again, K.
+        self._approach_k: FloatArray = np.zeros(thermometers)
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin with no bins."""
+        self._sums, self._counts = np.zeros((2, self._thermometers))
+        self._filled = self._unheard = 0
+        #: Means of the heard cells of bins, NaN where there are none, shape (n, J).
+        self._readings: FloatArray = np.zeros((0, self._thermometers))
+        #: Whose readings are believed, shape (n, J).
+        self._trusted: BoolArray = np.zeros((0, self._thermometers), dtype=bool)
+        self._bins = _Bins(self._readings, self._readings, np.zeros((0, 0)))
+
+    @property
+    def able(self) -> bool:
+        """Whether thermometers can be compared."""
+        return self._prediction is not None
+
+    @property
+    def room(self) -> int:
+        """Count the cells that are missing in the present bin."""
+        return self.cells - self._filled
+
+    def add(
+        self, temperature_c: FloatArray, heard: BoolArray
+    ) -> tuple[FloatArray, Rewrite | None]:
+        """
+        Take cells, (n, J), n <= ``room``: give what is believed of them, and what has changed.
+
+        With the last cell of a bin the thermometers are judged; a rewrite includes this cell.
+        """
+        if not self.able:
+            return temperature_c, None
+        if self._unheard > 1 and heard.any():  # the body has soaked, as at a start
+            self.forget()
+        believed_c = self._believe(temperature_c)
+        self._sums += np.where(heard, temperature_c, 0.0).sum(axis=0)
+        self._counts += heard.sum(axis=0)
+        self._filled += len(temperature_c)
+        return believed_c, self._close() if self._filled == self.cells else None
+
+    def replay(self, temperature_c: FloatArray, heard: BoolArray) -> None:
+        """Take cells of the past, (N, J), without judging them."""
+        self._judging = False
+        begin = 0
+        while begin < len(temperature_c):
+            part = slice(begin, begin + self.room)
+            self.add(temperature_c[part], heard[part])
+            begin = part.stop
+        self._judging = True
+
+    def _believe(self, readings_c: FloatArray) -> FloatArray:
+        """Replace what lies by the straight line through its last two predictions."""
+        cells = np.arange(len(readings_c))[:, np.newaxis]
+        believed_c = readings_c + 0.0
+        if self._approach_k.any():
+            pole = np.exp(-self._bin_s / self.cells / _APPROACH_S)
+            believed_c += self._approach_k * pole ** (cells + 1)
+            self._approach_k = self._approach_k * pole ** len(cells)
+            self._approach_k[np.abs(self._approach_k) < _APPROACHED_K] = 0.0
+        if self.replaced:
+            columns, predicted_c = list(self.replaced), self._bins.predicted_c[-2:]
+            if not len(predicted_c):
+                trusted = np.ones((1, self._thermometers), dtype=bool)
+                trusted[:, columns] = False
+                predicted_c = self._run(readings_c[:1], trusted, None).predicted_c
+            slope = (predicted_c[-1] - predicted_c[0]) / self.cells
+            ahead = self._filled + cells + (1 + self.cells) / 2
+            believed_c[:, columns] = (predicted_c[-1] + slope * ahead)[:, columns]
+        return believed_c
+
+    def _close(self) -> Rewrite | None:
+        """End a bin, and judge."""
+        heard = self._counts > 0
+        reading_c = np.where(heard, self._sums / np.maximum(self._counts, 1), np.nan)
+        self._sums, self._counts = np.zeros((2, len(heard)))
+        self._filled = 0
+        if not heard.any():
+            self._unheard += 1
+            return None
+        self._unheard = 0
+        trusted = heard.copy()
+        trusted[list(self.replaced)] = False
+        last = slice(-_MOST_BINS + 1, None)
+        self._readings = np.concatenate((self._readings[last], reading_c[np.newaxis]))
+        self._trusted = np.concatenate((self._trusted[last], trusted[np.newaxis]))
+        new = self._run(self._readings[-1:], self._trusted[-1:], self._bins)
+        self._bins = _Bins(
+            np.concatenate((self._bins.believed_c[last], new.believed_c)),
+            np.concatenate((self._bins.predicted_c[last], new.predicted_c)),
+            new.relaxed_c,
+        )
+        return self._judge(heard) if self._judging else None
+
+    def _run(self, readings_c: FloatArray, trusted: BoolArray, before: _Bins | None) -> _Bins:
+        """Run through bins, (n, J), from rest, or on from other bins; prediction is belief."""
+        assert self._prediction is not None  # noqa: S101 -- looked at by ``able``
+        believed, predicted = np.empty_like(readings_c), np.empty_like(readings_c)
+        fresh = before is None or not len(before.predicted_c)
+        guess_c = np.where(trusted[0], readings_c[0], np.nanmean(readings_c[0]))
+        relaxed_c = guess_c if fresh or before is None else before.relaxed_c
+        guess_c = guess_c if fresh or before is None else before.predicted_c[-1]
+        for k, (reading_c, true) in enumerate(zip(readings_c, trusted, strict=True)):
+            # What is replaced depends on the others of this bin: two rounds.
+            for _ in range(1 if true.all() else 2):
+                bin_c = np.where(true, reading_c, guess_c)
+                after_c = self._prediction.relax(relaxed_c, bin_c, self._bin_s)
+                guess_c = self._bounded(self._prediction.predict(after_c))
+            believed[k], predicted[k] = np.where(true, reading_c, guess_c), guess_c
+            relaxed_c = after_c
+        return _Bins(believed, predicted, relaxed_c)
+
+    def _bounded(self, temperature_c: FloatArray) -> FloatArray:
+        """Keep predictions within a calibrated range of the calibrated range."""
+        assert self._axis is not None  # noqa: S101 -- looked at by ``able``
+        low_c, high_c = self._axis.lower_c, self._axis.upper_c
+        span_k = high_c - low_c
+        above_c = np.maximum(temperature_c, low_c - span_k)
+        return np.asarray(np.minimum(above_c, high_c + span_k))
+
+    def _errors(self, bins: _Bins) -> FloatArray:
+        """Average the newest errors in units of their limits, (J,); NaN where not heard."""
+        assert self._prediction is not None and self._axis is not None  # noqa: S101, PT018
+        newest = slice(-AVERAGED_BINS, None)
+        error_k = (self._readings - bins.predicted_c)[newest]
+        heard = np.isfinite(error_k)
+        mean_k = np.where(heard, error_k, 0.0).sum(axis=0) / np.maximum(heard.sum(axis=0), 1)
+        beyond = self._axis.beyond_range(bins.believed_c[-1])
+        limit_k = self._prediction.limit_k * np.hypot(1.0, beyond)
+        return np.where(heard.any(axis=0), mean_k / limit_k, np.nan)
+
+    def _judge(self, heard: BoolArray) -> Rewrite | None:
+        """Find who lies, or is to be believed again."""
+        assert self._prediction is not None  # noqa: S101 -- looked at by ``able``
+        error = self._errors(self._bins)
+        self._believe_again(error, heard)
+        others = [j for j in np.flatnonzero(heard).tolist() if j not in self.replaced]
+        for j in range(len(heard)):
+            if j in self.replaced or not set(others) - {j}:
+                continue
+            column = self._readings[:, j]
+            last_heard = np.flatnonzero(np.isfinite(column)).max(initial=-1)
+            silent = len(column) - 1 - int(last_heard)
+            if silent * self._bin_s > self._prediction.silence_s[j]:
+                return self._replace(j, silent, 'is silent')
+            still = self._still(j)
+            witnesses = self._readings[len(column) - still - 1 :, [i for i in others if i != j]]
+            moved_k = float(np.max(np.nanmax(witnesses, 0) - np.nanmin(witnesses, 0)))
+            if still >= _STILL_BINS and moved_k > self._prediction.still_k[j]:
+                why = f'stands still at {column[-1]:.1f} °C while another moved by {moved_k:.1f} K'
+                return self._replace(j, still + 1, why)
+        alarmed = np.flatnonzero(np.abs(error) > 1).tolist()
+        self.doubt = ''
+        if set(alarmed) & set(others):
+            self.doubt = (
+                f'thermometers {numbered(alarmed)} contradict what all showed when the model was '
+                'learnt: one is loose, or two are exchanged'
+            )
+        return None
+
+    def _still(self, j: int) -> int:
+        """Count the bins at the end in which a thermometer read what it had read before."""
+        moved = np.flatnonzero(np.diff(self._readings[:, j]) != 0)
+        return len(self._readings) - 1 - (int(moved[-1]) + 1 if len(moved) else 0)
+
+    def _believe_again(self, error: FloatArray, heard: BoolArray) -> None:
+        """Count the bins in which replaced thermometers agree; believe those that did for long."""
+        for j in list(self.replaced):
+            agrees = heard[j] and abs(error[j]) < _AGREES_SHARE
+            agrees = agrees and self._still(j) < _STILL_BINS
+            self._agreeing[j] = self._agreeing[j] + 1 if agrees else 0
+            if self._agreeing[j] >= _AGREED_BINS:
+                del self.replaced[j]
+                bins = slice(-AVERAGED_BINS, None)
+                error_k = (self._readings - self._bins.predicted_c)[bins, j]
+                self._approach_k[j] = -np.nanmean(error_k)
+
+    def _replace(self, j: int, bins: int, why: str) -> Rewrite:
+        """Put predictions in the place of a thermometer, from some bins before on."""
+        self.replaced[j], self.doubt = why, ''
+        self._agreeing[j], self._approach_k[j] = 0, 0.0
+        self._trusted[len(self._trusted) - bins :, j] = False
+        self._bins = self._run(self._readings, self._trusted, None)
+        middles = (np.arange(len(self._readings)) + 0.5) * self.cells
+        places = np.arange(bins * self.cells) + 0.5 + (len(self._readings) - bins) * self.cells
+        predicted_c = np.interp(places, middles, self._bins.predicted_c[:, j])
+        return Rewrite(j, predicted_c)
+
+    @property
+    def findings(self) -> list[str]:
+        """Say who lies and why, in sentences."""
+        return [f'thermometer {j + 1} {why}' for j, why in sorted(self.replaced.items())]
+
+
+@dataclass(frozen=True, eq=False)
+class Offsets:
+    """What keeps the drift from stepping where a thermometer was replaced: (2, 6), N and N m."""
+
+    #: The difference that the sensor's first rest makes; tares were taken with it.
+    kept: FloatArray = field(default_factory=lambda: np.zeros((2, len(AXES))))
+    #: What the lie had moved since then; it is let go slowly.
+    released: FloatArray = field(default_factory=lambda: np.zeros((2, len(AXES))))
+
+    def on(self, drift: Drift, seconds: FloatArray | float) -> Drift:
+        """Add the offsets to drifts, (…, 6), some seconds, (…, 1), after the replacement."""
+        share = np.exp(-seconds / _APPROACH_S)
+        parts = zip(drift, self.kept, self.released, strict=True)
+        return Drift(*(part + kept + share * released for part, kept, released in parts))
+
+    def going_on(
+        self,
+        model: DriftModel,
+        rests_c: tuple[FloatArray, FloatArray],
+        before: Drift,
+        now: Drift,
+    ) -> 'Offsets':
+        """Go on from a drift; now is the model's. Rests are as read and as believed, °C, (J,)."""
+        old, new = (np.stack(step(model, start(model, rest), rest)[1]) for rest in rests_c)
+        kept = self.kept + old - new
+        return Offsets(kept, np.stack(before) - np.stack(now) - kept)
+
+    def after(self, seconds: float) -> 'Offsets':
+        """Give what they are some seconds later."""
+        return Offsets(self.kept, self.released * np.exp(-seconds / _APPROACH_S))
+
+
+def numbered(thermometers: Iterable[int]) -> str:
+    """Write thermometers as numbers from 1."""
+    return ', '.join(str(j + 1) for j in thermometers)
