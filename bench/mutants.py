@@ -51,6 +51,7 @@ source_paths = ['wrist_ft_comp']
 only_mutate = ['wrist_ft_comp/{room}/*']
 pytest_add_cli_args_test_selection = {tests}
 pytest_add_cli_args = ['-p', 'no:cacheprovider', '-p', 'no:xdist', '-q']
+also_copy = ['data']
 use_git_change_detection = false
 track_dependencies = false
 """
