@@ -63,13 +63,13 @@ def learn(make_day):
     return calibration
 
 
-def lying(day, fault, j=1, end=CELLS):
+def lying(day, fault, j=1, begin=BEGIN, end=CELLS):
     temperature_c, measured = day.temperature_c.copy(), day.measured.copy()
-    lie = slice(BEGIN, end)
+    lie = slice(begin, end)
     if fault == 'loose':
         temperature_c[lie, j] -= 4.0
     else:
-        temperature_c[lie, j] = temperature_c[BEGIN - 1, j]
+        temperature_c[lie, j] = temperature_c[begin - 1, j]
         measured[lie, j] = fault == 'frozen'
     return replace(day, temperature_c=temperature_c, measured=measured)
 
@@ -164,6 +164,15 @@ def test_a_restart_goes_on_without_the_liar(learn, make_day, tmp_path, fault):
     assert after.tracker.agreement.replaced == before.tracker.agreement.replaced != {}
     worst = max(abs(seen[k] - unbroken[k]) for k in seen if k > 802)
     assert worst < 0.02 * np.ptp(list(unbroken.values()))
+
+
+def test_after_a_restart_another_lie_is_found(learn, make_day):
+    model, day = learn(3).model, lying(lying(make_day(7), 'dead'), 'dead', j=2, begin=850)
+    before, after = (Compensator(3, model=model) for _ in range(2))
+    stream(before, day, end=800)
+    after.resume(before.memory(), 0.0)
+    stream(after, day, 801)
+    assert set(after.tracker.agreement.replaced) == {1, 2}
 
 
 def test_a_model_file_keeps_predictions(learn, tmp_path):
