@@ -188,10 +188,10 @@ def judge(make, stored):
     return build
 
 
-def test_an_evaluation_of_ten_hours_at_a_cell_a_second_is_no_larger_and_has_its_own_numbers(
+def test_an_evaluation_of_four_hours_at_a_cell_a_second_is_no_larger_and_has_its_own_numbers(
     make, stored, judge
 ):
-    recording = make.recording('other.csv', 5, cells=36_000)
+    recording = make.recording('other.csv', 5, cells=14_400)
     view = judge(recording)
     assert len(page(view).encode()) < MAX_BYTES
     expected = judge_errors([make.evaluated(stored, recording).errors])
