@@ -110,6 +110,12 @@ def test_a_bump_is_left_out_as_the_refusal_proposes(logs, run, done):
     assert 'saved as' in done(*words, '--exclude', stretch)
 
 
+def test_a_part_behind_the_end_is_named_as_that(logs, run):
+    words = ['calibrate', logs[0], '-o', 'model.yaml', '--from', '3h', '--time', 'iso']
+    words += ['--columns', 'stamp=time,force_z=fz:kN,temperature_c=temp:F']
+    assert 'day_1.csv, which lasts 3599 s: what counts begins at 10800 s' in run(*words).sentence
+
+
 #: Of an RTDE recording (record.py of Universal Robots' client): separated by spaces.
 RTDE = ['timestamp', *(f'actual_TCP_force_{n}' for n in range(6)), 'joint_temperatures_5']
 OURS = ['stamp', *AXES, 'temperature_c']

@@ -28,15 +28,21 @@ class Part:
         """Whether everything counts."""
         return self == Part()
 
-    def of(self, blocks: Iterable[Samples]) -> Iterator[Samples]:
-        """Leave out the samples of blocks that do not count."""
-        first_ns = None
+    def of(self, blocks: Iterable[Samples], name: str) -> Iterator[Samples]:
+        """Leave out what does not count of a recording; SettingsError where nothing is left."""
+        first_ns, lasts_s, left = None, 0.0, False
         for block in blocks:
             if first_ns is None and len(block.stamps_ns):
                 first_ns = int(block.stamps_ns[0])
             since_s = (block.stamps_ns - (first_ns or 0)) / NANOSECONDS
             counts = self._counts(since_s, is_wrench=bool(set(block.channels) & set(AXES)))
+            lasts_s, left = max(lasts_s, float(since_s.max(initial=0.0))), left or counts.any()
             yield Samples(block.channels, block.stamps_ns[counts], block.values[counts])
+        if first_ns is not None and not left:
+            raise SettingsError(
+                f'Nothing is left of {name}, which lasts {lasts_s:.0f} s: what counts begins at '
+                f'{self.begin_s:.0f} s. Give an earlier --from.'
+            )
 
     def _counts(self, since_s: FloatArray, *, is_wrench: bool) -> BoolArray:
         """Tell which samples count, by their times."""

@@ -140,7 +140,7 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
             warnings = [f'{reason} It was left out.' for _, reason in table.left_out]
         part = parse_part(topics.begin, topics.end, topics.exclude)
         recording = grid_samples(
-            blocks if part.whole else part.of(blocks),
+            blocks if part.whole else part.of(blocks, path.name),
             name=path.name,
             period_s=period_s,
             max_bad_share=max_bad_share,
