@@ -192,21 +192,21 @@ class Agreement:
         above_c = np.maximum(temperature_c, low_c - span_k)
         return np.asarray(np.minimum(above_c, high_c + span_k))
 
-    def _errors(self, bins: _Bins) -> FloatArray:
+    def _errors(self) -> FloatArray:
         """Average the newest errors in units of their limits, (J,); NaN where not heard."""
         assert self._prediction is not None and self._axis is not None  # noqa: S101, PT018
         newest = slice(-AVERAGED_BINS, None)
-        error_k = (self._readings - bins.predicted_c)[newest]
+        error_k = (self._readings - self._bins.predicted_c)[newest]
         heard = np.isfinite(error_k)
         mean_k = np.where(heard, error_k, 0.0).sum(axis=0) / np.maximum(heard.sum(axis=0), 1)
-        beyond = self._axis.beyond_range(bins.believed_c[-1])
+        beyond = self._axis.beyond_range(self._bins.believed_c[-1])
         limit_k = self._prediction.limit_k * np.hypot(1.0, beyond)
         return np.where(heard.any(axis=0), mean_k / limit_k, np.nan)
 
     def _judge(self, heard: BoolArray) -> Rewrite | None:
         """Find who lies, or is to be believed again."""
         assert self._prediction is not None  # noqa: S101 -- looked at by ``able``
-        error = self._errors(self._bins)
+        error = self._errors()
         self._believe_again(error, heard)
         others = [j for j in np.flatnonzero(heard).tolist() if j not in self.replaced]
         for j in range(len(heard)):
