@@ -36,7 +36,10 @@ class Part:
                 first_ns = int(block.stamps_ns[0])
             since_s = (block.stamps_ns - (first_ns or 0)) / NANOSECONDS
             counts = self._counts(since_s, is_wrench=bool(set(block.channels) & set(AXES)))
-            lasts_s, left = max(lasts_s, float(since_s.max(initial=0.0))), left or counts.any()
+            lasts_s, left = (
+                max(lasts_s, float(since_s.max(initial=0.0))),
+                left or bool(counts.any()),
+            )
             yield Samples(block.channels, block.stamps_ns[counts], block.values[counts])
         if first_ns is not None and not left:
             raise SettingsError(
