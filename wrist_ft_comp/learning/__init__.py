@@ -1,1 +1,1 @@
-"""A model that learns day by day; read ``lesson`` first, then ``day`` and ``challenge``."""
+"""A model that learns day by day; read ``lesson`` first, then ``schedule`` and ``day``."""

@@ -1,4 +1,10 @@
-"""One lesson: judge the live model and the sensor on the newest day, and try a better model."""
+"""
+One lesson: judge the live model and the sensor on the newest day, and learn a model where due.
+
+The model that is learnt from all good days is taken unless the live one leaves less of the days
+that neither was learnt from. Of the new model's own days, what counts is the error of a fit to the
+other days.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -7,11 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import DriftModel
-from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.result import Calibration
+from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning.challenge import ANOTHER_DAY, evidence, judge, MOST_DAYS, reason
 from wrist_ft_comp.learning.day import Day, describe, left
 from wrist_ft_comp.learning.diary import (
     CHALLENGER,
@@ -25,8 +30,13 @@ from wrist_ft_comp.learning.diary import (
     worthiest,
 )
 from wrist_ft_comp.learning.incidents import incident, pause
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.learning.schedule import ANOTHER_DAY, FEWEST_DAYS, MOST_DAYS, reason
+from wrist_ft_comp.signals import AXES, FloatArray
 from wrist_ft_comp.stream.offline import lies
+
+#: Added to both errors, as a share of a usual drift: where next to nothing is left, neither of the
+#: two is better.
+_FLOOR = 0.01
 
 #: Reads and separates the day of a name; WristFtCompError where that is impossible.
 Look = Callable[[str], Day]
@@ -87,7 +97,7 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
     settings: CalibrationSettings | None = None,
 ) -> Lesson:
     """
-    Judge the newest day, ``name``, and learn a challenger where one is due.
+    Judge the newest day, ``name``, and learn a model from all good days where that is due.
 
     Entries of the days ``before`` come oldest first; ``kept`` are the days with a recording. The
     day ``since``, the newest one before a person's last decision, and older days are learnt from,
@@ -97,33 +107,88 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
     words, entries = drift_words(entry), [*before, entry]
     if pause(entries, since) or entry.kind not in LEARNT_FROM:
         return Lesson(replace(entry, verdict=f'{words}Nothing is learnt from it.'))
-    (due, why), good = reason(entries, champion.key), good_days(entries)[:-1]
-    learnt = worthiest([day for day in good if day.name in kept], MOST_DAYS)
-    if not due or not learnt:
+    due, why = reason(entries, champion.key, since if since > champion.newest else '')
+    days = [day for day in good_days(entries) if day.name in kept]
+    learnt = list(_readable(look, worthiest(days, MOST_DAYS))) if due else []
+    if len(learnt) < FEWEST_DAYS:
         return Lesson(replace(entry, verdict=f'{words}{ANOTHER_DAY if due else why}'))
     settings = replace(settings or CalibrationSettings(), reference='recorded')
-    fair = {day.name: day for day in good if day.name > max(since, champion.newest)}
-    entry, better = replace(entry, challenged=True), None
+    entry = replace(entry, challenged=True)
     try:
-        learnt = list(_readable(look, learnt))
-        challenger = calibrate([look(day.name).drift for day in learnt], settings)
-        names = [day.name for day in learnt]
-        entry = _judged(entry, challenger, look)
-        unseen = [fair[day] for day in kept if day in fair and day not in names]
-        direct = [entry, *(_judged(day, challenger, look) for day in _readable(look, unseen))]
-        judgement = judge(*evidence(direct, fair, challenger, names, champion.key or NONE))
-        if judgement.better:
-            learnt = worthiest([*learnt, entry], MOST_DAYS)
-            better = calibrate([look(day.name).drift for day in learnt], settings)
-            settings = replace(settings, reference='payload')
-            better = replace(better, payloads=look(name).payloads, settings=settings)
+        found = calibrate([look(day.name).drift for day in learnt], settings)
+        errors = held_out(found, learnt)
+        entry = replace(entry, left={**entry.left, CHALLENGER: tuple(errors[-1].tolist())})
+        ratio, count = compare(learnt, errors, champion.key, max(since, champion.newest))
     except WristFtCompError as error:
         return Lesson(replace(entry, verdict=f'{words}No new model could be learnt: {error}'))
     verdict = (
-        f'{words}A new model ({why}) would have left {forces_left(entry)[2]:.2g} N. '
-        f'{judgement.words("the live model" if champion.key else "no model")}'
+        f'{words}A new model ({why}) would have left {forces_left(entry)[2]:.2g} N. On '
+        f'{count} {"day" if count == 1 else "days"} that neither knew, it leaves {ratio:.2f} times '
+        f'as much drift as {"the live model" if champion.key else "no model"}. '
+        f'{"It is better." if ratio < 1 else "It is not used."}'
     )
-    return Lesson(replace(entry, verdict=verdict), better, tuple(day.name for day in learnt))
+    entry = replace(entry, verdict=verdict)
+    if ratio >= 1:
+        return Lesson(entry)
+    settings = replace(settings, reference='payload')
+    better = replace(found, payloads=look(name).payloads, settings=settings)
+    return Lesson(entry, better, tuple(day.name for day in learnt))
+
+
+def held_out(found: Calibration, days: Sequence[DayEntry]) -> FloatArray:
+    """Compute what fits to the other days leave of every day, N and N m, (n, 6)."""
+    left = np.full((len(days), len(AXES)), np.nan)
+    for axis, fit in found.fits.items():
+        if fit.held_out is not None:
+            errors, numbers = rms_by_fold(fit.held_out), np.unique(fit.held_out.recording)
+            drift = np.array([days[number].left[NONE] for number in numbers])[:, AXES.index(axis)]
+            # As a share, because the diary tares in a minute of cells, and a fit in one of bins.
+            share = errors.after / np.maximum(errors.before, 1e-12)
+            left[numbers, AXES.index(axis)] = share * drift
+    return left
+
+
+def compare(
+    days: Sequence[DayEntry], errors: FloatArray, live: str, newest: str
+) -> tuple[float, int]:
+    """
+    Compare what a new model and the live one leave of days that neither was learnt from.
+
+    Parameters
+    ----------
+    days : sequence of DayEntry
+        What the new model was learnt from.
+    errors : ndarray, shape (n, 6)
+        What it left of them when they were held out, N and N m.
+    live : str
+        Key of the live model; empty where none is.
+    newest : str
+        Only days after this one count.
+
+    Returns
+    -------
+    tuple of float and int
+        Geometric mean over days and axes of the new model's errors over those of the live one,
+        and the number of days.
+
+    Raises
+    ------
+    CalibrationRefusedError
+        When the live model cannot be judged on any of them.
+
+    """
+    usual = np.maximum(np.mean([day.left[NONE] for day in days], axis=0), 1e-12)
+    logs = [
+        np.log((by_new / usual + _FLOOR) / (np.array(day.left[live or NONE]) / usual + _FLOOR))
+        for day, by_new in zip(days, errors, strict=True)
+        if day.name > newest and (live or NONE) in day.left
+    ]
+    if not np.isfinite(logs).any():
+        raise CalibrationRefusedError(
+            'The live model cannot be judged on these days; it is for other thermometers, or '
+            'another thermal_period. Call ~/calibrate.'
+        )
+    return float(np.exp(np.nanmean(logs))), len(logs)
 
 
 def drift_words(entry: DayEntry) -> str:
@@ -140,10 +205,3 @@ def _readable(look: Look, days: Sequence[DayEntry]) -> Iterator[DayEntry]:
         with suppress(WristFtCompError):
             look(day.name)
             yield day
-
-
-def _judged(entry: DayEntry, challenger: Calibration, look: Look) -> DayEntry:
-    """Add to an entry what a challenger leaves of that day, which it was not learnt from."""
-    day = look(entry.name)
-    by_challenger = left(day.simulate(challenger.model), day)
-    return replace(entry, left={**entry.left, CHALLENGER: by_challenger})

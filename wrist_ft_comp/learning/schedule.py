@@ -1,0 +1,72 @@
+"""When a node that learns by itself learns a new model: often at first, then ever more rarely."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrist_ft_comp.learning.diary import Cell, DayEntry, LEARNT_FROM, share_left
+
+#: Fewest days that a model is learnt from.
+FEWEST_DAYS = 2
+#: Most days that a model is learnt from. They bound the cost, and all seasons fit into them.
+MOST_DAYS = 12
+#: A model is learnt when the number of good days has grown by this share ...
+_GROWTH = 1 / 3
+#: ... or by this number, if that is less ...
+_MOST_GROWTH_DAYS = 20
+#: ... or after a day on which the live model left more than this many times its median ...
+_BAD_RATIO = 2.0
+#: ... and more than this share of the drift ...
+_BAD_SHARE = 0.1
+#: ... or after a day with more than this share of coarse temperatures that are new.
+_NEW_TEMPERATURES_SHARE = 0.25
+#: Most processor time that days with a new model may take together, s ...
+_MOST_SPENT_S = 1400.0
+#: ... in this many days. Days that were only judged do not count: on a slow computer, judging
+#: alone takes that long, and there would never be a new model.
+_SPENT_DAYS = 30
+#: Good days after a person's decision about models before that may be changed.
+_RESPECTED_DAYS = 3
+ANOTHER_DAY = 'Another good day is needed to learn from.'
+
+
+def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bool, str]:
+    """
+    Decide whether a model is learnt after the newest day, and say why, or why not.
+
+    ``live`` is the key of the live model, ``chosen`` the newest day before a person chose it;
+    empty where none is live, and where the node did.
+    """
+    good = [day for day in entries if day.kind in LEARNT_FROM]
+    spent_s = sum(day.seconds for day in entries[-_SPENT_DAYS:] if day.challenged)
+    if len(good) < FEWEST_DAYS:
+        return False, ANOTHER_DAY
+    new = sum(day.name > chosen for day in good)
+    if chosen and new < _RESPECTED_DAYS:
+        return False, (
+            f'A person chose the live model; {new} of {_RESPECTED_DAYS} good days have come since.'
+        )
+    if spent_s > _MOST_SPENT_S:
+        return False, (
+            f'No new model was learnt: in the last {_SPENT_DAYS} days, learning took '
+            f'{spent_s / 60:.0f} minutes of processor time, and {_MOST_SPENT_S / 60:.0f} are '
+            'allowed.'
+        )
+    last = max((n for n, day in enumerate(good) if day.challenged), default=0)
+    grown, awaited = len(good) - 1 - last, min(_MOST_GROWTH_DAYS, _GROWTH * (last + 1))
+    if not live:
+        return True, 'no model is live'
+    if grown >= awaited:
+        return True, f'{grown} more good {"day" if grown == 1 else "days"}'
+    seen: frozenset[Cell] = frozenset().union(*(day.known for day in good[: last + 1]))
+    shares = [float(np.nanmean(share_left(day, live))) for day in good if live in day.left]
+    bad_share = max(_BAD_RATIO * float(np.median(shares or [1.0])), _BAD_SHARE)
+    for day in good[last + 1 :]:
+        if len(day.known - seen) > _NEW_TEMPERATURES_SHARE * len(day.known):
+            return True, f'{day.name} had other temperatures'
+        if live in day.left and np.nanmean(share_left(day, live)) > bad_share:
+            return True, f'the live model did badly on {day.name}'
+    return False, (
+        f'No new model was learnt: {grown} of {np.ceil(awaited):.0f} more good days have come, '
+        'and no day with other temperatures or a bad result of the live model.'
+    )
