@@ -145,7 +145,7 @@ def test_a_day_with_a_thermometer_that_lies_is_told_and_not_learnt_from(look, go
 
 def entries(count, **more):
     return [DayEntry(name, known=frozenset({(1, 1)}), left={NONE: (1.0,) * 6, 'a': (0.1,) * 6},
-                     **more) for name in NAMES[:count]]  # fmt: skip
+                     live='a', **more) for name in NAMES[:count]]  # fmt: skip
 
 
 def test_new_models_become_rarer_as_the_diary_grows():

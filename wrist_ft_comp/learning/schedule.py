@@ -14,7 +14,7 @@ MOST_DAYS = 12
 _GROWTH = 1 / 3
 #: ... or by this number, if that is less ...
 _MOST_GROWTH_DAYS = 20
-#: ... or after a day on which the live model left more than this many times its median ...
+#: ... or after a day on which the live model left more than this many times the median day ...
 _BAD_RATIO = 2.0
 #: ... and more than this share of the drift ...
 _BAD_SHARE = 0.1
@@ -55,18 +55,28 @@ def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bo
     last = max((n for n, day in enumerate(good) if day.challenged), default=0)
     grown, awaited = len(good) - 1 - last, min(_MOST_GROWTH_DAYS, _GROWTH * (last + 1))
     if not live:
-        return True, 'no model is live'
-    if grown >= awaited:
-        return True, f'{grown} more good {"day" if grown == 1 else "days"}'
-    seen: frozenset[Cell] = frozenset().union(*(day.known for day in good[: last + 1]))
-    shares = [float(np.nanmean(share_left(day, live))) for day in good if live in day.left]
-    bad_share = max(_BAD_RATIO * float(np.median(shares or [1.0])), _BAD_SHARE)
-    for day in good[last + 1 :]:
-        if len(day.known - seen) > _NEW_TEMPERATURES_SHARE * len(day.known):
-            return True, f'{day.name} had other temperatures'
-        if live in day.left and np.nanmean(share_left(day, live)) > bad_share:
-            return True, f'the live model did badly on {day.name}'
+        cause = 'no model is live'
+    elif grown >= awaited:
+        cause = f'{grown} more good {"day" if grown == 1 else "days"}'
+    else:
+        cause = _surprise(good, last + 1)
+    if cause:
+        return True, cause
     return False, (
         f'No new model was learnt: {grown} of {np.ceil(awaited):.0f} more good days have come, '
         'and no day with other temperatures or a bad result of the live model.'
     )
+
+
+def _surprise(good: Sequence[DayEntry], first: int) -> str:
+    """Name a good day, from the ``first`` one on, that no model before expected; '' for none."""
+    seen: frozenset[Cell] = frozenset().union(*(day.known for day in good[:first]))
+    judged = [day for day in good if day.live in day.left]
+    shares = {day.name: float(np.nanmean(share_left(day, day.live))) for day in judged}
+    bad_share = max(_BAD_RATIO * float(np.median(list(shares.values()) or [1.0])), _BAD_SHARE)
+    for day in good[first:]:
+        if len(day.known - seen) > _NEW_TEMPERATURES_SHARE * len(day.known):
+            return f'{day.name} had other temperatures'
+        if shares.get(day.name, 0.0) > bad_share:
+            return f'the live model did badly on {day.name}'
+    return ''
