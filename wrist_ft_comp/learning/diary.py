@@ -41,7 +41,7 @@ _MARKS = ('active.json', 'learning.json', 'state.json')
 Cell = tuple[int, ...]
 #: Key of the drift without any model, in ``DayEntry.left``.
 NONE = 'none'
-#: Key of what a challenger leaves.
+#: Key of what a new model leaves: a fit to the other days that it was learnt from.
 CHALLENGER = 'challenger'
 
 #: Kinds of incidents on days from which nothing is learnt.
@@ -86,7 +86,7 @@ class DayEntry:
     incident: str = ''
     #: Kind of that incident.
     kind: str = ''
-    #: Whether a challenger was learnt.
+    #: Whether a model was learnt.
     challenged: bool = False
     #: Processor time that judging and learning took, s.
     seconds: float = 0.0
@@ -121,7 +121,7 @@ def forces_left(entry: DayEntry) -> FloatArray:
     """
     Compute the RMS of a force's drift, N, shape (3,): mean of three axes, NaN where unknown.
 
-    Without a model, with the live model, and with the challenger.
+    Without a model, with the live model, and with the new one that was learnt on that day.
     """
     means = []
     for model in (NONE, entry.live, CHALLENGER):

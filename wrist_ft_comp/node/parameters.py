@@ -108,10 +108,9 @@ PARAMETERS = (
         'A calibration is refused when no thermometer spans this much.', 'K', 0.0, 200.0),
     at_start(
         'learning', 'off',
-        'Whether to keep a diary of every day and to learn from it. A model that is better by '
-        'more than chance is offered, and ~/adopt makes it live (propose), or it goes live by '
-        'itself (auto); off does nothing. Needs calibration.reference payload and a '
-        'gravity.source.',
+        'Whether to keep a diary of every day and to learn from it. A better model is offered, '
+        'and ~/adopt makes it live (propose), or it goes live by itself (auto); off does '
+        'nothing. Needs calibration.reference payload and a gravity.source.',
         choices=('off', 'propose', 'auto')),
     at_start(
         'learning.keep_days', 30,
