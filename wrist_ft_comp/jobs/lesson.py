@@ -12,12 +12,12 @@ from typing import Any
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.jobs.request import CalibrationJob, Learning
-from wrist_ft_comp.learning.schedule import MOST_DAYS
 from wrist_ft_comp.learning.day import Day, look_at
 from wrist_ft_comp.learning.day_files import day_number, goes_on, LARGEST_BYTES, size_of
 from wrist_ft_comp.learning.diary import alone, Decision, Diary, load_diary, prune, save_diary
 from wrist_ft_comp.learning.incidents import pause
 from wrist_ft_comp.learning.lesson import Champion, describe_day, drift_words, take
+from wrist_ft_comp.learning.schedule import MOST_DAYS
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page

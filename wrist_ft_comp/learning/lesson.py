@@ -123,7 +123,7 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
         return Lesson(replace(entry, verdict=f'{words}No new model could be learnt: {error}'))
     verdict = (
         f'{words}A new model ({why}) would have left {forces_left(entry)[2]:.2g} N. On '
-        f'{count} {"day" if count == 1 else "days"} that neither knew, it leaves {ratio:.2f} '
+        f'{count} {"day" if count == 1 else "days"} that neither knew, it leaves {ratio:.3f} '
         f'times as much drift as {"the live model" if champion.key else "no model"}. '
         f'{"It is better." if ratio < 1 else "It is not used."}'
     )
