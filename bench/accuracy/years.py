@@ -12,9 +12,10 @@ the next day). On every day, the last is compared with the best of the models th
 week before. What has to be reached is printed with whether it was. Processor time is that of the
 process that a node would start: days that a model is learnt from are separated again every time.
 
-Seen on 20 years that nobody had tuned on (README): of their 5220 days 16 were worse by up to 0.45
-of a usual day than with the model before, and from day 4 on no year was worse than one warm-up. A
-year takes 7 to 9 min on two processors: days to come are drawn and looked at ahead.
+Seen on 20 years that nobody had tuned on, with a learner that changed its model only when it was
+sure: from day 4 on no year was worse than one warm-up. The present one, which takes the model of
+all days unless that leaves clearly more, has not lived through whole years yet (docs/accuracy.md).
+A year takes 7 to 9 min on two processors: days to come are drawn and looked at ahead.
 
 ``--incidents`` looks at the days only on which another tool is mounted, the zero jumps, a
 thermometer stops, or something pushes on the sensor nearly all day, and the two days before each,
