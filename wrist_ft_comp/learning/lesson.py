@@ -38,7 +38,8 @@ from wrist_ft_comp.stream.offline import lies
 _FLOOR = 0.01
 #: A new model is not taken where it leaves more than this many times what the live one does. It
 #: may leave a little more: it knows more days than the fits to the others that it is judged by.
-#: With 1, a development world left 8 % more from the tenth day on.
+#: With 1, a development world left 8 % more from the tenth day on. Without a limit, another left
+#: 0.4 of a usual day's drift instead of 0.01 for a week, after one day that was separated badly.
 _CLEARLY_WORSE = 1.25
 
 #: Reads and separates the day of a name; WristFtCompError where that is impossible.
