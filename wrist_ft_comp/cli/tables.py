@@ -19,7 +19,7 @@ from wrist_ft_comp.report.days import date_of, known_temperatures
 from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
 from wrist_ft_comp.signals import Recording
 from wrist_ft_comp.stored.payload_file import payload_figures
-from wrist_ft_comp.stream.offline import lies
+from wrist_ft_comp.stream.offline import thermometer_doubts
 
 #: Letters in a line of a terminal.
 WIDTH = 80
@@ -121,7 +121,7 @@ def print_warnings(sentences: Iterable[str]) -> None:
 
 
 def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]:
-    """Say where thermometers leave the range that a model was learnt from, or are not believed."""
+    """Say where thermometers leave the range that a model was learnt from, or are doubted."""
     sentences = []
     pairs = zip(recording.temperature_c.T, stored.document['thermometers'], strict=False)
     for number, (column, thermometer) in enumerate(pairs):
@@ -134,7 +134,7 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
                 f'For {rounded(100 * share, 2)} % of the time the correction is a guess.'
             )
     sentences += [
-        f'In {recording.name} {lie}; what the others predict of it is used.'
-        for lie in lies(stored.model, recording)
+        f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
+        for doubt, share in thermometer_doubts(stored.model, recording).items()
     ]
     return tuple(sentences)
