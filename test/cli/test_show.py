@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import combinations
 import json
 from math import nan
+from pathlib import Path
 import re
 
 from hypothesis import given
@@ -18,6 +19,7 @@ from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import DayEntry, Decision, Diary, diary_path, save_diary
 from wrist_ft_comp.learning.memory import Memory, save_memory
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.report.days import MODEL_CHANGES, NAMES, NO_DAYS, NO_PAYLOAD
 from wrist_ft_comp.report.days_picture import days_figure
 from wrist_ft_comp.report.verdict import Verdict
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
@@ -324,3 +326,9 @@ def test_a_folder_without_days_and_a_picture_of_none_are_sentences(run, folder, 
     (empty / 'state.json').write_text('{}')
     assert 'holds no days' in run('show', empty).sentence
     assert '--picture draws the days' in run('show', drift_csv, '--picture', 'a.png').sentence
+
+
+def test_every_name_of_what_happens_is_explained():
+    page = (Path(__file__).parents[2] / 'docs/learning.md').read_text('utf-8')
+    for name in (*NAMES.values(), *MODEL_CHANGES, NO_PAYLOAD, NO_DAYS):
+        assert f'| `{name}` |' in page

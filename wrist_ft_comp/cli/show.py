@@ -57,7 +57,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'file', type=Path, metavar='FILE',
         help='MODEL.yaml, REC, payloads.json, or a data_directory with days')  # fmt: skip
     parser.add_argument(
-        '--picture', type=Path, metavar='PICTURE.png', help="draw a node's days, too"
+        '--picture',
+        type=Path,
+        metavar='PICTURE.png',
+        help="draw a node's days: what drifted, what was left, what happened",
     )
     options.add_topics(parser)
     options.add_json(parser)

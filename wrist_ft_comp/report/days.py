@@ -33,7 +33,7 @@ _DAY_NS = 86_400 * NANOSECONDS
 #: Of a drift up to this one, N or N m, no share is given: no sensor resolves it.
 _LEAST_DRIFT = 1e-6
 #: Names of incidents; another kind goes by its own name.
-_NAMES = {
+NAMES = {
     ZERO: 'zero jumped',
     GAIN: 'gain changed',
     NOISE: 'more noise',
@@ -42,7 +42,7 @@ _NAMES = {
     CONTACTS: 'pushed all day',
     UNREADABLE: 'day not readable',
 }
-_NO_PAYLOAD = 'no payload found'
+NO_PAYLOAD = 'no payload found'
 NO_DAYS = 'no days'
 #: Names of changes of the model, which happen after a day.
 LEARNT, OFFERED, CHOSEN, BACK, ANOTHER = MODEL_CHANGES = (
@@ -126,7 +126,7 @@ def _incidents(days: Sequence[DayEntry]) -> list[Event]:
     for n, day in enumerate(days):
         names = _names(day)
         if weighed and not (names or day.payloads) and np.isfinite(rms_left(day, NONE)):
-            names = [_NO_PAYLOAD]
+            names = [NO_PAYLOAD]
         for name in names:
             begun = None if day.kind == ZERO else found.pop((name, n - 1), None)
             found[name, n] = begun._replace(last=n) if begun else Event(name, n, n, day.incident)
@@ -138,7 +138,7 @@ def _names(day: DayEntry) -> list[str]:
     if day.kind == THERMOMETER:
         numbers = re.findall(r'[Tt]hermometer (\d+)', day.incident)
         return [f'thermometer {number} out' for number in dict.fromkeys(numbers)] or [day.kind]
-    return [_NAMES.get(day.kind, day.kind or 'incident')] if day.kind or day.incident else []
+    return [NAMES.get(day.kind, day.kind or 'incident')] if day.kind or day.incident else []
 
 
 def _pauses(days: Sequence[DayEntry]) -> Iterator[Event]:
