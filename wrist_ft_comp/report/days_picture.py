@@ -65,6 +65,11 @@ class _Slots(NamedTuple):
         """Right edges, shape (n,)."""
         return self.left + self.width
 
+    @property
+    def middle(self) -> FloatArray:
+        """Middles, shape (n,)."""
+        return self.left + self.width / 2
+
 
 def days_png(diary: Diary) -> bytes:
     """Draw the days below a sentence that sums them up, and above a list of what happened."""
@@ -98,7 +103,8 @@ def _draw(figure: FigureBase, diary: Diary) -> Axes:
     drifts = [drift_left(day) for day in days]
     names = list(dict.fromkeys(event.name for event in happened))
     heights = _NEWTONS, _PER_CENT, _LANE * (len(names) + 1)
-    newtons, per_cent, lanes = panels = figure.subplots(3, height_ratios=heights)
+    panels: list[Axes] = figure.subplots(3, height_ratios=heights).tolist()
+    newtons, per_cent, lanes = panels
     dated = _dated(slots)
     for panel in panels:
         panel.set_xlim(slots.left[0] - _BORDER, slots.right[-1] + _BORDER)
@@ -154,9 +160,9 @@ def _draw_newtons(panel: Axes, slots: _Slots, drift: FloatArray) -> None:
     """Draw the drift of days, wide bars, and what was left of it, narrow bars before them."""
     without, left = drift.T
     narrow = 0.55 if len(without) < _MANY_DAYS else 1.0
-    wide = {'align': 'edge', 'color': WITHOUT, 'alpha': 0.4, 'lw': 0}
-    panel.bar(slots.left, without, slots.width, label='drift without a model', **wide)
-    middle = slots.left + slots.width / 2
+    middle = slots.middle
+    label = 'drift without a model'
+    panel.bar(middle, without, slots.width, color=WITHOUT, alpha=0.4, lw=0, label=label)
     panel.bar(middle, left, narrow * slots.width, color=WITH, label='left by the live model')
     panel.set_ylabel('force, N')
     highest = np.nanmax(drift, axis=1, initial=0.0)
@@ -172,7 +178,7 @@ def _draw_newtons(panel: Axes, slots: _Slots, drift: FloatArray) -> None:
 
 def _draw_per_cent(panel: Axes, slots: _Slots, drifts: Sequence[DriftLeft]) -> None:
     """Draw the share of the drift that was left."""
-    middle = slots.left + slots.width / 2
+    middle = slots.middle
     share = 100 * np.array([drift.share for drift in drifts])
     shown = np.minimum(share, _MOST_PER_CENT)
     known = np.flatnonzero(np.isfinite(share))
