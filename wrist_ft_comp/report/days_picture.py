@@ -148,7 +148,7 @@ def _lines(diary: Diary) -> list[str]:
     """Write the newest events, each in a few lines."""
     happened = events(diary)
     older = len(happened) - _MOST_EVENTS
-    lines = [f'{older} older ones are listed by wrist_ft_comp show.'] if older > 0 else []
+    lines = [f'{older} older events are listed by wrist_ft_comp show.'] if older > 0 else []
     for event in happened[-_MOST_EVENTS:]:
         lines += textwrap.wrap(
             event_line(event, diary.days), _TEXT_LETTERS, max_lines=_MOST_LINES, placeholder=' …',
@@ -214,7 +214,7 @@ def _draw_lanes(
             begin, end = slots.left[event.first], slots.right[event.last]
             if name in MODEL_CHANGES:
                 begin, end = end - least, end + least
-                panel.plot((begin + end) / 2, lane, '^', color=WITH, ms=7)
+                panel.plot((begin + end) / 2, lane, '^', color=WITH, ms=7, clip_on=False)
             elif name == NO_DAYS:
                 begin, end = slots.right[event.first], slots.left[event.last]
                 panel.barh(lane, end - begin, 0.5, begin, color=FRAME, alpha=0.4)
