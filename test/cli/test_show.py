@@ -198,7 +198,8 @@ def test_a_table_tells_of_every_day(done, folder):
     lines = text.splitlines()
     assert lines[0].startswith(f'{folder}: days of a node that learns, 4')
     for words in (
-        '4 days, 2026-02-02 to 2026-02-06: without a model a force drifted by 3 N, with',
+        '4 days, 2026-02-02 to 2026-02-06: on a usual day a force drifted by 3 N; the',
+        'median of 1 day with a model;',
         'day_00001  2026-02-02   24.0     18.0 to 25.0         3      0.3       10',
         'day_00002  2026-02-03   23.5     24.0 to 29.0         4        -        -',
         'day_00005  2026-02-06   12.0',

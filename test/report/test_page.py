@@ -126,7 +126,9 @@ def test_the_page_of_a_model_that_days_gave_shows_the_days(view):
     assert not outline.open
     assert outline.seen.count('svg') == before.seen.count('svg') + 1
     assert len(outline.ids) == len(set(outline.ids))
-    assert '3 days, 2001-09-09 to 2001-09-11: a force drifted by 2 N' in outline.whole
+    assert (
+        '3 days, 2001-09-09 to 2001-09-11: on a usual day a force drifted by 2 N' in outline.whole
+    )
     assert '2001-09-10 to 2001-09-11  thermometer 2 out: Thermometer 2 <i>stopped' in outline.whole
 
 

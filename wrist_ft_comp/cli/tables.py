@@ -21,9 +21,10 @@ from wrist_ft_comp.report.days import (
     DriftLeft,
     event_line,
     events,
+    judged_drifts,
     known_temperatures,
-    mean_drift,
     summary,
+    usual_drift,
 )
 from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
 from wrist_ft_comp.signals import Recording
@@ -106,10 +107,12 @@ def days_json(diary: Diary, memory: Memory) -> dict[str, object]:
         {**event._asdict(), 'first': days[event.first]['name'], 'last': days[event.last]['name']}
         for event in events(diary)
     ]
-    (force, judged), (torque, _) = mean_drift(diary), mean_drift(diary, TORQUES)
-    means = {'days': judged, 'force_n': _shares(force), 'torque_nm': _shares(torque)}
+    force, torque = judged_drifts(diary), judged_drifts(diary, TORQUES)
+    medians = {'force_n': _shares(usual_drift(force)), 'torque_nm': _shares(usual_drift(torque))}
     decisions = [(decision.day, decision.sentence) for decision in diary.decisions]
-    said = {'summary': {'sentence': summary(diary)[0], **means}, 'events': happened}
+    sentence, counted = summary(diary)
+    figures = {'sentence': sentence, 'counted': counted, 'days': len(force), **medians}
+    said = {'summary': figures, 'events': happened}
     return {**vars(diary), 'days': days, 'decisions': decisions, 'node': memory, **said}
 
 

@@ -25,7 +25,7 @@ from wrist_ft_comp.learning.diary import (
     ZERO,
 )
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.signals import NANOSECONDS
+from wrist_ft_comp.signals import FloatArray, NANOSECONDS
 
 #: A silence of the robot from this length on is one of the things that happened, days.
 _PAUSE_DAYS = 7.0
@@ -84,33 +84,40 @@ def drift_left(entry: DayEntry, axes: slice = FORCES) -> DriftLeft:
     return DriftLeft(rms_left(entry, NONE, axes), rms_left(entry, entry.live, axes))
 
 
-def mean_drift(diary: Diary, axes: slice = FORCES) -> tuple[DriftLeft, int]:
-    """Average over days with a live model, or over all where there are none; and their number."""
+def judged_drifts(diary: Diary, axes: slice = FORCES) -> FloatArray:
+    """Collect what was left on days with a live model, or on all where there are none, (n, 2)."""
     drifts = np.array([drift_left(day, axes) for day in diary.days])
-    judged = drifts[np.isfinite(drifts).all(axis=1)]
-    if not len(judged):
-        judged = drifts[np.isfinite(drifts[:, 0])]
-    if not len(judged):
-        return DriftLeft(np.nan, np.nan), 0
-    return DriftLeft(*judged.mean(axis=0).tolist()), len(judged)
+    with_model = np.isfinite(drifts).all(axis=1)
+    return drifts[with_model if with_model.any() else np.isfinite(drifts[:, 0])]
+
+
+def usual_drift(drifts: FloatArray) -> DriftLeft:
+    """Take the medians of drifts, (n, 2): one day that was judged wrongly does not move them."""
+    return DriftLeft(*(np.median(drifts, axis=0) if len(drifts) else (np.nan, np.nan)))
 
 
 def summary(diary: Diary) -> tuple[str, str]:
     """Say in one sentence what drifted and what was left of it, and how that was counted."""
-    count = len(diary.days)
+    count, judged = len(diary.days), judged_drifts(diary)
     dates = dict.fromkeys(map(when, (diary.days[0], diary.days[-1])))
     head = f'{count} day{"s"[: count > 1]}, {" to ".join(dates)}'
-    (force, judged), (torque, _) = mean_drift(diary), mean_drift(diary, TORQUES)
-    if not judged:
+    force, torque = usual_drift(judged), usual_drift(judged_drifts(diary, TORQUES))
+    if not len(judged):
         return f'{head}: none is judged yet.', ''
-    counted = f'RMS of a day, tared in its first minute; mean of {judged} day{"s"[: judged > 1]}'
-    drifted = f'a force drifted by {rounded(force.without, 2)} N'
+    days = f'{len(judged)} day{"s"[: len(judged) > 1]}'
+    counted = f'RMS of a day, tared in its first minute; median of {days}'
+    drifted = f'on a usual day a force drifted by {rounded(force.without, 2)} N'
     if np.isnan(force.left):
         return f'{head}: {drifted}; no model was live.', f'{counted}.'
+    (without, left), most = judged.mean(axis=0), judged[:, 1].max()
+    counted += (
+        f' with a model; mean {rounded(without, 2)} and {rounded(left, 2)} N; most left '
+        f'{rounded(most, 2)} N.'
+    )
     if np.isfinite(torque.left):
-        without = f'{rounded(torque.without, 2)} N m'
-        counted += f' with a model. A torque: {without} without, {torque.words("N m")} with it'
-    return f'{head}: without a model {drifted}, with it by {force.words("N")}.', f'{counted}.'
+        drifts = f'{rounded(torque.without, 2)} N m; the model left {torque.words("N m")}'
+        counted += f' A torque drifted by {drifts}.'
+    return f'{head}: {drifted}; the model left {force.words("N")}.', counted
 
 
 def events(diary: Diary) -> list[Event]:

@@ -80,7 +80,8 @@ def days_png(diary: Diary) -> bytes:
     sentence, counted = summary(diary)
     title = '\n'.join(textwrap.wrap(sentence, _TITLE_LETTERS))
     drawing.suptitle(title, x=0.01, ha='left', weight='bold', size=12)
-    _draw(drawing, diary).set_title(counted, loc='left', size=9, color=FRAME, pad=22)
+    small = '\n'.join(textwrap.wrap(counted, _TITLE_LETTERS))
+    _draw(drawing, diary).set_title(small, loc='left', size=9, color=FRAME, pad=22)
     text.text(0.01, 1, '\n'.join(lines), va='top', size=8, parse_math=False)
     return png_bytes(figure)
 
