@@ -88,7 +88,7 @@ def judged_drifts(diary: Diary, axes: slice = FORCES) -> FloatArray:
     """Collect what was left on days with a live model, or on all where there are none, (n, 2)."""
     drifts = np.array([drift_left(day, axes) for day in diary.days])
     with_model = np.isfinite(drifts).all(axis=1)
-    return drifts[with_model if with_model.any() else np.isfinite(drifts[:, 0])]
+    return np.asarray(drifts[with_model if with_model.any() else np.isfinite(drifts[:, 0])])
 
 
 def usual_drift(drifts: FloatArray) -> DriftLeft:
