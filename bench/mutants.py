@@ -34,7 +34,11 @@ ROOMS = {
         'test/cli/test_payload.py',
         'test/cli/test_compensate.py',
     ),
-    'learning': ('test/jobs/test_lesson.py', 'test/cli/test_show.py'),
+    'learning': (
+        'test/jobs/test_lesson.py',
+        'test/cli/test_show.py',
+        'test/node/compensator/learning/test_diary.py',
+    ),
     'stored': ('test/test_fixtures.py',),
 }
 SEED = 11

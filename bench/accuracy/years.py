@@ -47,10 +47,11 @@ from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.learning.day import Day, describe, look_at
-from wrist_ft_comp.learning.diary import DayEntry, worthiest
+from wrist_ft_comp.learning.diary import DayEntry, Decision, Diary, worthiest
 from wrist_ft_comp.learning.incidents import incident
 from wrist_ft_comp.learning.lesson import Champion, take
-from wrist_ft_comp.signals import FloatArray, Recording
+from wrist_ft_comp.report.days_picture import days_png
+from wrist_ft_comp.signals import FloatArray, NANOSECONDS, Recording
 from wrist_ft_comp.stream.offline import simulate_drift
 
 NEVER, ONCE, SEASONS, LEARNING, BEFORE = range(5)
@@ -61,6 +62,8 @@ TITLES = ('never', 'once by hand', 'every season by hand', 'learning', 'the week
 OF_ONCE, OF_SEASONS, WORSE, NAMED_DAYS, FALSE, DAY_S, YEAR_MIN = 0.6, 1.2, 0.2, 2, 1, 60.0, 10.0
 #: Axes that drift less than this by their largest noise do not count.
 _STILL = 1e-9
+#: The picture of a year begins on 2026-01-05, a Monday: drawn weeks begin with five days at work.
+FIRST_MONDAY_NS = 20_458 * 86_400 * NANOSECONDS
 #: Days that a robot keeps.
 _KEPT = 30
 #: Days of a week.
@@ -302,28 +305,11 @@ def print_incidents(seeds: range, pool: Executor) -> None:
 
 
 def draw(year: Lived, target: Path) -> None:
-    """Draw a year: drift left per day, and what happened."""
-    import matplotlib as mpl  # noqa: PLC0415 -- needed for a picture only
-
-    mpl.use('Agg')
-    import matplotlib.pyplot as plt  # noqa: PLC0415
-
-    figure, panel = plt.subplots(figsize=(11, 4.2))
-    for way, color in ((NEVER, '0.6'), (ONCE, 'C1'), (SEASONS, 'C2'), (LEARNING, 'C0')):
-        panel.plot(year.days, year.left[:, way], '.', color=color, alpha=0.3)
-        week = np.convolve(np.pad(year.left[:, way], 2, 'edge'), np.full(5, 0.2), 'valid')
-        panel.plot(year.days, week, color=color, label=TITLES[way])
-    panel.set_ylim(0, 1.3 * float(np.quantile(year.left[:, NEVER], 0.99)))
-    for kind, number in {'moved': year.events.moved, **year.events.named()}.items():
-        panel.axvline(number, color='0.8', zorder=0)
-        panel.text(number, panel.get_ylim()[1], kind, rotation=90, va='top', fontsize=8)
-    for number in year.adopted:
-        panel.plot(number, 0, '^', color='C0', clip_on=False)
-    panel.set_xlabel('day (▲ a new model)')
-    panel.set_ylabel('drift left of a usual day')
-    panel.legend(loc='lower right', bbox_to_anchor=(1, 1), ncols=4, fontsize=8)
-    figure.tight_layout()
-    figure.savefig(target, dpi=110)
+    """Draw a year as ``wrist_ft_comp show --picture`` does."""
+    days = [replace(day, first_ns=day.first_ns + FIRST_MONDAY_NS) for day in year.entries]
+    adopted = {day_name(number) for number in year.adopted}
+    decisions = [Decision(day.name, day.verdict, 'learnt') for day in days if day.name in adopted]
+    target.write_bytes(days_png(Diary(tuple(days), tuple(decisions))))
 
 
 def main() -> None:

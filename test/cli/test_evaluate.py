@@ -3,9 +3,11 @@ import json
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from wrist_ft_comp import evaluate, load_model, read_recording
 from wrist_ft_comp.stream import gap
+from wrist_ft_comp.stream.compensator import Compensator
 
 
 @pytest.mark.parametrize('tare_s', [5, 60])
@@ -85,3 +87,40 @@ def test_large_figures_are_written_out(run, make, model, tmp_path):
     outcome = run('evaluate', model, make.csv(tmp_path / 'run.csv', columns))
     assert 'For 100 % of the time the correction is a guess' in outcome.err
     assert 'e+0' not in outcome.out + outcome.err
+
+
+def lagged_pair(seed, loose_k=0.0):
+    """A motor and a flange that follows it, 3 h; the thermometer of the flange comes loose."""
+    rng = np.random.default_rng(seed)
+    heat = 22 + 25 * np.repeat(rng.random(12), 90)
+    motor = lfilter([1 / 30], [1, 1 / 30 - 1], heat, zi=[heat[0]])[0]
+    flange = lfilter([1 / 90], [1, 1 / 90 - 1], motor, zi=[motor[0]])[0]
+    loose = np.where(np.arange(len(heat)) < 400, 0.0, -loose_k)
+    return {
+        'stamp_s': range(0, 10 * len(heat), 10),
+        'temperature_c': (motor + rng.normal(0, 0.02, len(heat))).tolist(),
+        'temperature_2_c': (flange + loose + rng.normal(0, 0.02, len(heat))).tolist(),
+        'force_z': (0.8 * (flange - 22) + rng.normal(0, 0.05, len(heat))).tolist(),
+    }
+
+
+def test_thermometers_that_contradict_are_said_of_files_in_the_words_of_the_node(
+    run, make, tmp_path
+):
+    days = [make.csv(tmp_path / f'{seed}.csv', lagged_pair(seed)) for seed in (1, 2, 3)]
+    model, cells = tmp_path / 'model.yaml', ('--thermal-period', 10, '--method', 'filtered_pls')
+    run('calibrate', *days, '-o', model, *cells)
+    healthy, loose = (
+        make.csv(tmp_path / f'loose_{k}.csv', lagged_pair(7, k)) for k in (0.0, 12.0)
+    )
+    assert 'contradict' not in run('evaluate', model, healthy).err
+    judged = run('evaluate', model, loose).err
+    assert 'thermometers 1, 2 contradict what all showed when the model was learnt' in judged
+    assert judged.count('contradict') == 1
+    live = Compensator(2, model=load_model(model).model)
+    for cell, pair in enumerate(read_recording(loose, period_s=10.0).temperature_c):
+        for thermometer, value in enumerate(pair):
+            live.add_temperature(thermometer, (10 * cell + thermometer + 1) * 10**9, value)
+    assert live.tracker.agreement.sentences[-1] in judged
+    copied = run('compensate', model, loose, '-o', tmp_path / 'copy.csv').err
+    assert live.tracker.agreement.sentences[-1] in copied

@@ -1,11 +1,15 @@
 """What show says of a model, a recording, payloads, and the days of a node; and its tables."""
 
+from dataclasses import replace
+from itertools import combinations
 import json
 from math import nan
+from pathlib import Path
 import re
 
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 import numpy as np
 import pytest
 import yaml
@@ -15,6 +19,8 @@ from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import DayEntry, Decision, Diary, diary_path, save_diary
 from wrist_ft_comp.learning.memory import Memory, save_memory
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.report.days import MODEL_CHANGES, NAMES, NO_DAYS, NO_PAYLOAD
+from wrist_ft_comp.report.days_picture import days_figure
 from wrist_ft_comp.report.verdict import Verdict
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 
@@ -174,7 +180,7 @@ def folder(tmp_path):
                  verdict='the challenger is better by chance only'),
         DayEntry('day_00002.csv', START + DAY, 23.5, ((24.0, 29.0),),
                  left={'none': (4.0, nan, nan, nan, nan, nan)}, live='abc',
-                 incident='zero of force_z jumped by 4.1 N at 13:02'),
+                 incident='zero of force_z jumped by 4.1 N at 13:02', kind='zero'),
         DayEntry('day_00004.csv', START + 3 * DAY, 9.0, ((35.0, 40.0),), verdict='all is well'),
     )  # fmt: skip
     changes = (Decision('day_00001.csv', 'model_x.yaml was adopted'),)
@@ -192,13 +198,15 @@ def test_a_table_tells_of_every_day(done, folder):
     lines = text.splitlines()
     assert lines[0].startswith(f'{folder}: days of a node that learns, 4')
     for words in (
-        'day_00001  2026-02-02   24.0     18.0 to 25.0         3        0.3',
-        'day_00002  2026-02-03   23.5     24.0 to 29.0         4          -',
+        '4 days, 2026-02-02 to 2026-02-06: on a usual day a force drifted by 3 N; the',
+        'median of 1 day with a model;',
+        'day_00001  2026-02-02   24.0     18.0 to 25.0         3      0.3       10',
+        'day_00002  2026-02-03   23.5     24.0 to 29.0         4        -        -',
         'day_00005  2026-02-06   12.0',
-        'day_00001.csv: the challenger is better by chance only',
-        'day_00002.csv: zero of force_z jumped by 4.1 N at 13:02',
+        '2026-02-03  zero jumped: zero of force_z jumped by 4.1 N at 13:02',
+        'day_00004.csv: all is well',
         'day_00005.csv: not judged yet',
-        'after day_00001.csv: model_x.yaml was adopted',
+        '2026-02-02  person chose model: model_x.yaml was adopted',
         'last change: 2026-05-02',
         'known temperatures: thermometer 1: 18.0 to 29.0, 35.0 to 40.0 °C',
         'offered: m.yaml',
@@ -208,6 +216,16 @@ def test_a_table_tells_of_every_day(done, folder):
     assert max(map(len, lines[1:])) <= 80
     (document,) = json.loads(done('show', folder, '--json')).values()
     assert document['days'][0]['left']['abc'] == [0.3] * 6
+    assert document['days'][0]['force_n'] == pytest.approx(
+        {'without': 3.0, 'left': 0.3, 'share': 0.1}
+    )
+    assert document['days'][1]['force_n'] == pytest.approx(
+        {'without': 4.0, 'left': None, 'share': None}
+    )
+    assert document['summary']['force_n'] == pytest.approx(
+        {'without': 3.0, 'left': 0.3, 'share': 0.1}
+    )
+    assert document['summary']['days'] == 1
     assert document['days'][1]['left']['none'][1] is None
     assert document['paused'] == 'zero of force_z jumped'
 
@@ -226,6 +244,66 @@ def test_of_a_day_that_tells_nothing_neither_date_nor_length_is_told(done, folde
 def test_the_days_themselves_and_a_folder_of_several_sensors_will_do(done, folder):
     assert done('show', folder / 'days') == done('show', folder)
     assert done('show', folder.parent) == done('show', folder)
+
+
+def day(number, live='', *, kind='', incident='', at=None):
+    """One of many days: 3 N without a model, a tenth of that with one, and a tool of 1.4 kg."""
+    left = {'none': (3.0,) * 6, **({live: (0.3,) * 6} if live else {})}
+    first_ns = START + (number if at is None else at) * DAY
+    return DayEntry(
+        f'day_{number:05d}.csv', first_ns, 9.0, ((18.0, 25.0),), left=left, live=live, kind=kind,
+        incident=incident, payloads=((1.4, 0.0, 0.0, 0.1),))  # fmt: skip
+
+
+def test_what_happened_is_named_once_from_its_first_to_its_last_day(done, tmp_path):
+    silent = {'kind': 'thermometer', 'incident': 'On this day thermometer 2 is silent.'}
+    jumped = {'kind': 'zero', 'incident': 'The zero jumped.'}
+    days = (
+        day(1), day(2), day(3, 'a', **silent), day(4, 'a', **silent), day(5, 'a', **silent),
+        day(6, 'b', **jumped), day(7, 'b', **jumped), replace(day(8, 'b'), payloads=()),
+        day(9, 'b', at=30), day(10, 'a', at=31, kind='of_a_later_version', incident='It creeps.'),
+        day(11, 'a', at=32), day(12, 'a', at=33),
+    )  # fmt: skip
+    decisions = (
+        Decision('day_00002.csv', 'a.yaml was learnt.', 'learnt'),
+        Decision('day_00005.csv', 'a person chose b.yaml', 'person'),
+        Decision('day_00009.csv', 'a person chose a.yaml', 'person'),
+        Decision('day_00011.csv', 'c.yaml was learnt.', 'learnt'),
+    )
+    save_diary(tmp_path, Diary(days, decisions))
+    (document,) = json.loads(done('show', tmp_path, '--json')).values()
+    happened = [
+        (event['name'], event['first'][4:9], event['last'][4:9]) for event in document['events']
+    ]
+    assert happened == [
+        ('new model learnt', '00002', '00002'),
+        ('thermometer 2 out', '00003', '00005'),
+        ('person chose model', '00005', '00005'),
+        ('zero jumped', '00006', '00006'),
+        ('zero jumped', '00007', '00007'),
+        ('no payload found', '00008', '00008'),
+        ('no days', '00008', '00009'),
+        ('back to old model', '00009', '00009'),
+        ('of_a_later_version', '00010', '00010'),
+        ('better model offered', '00011', '00011'),
+    ]
+
+
+@pytest.mark.parametrize('count', [1, 5, 365])
+def test_no_label_of_a_picture_lies_on_another_or_outside(count):
+    kinds = ['', 'tool', '', 'zero', 'contacts', '', 'thermometer', 'unreadable', '']
+    days = [
+        day(n + 1, 'a', kind=kinds[n % 9], incident=f'Thermometer {n % 4 + 1} was hit.')
+        for n in range(count)
+    ]
+    figure = days_figure(Diary(tuple(days)))
+    FigureCanvasAgg(figure).draw()
+    whole = figure.bbox
+    for panel in figure.axes:
+        texts = [*panel.texts, *(label for label in panel.get_xticklabels() if label.get_text())]
+        boxes = [text.get_window_extent() for text in texts if text.get_visible()]
+        assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+        assert all(whole.x0 <= box.x0 and box.x1 <= whole.x1 for box in boxes)
 
 
 @pytest.mark.parametrize('content', [None, '{', '{"format": "other"}'])
@@ -249,3 +327,9 @@ def test_a_folder_without_days_and_a_picture_of_none_are_sentences(run, folder, 
     (empty / 'state.json').write_text('{}')
     assert 'holds no days' in run('show', empty).sentence
     assert '--picture draws the days' in run('show', drift_csv, '--picture', 'a.png').sentence
+
+
+def test_every_name_of_what_happens_is_explained():
+    page = (Path(__file__).parents[2] / 'docs/learning.md').read_text('utf-8')
+    for name in (*NAMES.values(), *MODEL_CHANGES, NO_PAYLOAD, NO_DAYS):
+        assert f'| `{name}` |' in page

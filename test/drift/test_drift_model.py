@@ -1,13 +1,15 @@
 """The drift of a sensor: step and run, the measurement equation, and what a model refuses."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from wrist_ft_comp.drift import drift_model
-from wrist_ft_comp.drift.drift_model import Drift
-from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.drift.drift_model import check_sensor, Drift, StoredModel
+from wrist_ft_comp.drift.prediction import Prediction
+from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.signals import AXES
 
 #: Per axis: gain of zero drift, of sensitivity drift, time constant.
@@ -107,3 +109,23 @@ def test_a_model_whose_parts_do_not_fit_is_refused(model, change, sentence):
     assert replace(model, period_ns=1).period_ns == 1
     with pytest.raises(ModelFileError, match=sentence):
         replace(model, **change)
+
+
+def test_predicted_thermometers_that_do_not_fit_are_refused():
+    parts = np.zeros(1), np.zeros((2, 1, 2)), np.zeros(2), *np.ones((3, 2))
+    assert Prediction(*parts).predict(np.ones((1, 2))).tolist() == [0, 0]
+    with pytest.raises(ModelFileError, match=r'^limit_k .* shape \(2,\); got \(3,\)'):
+        Prediction(*parts[:3], np.ones(3), *parts[4:])
+
+
+def test_a_model_is_doubted_beside_another_sensor_only(model):
+    names = {
+        'wrench_topic': ['/left/wrench'],
+        'temperature_topics': ['/left/inside', '/left/room'],
+    }
+    stored = StoredModel(Path('model.yaml'), '', model, {'provenance': names})
+    assert check_sensor(stored, stored.sensor) == ()
+    (warning,) = check_sensor(stored, {**stored.sensor, 'wrench_topic': ['/right/wrench']})
+    assert '/right/wrench' in warning
+    with pytest.raises(SettingsError, match='/left/room, /left/inside'):
+        check_sensor(stored, {'temperature_topics': ['/left/room', '/left/inside']})

@@ -11,6 +11,7 @@ from wrist_ft_comp.fit.pool import (
     interpolate,
     jackknife_errors,
     least_squares,
+    Mixtures,
     near,
     RidgeBank,
 )
@@ -28,23 +29,23 @@ def moments_of(problem):
 class TestInterpolation:
     def test_a_relaxation_of_the_grid_is_itself(self):
         for position, tau in enumerate(GRID_S[1:], start=1):
-            weights, _ = interpolate(np.log(tau))
-            np.testing.assert_allclose(weights, np.eye(len(GRID_S))[position], atol=1e-9)
+            (nodes,), (weights,), _ = interpolate(np.log([tau]))
+            np.testing.assert_allclose(weights, nodes == position, atol=1e-9)
 
     @pytest.mark.parametrize('tau', [22.0, 40.0, 300.0, 1000.0, 5000.0])
     def test_one_between_is_nearly_its_mixture(self, warm_up, lagged, tau):
         temperature_c = warm_up(CELLS, 0)
         grid = np.stack([lagged(temperature_c, tau_s) for tau_s in GRID_S[1:]], axis=1)
         exact = lagged(temperature_c, tau)
-        weights, _ = interpolate(np.log(tau))
-        assert weights[0] == 0
-        assert np.count_nonzero(weights) <= 4
-        assert np.abs(grid @ weights[1:] - exact).max() < 3e-3 * np.ptp(exact)
+        (nodes,), (weights,), _ = interpolate(np.log([tau]))
+        assert np.abs(grid[:, nodes - 1] @ weights - exact).max() < 3e-3 * np.ptp(exact)
 
     @pytest.mark.parametrize('log_tau', np.log([21.0, 33.0, 300.0, 5500.0]))
     def test_its_slope_is_that_of_differences(self, log_tau):
-        up, down = (interpolate(log_tau + step)[0] for step in (1e-5, -1e-5))
-        np.testing.assert_allclose(interpolate(log_tau)[1], (up - down) / 2e-5, atol=1e-8)
+        up, down = (interpolate(np.array([log_tau + step]))[1] for step in (1e-5, -1e-5))
+        np.testing.assert_allclose(
+            interpolate(np.array([log_tau]))[2], (up - down) / 2e-5, atol=1e-8
+        )
 
 
 def test_ridge_is_least_squares_with_a_row_per_penalty(
@@ -78,20 +79,27 @@ def test_least_squares_has_just_enough_ridge(
     x, y = (whiten(values, places, noisy_problem) for values in (x, y))
     columns = moments.columns([3, 9], 2, 1)
     assert len(columns) == (7 if moments.loaded else 4)
-    chosen = np.eye(x.shape[1])[:, columns]
-    for mixtures in (chosen, chosen @ np.random.default_rng(0).standard_normal((len(columns), 3))):
-        weights, gains, rest = least_squares(normal, mixtures)
+    mixing = np.random.default_rng(0).standard_normal((3, len(columns)))
+    for mixed_places, mixed in (
+        (columns[:, np.newaxis], np.ones((len(columns), 1))),
+        (np.tile(columns, (3, 1)), mixing),
+    ):
+        mixtures = np.zeros((x.shape[1], len(mixed)))
+        np.put_along_axis(mixtures, mixed_places.T, mixed.T, axis=0)
+        mixed_of_pool = Mixtures(mixed_places, mixed, mixed, np.zeros(len(mixed)))
+        gains, error, rest = least_squares(normal, mixed_of_pool)
         expected = augmented_ridge(x @ mixtures, y, 1e-7)
-        np.testing.assert_allclose(weights, expected, rtol=1e-4, atol=1e-7)
-        np.testing.assert_allclose(gains, mixtures @ weights)
-        assert rest == pytest.approx(np.sum((y - x @ gains) ** 2), rel=1e-7)
+        np.testing.assert_allclose(gains, expected, rtol=1e-4, atol=1e-7)
+        left = y - x @ mixtures @ gains
+        assert rest == pytest.approx(np.sum(left**2), rel=1e-7)
+        np.testing.assert_allclose(error, -x.T @ left, atol=1e-6 * np.ptp(x.T @ y))
 
 
 def test_equal_columns_share_their_gain_and_silent_ones_get_none():
     rng = np.random.default_rng(0)
     x, y = rng.standard_normal((2, 60))
     both = np.stack((x, x, 0 * x, x, y), axis=1)
-    gains = least_squares(both.T @ both, np.eye(4))[1]
+    gains = least_squares(both.T @ both)[0]
     np.testing.assert_allclose(gains, x @ y / (x @ x) / 3 * np.array([1, 1, 0, 1]), rtol=1e-6)
 
 

@@ -53,7 +53,7 @@ OTHER = CalibrationJob(
     skip_unusable=True,
     keep_copied_columns=True,
     report=Path('out/report.html'),
-    learning=Learning(Path('models/live.yaml'), 'day_3.csv', 7, 12.5),
+    learning=Learning(Path('models/live.yaml'), 'day_3.csv', 7, 12.5, 'a person chose m.yaml'),
     minute=Minute(((1.0, -2.5), (3.0, 4.0)), 0.5, ('a-1',), ((0.1, 0.0, 0.0), (1.0, 1.1, 1.0))),
 )
 

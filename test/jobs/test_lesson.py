@@ -108,23 +108,27 @@ def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
     sources = [Path(each['path']).name for each in provenance['recordings']]
     assert sources == ['day_00001.csv', 'day_00002.csv']
     assert provenance['settings']['reference'] == 'payload'
-    assert '<html' in stored.path.with_suffix('.html').read_text()
+    report = stored.path.with_suffix('.html').read_text()
+    assert 'What happened before it was learnt' in report
+    assert '2 days, ' in report
     diary = load_diary(sensor)
     assert [each.name for each in diary.days] == sources
     assert stored.path.name in diary.decisions[0].sentence
+    assert diary.decisions[0].kind == 'learnt'
 
 
 def test_a_lost_diary_and_a_live_model_are_no_hurdle(sensor, answers):
     champion = Path(answers[1]['path'])
     diary_path(sensor).write_text('{"format": ')
-    again = _answer(job_of(sensor, 3, champion, since='day_00001.csv'))
+    decided = {'since': 'day_00001.csv', 'decision': 'a person chose m.yaml'}
+    again = _answer(job_of(sensor, 3, champion, **decided))
     assert again['success']
     diary = load_diary(sensor)
     assert len(diary.days) == 3
     live = load_model(champion).sha256[:12]
     assert {each.live for each in diary.days} == {live}
     assert all(np.isfinite(each.left[live]).all() for each in diary.days)
-    assert diary.decisions[0].day == 'day_00001.csv'
+    assert diary.decisions[0] == ('day_00001.csv', 'a person chose m.yaml', 'person')
     assert 'the live model left 0.0' in again['message']
 
 

@@ -36,7 +36,7 @@ DAY = DayEntry(
 
 def test_a_diary_comes_back_as_it_was_written(tmp_path):
     diary = Diary(
-        (DAY, DayEntry('day_00002.csv')), (Decision(DAY.name, 'Learnt.'),), 'It was hit.'
+        (DAY, DayEntry('day_00002.csv')), (Decision(DAY.name, 'Learnt.', 'learnt'),), 'It was hit.'
     )
     save_diary(tmp_path, diary)
     again = load_diary(tmp_path)

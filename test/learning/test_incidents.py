@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.learning.day import describe
+from wrist_ft_comp.learning.day import describe, known_cells
 from wrist_ft_comp.learning.diary import DayEntry
 from wrist_ft_comp.learning.incidents import incident, pause
 
@@ -35,6 +35,13 @@ def test_what_happened_is_named_with_its_size(looked, before, what, kind, said):
     found, sentence = incident(day, describe(day), before)
     assert found == kind
     assert said in sentence
+
+
+def test_a_temperature_is_one_of_the_day_from_two_minutes_on(make_recording):
+    temperature_c = np.repeat([20.0, 24.0, 28.0], [300, 119, 120])[:, np.newaxis]
+    assert known_cells(
+        make_recording(temperature_c, {'force_z': np.zeros(539)}, period_s=1.0)
+    ) == {(5,), (7,)}
 
 
 def test_a_day_in_contact_is_named(looked, before):

@@ -49,7 +49,7 @@ def six(second):
     return np.array([second, -1.0, 0.5 * second, 0.25, 0.5, 1.0])
 
 
-def parts(messages):
+def parts(messages, seconds=SECONDS, without=()):
     kind = messages.learn('forms_msgs/msg/Frame', FRAME)
     make, store = messages.make, messages.store
 
@@ -57,16 +57,16 @@ def parts(messages):
         halves = (make('geometry_msgs/msg/Vector3', *values[i : i + 3].tolist()) for i in (0, 3))
         return make('geometry_msgs/msg/Wrench', *halves)
 
-    for second in range(SECONDS):
+    for second in range(seconds):
         at, values = T0 + second * 10**9, six(second)
         whole = store.deserialize_cdr(messages.wrench(at, values, 'sensor'), messages.wrench_type)
         inner = make('forms_msgs/msg/Inner', at + 10**8, whole, bare(values + 10))
         halves = np.split((values + 20).astype(np.float32), 2)
-        numbers = np.r_[7.0, 7.0, values + 30, 7.0]
+        numbers = np.r_[7.0, 7.0, values + 30, 7.0][: 0 if second in without else None]
         time = make('builtin_interfaces/msg/Time', 5, 6)
         count = make('forms_msgs/msg/OtherHeader', time, 7)
         other = store.types['forms_msgs/msg/Other'](count, bare(values + 50))
-        fields = inner, *halves, numbers, values + 40, other, 20.0 + second
+        fields = inner, *halves, numbers, values + 40, other, 20.0 + second / 10
         data = messages.pack(kind, 'x' * (second % 3), *fields)
         yield '/frame', kind, at + ARRIVES_LATER_NS, data
 
@@ -119,3 +119,13 @@ def test_every_form_is_read_and_rewritten_as_a_wrench_of_its_own(bag, tmp_path, 
 def test_where_there_is_none_the_sentence_says_what_there_is(bag, inside, words):
     with pytest.raises(RecordingError, match=words):
         read_recording(bag, topics=topics(inside))
+
+
+def test_messages_without_the_wrench_are_dropped_and_counted(messages, tmp_path):
+    path = messages.write(tmp_path / 'bag', parts(messages, 240, without={0, 20}), 'mcap')
+    recording = read_recording(path, topics=topics('numbers[2..7]'))
+    assert np.flatnonzero(np.isnan(recording.wrench[:, 2])).tolist() == [0, 20]
+    assert [warning for warning in recording.warnings if '2 of 240' in warning], recording.warnings
+    path = messages.write(tmp_path / 'none', parts(messages, 5, without=range(5)), 'mcap')
+    with pytest.raises(RecordingError, match='array of 0'):
+        read_recording(path, topics=topics('numbers[2..7]'))

@@ -3,6 +3,8 @@
 import copy
 from dataclasses import replace
 import hashlib
+import platform
+import re
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.drift.prediction import Prediction
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.fit.result import AxisFit, Calibration, Candidate, Term
 from wrist_ft_comp.fit.settings import CalibrationSettings
@@ -101,6 +104,28 @@ def saved(calibration, tmp_path_factory):
     path = tmp_path_factory.mktemp('saved') / 'model.yaml'
     save_model(path, calibration, {'settings': {'method': 'auto', 'latents': None}})
     return path
+
+
+def test_names_limits_and_what_thermometers_show_of_each_other_come_back(calibration, tmp_path):
+    rng = np.random.default_rng(0)
+    prediction = Prediction(np.array([0.0, 1 / 3]), rng.random((2, 2, 2)), *rng.random((4, 2)))
+    sensor = {'wrench_topic': ['/w'], 'temperature_topics': ['/t1', '/t2'], 'frame_id': ['flange']}
+    whole = replace(
+        calibration,
+        model=replace(calibration.model, day_limits={'force_x': 1 / 7}, prediction=prediction),
+        fits={
+            **calibration.fits,
+            'force_x': replace(calibration.fits['force_x'], day_limit=1 / 7),
+        },
+        sensor=sensor,
+    )
+    stored = save_model(tmp_path / 'model.yaml', whole)
+    assert stored.sensor == sensor
+    assert stored.document['provenance']['versions']['python'] == platform.python_version()
+    assert stored.model.day_limits == {'force_x': 1 / 7}
+    for name, values in vars(prediction).items():
+        np.testing.assert_array_equal(getattr(stored.model.prediction, name), values)
+    assert '“constant”' in stored.path.read_text(encoding='utf-8')
 
 
 @pytest.fixture
@@ -350,7 +375,7 @@ def test_a_huge_file_is_refused_unread(tmp_path):
         b'a: !!timestamp soon', b'a: !!bool maybe', b'a: !!int ""', b'a: !!float x',
         b'a: !!binary "."', b'a: 2024-13-45', b'a: ' + b'9' * 10_000,
     ],
-    ids=str,
+    ids=lambda content: re.sub(r'\W+', '_', str(content[:30])),
 )  # fmt: skip
 def test_what_is_no_model_is_refused(load, content):
     with pytest.raises(ModelFileError, match=r'changed.yaml is not a model file'):

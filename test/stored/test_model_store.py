@@ -1,6 +1,7 @@
 import json
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -49,7 +50,7 @@ def test_history_is_bounded_and_keeps_the_newest(store):
         b'{"history": {"a": 1}}', b'{"history": [{}], "given": 3}',
         b'[null' + b',null' * 10**6 + b']',
     ],
-    ids=lambda content: repr(content[:20]),
+    ids=lambda content: re.sub(r'\W+', '_', str(content[:20])),
 )  # fmt: skip
 def test_a_broken_list_is_a_sentence(store, content):
     store.directory.mkdir()

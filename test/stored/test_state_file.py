@@ -15,13 +15,17 @@ from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.stored import state_file
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState, StateWriter
-from wrist_ft_comp.stream.warm_restart import Block, ThermalMemory
+from wrist_ft_comp.stream.warm_restart import Block, OpenCells, ThermalMemory
 
 TIMEOUT_S = 20.0
 number = st.floats(-1e99, 1e99)
 six = st.lists(number, min_size=6, max_size=6).map(np.array)
 filters = st.lists(number, max_size=12).map(np.array)
 stamps = st.integers(-(2**63), 2**63 - 1)
+blocks = st.lists(
+    st.builds(Block, st.lists(number, max_size=3).map(np.array), st.integers(1, 1000)), max_size=9
+).map(tuple)
+silences = st.lists(st.integers(0, 1000), min_size=1, max_size=5).map(tuple)
 memories = st.builds(
     ThermalMemory,
     stamps,
@@ -29,10 +33,8 @@ memories = st.builds(
     st.lists(number, min_size=1, max_size=5).map(np.array),
     st.dictionaries(st.sampled_from(['force_x', 'force_z', 'torque_y']), filters),
     st.builds(Drift, six, six),
-    st.lists(
-        st.builds(Block, st.lists(number, max_size=3).map(np.array), st.integers(1, 1000)),
-        max_size=9,
-    ).map(tuple),
+    blocks,
+    st.none() | st.builds(OpenCells, st.booleans(), silences, blocks),
 )
 states = st.builds(
     SavedState, stamps, st.one_of(st.none(), st.just('f' * 64)), six, st.none() | memories, six

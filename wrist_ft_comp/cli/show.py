@@ -10,7 +10,7 @@ import shlex
 import numpy as np
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.tables import days_text, payloads_json, table_text
+from wrist_ft_comp.cli.tables import days_json, days_text, payloads_json, table_text
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError
 from wrist_ft_comp.learning.diary import node_folders, survey
@@ -27,7 +27,6 @@ from wrist_ft_comp.recordings.recordings import (
     RecordingSummary,
     REFERENCE,
 )
-from wrist_ft_comp.report.days import days_png
 from wrist_ft_comp.report.outputs import PICTURE, REPORT
 from wrist_ft_comp.report.view import drifts_removed, model_sources
 from wrist_ft_comp.signals import NANOSECONDS, part_of, Progress, SENSOR_FACTS, Topics
@@ -58,7 +57,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'file', type=Path, metavar='FILE',
         help='MODEL.yaml, REC, payloads.json, or a data_directory with days')  # fmt: skip
     parser.add_argument(
-        '--picture', type=Path, metavar='PICTURE.png', help="draw a node's days, too"
+        '--picture',
+        type=Path,
+        metavar='PICTURE.png',
+        help="draw a node's days: what drifted, what was left, what happened",
     )
     options.add_topics(parser)
     options.add_json(parser)
@@ -113,15 +115,11 @@ def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, obje
         diary, memory = survey(folder), Memory()
         with suppress(StateFileError):  # the node has reported it, and starts a new one
             memory = load_memory(folder) or memory
-        # Where its recording could not be read, a day has neither date nor length.
-        unknown = {'first_ns': None, 'hours': None}
-        days = [
-            {**vars(day), 'known': sorted(day.known), **({} if day.first_ns else unknown)}
-            for day in diary.days
-        ]
-        document[str(folder)] = {**vars(diary), 'days': days, 'node': memory}
+        document[str(folder)] = days_json(diary, memory)
         texts.append(days_text(folder, diary, memory))
     if picture:
+        from wrist_ft_comp.report.days_picture import days_png  # noqa: PLC0415 -- matplotlib
+
         PICTURE.write(picture, days_png(survey(folders[0])))
     return document, ['\n\n'.join(texts)]
 

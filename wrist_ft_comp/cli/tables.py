@@ -9,22 +9,34 @@ import textwrap
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.learning.diary import Diary, forces_left
+from wrist_ft_comp.learning.diary import Diary, TORQUES
 from wrist_ft_comp.learning.memory import Memory
 from wrist_ft_comp.payload.driver_calls import driver_calls
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recordings.chamber_table import ChamberFigures, FIGURE_TITLES
-from wrist_ft_comp.report.days import date_of, known_temperatures
+from wrist_ft_comp.report.days import (
+    date_of,
+    drift_left,
+    DriftLeft,
+    event_line,
+    events,
+    judged_drifts,
+    known_temperatures,
+    summary,
+    usual_drift,
+)
 from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
 from wrist_ft_comp.signals import Recording
 from wrist_ft_comp.stored.payload_file import payload_figures
-from wrist_ft_comp.stream.offline import lies
+from wrist_ft_comp.stream.offline import thermometer_doubts
 
 #: Letters in a line of a terminal.
 WIDTH = 80
 #: Most days in the table; JSON has all.
 MOST_DAYS = 40
+#: Newest days whose verdicts are printed.
+_VERDICTS = 3
 _GAP = '  '
 
 
@@ -49,31 +61,64 @@ def _lines(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
 
 
 def days_text(directory: Path, diary: Diary, memory: Memory) -> str:
-    """Put days into a table, and below it their verdicts and the temperatures they saw."""
-    days = diary.days[-MOST_DAYS:]
+    """Sum days up, put them into a table, and list what happened, and temperatures they saw."""
+    days, happened = diary.days[-MOST_DAYS:], events(diary)
     rows = [
         [day.name.removesuffix('.csv'), date_of(day),
          f'{day.hours:.1f}' if day.first_ns else '-',
          ' to '.join(f'{value:.1f}' for value in (*day.temperature_c, ())[0]) or '-',
-         *('-' if np.isnan(force) else rounded(force) for force in forces_left(day))]
+         *('-' if np.isnan(value) else rounded(value)
+           for value in (*drift_left(day), 100 * drift_left(day).share))]
         for day in days
     ]  # fmt: skip
-    header = ['day', 'date', 'hours', 'temperature, °C', 'drift, N', 'live left', 'challenger']
+    header = ['day', 'date', 'hours', 'temperature, °C', 'drift, N', 'left, N', 'left, %']
     seen = (
         f'thermometer {j}: {", ".join(f"{low:.1f} to {high:.1f}" for low, high in ranges)} °C'
         for j, ranges in enumerate(known_temperatures(diary), start=1)
     )
+    newest = f' (newest {MOST_DAYS} of {len(happened)})' if len(happened) > MOST_DAYS else ''
     lines = [
-        *(f'{day.name}: {day.incident or day.verdict}' for day in days),
-        *(f'after {decision.day}: {decision.sentence}' for decision in diary.decisions[-5:]),
+        f'What happened{newest}:' if happened else '',
+        *(event_line(event, diary.days) for event in happened[-MOST_DAYS:]),
+        *(f'{day.name}: {day.verdict}' for day in days[-_VERDICTS:] if day.verdict),
         f'last change: {memory.change or "none yet"}',
         f'known temperatures: {"; ".join(seen) or "none yet"}',
         f'offered: {memory.offered}; call ~/adopt to make it live' if memory.offered else '',
         f'paused: {diary.paused}' if diary.paused else '',
     ]
     newest = f', of which the newest {MOST_DAYS}' if len(diary.days) > MOST_DAYS else ''
-    head = [f'{directory}: days of a node that learns, {len(diary.days)}{newest}']
+    head = [
+        f'{directory}: days of a node that learns, {len(diary.days)}{newest}',
+        *map(_filled, summary(diary)),
+    ]
     return '\n'.join([*head, table_text(header, rows), '', *map(_filled, filter(None, lines))])
+
+
+def days_json(diary: Diary, memory: Memory) -> dict[str, object]:
+    """Turn days, what was left of their drift, and what happened into plain values."""
+    # Where its recording could not be read, a day has neither date nor length.
+    unknown = {'first_ns': None, 'hours': None}
+    days = [
+        {**vars(day), 'known': sorted(day.known), 'force_n': _shares(drift_left(day)),
+         **({} if day.first_ns else unknown)}
+        for day in diary.days
+    ]  # fmt: skip
+    happened = [
+        {**event._asdict(), 'first': days[event.first]['name'], 'last': days[event.last]['name']}
+        for event in events(diary)
+    ]
+    force, torque = judged_drifts(diary), judged_drifts(diary, TORQUES)
+    medians = {'force_n': _shares(usual_drift(force)), 'torque_nm': _shares(usual_drift(torque))}
+    decisions = [(decision.day, decision.sentence) for decision in diary.decisions]
+    sentence, counted = summary(diary)
+    figures = {'sentence': sentence, 'counted': counted, 'days': len(force), **medians}
+    said = {'summary': figures, 'events': happened}
+    return {**vars(diary), 'days': days, 'decisions': decisions, 'node': memory, **said}
+
+
+def _shares(drift: DriftLeft) -> dict[str, float]:
+    """Turn what was left of a drift into plain values."""
+    return {**drift._asdict(), 'share': drift.share}
 
 
 def _filled(line: str) -> str:
@@ -121,7 +166,7 @@ def print_warnings(sentences: Iterable[str]) -> None:
 
 
 def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]:
-    """Say where thermometers leave the range that a model was learnt from, or are not believed."""
+    """Say where thermometers leave the range that a model was learnt from, or are doubted."""
     sentences = []
     pairs = zip(recording.temperature_c.T, stored.document['thermometers'], strict=False)
     for number, (column, thermometer) in enumerate(pairs):
@@ -134,7 +179,7 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
                 f'For {rounded(100 * share, 2)} % of the time the correction is a guess.'
             )
     sentences += [
-        f'In {recording.name} {lie}; what the others predict of it is used.'
-        for lie in lies(stored.model, recording)
+        f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
+        for doubt, share in thermometer_doubts(stored.model, recording).items()
     ]
     return tuple(sentences)

@@ -258,7 +258,7 @@ def _fit_gains(
     inputs = bank_inputs(binned, features, time_constants_s)
     moments = accumulate(binned, inputs, count)
     normal = moments.centred()
-    values = least_squares(normal, np.eye(len(normal) - 1))[1]
+    values = least_squares(normal)[0]
     gains = by_relaxation(values, count, moments.inputs, loaded=moments.loaded)
     model = build_axis_model(features, time_constants_s, gains, inputs, period_s)
     if model is not None and moments.loaded:

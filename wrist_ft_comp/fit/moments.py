@@ -180,7 +180,7 @@ class Moments:
     def centred(self, keep: BoolArray | None = None) -> FloatArray:
         """Sum products of entries, all or a mask's, less each recording's nuisances, (P + 1)²."""
         keep = np.ones(len(self.fold), dtype=bool) if keep is None else keep
-        total: FloatArray = self.products[keep].sum(axis=0)
+        whole = total = np.asarray(self.products[keep].sum(axis=0))
         for recording in np.unique(self.recording[keep]):
             inside = keep & (self.recording == recording)
             crossed = self.nuisance_products[inside].sum(axis=0)
@@ -188,7 +188,7 @@ class Moments:
             penalised = gram + np.diag(gram[0, 0] * self.precision)
             total = total - crossed.T @ np.linalg.solve(penalised, crossed)
         # A column that is constant within each recording holds nothing; rounding must not pretend.
-        silent = np.diagonal(total) <= _SILENT * np.diagonal(self.products[keep].sum(axis=0))
+        silent = np.diagonal(total) <= _SILENT * np.diagonal(whole)
         total[silent] = 0.0
         total[:, silent] = 0.0
         return total

@@ -8,6 +8,7 @@ neighbours, and free time constants are searched without a pass over the samples
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # which loads its parts when they are used
@@ -63,13 +64,25 @@ class RidgeBank:
         diagonal = np.diagonal(normal)[places]
         size = 1 / np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
         size = size * _DEGREE_PENALTY ** (-(powers - 1) / 2)
-        values, vectors = np.linalg.eigh(normal[np.ix_(places, places)] * np.outer(size, size))
-        right = vectors.T @ (normal[places, -1] * size)
-        damped = right / (np.maximum(values, 0) + np.array(self.strengths)[:, np.newaxis])
+        scaled = normal[np.ix_(places, places)] * np.outer(size, size)
+        right = (normal[places, -1] * size)[:, np.newaxis]
+        ridges = np.multiply.outer(self.strengths, np.eye(len(places)))
         gains = np.zeros((len(self.strengths), len(normal)))
-        gains[:, places] = (damped @ vectors.T) * size
+        gains[:, places] = np.linalg.solve(scaled + ridges, right)[..., 0] * size
         gains[:, -1] = -1.0
         return gains
+
+
+class Mixtures(NamedTuple):
+    """Columns, C, of time constants that the grid has not: each mixed from four of the pool's."""
+
+    #: Which of the pool's, and their weights, shape (C, 4).
+    places: IntArray
+    weights: FloatArray
+    #: Derivatives of the weights by ln τ, shape (C, 4).
+    slopes: FloatArray
+    #: Number of the time constant that a column is of, (C,); one more for the load.
+    owners: IntArray
 
 
 @dataclass(frozen=True)
@@ -85,16 +98,12 @@ class FreeTimeConstants:
     def first_guess(self, moments: Sequence[Moments], normals: Sequence[FloatArray]) -> FloatArray:
         """Try all combinations on the grid: ln τ, (count,)."""
 
-        def cost(bank: Sequence[int]) -> float:
-            total = 0.0
-            for axis, normal in zip(moments, normals, strict=True):
-                columns = axis.columns(bank, self.inputs, self.gain_inputs)
-                mixtures = np.eye(len(normal) - 1)[:, columns]
-                total += float(np.log(least_squares(normal, mixtures)[2]))
-            return total
+        def cost(logs: FloatArray) -> float:
+            pairs = zip(normals, self._mixtures(moments, logs), strict=True)
+            return float(np.sum(np.log([least_squares(*pair)[2] for pair in pairs])))
 
-        best = min(combinations(range(1, len(GRID_S)), self.count), key=cost)
-        return np.asarray(_LOGS[np.array(best) - 1])
+        guesses = (np.array(logs) for logs in combinations(_LOGS, self.count))
+        return min(guesses, key=cost)
 
     def search(
         self, moments: Sequence[Moments], normals: Sequence[FloatArray], start: FloatArray
@@ -103,13 +112,11 @@ class FreeTimeConstants:
 
         def cost(logs: FloatArray) -> tuple[float, FloatArray]:
             total, gradient = 0.0, np.zeros(len(logs))
-            for axis, normal in zip(moments, normals, strict=True):
-                mixtures, slopes, owners = self._mixtures(axis, logs)
-                weights, gains, rest = least_squares(normal, mixtures)
+            for normal, mixtures in zip(normals, self._mixtures(moments, logs), strict=True):
+                gains, error, rest = least_squares(normal, mixtures)
                 total += np.log(rest)
-                error = normal[:-1, :-1] @ gains - normal[:-1, -1]
-                by_column = 2 * (slopes.T @ error) * weights
-                gradient += np.bincount(owners, by_column / rest, len(logs) + 1)[: len(logs)]
+                by_column = 2 * (mixtures.slopes * error[mixtures.places]).sum(axis=1) * gains
+                gradient += np.bincount(mixtures.owners, by_column / rest, len(logs) + 1)[:-1]
             return total, gradient
 
         bounds = [(_LOGS[0], _LOGS[-1])] * len(start)
@@ -119,63 +126,73 @@ class FreeTimeConstants:
 
     def fit(self, moments: Moments, normal: FloatArray, logs: FloatArray) -> FloatArray:
         """Fit an axis: gains of the whole pool and, last, -1 for r - w, (1, P + 1)."""
-        mixtures, _, _ = self._mixtures(moments, logs)
-        return np.append(least_squares(normal, mixtures)[1], -1.0)[np.newaxis]
+        (mixtures,) = self._mixtures([moments], logs)
+        gains = least_squares(normal, mixtures)[0]
+        shares = (mixtures.weights.T * gains).T
+        of_pool = np.bincount(mixtures.places.ravel(), shares.ravel(), len(normal))
+        of_pool[-1] = -1.0
+        return of_pool[np.newaxis]
 
-    def _mixtures(
-        self, moments: Moments, logs: FloatArray
-    ) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Write columns as mixtures of the pool, (P, C), their slopes, and which τ each is of."""
-        half, width = len(GRID_S) * moments.inputs, moments.products.shape[1] - 1
-        starts = list(range(self.inputs))
-        if moments.loaded:
-            starts += [half + first for first in range(self.gain_inputs)]
-        mixtures = np.zeros((width, len(logs) * len(starts) + moments.loaded))
-        slopes = np.zeros_like(mixtures)
-        for owner, log_tau in enumerate(logs):
-            weights, derivatives = interpolate(float(log_tau))
-            for number, first in enumerate(starts, owner * len(starts)):
-                rows = slice(first, first + half, moments.inputs)
-                mixtures[rows, number], slopes[rows, number] = weights, derivatives
+    def _mixtures(self, moments: Sequence[Moments], logs: FloatArray) -> list[Mixtures]:
+        """Mix columns of each time constant from those of the grid, for every axis."""
+        made = {
+            loaded: self._mixed(moments[0].inputs, logs, loaded=loaded)
+            for loaded in {axis.loaded for axis in moments}
+        }
+        return [made[axis.loaded] for axis in moments]
+
+    def _mixed(self, inputs: int, logs: FloatArray, *, loaded: bool) -> Mixtures:
+        """Mix columns from a pool with some inputs behind every relaxation; the load is last."""
+        half, starts = len(GRID_S) * inputs, np.arange(self.inputs)
+        if loaded:
+            starts = np.concatenate((starts, half + np.arange(self.gain_inputs)))
         owners = np.repeat(np.arange(len(logs)), len(starts))
-        if moments.loaded:
-            mixtures[2 * half, -1] = 1.0
+        nodes, weights, slopes = (values[owners] for values in interpolate(logs))
+        places = nodes * inputs + np.tile(starts, len(logs))[:, np.newaxis]
+        if loaded:
+            places = np.vstack((places, np.full(4, 2 * half)))
+            weights, slopes = np.vstack((weights, [1, 0, 0, 0])), np.vstack((slopes, np.zeros(4)))
             owners = np.append(owners, len(logs))
-        return mixtures, slopes, owners
+        return Mixtures(places, weights, slopes, owners)
 
 
-def interpolate(log_tau: float) -> tuple[FloatArray, FloatArray]:
-    """Weights (K,) of the grid's relaxations for one between them, and their derivative."""
+def interpolate(logs: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """
+    Mix relaxations from the grid's by a cubic in ln τ.
+
+    Return the positions of the four that are near to each ln τ, (n,), their weights, and the
+    derivatives of these by ln τ, (n, 4).
+    """
     step = np.log(_RATIO)
-    position = (log_tau - _LOGS[0]) / step
-    first = int(np.clip(np.floor(position) - 1, 0, len(_LOGS) - 4))
-    at = position - first
-    weights, slopes = np.zeros(len(GRID_S)), np.zeros(len(GRID_S))
-    nodes = slice(1 + first, 5 + first)
-    weights[nodes] = np.array([1.0, at, at**2, at**3]) @ _CUBICS
-    slopes[nodes] = np.array([0.0, 1.0, 2 * at, 3 * at**2]) @ _CUBICS / step
-    return weights, slopes
+    position = (logs - _LOGS[0]) / step
+    first = np.clip(np.floor(position).astype(int) - 1, 0, len(_LOGS) - 4)
+    powers = np.vander(position - first, 4, increasing=True)
+    slopes = np.zeros_like(powers)
+    slopes[:, 1:] = powers[:, :-1] * (1.0, 2.0, 3.0) / step
+    return first[:, np.newaxis] + np.arange(1, 5), powers @ _CUBICS, slopes @ _CUBICS
 
 
 def least_squares(
-    normal: FloatArray, mixtures: FloatArray
+    normal: FloatArray, mixtures: Mixtures | None = None
 ) -> tuple[FloatArray, FloatArray, float]:
     """
-    Regress r - w on mixtures, (P, C), of the pool's columns, by their products, (P + 1, P + 1).
+    Regress r - w on mixtures of the pool's columns, or on all, by their products, (P + 1, P + 1).
 
-    Return gains of the mixtures, (C,), and of the pool's columns, (P,), and the sum of squares
-    that remains.
+    Return the gains, (C,), the products of the error with all columns of the pool, (P,), and the
+    sum of squares that remains.
     """
-    gram, right = normal[:-1, :-1], normal[:-1, -1]
-    projected = gram @ mixtures
-    power = np.einsum('pc,pc->c', mixtures, projected)
+    places, weights = np.arange(len(normal) - 1)[:, np.newaxis], np.ones((len(normal) - 1, 1))
+    if mixtures is not None:
+        places, weights = mixtures.places, mixtures.weights
+    rows = np.einsum('cmp,cm->cp', normal[places], weights)
+    gram, right = np.einsum('cdm,dm->cd', rows[:, places], weights), rows[:, -1]
+    power = np.diagonal(gram)
     size = np.sqrt(np.where(power > 0, power, np.inf))
-    inner = mixtures.T @ projected / np.outer(size, size)
-    scaled = np.linalg.solve(inner + _TINY_RIDGE * np.eye(len(inner)), mixtures.T @ right / size)
-    weights = scaled / size
-    gains = mixtures @ weights
+    scaled = gram / np.outer(size, size) + _TINY_RIDGE * np.eye(len(gram))
+    gains = np.linalg.solve(scaled, right / size) / size
     rest = normal[-1, -1] - 2 * gains @ right + gains @ gram @ gains
-    return weights, gains, max(float(rest), 1e-12 * float(normal[-1, -1]), 1e-300)
+    error = gains @ rows - normal[-1]
+    return gains, error[:-1], max(float(rest), 1e-12 * float(normal[-1, -1]), 1e-300)
 
 
 def jackknife_errors(estimates: Sequence[FloatArray]) -> FloatArray:

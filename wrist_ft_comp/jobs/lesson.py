@@ -86,16 +86,20 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
     entry = replace(lesson.entry, seconds=time.process_time() - began)
     entries.append(entry)
     decisions = dict.fromkeys(diary.decisions)
-    if learning.since:
-        decisions[Decision(learning.since, 'After this day a person decided.')] = None
+    if learning.since not in {'', *(d.day for d in decisions if d.kind == 'person')}:
+        words = learning.decision or 'A person decided about the model.'
+        decisions[Decision(learning.since, words, 'person')] = None
     paused = pause(entries, learning.since)
     answer: Answer = {'success': True, 'learnt': False, 'paused': paused}
     troubles, better = [entry.incident], lesson.better
     with _noted(troubles, 'A better model is lost'):
         if better:
             days = {name: paths[name] for name in lesson.days}
-            answer |= {**_save(job, better, days, look, troubles), 'learnt': True}
-            decisions[Decision(newest, f'{job.output.name} was learnt. {entry.verdict}')] = None
+            until_now = Diary(tuple(entries), tuple(decisions))
+            saved = _save(job, better, days, look, troubles, until_now)
+            answer |= {**saved, 'learnt': True}
+            sentence = f'{job.output.name} was learnt. {entry.verdict}'
+            decisions[Decision(newest, sentence, 'learnt')] = None
     diary = Diary(tuple(entries), tuple(decisions), paused)
     with _noted(troubles, 'The diary is lost'):
         save_diary(directory, diary)
@@ -126,12 +130,13 @@ def _champion(path: Path | None) -> Champion:
     return Champion(stored.sha256[:_DIGITS], stored.model, newest)
 
 
-def _save(
+def _save(  # noqa: PLR0913, PLR0917 -- a model, where it goes, and what its report shows
     job: CalibrationJob,
     better: Calibration,
     days: dict[str, Path],
     look: Callable[[str], Day],
     troubles: list[str],
+    diary: Diary,
 ) -> Answer:
     """Save a better model, and then payloads and report, whose errors do not matter to it."""
     sources = [{'path': str(path), 'sha256': hash_recording(path)} for path in days.values()]
@@ -142,8 +147,9 @@ def _save(
     answer = {'path': str(stored.path), 'sha256': stored.sha256, 'document': stored.document}
     if job.report is not None:
         with suppress(WristFtCompError):
-            view = calibration_view(better, [look(n).drift for n in days], stored, 'payload')
-            REPORT.write(job.report, page(view))
+            drifts = [look(name).drift for name in days]
+            view = calibration_view(better, drifts, stored, 'payload')
+            REPORT.write(job.report, page(replace(view, diary=diary)))
     return answer
 
 

@@ -24,6 +24,8 @@ class Learning:
     keep_days: int = 30
     #: How large they may be together, MB.
     max_mb: float = 500.0
+    #: Date and words of a person's last decision, for the diary.
+    decision: str = ''
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,13 @@ import fcntl
 import os
 from pathlib import Path
 import tempfile
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
-from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS
+from wrist_ft_comp.signals import AXES, FloatArray, LARGEST, NANOSECONDS
 from wrist_ft_comp.stored.documents import Document, Kind, plain, restored, writing
 
 KIND = Kind(
@@ -37,6 +37,8 @@ _SPARE_MB = 10.0
 #: Files by which a node's folder is recognized.
 _MARKS = ('active.json', 'learning.json', 'state.json')
 
+#: Forces and torques, in the axis order.
+FORCES, TORQUES = slice(0, 3), slice(3, 6)
 #: Coarse temperatures: of the first thermometer, and the differences of the others from it.
 Cell = tuple[int, ...]
 #: Key of the drift without any model, in ``DayEntry.left``.
@@ -105,6 +107,13 @@ class Decision(NamedTuple):
     day: str
     #: What was decided, and why.
     sentence: str
+    #: Whether a better model was learnt, or a person decided; 0.2.0 wrote only the sentence.
+    kind: Literal['learnt', 'person', ''] = ''
+
+    def named(self) -> 'Decision':
+        """Give the same with its kind."""
+        learnt = ' was learnt. ' in self.sentence
+        return self._replace(kind=self.kind or ('learnt' if learnt else 'person'))
 
 
 @dataclass(frozen=True)
@@ -123,11 +132,14 @@ def forces_left(entry: DayEntry) -> FloatArray:
 
     Without a model, with the live model, and with the new one that was learnt on that day.
     """
-    means = []
-    for model in (NONE, entry.live, CHALLENGER):
-        forces = [value for value in entry.left.get(model, ())[:3] if not np.isnan(value)]
-        means.append(np.sqrt(np.mean(np.square(forces))) if forces else np.nan)
-    return np.array(means)
+    return np.array([rms_left(entry, model) for model in (NONE, entry.live, CHALLENGER)])
+
+
+def rms_left(entry: DayEntry, model: str, axes: slice = FORCES) -> float:
+    """Compute the RMS that a model left of a force's drift, N, or of a torque's, N m, or NaN."""
+    values = np.array(entry.left.get(model, ())[axes])
+    present = values[np.abs(values) < LARGEST]
+    return float(np.sqrt(np.mean(present**2))) if len(present) else np.nan
 
 
 def share_left(entry: DayEntry, model: str) -> FloatArray:
@@ -168,7 +180,9 @@ def load_diary(directory: Path) -> Diary:
     with suppress(RecordingError, ModelFileError, OSError):
         if document := KIND.load_json(diary_path(directory)):
             diary: Diary = restored(Diary, document)
-            return replace(diary, days=tuple(day for day in diary.days if day_number(day.name)))
+            numbered = tuple(day for day in diary.days if day_number(day.name))
+            decisions = tuple(decision.named() for decision in diary.decisions)
+            return replace(diary, days=numbered, decisions=decisions)
     return Diary()
 
 

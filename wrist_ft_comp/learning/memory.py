@@ -29,6 +29,8 @@ class Memory:
     incident: str = ''
     #: Newest day before a person's last decision.
     since: str = ''
+    #: Date and words of that decision.
+    decision: str = ''
     #: Why learning has stopped by itself; empty when it has not.
     paused: str = ''
     #: Date and reason of the last change of the live model.

@@ -12,6 +12,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.jobs.process import JobProcess, UNTIL_CLOSED
 from wrist_ft_comp.jobs.request import CalibrationJob, Learning, Minute
+from wrist_ft_comp.learning.memory import Memory
 from wrist_ft_comp.node.recording import Recorder, RecordService
 from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
 from wrist_ft_comp.ros.part import LongService, Work
@@ -50,11 +51,15 @@ class JobMaker:
             )
         return self._make(recordings, chosen, skip_unusable=not named)
 
-    def learning(self, days: Sequence[Path], champion: Path | None, since: str) -> CalibrationJob:
+    def learning(
+        self, days: Sequence[Path], champion: Path | None, memory: Memory
+    ) -> CalibrationJob:
         """Ask for what can be learnt from days."""
         chosen = {**self.settings(), 'calibration.reference': 'payload'}
         kept_mb = 0.8 * chosen['learning.max_mb']  # leaves room for the day that goes on
-        learning = Learning(champion, since, chosen['learning.keep_days'], kept_mb)
+        learning = Learning(
+            champion, memory.since, chosen['learning.keep_days'], kept_mb, memory.decision
+        )
         return replace(self._make(tuple(days), chosen, skip_unusable=True), learning=learning)
 
     def identification(self, minute: Minute) -> CalibrationJob:

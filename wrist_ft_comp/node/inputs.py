@@ -330,7 +330,7 @@ class TemperatureInput(Part):
                 f'readings of thermometer {j + 1} are dropped; they are '
                 f'{why_unusable(temperature_channel(j), value)}. {remedy} Drift is held meanwhile'
             )
-        yield from self._lies()
+        yield from self._tracker.agreement.sentences
         yield from self._silence()
         if 0 < grown['rejected'] >= grown['usable'] / 2:
             clock = '' if self._stamp_ns else f': {_arrival(0)}'
@@ -392,14 +392,6 @@ class TemperatureInput(Part):
             yield (
                 f'thermometer {numbered(silent)} silent for more than {limit_s:g} s; drift is held'
             )
-
-    def _lies(self) -> Iterator[str]:
-        """Say which thermometers are not believed."""
-        agreement = self._tracker.agreement
-        for finding in agreement.findings:
-            yield f'{finding}; what the others predict of it is used'
-        if agreement.doubt:
-            yield f'{agreement.doubt}; the drift follows them'
 
     def _outside(self) -> Iterator[str]:
         """Say which thermometers are outside the calibrated range, and guess why."""

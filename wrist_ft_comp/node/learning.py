@@ -247,7 +247,7 @@ class Learner(Part):
         champion = None if live is None else live.path
         self._judging, self._begun_s = newest, time.monotonic()
         try:
-            job = self._jobs.learning(days, champion, self.memory.since)
+            job = self._jobs.learning(days, champion, self.memory)
             self._process = start_job(job)
         except OSError as error:
             self._wait(f'Learning cannot be started: {error}.')
@@ -320,8 +320,9 @@ class Learner(Part):
         self.diary.end_day()
         days = self.diary.files.ended()
         newest = days[-1].name if days else self.memory.judged
-        decided = {'since': newest, 'judged': newest, 'paused': '', 'incident': ''}
-        self._remember(champion=self._live.sha256, change=_dated(what), **decided, **_NO_OFFER)
+        words = {'change': _dated(what), 'decision': _dated(what), 'paused': '', 'incident': ''}
+        judged = {'since': newest, 'judged': newest}
+        self._remember(champion=self._live.sha256, **words, **judged, **_NO_OFFER)
 
     def _remember(self, **changes: Any) -> None:
         """Save changes of the memory; delete the file of a model that is not offered any more."""

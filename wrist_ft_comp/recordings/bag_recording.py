@@ -79,13 +79,21 @@ class _Stream:
     reader: WrenchReader | None = None
 
     def stamped(self, times_ns: Iterable[int], messages: list[bytes]) -> list[bytes]:
-        """Make WrenchStamped of messages that hold one inside; others stay."""
+        """
+        Make WrenchStamped of messages that hold one inside; others stay.
+
+        Those without one become NaN; SettingsError where none has one.
+        """
         if self.reader is None:
             return messages
-        return [
+        before = self.reader.filled
+        made = [
             self.reader.stamped(message, at_ns)
             for at_ns, message in zip(times_ns, messages, strict=True)
         ]
+        if self.reader.filled - before == len(made):
+            raise SettingsError(self.reader.misread)
+        return made
 
 
 def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
@@ -205,7 +213,7 @@ def _wrench_streams(bag: Bag, topics: Topics) -> list[_Stream]:
                 )
         return [_Stream(c, AXES) for c in bag.find(source.topic, cdr.WRENCH, 'raw wrench')]
     return [
-        _Stream(c, AXES, reader=WrenchReader(source, c.msgtype, bag.define(c)))
+        _Stream(c, AXES, reader=WrenchReader(source, c.msgtype, bag.define(c), fills=True))
         for c in bag.find(source.topic, None, 'raw wrench')
     ]
 

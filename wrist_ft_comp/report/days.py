@@ -1,15 +1,194 @@
-"""What a diary says of its days: their dates, the temperatures they saw, and a picture."""
+"""What a diary says of its days: in one sentence, what happened and when, and temperatures."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime, timezone
+from itertools import pairwise
+import re
+from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.learning.diary import DayEntry, Diary, forces_left
-from wrist_ft_comp.signals import NANOSECONDS
+from wrist_ft_comp.learning.diary import (
+    CONTACTS,
+    DayEntry,
+    Diary,
+    FORCES,
+    GAIN,
+    MOUNTING,
+    NOISE,
+    NONE,
+    rms_left,
+    THERMOMETER,
+    TOOL,
+    TORQUES,
+    UNREADABLE,
+    ZERO,
+)
+from wrist_ft_comp.ranges import rounded
+from wrist_ft_comp.signals import FloatArray, NANOSECONDS
 
-#: Most dates that are written below the picture.
-_MOST_DATES = 12
+#: A silence of the robot from this length on is one of the things that happened, days.
+_PAUSE_DAYS = 7.0
+_DAY_NS = 86_400 * NANOSECONDS
+#: Of a drift up to this one, N or N m, no share is given: no sensor resolves it.
+_LEAST_DRIFT = 1e-6
+#: Names of incidents; another kind goes by its own name.
+NAMES = {
+    ZERO: 'zero jumped',
+    GAIN: 'gain changed',
+    NOISE: 'more noise',
+    MOUNTING: 'sensor turned',
+    TOOL: 'another tool',
+    CONTACTS: 'pushed all day',
+    UNREADABLE: 'day not readable',
+}
+NO_PAYLOAD = 'no payload found'
+NO_DAYS = 'no days'
+#: Names of changes of the model, which happen after a day.
+LEARNT, OFFERED, CHOSEN, BACK, ANOTHER = MODEL_CHANGES = (
+    'new model learnt', 'better model offered', 'person chose model', 'back to old model',
+    'another model',
+)  # fmt: skip
+
+
+class DriftLeft(NamedTuple):
+    """RMS of drift, N or N m: without a model, and what the live model left; NaN if unknown."""
+
+    without: float
+    left: float
+
+    @property
+    def share(self) -> float:
+        """Share of the drift that the live model left."""
+        return self.left / self.without if self.without > _LEAST_DRIFT else np.nan
+
+    def words(self, unit: str) -> str:
+        """Write what was left, and which share that is."""
+        share = f' ({rounded(100 * self.share, 2)} %)' if np.isfinite(self.share) else ''
+        return f'{rounded(self.left, 2)} {unit}{share}'
+
+
+class Event(NamedTuple):
+    """Something that happened on a day, on several in a row, or after one."""
+
+    name: str
+    #: Numbers of the first and the last of these days.
+    first: int
+    last: int
+    #: Details; empty where the name says everything.
+    sentence: str
+
+
+def drift_left(entry: DayEntry, axes: slice = FORCES) -> DriftLeft:
+    """Give what was left of a force's drift on a day, or of a torque's."""
+    return DriftLeft(rms_left(entry, NONE, axes), rms_left(entry, entry.live, axes))
+
+
+def judged_drifts(diary: Diary, axes: slice = FORCES) -> FloatArray:
+    """Collect what was left on days with a live model, or on all where there are none, (n, 2)."""
+    drifts = np.array([drift_left(day, axes) for day in diary.days])
+    with_model = np.isfinite(drifts).all(axis=1)
+    return np.asarray(drifts[with_model if with_model.any() else np.isfinite(drifts[:, 0])])
+
+
+def usual_drift(drifts: FloatArray) -> DriftLeft:
+    """Take the medians of drifts, (n, 2): one day that was judged wrongly does not move them."""
+    return DriftLeft(*(np.median(drifts, axis=0) if len(drifts) else (np.nan, np.nan)))
+
+
+def summary(diary: Diary) -> tuple[str, str]:
+    """Say in one sentence what drifted and what was left of it, and how that was counted."""
+    count, judged = len(diary.days), judged_drifts(diary)
+    dates = dict.fromkeys(map(when, (diary.days[0], diary.days[-1])))
+    head = f'{count} day{"s"[: count > 1]}, {" to ".join(dates)}'
+    force, torque = usual_drift(judged), usual_drift(judged_drifts(diary, TORQUES))
+    if not len(judged):
+        return f'{head}: none is judged yet.', ''
+    days = f'{len(judged)} day{"s"[: len(judged) > 1]}'
+    counted = f'RMS of a day, tared in its first minute; median of {days}'
+    drifted = f'on a usual day a force drifted by {rounded(force.without, 2)} N'
+    if np.isnan(force.left):
+        return f'{head}: {drifted}; no model was live.', f'{counted}.'
+    (without, left), most = judged.mean(axis=0), judged[:, 1].max()
+    counted += (
+        f' with a model; mean {rounded(without, 2)} and {rounded(left, 2)} N; most left '
+        f'{rounded(most, 2)} N.'
+    )
+    if np.isfinite(torque.left):
+        drifts = f'{rounded(torque.without, 2)} N m; the model left {torque.words("N m")}'
+        counted += f' A torque drifted by {drifts}.'
+    return f'{head}: {drifted}; the model left {force.words("N")}.', counted
+
+
+def events(diary: Diary) -> list[Event]:
+    """List what happened, oldest first: to the sensor, to the robot's days, and to the model."""
+    happened = [*_incidents(diary.days), *_pauses(diary.days), *_model_changes(diary)]
+    return sorted(happened, key=lambda event: (event.first, event.name in MODEL_CHANGES))
+
+
+def _incidents(days: Sequence[DayEntry]) -> list[Event]:
+    """Find incidents; days in a row with the same one are one event, unless the zero jumped."""
+    found: dict[tuple[str, int], Event] = {}  # by name and last day
+    weighed = any(day.payloads for day in days)
+    for n, day in enumerate(days):
+        names = _names(day)
+        if weighed and not (names or day.payloads) and np.isfinite(rms_left(day, NONE)):
+            names = [NO_PAYLOAD]
+        for name in names:
+            begun = None if day.kind == ZERO else found.pop((name, n - 1), None)
+            found[name, n] = begun._replace(last=n) if begun else Event(name, n, n, day.incident)
+    return list(found.values())
+
+
+def _names(day: DayEntry) -> list[str]:
+    """Name the incidents of a day: of thermometers, each that was out."""
+    if day.kind == THERMOMETER:
+        numbers = re.findall(r'[Tt]hermometer (\d+)', day.incident)
+        return [f'thermometer {number} out' for number in dict.fromkeys(numbers)] or [day.kind]
+    return [NAMES.get(day.kind, day.kind or 'incident')] if day.kind or day.incident else []
+
+
+def _pauses(days: Sequence[DayEntry]) -> Iterator[Event]:
+    """Find long times without a day, from the day before to the day after."""
+    for n, (day, after) in enumerate(pairwise(days)):
+        pause_days = (after.first_ns - day.first_ns) / _DAY_NS - day.hours / 24
+        if day.first_ns and pause_days >= _PAUSE_DAYS:
+            yield Event(NO_DAYS, n, n + 1, f'Nothing was recorded for {pause_days:.0f} days.')
+
+
+def _model_changes(diary: Diary) -> Iterator[Event]:
+    """Name what was decided about models, and changes of the live model beside that."""
+    at = [n for n, day in enumerate(diary.days) if day.left or day.kind]  # that were judged
+    lives, last = [diary.days[n].live for n in at], len(at) - 1
+    numbers = {diary.days[n].name: number for number, n in enumerate(at)}
+    explained: set[int] = set()
+    for decision in diary.decisions:
+        n = numbers.get(decision.day, -1)
+        if n < 0:
+            continue
+        # A day that a person's decision ended was judged with the model after it.
+        before, after = lives[max(n - 1, 0)], lives[min(n + 1, last)]
+        if decision.kind == 'learnt':
+            explained |= {n}
+            name = OFFERED if n < last and after == lives[n] else LEARNT
+        else:
+            explained |= {n - 1, n}
+            name = BACK if after != before and after in lives[:n] else CHOSEN
+        yield Event(name, at[n], at[n], decision.sentence)
+    for n, (before, after) in enumerate(pairwise(lives)):
+        if before != after and n not in explained:
+            yield Event(ANOTHER, at[n], at[n], 'The diary does not say why.')
+
+
+def when(entry: DayEntry) -> str:
+    """Write a day's date, or its name where it has none."""
+    return entry.name.removesuffix('.csv') if date_of(entry) == '-' else date_of(entry)
+
+
+def event_line(event: Event, days: Sequence[DayEntry]) -> str:
+    """Write the date of an event, or the first and the last one, its name, and details."""
+    dates = ' to '.join(dict.fromkeys(when(days[n]) for n in (event.first, event.last)))
+    return f'{dates}  {event.name}' + (f': {event.sentence}' if event.sentence else '')
 
 
 def date_of(entry: DayEntry) -> str:
@@ -40,35 +219,3 @@ def _merged(intervals: Iterable[tuple[float, float]]) -> list[tuple[float, float
         else:
             merged.append((low, high))
     return merged
-
-
-def days_png(diary: Diary) -> bytes:
-    """Draw the drift left per day; lines are changes of the live model, crosses incidents."""
-    from matplotlib.figure import Figure  # noqa: PLC0415 -- most that ask for days draw none
-
-    from wrist_ft_comp.report import pictures  # noqa: PLC0415
-
-    figure = Figure(figsize=(10.0, 4.0), layout='constrained')
-    panel = figure.add_subplot()
-    left = np.array([forces_left(day) for day in diary.days])
-    styles = (
-        (pictures.WITHOUT, '--', 'x', 'no model'),
-        (pictures.WITH, '-', 'o', 'live model'),
-        (pictures.THERMOMETERS[0], '', '^', 'challenger'),
-    )
-    for values, (colour, line, marker, label) in zip(left.T, styles, strict=True):
-        panel.plot(values, color=colour, ls=line, marker=marker, ms=4, label=label)
-    at = {day.name: number for number, day in enumerate(diary.days)}
-    for decision in diary.decisions:
-        if decision.day in at:
-            panel.axvline(at[decision.day] + 0.5, color=pictures.FRAME, lw=0.8)
-    hit = [at[day.name] for day in diary.days if day.incident]
-    panel.plot(hit, left[hit, 0], ls='', marker='X', ms=10, color='black', label='incident')
-    panel.set_yscale('log')
-    dated = slice(None, None, max(len(at) // _MOST_DATES, 1))
-    panel.set_xticks(range(len(at))[dated], [date_of(day) for day in diary.days[dated]])
-    panel.tick_params(axis='x', rotation=30)
-    panel.set_ylabel('drift of a force, N RMS')
-    panel.grid(alpha=0.3)
-    panel.legend(fontsize=8)
-    return pictures.png_bytes(figure)

@@ -11,6 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.recordings.chamber_table import FIGURE_TITLES
+from wrist_ft_comp.report.days import event_line, events, summary
 from wrist_ft_comp.report.outputs import GENERATOR
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
 from wrist_ft_comp.report.view import AxisView, model_sources, one_after_the_other, ReportView
@@ -46,16 +47,17 @@ def number(value: float) -> str:
 @cache
 def _environment() -> Environment:
     """Prepare the templates, which lie beside this module."""
-    from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
+    from wrist_ft_comp.report import days_picture, pictures  # noqa: PLC0415 -- matplotlib
 
     environment = Environment(
         loader=PackageLoader('wrist_ft_comp.report'), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, finalize=_join_units)  # fmt: skip
     environment.filters.update(number=number, svg=pictures.svg_text)
     environment.globals.update(
-        centers=_centers, figure_titles=FIGURE_TITLES, generator=GENERATOR, learnt=_learnt,
+        centers=_centers, days_figure=days_picture.days_figure, event_line=event_line,
+        events=events, figure_titles=FIGURE_TITLES, generator=GENERATOR, learnt=_learnt,
         levels=LEVEL_NAMES, model_sources=model_sources, number=number,
-        one_after_the_other=one_after_the_other, pictures=pictures)  # fmt: skip
+        one_after_the_other=one_after_the_other, pictures=pictures, summary=summary)  # fmt: skip
     return environment
 
 

@@ -28,6 +28,8 @@ from wrist_ft_comp.signals import FloatArray, IntArray
 #: Without compensation, and with it.
 WITHOUT, WITH = '#D55E00', '#0A78B8'
 THERMOMETERS = ('#009E73', '#BC5F95', '#8A7300', '#7D848C')
+#: What happened to a sensor.
+INCIDENT = THERMOMETERS[1]
 #: Axes, and everything that is not measured.
 FRAME = '#7D848C'
 _GRID: dict[str, Any] = {'color': FRAME, 'alpha': 0.35, 'lw': 0.6}

@@ -10,6 +10,7 @@ from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HeldOut, rms_by_fold
+from wrist_ft_comp.learning.diary import Diary
 from wrist_ft_comp.payload.gains import COUNTS
 from wrist_ft_comp.payload.learnt import LearntPayloads
 from wrist_ft_comp.recordings.chamber_table import ChamberFigures
@@ -139,6 +140,8 @@ class ReportView:
     work: WorkView | None = None
     #: What another day is accepted by: a heading, and a line per axis.
     acceptance: Sequence[str] = ()
+    #: The days of the node that learnt the model by itself, if one did.
+    diary: Diary | None = None
 
     @property
     def provenance(self) -> dict[str, str]:

@@ -265,6 +265,12 @@ class Agreement:
         """Say who lies and why, in sentences."""
         return [f'thermometer {j + 1} {why}' for j, why in sorted(self.replaced.items())]
 
+    @property
+    def sentences(self) -> list[str]:
+        """Say which thermometers are not believed or contradict, and what the drift follows."""
+        said = [f'{finding}; what the others predict of it is used' for finding in self.findings]
+        return [*said, f'{self.doubt}; the drift follows them'] if self.doubt else said
+
 
 @dataclass(frozen=True, eq=False)
 class Offsets:

@@ -1,5 +1,7 @@
 """The drift of a whole recording at once, offline, and the correction of its wrenches."""
 
+from collections import Counter
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -58,12 +60,37 @@ def simulate_drift(
 
 def lies(model: DriftModel, recording: Recording) -> list[str]:
     """Say which thermometers ``simulate_drift`` did not believe, and why, in half sentences."""
-    agreement, found = Agreement(model, recording.thermometers), dict[str, None]()
+    bins = _agreements(model, recording)
+    return list(dict.fromkeys(finding for agreement in bins for finding in agreement.findings))
+
+
+def thermometer_doubts(model: DriftModel, recording: Recording) -> dict[str, float]:
+    """
+    Give what a node would have said of the thermometers, and for which share of the time.
+
+    Which of them contradict changes from bin to bin; the sentence that held longest is given.
+    """
+    said, doubts = Counter[str](), Counter[str]()
+    for agreement in _agreements(model, recording):
+        said.update(agreement.sentences)
+        doubts[agreement.doubt] += 1
+    bins = doubts.total()
+    del doubts['']
+    shorter = tuple(doubt for doubt, _ in doubts.most_common()[1:])
+    return {
+        sentence: count / bins
+        for sentence, count in said.items()
+        if not sentence.startswith(shorter)
+    }
+
+
+def _agreements(model: DriftModel, recording: Recording) -> Iterator[Agreement]:
+    """Yield how thermometers agree after every bin: one object, which the next bin changes."""
+    agreement = Agreement(model, recording.thermometers)
     for first in range(0, len(recording), agreement.cells):
         cells = slice(first, first + agreement.cells)
         agreement.add(recording.temperature_c[cells], recording.measured[cells])
-        found |= dict.fromkeys(agreement.findings)
-    return list(found)
+        yield agreement
 
 
 def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:

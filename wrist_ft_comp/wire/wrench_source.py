@@ -16,6 +16,7 @@ around the numbers. Without any, its stamp is the time of arrival and its frame_
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import nan
 from operator import itemgetter
 import re
 import struct
@@ -116,10 +117,19 @@ def _six_numbers(layout: MessageLayout, path: Path, first: int | None = None) ->
 
 
 class WrenchReader:
-    """Makes geometry_msgs/WrenchStamped of the messages of a topic, remembering their layouts."""
+    """
+    Makes geometry_msgs/WrenchStamped of the messages of a topic, remembering their layouts.
 
-    def __init__(self, source: WrenchSource, kind: str, definitions: Definitions) -> None:
+    Messages without such a wrench are refused, or, with ``fills``, become NaN.
+    """
+
+    def __init__(
+        self, source: WrenchSource, kind: str, definitions: Definitions, *, fills: bool = False
+    ) -> None:
         self.source, self._kind, self._definitions = source, kind, definitions
+        self._fills = fills
+        #: How many messages became NaN, and why the last one did.
+        self.filled, self.misread = 0, ''
         #: By the size of messages: what to pick of them, what that is where they are laid out
         #: alike, and what makes a WrenchStamped of these.
         self._forms: dict[int, list[tuple[_Pick, object, _Make]]] = {}
@@ -145,14 +155,9 @@ class WrenchReader:
         source, order = self.source, layout.order
         six = _six_numbers(layout, source.path or (), source.first)
         if not six:
-            there, array = wrenches_in(layout), layout.places.get(source.path or ())
-            found = f'The message holds {", ".join(there) or "none"}.'
-            if array is not None and array.size is not None:
-                found = f'There is an array of {array.size}; name six of them, such as [0..5].'
-            raise SettingsError(
-                f'The wrench {source.entry!r} is not there: expected force and torque, or an '
-                f'array of six numbers. {found}'
-            )
+            self.misread = self._missing(layout)
+            if not self._fills:
+                raise SettingsError(self.misread)
         numbers = [(struct.Struct(order + p.code.char).unpack_from, p.offset) for p in six]
         header, arrival = _header(layout, source.path or ()), struct.Struct(f'{order}iIIx')
         size = arrival.size if header is None else header.stop - header.start
@@ -162,10 +167,24 @@ class WrenchReader:
         def make(data: bytes, arrival_ns: int) -> bytes:
             stamp = divmod(arrival_ns, NANOSECONDS)
             head = arrival.pack(*stamp, 1) if header is None else data[header]
-            return data[:4] + head + doubles.pack(*(read(data, at)[0] for read, at in numbers))
+            values = [read(data, at)[0] for read, at in numbers]
+            if not values:
+                self.filled, values = self.filled + 1, [nan] * WRENCH_DOUBLES
+            return data[:4] + head + doubles.pack(*values)
 
         lengths = (begin + k for begin in layout.lengths for k in range(4))
         return itemgetter(0, 1, *lengths), make
+
+    def _missing(self, layout: MessageLayout) -> str:
+        """Say that a message has no such wrench, and which it has."""
+        there, array = wrenches_in(layout), layout.places.get(self.source.path or ())
+        found = f'The message holds {", ".join(there) or "none"}.'
+        if array is not None and array.size is not None:
+            found = f'There is an array of {array.size}; name six of them, such as [0..5].'
+        return (
+            f'The wrench {self.source.entry!r} is not there: expected force and torque, or an '
+            f'array of six numbers. {found}'
+        )
 
 
 def _header(layout: MessageLayout, path: Path) -> slice | None:
