@@ -129,7 +129,8 @@ class FreeTimeConstants:
         (mixtures,) = self._mixtures([moments], logs)
         gains = least_squares(normal, mixtures)[0]
         shares = (mixtures.weights.T * gains).T
-        of_pool = np.bincount(mixtures.places.ravel(), shares.ravel(), len(normal))
+        places = mixtures.places.ravel()
+        of_pool: FloatArray = np.bincount(places, shares.ravel(), len(normal)).astype(float)
         of_pool[-1] = -1.0
         return of_pool[np.newaxis]
 
@@ -147,8 +148,9 @@ class FreeTimeConstants:
         if loaded:
             starts = np.concatenate((starts, half + np.arange(self.gain_inputs)))
         owners = np.repeat(np.arange(len(logs)), len(starts))
-        nodes, weights, slopes = (values[owners] for values in interpolate(logs))
-        places = nodes * inputs + np.tile(starts, len(logs))[:, np.newaxis]
+        nodes, weights, slopes = interpolate(logs)
+        weights, slopes = weights[owners], slopes[owners]
+        places: IntArray = nodes[owners] * inputs + np.tile(starts, len(logs))[:, np.newaxis]
         if loaded:
             places = np.vstack((places, np.full(4, 2 * half)))
             weights, slopes = np.vstack((weights, [1, 0, 0, 0])), np.vstack((slopes, np.zeros(4)))
@@ -181,7 +183,8 @@ def least_squares(
     Return the gains, (C,), the products of the error with all columns of the pool, (P,), and the
     sum of squares that remains.
     """
-    places, weights = np.arange(len(normal) - 1)[:, np.newaxis], np.ones((len(normal) - 1, 1))
+    places: IntArray = np.arange(len(normal) - 1)[:, np.newaxis]
+    weights: FloatArray = np.ones(places.shape)
     if mixtures is not None:
         places, weights = mixtures.places, mixtures.weights
     rows = np.einsum('cmp,cm->cp', normal[places], weights)
