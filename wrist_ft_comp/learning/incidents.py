@@ -10,9 +10,11 @@ from itertools import chain, permutations
 
 import numpy as np
 
+from wrist_ft_comp.learning.creep import TIME_CONSTANTS_S
 from wrist_ft_comp.learning.day import Day, longest_stills
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
+    CREEP,
     DayEntry,
     FORGETTING,
     GAIN,
@@ -71,6 +73,12 @@ _LEAST_STILL_S = 900.0
 _LEAST_STILL_RATIO = 4.0
 #: ... while another thermometer moves by more than this, K.
 _LEAST_CHANGE_K = 1.0
+#: Creep is named where all days together show it by this many standard errors ...
+_CREEP_SIGMA = 5.0
+#: ... and the day itself by this many.
+_CREEP_OF_DAY_SIGMA = 2.0
+#: Creep is stated as a share of a load of this duration, s, as on data sheets.
+_CREEP_S = 1800.0
 #: Kind of the incident, and a sentence.
 Incident = tuple[str, str]
 
@@ -93,6 +101,7 @@ def incident(
         or _other_payloads(day, entry, compared)
         or _jump_of_zero(day, entry, drift)
         or _noise(entry, compared)
+        or _creep(entry, compared)
         or ('', '')
     )
 
@@ -268,6 +277,34 @@ def _noise(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
     return NOISE, (
         f'The noise of {AXES[axis]} is {entry.noise[axis]:.2g}, {ratios[axis]:.1f} times that of '
         'the days before, since the start of the day.'
+    )
+
+
+def _creep(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
+    """Find creep or hysteresis that the day shows, and all days together prove."""
+    days = [past.creep for past in (*compared, entry) if past.creep and past.kind in LEARNT_FROM]
+    if not entry.creep:
+        return None
+    share, error = np.moveaxis(np.array(days), -1, 0)
+    mean = np.average(share, axis=0, weights=error**-2)
+    scatter = np.sqrt(np.mean(((share - mean) / error) ** 2, axis=0))
+    mean_error = np.maximum(scatter, 1) * np.sum(error**-2, axis=0) ** -0.5
+    found = int(np.argmax(np.abs(mean) / mean_error))
+    of_day = np.sign(mean[found]) * share[-1, found] / error[-1, found]
+    if of_day < _CREEP_OF_DAY_SIGMA or abs(mean[found]) < _CREEP_SIGMA * mean_error[found]:
+        return None
+    constant_s = TIME_CONSTANTS_S[found]
+    reached = 1 - np.exp(-_CREEP_S / constant_s) if np.isfinite(constant_s) else 1.0
+    size = f'{100 * reached * mean[found]:.2g} ± {100 * reached * mean_error[found]:.1g} %'
+    what = (
+        f'creeps by {size} of a load within {_CREEP_S / 60:.0f} min (time constant about '
+        f'{constant_s / 60:.0f} min), and back without it'
+        if np.isfinite(constant_s)
+        else f'keeps {size} of the largest load (hysteresis)'
+    )
+    return CREEP, (
+        f'The reading {what}. It follows the load, not temperature, and is not compensated '
+        f'(found on {len(days)} days together).'
     )
 
 
