@@ -127,9 +127,11 @@ def _regressed(
     constants = (np.arange(len(y))[:, None] > np.flatnonzero(jumps)).astype(float)
     constants = np.column_stack((np.ones(len(y)), constants))
     walk, noise = np.minimum.outer(rows, rows).astype(float), np.diag(count.mean() / count)
-    roots = [np.linalg.cholesky(variance * walk + noise) for variance in _STEP_VARIANCES]
+    inverses = [
+        np.linalg.inv(np.linalg.cholesky(variance * walk + noise)) for variance in _STEP_VARIANCES
+    ]
     whitened = [
-        _whitened(roots, np.column_stack((constants, *columns[:, :, a])), y[:, a], history[..., a])
+        _whitened(inverses, np.column_stack((constants, *columns[:, :, a])), y[:, a], history[..., a])
         for a in range(y.shape[1])
     ]
     error, clean, regressor = (np.stack(part) for part in zip(*whitened, strict=True))
@@ -141,10 +143,10 @@ def _regressed(
 
 
 def _whitened(
-    roots: Sequence[FloatArray], columns: FloatArray, y: FloatArray, history: FloatArray
+    inverses: Sequence[FloatArray], columns: FloatArray, y: FloatArray, history: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """
-    Whiten one axis by its likeliest random walk: y, (n,), y without creep, and history, (K, n).
+    Whiten one axis by the inverse root of its likeliest covariance: y, (n,), y without creep, and history, (K, n).
 
     Columns, (n, k), are taken out of all three. The walk is that of the drift without creep, of
     the second time constant and of any size on this axis, or creep would hide itself.
@@ -153,8 +155,8 @@ def _whitened(
     count = columns.shape[1]
     regressors = np.column_stack((columns, history[1]))
     regressors = regressors / np.maximum(np.abs(regressors).max(axis=0), 1e-30)
-    for root in roots:
-        white = np.linalg.solve(root, np.column_stack((regressors, y, history.T)))
+    for inverse in inverses:
+        white = inverse @ np.column_stack((regressors, y, history.T))
         basis, triangle = np.linalg.qr(white[:, : count + 1])
         sizes = np.abs(np.diag(triangle))
         full = sizes > _LEAST_SIZE * sizes.max()
@@ -165,8 +167,8 @@ def _whitened(
         freedom = len(y) - full.sum()
         variance = clean @ clean / freedom
         # Restricted maximum likelihood.
-        determinants = np.log(np.diag(root)).sum() + np.log(sizes[full]).sum()
-        likelihood = -0.5 * freedom * np.log(variance) - determinants
+        likelihood = np.log(np.diag(inverse)).sum() - np.log(sizes[full]).sum()
+        likelihood -= 0.5 * freedom * np.log(variance)
         if likelihood > likeliest:
             likeliest, scale = likelihood, np.sqrt(variance)
             found = rest[:, 0] / scale, clean / scale, rest[:, 1:].T / scale

@@ -53,6 +53,8 @@ _HIDDEN_TARE_SHARE = 0.3
 _LEAST_FREE = 0.1
 #: Their change may differ from the jump by this share of it.
 _MOST_DIFFERENCE = 0.5
+#: A jump is a long press where another one undoes it but for this share.
+_UNDONE_SHARE = 0.1
 #: A jump is the weight of a part where it differs from that by less than this share.
 _SAME_WEIGHT_SHARE = 0.2
 #: Largest share of the time in contact on an ordinary day.
@@ -74,7 +76,7 @@ _LEAST_STILL_RATIO = 4.0
 #: ... while another thermometer moves by more than this, K.
 _LEAST_CHANGE_K = 1.0
 #: Creep is named where all days together show it by this many standard errors ...
-_CREEP_SIGMA = 5.0
+_CREEP_SIGMA = 6.0
 #: ... and the day itself by this many.
 _CREEP_OF_DAY_SIGMA = 2.0
 #: Creep is stated as a share of a load of this duration, s, as on data sheets.
@@ -220,11 +222,19 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
                 )
                 parked = CONTACTS, sentence
                 continue
+            if _is_undone(step, day.steps, noise):
+                continue
             return ZERO, (
                 f'The zero jumped at {time} by {sizes} (N and N m), and no tare of the driver did '
                 'that: an overload?'
             )
     return parked
+
+
+def _is_undone(step: Step, steps: Sequence[Step], noise: FloatArray) -> bool:
+    """Whether another step undoes a step, as a press of half an hour ends as it begins."""
+    both = [np.linalg.norm((step.jump + other.jump) / noise) for other in steps]
+    return bool(min(both) < _UNDONE_SHARE * np.linalg.norm(step.jump / noise))
 
 
 def _is_weight(day: Day, step: Step, present: list[bool]) -> bool:
@@ -281,31 +291,35 @@ def _noise(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
 
 
 def _creep(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
-    """Find creep or hysteresis that the day shows, and all days together prove."""
-    days = [past.creep for past in (*compared, entry) if past.creep and past.kind in LEARNT_FROM]
+    """Find creep or hysteresis that the day shows alone, or together with the days before."""
+    days = [past.creep for past in compared if past.creep and past.kind in LEARNT_FROM]
     if not entry.creep:
         return None
-    share, error = np.moveaxis(np.array(days), -1, 0)
-    mean = np.average(share, axis=0, weights=error**-2)
-    scatter = np.sqrt(np.mean(((share - mean) / error) ** 2, axis=0))
-    mean_error = np.maximum(scatter, 1) * np.sum(error**-2, axis=0) ** -0.5
+    share, error = np.moveaxis(np.array([*days, entry.creep]), -1, 0)
+    alone, together = (share[-1], error[-1]), _weighted_mean(share, error)
+    mean, mean_error = max(alone, together, key=lambda found: np.max(np.abs(found[0]) / found[1]))
     found = int(np.argmax(np.abs(mean) / mean_error))
     of_day = np.sign(mean[found]) * share[-1, found] / error[-1, found]
     if of_day < _CREEP_OF_DAY_SIGMA or abs(mean[found]) < _CREEP_SIGMA * mean_error[found]:
         return None
     constant_s = TIME_CONSTANTS_S[found]
-    reached = 1 - np.exp(-_CREEP_S / constant_s) if np.isfinite(constant_s) else 1.0
-    size = f'{100 * reached * mean[found]:.2g} ± {100 * reached * mean_error[found]:.1g} %'
+    lasting = np.isinf(constant_s)
+    percent = 100.0 if lasting else 100 * (1 - np.exp(-_CREEP_S / constant_s))
+    size = f'{percent * mean[found]:.2g} ± {percent * mean_error[found]:.1g} %'
     what = (
-        f'creeps by {size} of a load within {_CREEP_S / 60:.0f} min (time constant about '
+        f'keeps {size} of the largest load (hysteresis)'
+        if lasting
+        else f'creeps by {size} of a load within {_CREEP_S / 60:.0f} min (time constant about '
         f'{constant_s / 60:.0f} min), and back without it'
-        if np.isfinite(constant_s)
-        else f'keeps {size} of the largest load (hysteresis)'
     )
-    return CREEP, (
-        f'The reading {what}. It follows the load, not temperature, and is not compensated '
-        f'(found on {len(days)} days together).'
-    )
+    return CREEP, f'The reading {what}: this follows the load, and no temperature removes it.'
+
+
+def _weighted_mean(values: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Average days, (D, K), by their standard errors; the error is larger where days disagree."""
+    mean = np.average(values, axis=0, weights=errors**-2)
+    scatter = np.sqrt(np.mean(((values - mean) / errors) ** 2, axis=0))
+    return mean, np.maximum(scatter, 1.0) / np.sqrt(np.sum(errors**-2, axis=0))
 
 
 def clock(recording: Recording, marked: BoolArray) -> str:
