@@ -107,7 +107,9 @@ class Year:
             seen[:, 1] += self._offset_k
         return felt_c + shift, seen
 
-    def day(self, number: int, burden: Callable[[FloatArray], FloatArray] | None = None) -> YearDay:
+    def day(
+        self, number: int, burden: Callable[[FloatArray], FloatArray] | None = None
+    ) -> YearDay:
         """Draw a day at work; ``burden`` changes the wrench of every second, N and N m, (N, 6)."""
         events = self.events
         felt_c, seen_c = self._warmed(number)

@@ -174,7 +174,7 @@ def left_of(model: DriftModel, days: Sequence[Loaded]) -> FloatArray:
 
 def print_findings(named: Mapping[tuple[str, float], Sequence[Sequence[Finding]]]) -> None:
     """Print how often creep was named: by days, and by sensors after some days."""
-    after = 1, 2, 4, 8
+    after = 1, 2, 4, 7
     print(f'{"time constant":15}{"creep":>8}{"days":>6}{"named":>7}{"sigmas":>8}{"tenth":>7}'
           f'{"sensors":>9}' + ''.join(f'{f"in {count}":>6}' for count in after))  # fmt: skip
     for (title, size), sensors in named.items():
@@ -183,7 +183,7 @@ def print_findings(named: Mapping[tuple[str, float], Sequence[Sequence[Finding]]
         sigmas = [finding.sigmas for finding in days if finding.load != 'ordinary']
         print(f'{title:15}{size:8.2%}{len(days):6}{sum(map(sum, hits)):7}{np.median(sigmas):8.1f}'
               f'{np.quantile(sigmas, 0.1):7.1f}{len(sensors):9}'
-              + ''.join(f'{sum(any(hit[:count]) for hit in hits):6}' for count in after))  # fmt: skip
+              + ''.join(f'{sum(any(hit[:n]) for hit in hits):6}' for n in after))  # fmt: skip
 
 
 def main() -> None:
@@ -191,7 +191,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--dev', action='store_true', help='years to develop on')
     parser.add_argument('--years', type=int, default=30)
-    parser.add_argument('--days', type=int, default=8, help='per year')
+    parser.add_argument('--days', type=int, default=7, help='per year')
     options = parser.parse_args()
     first = DEVELOPMENT_SEED if options.dev else report_seed()
     named = defaultdict[tuple[str, float], list[list[Finding]]](list)

@@ -48,7 +48,7 @@ def own_lock(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
 
 
-def write_day(directory, number, cells=CELLS, pressed_s=0, parked_s=None, creep=0.0):
+def write_day(directory, number, cells=CELLS, pressed_s=0, *, parked_s=None, creep=0.0):  # noqa: PLR0913
     """
     Write a day at work: a kilogram that turns, drift with temperature, and perhaps presses.
 

@@ -39,11 +39,13 @@ _LEVEL_S = 6000.0
 _PRESSED_SIGMA = 6.0
 #: The zero has jumped where it changes from bin to bin by more than this many usual changes.
 _JUMP_RATIO = 10.0
+#: A day whose zero jumps in more than this share of the bins is not judged.
+_MOST_JUMPS = 0.1
 #: Fewest free cells of a bin, and fewest bins of a day that is judged.
 _LEAST_CELLS, _LEAST_BINS = 2, 60
 #: Variances of a random walk's step that are tried, in units of the noise of a bin.
 _STEP_VARIANCES = 10.0 ** np.arange(-4, 3.1, 0.5)
-#: A column that is smaller than this share of the largest one depends on those before it.
+#: A smaller column, as a share of the largest one, depends on others; noise is larger, N, N m.
 _LEAST_SIZE = 1e-9
 #: Share of the covariance between axes that is not believed.
 _SHRINKAGE = 0.02
@@ -73,7 +75,7 @@ def shares(day: Day, simulated: Drift) -> tuple[Share, ...]:
         return ()
     bin_s = length * recording.period_s
     push = left - np.repeat(_level(_means(left, free, length), bin_s), length, axis=0)
-    width = 1.48 * np.median(np.abs(push[free]), axis=0)
+    width = np.maximum(1.48 * np.median(np.abs(push[free]), axis=0), _LEAST_SIZE)
     pressed = np.sqrt(np.mean((push / width) ** 2, axis=1)) > _PRESSED_SIGMA
     load = np.nan_to_num(weight) + np.where(pressed[:, None], np.nan_to_num(push), 0.0)
     free &= ~pressed
@@ -124,6 +126,8 @@ def _regressed(
     # The zero may jump by a tare, or by a press that was not found.
     change = np.abs(np.diff(y, axis=0))
     jumps = (change > _JUMP_RATIO * np.median(change, axis=0)).any(axis=1)
+    if jumps.mean() > _MOST_JUMPS:
+        return ()
     constants = (np.arange(len(y))[:, None] > np.flatnonzero(jumps)).astype(float)
     constants = np.column_stack((np.ones(len(y)), constants))
     walk, noise = np.minimum.outer(rows, rows).astype(float), np.diag(count.mean() / count)
@@ -131,11 +135,14 @@ def _regressed(
         np.linalg.inv(np.linalg.cholesky(variance * walk + noise)) for variance in _STEP_VARIANCES
     ]
     whitened = [
-        _whitened(inverses, np.column_stack((constants, *columns[:, :, a])), y[:, a], history[..., a])
-        for a in range(y.shape[1])
+        _whitened(inverses, np.column_stack((constants, *beside)), values, loads)
+        for values, beside, loads in zip(
+            y.T, columns.transpose(2, 0, 1), history.transpose(2, 0, 1), strict=True
+        )
     ]
     error, clean, regressor = (np.stack(part) for part in zip(*whitened, strict=True))
-    covariance = np.corrcoef(clean) * (1 - _SHRINKAGE) + _SHRINKAGE * np.eye(len(clean))
+    covariance = clean @ clean.T / np.sum(clean**2, axis=1).max()
+    covariance += _SHRINKAGE * (np.eye(len(clean)) - covariance)
     weighted = np.einsum('ab,bkn->akn', np.linalg.inv(covariance), regressor)
     power = np.maximum(np.einsum('akn,akn->k', weighted, regressor), 1e-30)
     share = np.einsum('akn,an->k', weighted, error) / power
@@ -146,10 +153,11 @@ def _whitened(
     inverses: Sequence[FloatArray], columns: FloatArray, y: FloatArray, history: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """
-    Whiten one axis by the inverse root of its likeliest covariance: y, (n,), y without creep, and history, (K, n).
+    Whiten one axis: y, (n,), y without creep, and history, (K, n).
 
-    Columns, (n, k), are taken out of all three. The walk is that of the drift without creep, of
-    the second time constant and of any size on this axis, or creep would hide itself.
+    The likeliest of the covariances whitens, given by the ``inverses`` of their roots, and the
+    columns, (n, k), are taken out of all three. Likely is what suits y without creep, of the
+    second time constant and of any size on this axis, or creep would hide itself.
     """
     likeliest, found = -np.inf, (y, y, history)
     count = columns.shape[1]
@@ -165,7 +173,7 @@ def _whitened(
         rest = rest - basis[:, :count] @ (basis[:, :count].T @ rest)
         clean = rest[:, 0] - basis[:, count] * (basis[:, count] @ rest[:, 0])
         freedom = len(y) - full.sum()
-        variance = clean @ clean / freedom
+        variance = max(clean @ clean / freedom, _LEAST_SIZE**2)
         # Restricted maximum likelihood.
         likelihood = np.log(np.diag(inverse)).sum() - np.log(sizes[full]).sum()
         likelihood -= 0.5 * freedom * np.log(variance)

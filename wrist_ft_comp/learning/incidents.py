@@ -76,7 +76,7 @@ _LEAST_STILL_RATIO = 4.0
 #: ... while another thermometer moves by more than this, K.
 _LEAST_CHANGE_K = 1.0
 #: Creep is named where all days together show it by this many standard errors ...
-_CREEP_SIGMA = 6.0
+_CREEP_SIGMA = 5.0
 #: ... and the day itself by this many.
 _CREEP_OF_DAY_SIGMA = 2.0
 #: Creep is stated as a share of a load of this duration, s, as on data sheets.
