@@ -91,7 +91,7 @@ def pressed(rng: np.random.Generator, kind: str, wrench: FloatArray) -> FloatArr
         pause = int(rng.integers(3, 9))
         on[at : at + pause] = 0.0
         at += pause
-    return wrench + on[:, None] * np.concatenate((force, np.cross(at_m, force)))
+    return np.asarray(wrench + on[:, None] * np.concatenate((force, np.cross(at_m, force))))
 
 
 def coarse(values: FloatArray) -> FloatArray:
@@ -224,9 +224,9 @@ def main() -> None:
             harm[size].append(float(np.exp(np.nanmean(np.log(ratios)))))
         print(f'year {seed} is done', flush=True)
     print_findings(named)
-    for size, ratios in harm.items():
-        print(f'learnt from days with creep of {size:.2%}: drift left is {np.median(ratios):.3f} '
-              f'times that without (median), {max(ratios):.3f} at most')  # fmt: skip
+    for size, times in harm.items():
+        print(f'learnt from days with creep of {size:.2%}: drift left is {np.median(times):.3f} '
+              f'times that without (median), {max(times):.3f} at most')  # fmt: skip
 
 
 if __name__ == '__main__':

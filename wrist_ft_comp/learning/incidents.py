@@ -75,7 +75,8 @@ _LEAST_STILL_S = 900.0
 _LEAST_STILL_RATIO = 4.0
 #: ... while another thermometer moves by more than this, K.
 _LEAST_CHANGE_K = 1.0
-#: Creep is named where all days together show it by this many standard errors ...
+#: Creep is named where the day, or all days together, show it by this many standard errors;
+#: without creep, simulated days showed up to 4.0 ...
 _CREEP_SIGMA = 5.0
 #: ... and the day itself by this many.
 _CREEP_OF_DAY_SIGMA = 2.0
