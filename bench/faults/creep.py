@@ -47,7 +47,7 @@ OTHERS = ((300.0, 0.001), (2700.0, 0.001))
 #: Creep on days from which models are learnt.
 HARMFUL = (0.001, 0.005)
 #: Hysteresis, as a share of what the overload has beyond the play.
-KEPT = (0.001, 0.002, 0.005)
+KEPT = (0.002, 0.005, 0.01)
 #: Load, N, and its duration, s.
 LOAD_N, LOAD_S = 50.0, 1800
 #: An overload, N, and its duration, s.
@@ -190,7 +190,7 @@ def main() -> None:
     """Judge days with and without creep, and learn from them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--dev', action='store_true', help='years to develop on')
-    parser.add_argument('--years', type=int, default=30)
+    parser.add_argument('--years', type=int, default=3)
     parser.add_argument('--days', type=int, default=7, help='per year')
     options = parser.parse_args()
     first = DEVELOPMENT_SEED if options.dev else report_seed()

@@ -87,7 +87,7 @@ def shares(day: Day, simulated: Drift) -> tuple[Share, ...]:
     warm_k = recording.temperature_c[:cells] - recording.temperature_c.mean(axis=0)
     nuisances = [weight, *(weight * column[:, None] for column in warm_k.T)]
     y, *columns = (_means(values, free, length)[rows] for values in (left, *nuisances))
-    history = _history(_means(load, np.full(cells, fill_value=True), length), bin_s)[:, rows]
+    history = _history(load.reshape(-1, length, load.shape[1]), bin_s)[:, rows]
     return _regressed(rows, count[rows], y, np.stack(columns), history)
 
 
@@ -108,15 +108,17 @@ def _level(means: FloatArray, bin_s: float) -> FloatArray:
 
 
 def _history(load: FloatArray, bin_s: float) -> FloatArray:
-    """Let loads of bins, (M, A), pass a lag of every time constant: (K, M, A)."""
-    history = np.zeros((len(TIME_CONSTANTS_S), *load.shape))
+    """Let loads of the cells of bins, (M, B, A), pass lags, and find the largest: (K, M, A)."""
+    means = load.mean(axis=1)
+    peaks = np.take_along_axis(load, np.abs(load).argmax(axis=1, keepdims=True), axis=1)[:, 0]
+    history = np.zeros((len(TIME_CONSTANTS_S), *means.shape))
     decay = np.exp(-bin_s / np.array(TIME_CONSTANTS_S[:-1]))[:, None]
-    lagged: FloatArray = np.zeros((len(decay), load.shape[1]))
-    largest: FloatArray = np.zeros(load.shape[1])
-    for row, value in enumerate(load):
+    lagged: FloatArray = np.zeros((len(decay), means.shape[1]))
+    largest: FloatArray = np.zeros(means.shape[1])
+    for row, (value, peak) in enumerate(zip(means, peaks, strict=True)):
         begin = lagged
         lagged = value + (lagged - value) * decay
-        largest = np.where(np.abs(value) > np.abs(largest), value, largest)
+        largest = np.where(np.abs(peak) > np.abs(largest), peak, largest)
         history[:-1, row], history[-1, row] = (begin + lagged) / 2, largest
     return history
 
