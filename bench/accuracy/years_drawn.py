@@ -8,6 +8,7 @@ crashes (the zero jumps), a thermometer stops and is replaced days later, and on
 contact nearly all the time.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,8 +107,10 @@ class Year:
             seen[:, 1] += self._offset_k
         return felt_c + shift, seen
 
-    def day(self, number: int) -> YearDay:
-        """Draw a day at work."""
+    def day(
+        self, number: int, burden: Callable[[FloatArray], FloatArray] | None = None
+    ) -> YearDay:
+        """Draw a day at work; ``burden`` changes the wrench of every second, N and N m, (N, 6)."""
         events = self.events
         felt_c, seen_c = self._warmed(number)
         rng = np.random.default_rng([self._seed, 33, number])
@@ -115,6 +118,8 @@ class Year:
         if number == events.pressed:
             scenario = replace(scenario, contacts=PRESSED)
         true, felt = work(rng, scenario, self._payloads[number >= events.tool])
+        if burden is not None:
+            true = replace(true, wrench=burden(true.wrench))
         again = [np.random.default_rng([self._seed, 34, number]) for _ in range(2)]
         raw, _ = measure(again[0], self._gauges, felt_c, true.wrench, 0.25)
         quiet = replace(self._gauges, noise=0 * self._gauges.noise)

@@ -4,6 +4,7 @@ import fcntl
 import json
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 import tempfile
@@ -12,6 +13,7 @@ import time
 import numpy as np
 import pytest
 
+from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.drift.drift_model import run_from_rest
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
@@ -21,12 +23,15 @@ from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
 from wrist_ft_comp.learning.diary import (
     alone,
     CONTACTS,
+    CREEP,
     DayEntry,
     Diary,
     diary_path,
     load_diary,
     save_diary,
 )
+from wrist_ft_comp.simulation.ft_sensor import no_memory, strained
+from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
 from wrist_ft_comp.stored.model_file import load_model, save_model
 
 QUICK = CalibrationSettings('payload', identification=IdentificationSettings('pls', degree=1))
@@ -43,7 +48,7 @@ def own_lock(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
 
 
-def write_day(directory, number, cells=CELLS, pressed_s=0, parked_s=None):
+def write_day(directory, number, cells=CELLS, pressed_s=0, *, parked_s=None, creep=0.0):  # noqa: PLR0913
     """
     Write a day at work: a kilogram that turns, drift with temperature, and perhaps presses.
 
@@ -59,10 +64,11 @@ def write_day(directory, number, cells=CELLS, pressed_s=0, parked_s=None):
     held = (parked_s is not None) * ((seconds // 60 % 2 == 1) | parked)[:, np.newaxis]
     push = -force * (1 + 0.5 * held)
     raw = np.concatenate((push, np.cross((0.0, 0.0, 0.1) + 0.03 * held, push)), axis=1)
-    raw += np.array([1, -1, 0.5, 0.05, 0.03, -0.02]) * (0.4 * warm[:, None] + rng.normal(size=6))
+    drift = np.array([1, -1, 0.5, 0.05, 0.03, -0.02]) * (0.4 * warm[:, None] + rng.normal(size=6))
     raw += rng.normal(0, 0.01, raw.shape) * np.array([1, 1, 1, 0.05, 0.05, 0.05])
     pushed = np.round(30 * rng.normal(size=6), 1) * [1, 1, 1, 0.1, 0.1, 0.1]
     raw += np.outer((seconds + 750) % 1500 < pressed_s, pushed)
+    raw = drift + strained(FtSensorSettings(creep=creep), no_memory(), raw, PERIOD_S)[0]
     rows = np.column_stack(
         (86_400.0 * number + seconds, raw, warm + rng.normal(0, 0.01, cells), force)
     )
@@ -236,6 +242,37 @@ def test_a_robot_that_is_parked_with_a_part_has_no_jump_of_its_zero(tmp_path):
         answer = _answer(job_of(tmp_path, 1))
         assert said in answer['incident']
         assert answer['paused'] == ''
+        assert load_diary(tmp_path).days[0].kind == kind
+
+
+def test_creep_is_named_with_its_size_and_does_not_stop_learning(tmp_path, capsys):
+    cells = 1830
+    for number in (1, 2):
+        write_day(tmp_path, number, cells, 280)
+    live = Path(_answer(job_of(tmp_path, 2))['path'])
+    for creep, kind in ((0.0, ''), (0.002, CREEP)):
+        write_day(tmp_path, 3, cells, 280, creep=creep)
+        answer = _answer(job_of(tmp_path, 3, live))
+        entry = load_diary(tmp_path).days[-1]
+        assert (entry.kind, answer['paused'], bool(answer['incident'])) == (kind, '', bool(kind))
+    percent = float(re.search(r'creeps by (\S+) ', entry.incident)[1])
+    assert percent == pytest.approx(0.2, rel=0.25)
+    assert main(['show', str(tmp_path)]) == 0
+    assert entry.incident in ' '.join(capsys.readouterr().out.split())
+
+
+def test_a_press_of_half_an_hour_ends_as_it_begins_and_is_no_jump_of_the_zero(tmp_path):
+    write_day(tmp_path, 1, 2700)
+    path = days(tmp_path)[0]
+    header, *lines = path.read_text().splitlines()
+    rows = np.array([[float(value) for value in line.split(',')] for line in lines])
+    for end, kind in ((1350, ''), (2700, 'zero')):
+        pressed = rows.copy()
+        pressed[900:end, 1:7] += [20.0, -10.0, -50.0, 1.0, 2.0, 0.0]
+        lines = [','.join(f'{value:.9g}' for value in row) for row in pressed]
+        path.write_text('\n'.join((header, *lines)) + '\n')
+        diary_path(tmp_path).unlink(missing_ok=True)
+        assert _answer(job_of(tmp_path, 1))['success']
         assert load_diary(tmp_path).days[0].kind == kind
 
 

@@ -3,6 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wrist_ft_comp.drift.drift_model import Drift
+from wrist_ft_comp.learning.creep import shares
 from wrist_ft_comp.learning.day import describe, known_cells
 from wrist_ft_comp.learning.diary import DayEntry
 from wrist_ft_comp.learning.incidents import incident, pause
@@ -112,6 +114,34 @@ def test_the_next_day_with_another_tool_is_ordinary(looked, before):
     changed = replace(describe(looked(9, **tool)), kind='tool', incident='Another tool.')
     day = looked(10, **tool)
     assert incident(day, describe(day), [*before, changed]) == ('', '')
+
+
+NOTHING, SOME, MUCH, BACK = (0.0, 1e-3), (1e-3, 3e-4), (4e-3, 3e-4), (-1e-3, 3e-4)
+
+
+@pytest.mark.parametrize(
+    ('past', 'today', 'said'),
+    [
+        ((), (NOTHING, SOME, NOTHING, NOTHING), ''),
+        ((SOME,) * 3, (NOTHING, SOME, NOTHING, NOTHING), 'creeps by 0.086 ± 0.01 % of a load'),
+        ((NOTHING,) * 3, (NOTHING, MUCH, NOTHING, NOTHING), 'time constant about 15 min'),
+        ((BACK, SOME, BACK), (NOTHING, SOME, NOTHING, NOTHING), ''),
+        ((MUCH,) * 3, (NOTHING, NOTHING, NOTHING, NOTHING), ''),
+        ((), (NOTHING, SOME, NOTHING, MUCH), 'keeps 0.4 ± 0.03 % of the largest load'),
+    ],
+)
+def test_creep_is_named_where_a_day_or_days_together_show_it(looked, before, past, today, said):
+    shown = [replace(before[0], creep=(NOTHING, share, NOTHING, NOTHING)) for share in past]
+    entry = replace(before[2], creep=today)
+    kind, sentence = incident(looked(3), entry, shown)
+    assert kind == ('creep' if said else '')
+    assert said in sentence
+
+
+def test_a_day_of_twenty_minutes_says_nothing_of_creep(looked):
+    day = looked(1)
+    nothing = np.zeros_like(day.recording.wrench)
+    assert shares(day, Drift(nothing, nothing)) == ()
 
 
 def days(*kinds):

@@ -50,10 +50,12 @@ CHALLENGER = 'challenger'
 UNREADABLE, CONTACTS, THERMOMETER = 'unreadable', 'contacts', 'thermometer'
 #: Another tool: the drift of that day is learnt all the same.
 TOOL = 'tool'
+#: Drift that follows the load's history: no fault of the zero, so that learning goes on.
+CREEP = 'creep'
 #: Kinds of incidents that change the sensor.
 ZERO, GAIN, NOISE, MOUNTING = 'zero', 'gain', 'noise', 'mounting'
 #: Days of these kinds are learnt from.
-LEARNT_FROM = ('', TOOL)
+LEARNT_FROM = ('', TOOL, CREEP)
 #: Days of these kinds stop learning.
 PAUSING = (ZERO, GAIN, NOISE, MOUNTING)
 #: Days before one of these kinds are not used any more, as if they were of another sensor.
@@ -98,6 +100,9 @@ class DayEntry:
     rotation: tuple[float, ...] = ()
     #: Standard deviation of a cell, N and N m; empty where unknown.
     noise: tuple[float, ...] = ()
+    #: Share of a load that its creep tends to, and its standard error, for every TIME_CONSTANTS_S
+    #: of ``creep``; empty where it is unknown.
+    creep: tuple[tuple[float, float], ...] = ()
 
 
 class Decision(NamedTuple):

@@ -10,9 +10,11 @@ from itertools import chain, permutations
 
 import numpy as np
 
+from wrist_ft_comp.learning.creep import TIME_CONSTANTS_S
 from wrist_ft_comp.learning.day import Day, longest_stills
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
+    CREEP,
     DayEntry,
     FORGETTING,
     GAIN,
@@ -51,6 +53,8 @@ _HIDDEN_TARE_SHARE = 0.3
 _LEAST_FREE = 0.1
 #: Their change may differ from the jump by this share of it.
 _MOST_DIFFERENCE = 0.5
+#: A jump is a long press where another one undoes it but for this share.
+_UNDONE_SHARE = 0.1
 #: A jump is the weight of a part where it differs from that by less than this share.
 _SAME_WEIGHT_SHARE = 0.2
 #: Largest share of the time in contact on an ordinary day.
@@ -71,6 +75,13 @@ _LEAST_STILL_S = 900.0
 _LEAST_STILL_RATIO = 4.0
 #: ... while another thermometer moves by more than this, K.
 _LEAST_CHANGE_K = 1.0
+#: Creep is named where the day, or all days together, show it by this many standard errors;
+#: without creep, simulated days showed up to 4.0 ...
+_CREEP_SIGMA = 5.0
+#: ... and the day itself by this many.
+_CREEP_OF_DAY_SIGMA = 2.0
+#: Creep is stated as a share of a load of this duration, s, as on data sheets.
+_CREEP_S = 1800.0
 #: Kind of the incident, and a sentence.
 Incident = tuple[str, str]
 
@@ -93,6 +104,7 @@ def incident(
         or _other_payloads(day, entry, compared)
         or _jump_of_zero(day, entry, drift)
         or _noise(entry, compared)
+        or _creep(entry, compared)
         or ('', '')
     )
 
@@ -211,11 +223,19 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
                 )
                 parked = CONTACTS, sentence
                 continue
+            if _is_undone(step, day.steps, noise):
+                continue
             return ZERO, (
                 f'The zero jumped at {time} by {sizes} (N and N m), and no tare of the driver did '
                 'that: an overload?'
             )
     return parked
+
+
+def _is_undone(step: Step, steps: Sequence[Step], noise: FloatArray) -> bool:
+    """Whether another step undoes a step, as a press of half an hour ends as it begins."""
+    both = [np.linalg.norm((step.jump + other.jump) / noise) for other in steps]
+    return bool(min(both) < _UNDONE_SHARE * np.linalg.norm(step.jump / noise))
 
 
 def _is_weight(day: Day, step: Step, present: list[bool]) -> bool:
@@ -269,6 +289,38 @@ def _noise(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
         f'The noise of {AXES[axis]} is {entry.noise[axis]:.2g}, {ratios[axis]:.1f} times that of '
         'the days before, since the start of the day.'
     )
+
+
+def _creep(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
+    """Find creep or hysteresis that the day shows alone, or together with the days before."""
+    days = [past.creep for past in compared if past.creep and past.kind in LEARNT_FROM]
+    if not entry.creep:
+        return None
+    share, error = np.moveaxis(np.array([*days, entry.creep]), -1, 0)
+    alone, together = (share[-1], error[-1]), _weighted_mean(share, error)
+    mean, mean_error = max(alone, together, key=lambda found: np.max(np.abs(found[0]) / found[1]))
+    found = int(np.argmax(np.abs(mean) / mean_error))
+    of_day = np.sign(mean[found]) * share[-1, found] / error[-1, found]
+    if of_day < _CREEP_OF_DAY_SIGMA or abs(mean[found]) < _CREEP_SIGMA * mean_error[found]:
+        return None
+    constant_s = TIME_CONSTANTS_S[found]
+    lasting = np.isinf(constant_s)
+    percent = 100.0 if lasting else 100 * (1 - np.exp(-_CREEP_S / constant_s))
+    size = f'{percent * mean[found]:.2g} ± {percent * mean_error[found]:.1g} %'
+    what = (
+        f'keeps {size} of the largest load (hysteresis)'
+        if lasting
+        else f'creeps by {size} of a load within {_CREEP_S / 60:.0f} min (time constant about '
+        f'{constant_s / 60:.0f} min), and back without it'
+    )
+    return CREEP, f'The reading {what}: this follows the load, and no temperature removes it.'
+
+
+def _weighted_mean(values: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Average days, (D, K), by their standard errors; the error is larger where days disagree."""
+    mean = np.average(values, axis=0, weights=errors**-2)
+    scatter = np.sqrt(np.mean(((values - mean) / errors) ** 2, axis=0))
+    return mean, np.maximum(scatter, 1.0) / np.sqrt(np.sum(errors**-2, axis=0))
 
 
 def clock(recording: Recording, marked: BoolArray) -> str:

@@ -16,6 +16,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.learning.creep import shares
 from wrist_ft_comp.learning.day import Day, describe, left
 from wrist_ft_comp.learning.diary import (
     CHALLENGER,
@@ -81,7 +82,11 @@ def describe_day(
             if champion.model is not None:
                 simulated = day.simulate(champion.model)
                 drift, lying = simulated.zero, lies(champion.model, day.drift)
-                entry = replace(entry, left={**entry.left, champion.key: left(simulated, day)})
+                entry = replace(
+                    entry,
+                    left={**entry.left, champion.key: left(simulated, day)},
+                    creep=shares(day, simulated),
+                )
         kind, sentence = incident(day, entry, before, drift)
         if lying and not kind:
             kind, sentence = THERMOMETER, f'On this day {"; ".join(lying)}.'

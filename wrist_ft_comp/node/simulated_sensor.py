@@ -9,6 +9,7 @@ LONGEST_WAKE_S are made up for at once, and no message is left out.
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 from functools import partial
 import sys
 import time
@@ -38,7 +39,7 @@ from wrist_ft_comp.simulation.run import (
 )
 from wrist_ft_comp.simulation.work import WorkSettings
 
-_RUN, _WORK = RunSettings(), WorkSettings()
+_RUN, _WORK, _SENSOR = RunSettings(), WorkSettings(), FtSensorSettings()
 #: All rows are read at start-up only: a run is fixed when it begins.
 _row = partial(Parameter, read_only=True)
 PARAMETERS = (
@@ -76,6 +77,12 @@ PARAMETERS = (
          'Share of the time in which it presses on something.', minimum=0.0, maximum=0.6),
     _row('work.speed', _WORK.speed_rad_s, 'Its largest speed of rotation.',
          'rad/s', 0.01, 10.0),
+    _row('creep', _SENSOR.creep,
+         'Creep of a load that is constant for 30 min, as a share of it.',
+         minimum=-0.01, maximum=0.01),
+    _row('hysteresis', _SENSOR.hysteresis,
+         'What a load of over 100 N or 5 N m leaves, as a share of 50 N or 2.5 N m.',
+         minimum=-0.01, maximum=0.01),
     _row('duty_cycle.start_s', _RUN.duty_start_s,
          'Ascending times at which the duty cycle of the motor changes.', 'simulated s', 0.0),
     _row('duty_cycle.level', _RUN.duty_level, 'Duty cycle from each of these times on.',
@@ -120,7 +127,9 @@ class SimulatedSensor(Node):
         random = np.random.SeedSequence(seeds).spawn(3)
         draws, self._wrench_rng, self._temperature_rng = map(np.random.default_rng, random)
         self._run = draw_run(run_settings(chosen), draws)
-        self._sensor = ft_sensor.build_sensor(FtSensorSettings(), chosen['seed'])
+        settings = replace(_SENSOR, creep=chosen['creep'], hysteresis=chosen['hysteresis'])
+        self._sensor = ft_sensor.build_sensor(settings, chosen['seed'])
+        self._memory = ft_sensor.no_memory()
         self._state = ft_sensor.start(self._sensor, float(room_temperature(self._run, 0.0)))
         self._step = 0
         self._wrenches = _Ticks(chosen['wrench_rate'], chosen['speed'])
@@ -197,7 +206,10 @@ class SimulatedSensor(Node):
         if self._robot is not None:
             near_c = ft_sensor.thermometer_temperatures(self._sensor, wrench_nodes_c)[:, 0]
             true = self._robot.move(elapsed_s, near_c, true)
-        ideal = ft_sensor.measured_wrench(self._sensor, wrench_nodes_c, true)
+        shown, self._memory = ft_sensor.strained(
+            self._sensor.settings, self._memory, true, self._wrenches.step_s
+        )
+        ideal = ft_sensor.measured_wrench(self._sensor, wrench_nodes_c, shown)
         raw = ft_sensor.digitised_wrench(self._sensor, ideal, self._wrench_rng)
         read = ft_sensor.digitised_temperatures(
             self._sensor, temperature_nodes_c, self._temperature_rng
@@ -255,6 +267,8 @@ class _Ticks:
 
     def __init__(self, rate: float, speed: float) -> None:
         self.rate = rate
+        #: Simulated time from one message to the next, s.
+        self.step_s = speed / rate
         self._step_ns = speed / rate * NANOSECONDS
         self._sent = 0
 

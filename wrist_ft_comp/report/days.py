@@ -10,6 +10,7 @@ import numpy as np
 
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
+    CREEP,
     DayEntry,
     Diary,
     FORCES,
@@ -40,6 +41,7 @@ NAMES = {
     MOUNTING: 'sensor turned',
     TOOL: 'another tool',
     CONTACTS: 'pushed all day',
+    CREEP: 'creep or hysteresis',
     UNREADABLE: 'day not readable',
 }
 NO_PAYLOAD = 'no payload found'
