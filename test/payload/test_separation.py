@@ -134,6 +134,14 @@ class TestDrift:
         before, after = np.nanmean(left[:907], axis=0), np.nanmean(left[907:], axis=0)
         np.testing.assert_allclose(before, after, atol=0.2)
 
+    def test_a_press_before_a_tare_that_looks_like_its_end_does_not_hide_it(self, plain):
+        day, n = plain[0], np.arange(len(plain[0]))
+        jump = np.array([28.0, 39.0, 6.0, -0.2, 0.4, 0.6])
+        shifted = np.outer((n >= 1020) | ((n >= 995) & (n < 997)), jump)
+        ((step,),) = separate([replace(day, wrench=day.wrench + shifted)]).steps
+        assert step.cell == 1020
+        np.testing.assert_allclose(step.jump, jump, rtol=0.1)
+
     @pytest.mark.parametrize(('lag', 'until'), [(20, 24), (6, 10), (6, 14), (8, 12)])
     def test_sudden_heat_behind_a_contact_is_no_step(self, plain, lag, until):
         day, n = plain[0], np.arange(len(plain[0])) - 900

@@ -259,12 +259,13 @@ def _find_steps(
 
 
 def _means(values: FloatArray, counts: BoolArray, length: int) -> FloatArray:
-    """Average the cells that count, (M, A); NaN where a tenth of ``length`` or fewer do."""
+    """Average the cells that count, (M, A); NaN where a fifth of ``length`` or fewer do."""
     whole = len(values) // length
     counted = counts[: whole * length].reshape(whole, length, 1)
     total = (counted * values[: whole * length].reshape(whole, length, -1)).sum(axis=1)
     number = counted.sum(axis=1)
-    return np.asarray(np.where(number > length // 10, total / np.maximum(number, 1), np.nan))
+    # A few may be of a contact that looks like the level behind a step.
+    return np.asarray(np.where(number > length // 5, total / np.maximum(number, 1), np.nan))
 
 
 def _suspect(means: FloatArray, noise: FloatArray) -> list[_Suspicion]:
