@@ -55,7 +55,7 @@ source_paths = ['wrist_ft_comp']
 only_mutate = ['wrist_ft_comp/{room}/*']
 pytest_add_cli_args_test_selection = {tests}
 pytest_add_cli_args = ['-p', 'no:cacheprovider', '-p', 'no:xdist', '-q']
-also_copy = ['data']
+also_copy = ['data', 'docs']
 use_git_change_detection = false
 track_dependencies = false
 """
@@ -86,7 +86,7 @@ def make_tree(room: str) -> None:
     """Copy what the tests of a room need."""
     tree = TREES / room
     shutil.rmtree(tree, ignore_errors=True)
-    for folder in ('wrist_ft_comp', 'test', 'data'):
+    for folder in ('wrist_ft_comp', 'test', 'data', 'docs'):
         shutil.copytree(folder, tree / folder, ignore=shutil.ignore_patterns('__pycache__'))
     with Path(shutil.copy('pyproject.toml', tree)).open('a') as settings:
         tests = [f'test/{room}', *ROOMS[room]]
