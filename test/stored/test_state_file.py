@@ -151,7 +151,7 @@ def test_numbers_are_finite(load, place, text):
     if place in {'filters', 'history'}:
         row = row['force_z'] if place == 'filters' else row[1]['temperature_c']
     row[0] = 'HERE'
-    with pytest.raises(StateFileError, match=f'{text} stands in it' if text[-1] in 'yN' else ''):
+    with pytest.raises(StateFileError, match=f'{text} stands in it' if text[-1] in 'yN' else '.'):
         load(json.dumps(document).replace('"HERE"', text).encode())
 
 
