@@ -39,7 +39,7 @@ build/.noble: setup.py requirements/lock.txt requirements/noble.txt requirements
 colcon: build/.colcon
 	PATH="$(CURDIR)/build/colcon/bin:$$PATH" $(BIN)/python -m pytest test/node/test_colcon.py
 
-# Do the tests of model and stream notice small changes? Takes a quarter of an hour.
+# Do the tests of model and stream notice small changes? Takes over an hour.
 mutants: build/.mutants
 	$(BIN)/python bench/mutants.py
 

@@ -5,7 +5,7 @@ import pytest
 
 from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.learning.creep import shares
-from wrist_ft_comp.learning.day import describe, known_cells
+from wrist_ft_comp.learning.day import describe, known_cells, look_at
 from wrist_ft_comp.learning.diary import DayEntry
 from wrist_ft_comp.learning.incidents import incident, pause
 
@@ -142,6 +142,26 @@ def test_a_day_of_twenty_minutes_says_nothing_of_creep(looked):
     day = looked(1)
     nothing = np.zeros_like(day.recording.wrench)
     assert shares(day, Drift(nothing, nothing)) == ()
+
+
+@pytest.mark.parametrize('reading', ['zero', 'frozen'])
+def test_a_reading_that_stands_still_says_nothing_of_creep(make_working_day, reading):
+    recording = make_working_day(7, 5400, part=False)
+    cells = len(recording.wrench)
+    day = look_at(
+        replace(
+            recording,
+            specific_force=np.tile(recording.specific_force[:1], (cells, 1)),
+            rotation_speed=np.zeros(cells),
+            wrench=np.tile(recording.wrench[:1], (cells, 1)) * (reading == 'frozen'),
+        )
+    )
+    nothing = np.zeros((cells, 6))
+    found = shares(day, Drift(nothing, nothing))
+    assert len(found) == 4
+    for share in found:
+        assert abs(share.share) < share.error
+        assert share.error >= 1e-5
 
 
 def days(*kinds):

@@ -63,14 +63,19 @@ def _lines(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
 def days_text(directory: Path, diary: Diary, memory: Memory) -> str:
     """Sum days up, put them into a table, and list what happened, and temperatures they saw."""
     days, happened = diary.days[-MOST_DAYS:], events(diary)
-    rows = [
-        [day.name.removesuffix('.csv'), date_of(day),
-         f'{day.hours:.1f}' if day.first_ns else '-',
-         ' to '.join(f'{value:.1f}' for value in (*day.temperature_c, ())[0]) or '-',
-         *('-' if np.isnan(value) else rounded(value)
-           for value in (*drift_left(day), 100 * drift_left(day).share))]
-        for day in days
-    ]  # fmt: skip
+    rows = []
+    for day in days:
+        drift = drift_left(day)
+        drifts = (*drift, 100 * drift.share)
+        rows.append(
+            [
+                day.name.removesuffix('.csv'),
+                date_of(day),
+                f'{day.hours:.1f}' if day.first_ns else '-',
+                ' to '.join(f'{value:.1f}' for value in (*day.temperature_c, ())[0]) or '-',
+                *('-' if np.isnan(value) else rounded(value) for value in drifts),
+            ]
+        )
     header = ['day', 'date', 'hours', 'temperature, °C', 'drift, N', 'left, N', 'left, %']
     seen = (
         f'thermometer {j}: {", ".join(f"{low:.1f} to {high:.1f}" for low, high in ranges)} °C'

@@ -9,7 +9,7 @@ the loaded axes and in proportion to it. So the drift that the live model leaves
 
     y = Z b + c h(load) + slow + noise
 
-    h     load behind a lag of τ, or the largest load so far                   (n, A)
+    h     history: the load behind a first-order lag of τ, or its largest value up to then  (n, A)
     Z     a constant between jumps, the weight, and weight x temperature       (n, k) per axis
     slow  what heat leaves: a random walk, whose size each axis tells by maximum likelihood
 
@@ -49,6 +49,8 @@ _STEP_VARIANCES = 10.0 ** np.arange(-4, 3.1, 0.5)
 _LEAST_SIZE = 1e-9
 #: Share of the covariance between axes that is not believed.
 _SHRINKAGE = 0.02
+#: Least standard error of a share: the day of a reading that stands still outweighs no other.
+_LEAST_ERROR = 1e-5
 
 
 class Share(NamedTuple):
@@ -145,12 +147,12 @@ def _regressed(
         )
     ]
     error, clean, regressor = (np.stack(part) for part in zip(*whitened, strict=True))
-    covariance = clean @ clean.T / np.sum(clean**2, axis=1).max()
+    covariance = clean @ clean.T / max(np.sum(clean**2, axis=1).max(), 1e-30)
     covariance += _SHRINKAGE * (np.eye(len(clean)) - covariance)
     weighted = np.einsum('ab,bkn->akn', np.linalg.inv(covariance), regressor)
     power = np.maximum(np.einsum('akn,akn->k', weighted, regressor), 1e-30)
     share = np.einsum('akn,an->k', weighted, error) / power
-    return tuple(map(Share, share.tolist(), (power**-0.5).tolist()))
+    return tuple(map(Share, share.tolist(), np.maximum(power**-0.5, _LEAST_ERROR).tolist()))
 
 
 def _whitened(

@@ -195,12 +195,13 @@ def compare(
         for day, by_new in zip(days, errors, strict=True)
         if day.name > newest and (live or NONE) in day.left
     ]
-    if not np.isfinite(logs).any():
+    judged = [log for log in logs if np.isfinite(log).any()]
+    if not judged:
         raise CalibrationRefusedError(
             'The live model cannot be judged on these days; it is for other thermometers, or '
             'another thermal_period. Call ~/calibrate.'
         )
-    return float(np.exp(np.nanmean(logs))), len(logs)
+    return float(np.exp(np.nanmean(judged))), len(judged)
 
 
 def drift_words(entry: DayEntry) -> str:
