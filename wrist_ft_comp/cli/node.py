@@ -108,8 +108,8 @@ def _show(operator: 'Operator', name: str, watch: 'Watch', *, as_json: bool) -> 
         raise NodeError(f'{name} has published no diagnostics for {SILENCE_S:.0f} s.')
     if as_json:
         statuses = {
-            key: {'level': _LEVELS[each.level].lower(), 'message': each.message, **each.values}
-            for key, each in watch.statuses.items()
+            key: {'level': _LEVELS[part.level].lower(), 'message': part.message, **part.values}
+            for key, part in watch.statuses.items()
         }
         options.print_json({'node': name, 'hardware_id': watch.hardware_id, 'statuses': statuses})
     elif sys.stdout.isatty():

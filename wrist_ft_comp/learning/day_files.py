@@ -116,11 +116,12 @@ class DayFiles:
     Writes rows into the file of their day, below a node's directory, without reference channels.
 
     RecordingError when the disk refuses, or when all days together take ``max_bytes``. The name of
-    the day ``known``, the newest one of before, and older names are not used again.
+    the day ``newest_before``, the newest one that there ever was, and older names are not used
+    again.
     """
 
     def __init__(
-        self, directory: Path, channels: Sequence[str], max_bytes: float, known: str = ''
+        self, directory: Path, channels: Sequence[str], max_bytes: float, newest_before: str = ''
     ) -> None:
         self._directory, self._folder = directory, directory / 'days'
         self._columns = [j for j, name in enumerate(channels) if name not in REFERENCE_CHANNELS]
@@ -130,10 +131,10 @@ class DayFiles:
         #: Gives the names of the sensor.
         self.sensor: Callable[[], SensorNames] = dict
         names = [path.name for path in days(directory)]
-        self._number = max(map(day_number, [known, *names]))
+        self._number = max(map(day_number, [newest_before, *names]))
         #: File of the day that goes on; None between days.
         newest = self._folder / (names or [''])[-1]
-        self.path = newest if names and newest.name > known and size_of(newest) else None
+        self.path = newest if names and newest.name > newest_before and size_of(newest) else None
         #: Whether the newest row found no room.
         self.full = False
         self._writer: DayWriter | None = None

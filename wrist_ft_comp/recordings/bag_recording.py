@@ -315,9 +315,9 @@ def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
         times_ns = steps * _STEP_NS + _STEP_NS // 2
         force, speed = gravity.read(times_ns)
         gravity.forget()
-        known, turned = np.isfinite(force[:, 0]), np.isfinite(speed)
-        found |= bool(known.any())
-        yield Samples(FORCE_CHANNELS, times_ns[known], force[known])
+        linked, turned = np.isfinite(force[:, 0]), np.isfinite(speed)
+        found |= bool(linked.any())
+        yield Samples(FORCE_CHANNELS, times_ns[linked], force[linked])
         yield Samples((ROTATION_CHANNEL,), times_ns[turned], speed[turned, np.newaxis])
     if not found:
         raise RecordingError(

@@ -125,18 +125,18 @@ class _Tally:
     def candidates(self) -> Iterator[Candidate]:
         """Make the candidates of the connection."""
         span_ns = self.last_ns - (self.first_ns or 0)
-        known = self.samples, span_ns / NANOSECONDS, self.gap_ns / NANOSECONDS, self.stamped
+        figures = self.samples, span_ns / NANOSECONDS, self.gap_ns / NANOSECONDS, self.stamped
         topic = self.connection.topic
-        yield from (Candidate(RAW_WRENCH, f'{topic}:{path}', *known) for path in self.wrenches)
+        yield from (Candidate(RAW_WRENCH, f'{topic}:{path}', *figures) for path in self.wrenches)
         if self.role and self.role != TEMPERATURE:
-            yield Candidate(self.role, topic, *known, force=describe_force(self.moments))
+            yield Candidate(self.role, topic, *figures, force=describe_force(self.moments))
             return
         # What has no stamp counts at its time of arrival where it is read as a field.
         plain: list[Path] = [()] if self.stamped else [('temperature',)]
         paths = plain if self.role else self.paths
         for path, low, high in zip(paths, self.low, self.high, strict=True):
             entry = f'{topic}:{path_text(path)}' if path else topic
-            yield Candidate(TEMPERATURE, entry, *known, (float(low), float(high)))
+            yield Candidate(TEMPERATURE, entry, *figures, (float(low), float(high)))
 
 
 def survey_bag(

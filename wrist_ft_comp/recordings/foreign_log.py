@@ -188,15 +188,15 @@ def guessed_map(columns: Sequence[str], row: Sequence[str]) -> tuple[str, str]:
         return '', ''
     for column, name in meant_columns(columns).items():
         unit = re.search(r'[\[(]\s*([A-Za-z/²°0-9 ]+?)\s*[\])]', column)
-        known = {*_FACTORS['N'], *_FACTORS['N m'], *_FACTORS['m/s²'], *_TEMPERATURE_UNITS}
+        units = {*_FACTORS['N'], *_FACTORS['N m'], *_FACTORS['m/s²'], *_TEMPERATURE_UNITS}
         word = unit[1].replace(' ', '').strip('°') if unit else ''
         cell = row[columns.index(column)] if len(row) == len(columns) else ''
         if name == 'stamp_s':
             time = time or _guessed_time(cell, word)
         if name and not set(column) & set(_SIGNS):
-            if name.startswith('temperature') and word not in known:
+            if name.startswith('temperature') and word not in units:
                 word = _guessed_temperature_unit(cell)
-            unit_word = f':{word}' if word in known and name != 'stamp_s' else ''
+            unit_word = f':{word}' if word in units and name != 'stamp_s' else ''
             entries.append(f'{name.replace("stamp_s", "stamp")}={column}{unit_word}')
     return ','.join(entries), time
 

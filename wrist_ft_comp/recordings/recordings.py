@@ -338,8 +338,8 @@ def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> Reco
         )
         kind = f'{BAG}, {bag.storage}{compressed}'
         warnings = *bag.warnings, *warnings, *doubts, *_judge_samples(bag, topics)
-        known = first, last, warnings, candidates, topics, force
-        return RecordingSummary(path.name, kind, channels, *known)
+        found = first, last, warnings, candidates, topics, force
+        return RecordingSummary(path.name, kind, channels, *found)
 
 
 def _survey_gravity(

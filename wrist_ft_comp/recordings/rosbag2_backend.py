@@ -107,9 +107,9 @@ def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
 
 def _add_topic(writer: Any, like: Connection, topic: str, kind: str) -> str:
     """Add a topic with the quality of service of another, and with its hash if of its type."""
-    known = like.native
+    native = like.native
     kept = 'serialization_format', 'offered_qos_profiles', 'type_description_hash'
-    same = {name: getattr(known, name) for name in kept}
+    same = {name: getattr(native, name) for name in kept}
     if kind != like.msgtype:
         same['type_description_hash'] = ''
     writer.create_topic(rosbag2_py.TopicMetadata(id=0, name=topic, type=kind, **same))

@@ -182,17 +182,18 @@ def _draw_per_cent(panel: Axes, slots: _Slots, drifts: Sequence[DriftLeft]) -> N
     middle = slots.middle
     share = 100 * np.array([drift.share for drift in drifts])
     shown = np.minimum(share, _MOST_PER_CENT)
-    known = np.flatnonzero(np.isfinite(share))
-    many = len(known) > _MANY_DAYS
+    judged = np.flatnonzero(np.isfinite(share))
+    many = len(judged) > _MANY_DAYS
     panel.plot(middle, shown, 'o', ms=2 if many else 4, color=WITH, alpha=0.5 if many else 1.0)
     half = _MEDIAN_DAYS // 2 if many else 0
-    line = [np.median(share[known[max(k - half, 0) : k + half + 1]]) for k in range(len(known))]
-    breaks = np.flatnonzero(np.diff(middle[known]) > _JOINED_DAYS) + 1
-    xs = np.insert(middle[known], breaks, np.nan)
+    line = [np.median(share[judged[max(k - half, 0) : k + half + 1]]) for k in range(len(judged))]
+    breaks = np.flatnonzero(np.diff(middle[judged]) > _JOINED_DAYS) + 1
+    xs = np.insert(middle[judged], breaks, np.nan)
     panel.plot(xs, np.insert(np.minimum(line, _MOST_PER_CENT), breaks, np.nan), color=WITH, lw=1.2)
     panel.axhline(100, color=WITHOUT, lw=1.0)
-    far = [(middle[n], middle[n], f'{share[n]:.0f} %') for n in known if share[n] > _MOST_PER_CENT]
-    _write(panel, far, (_MOST_PER_CENT + _EDGE_PER_CENT) / 2)
+    far = judged[share[judged] > _MOST_PER_CENT]
+    texts = [(middle[n], middle[n], f'{share[n]:.0f} %') for n in far]
+    _write(panel, texts, (_MOST_PER_CENT + _EDGE_PER_CENT) / 2)
     panel.set_ylim(0, _EDGE_PER_CENT)
     panel.set_yticks((0, 25, 50, 75, 100), ('0', '25', '50', '75', 'no model  100'))
     panel.set_ylabel('left, %')

@@ -85,11 +85,11 @@ def _payload(path: Path, name: str, entry: Document) -> tuple[Payload, ForceFram
     """Build a payload from an entry that was checked."""
     words = {key: entry.get(key, '') for key in ('source', *FrameIds._fields)}
     figures = {key: value for key, value in entry.items() if key not in words}
-    known = {key: np.array(value, dtype=float) for key, value in figures.items()}  # null is NaN
-    error_kg, errors_m = float(known['mass_error_kg']), np.zeros(3) + known['center_error_m']
-    mass_kg, share = entry['mass_kg'], float(known['share'])
+    arrays = {key: np.array(value, dtype=float) for key, value in figures.items()}  # null is NaN
+    error_kg, errors_m = float(arrays['mass_error_kg']), np.zeros(3) + arrays['center_error_m']
+    mass_kg, share = entry['mass_kg'], float(arrays['share'])
     try:
-        payload = Payload(mass_kg, known['center_of_mass_m'], error_kg, errors_m, share)
+        payload = Payload(mass_kg, arrays['center_of_mass_m'], error_kg, errors_m, share)
     except WristFtCompError as refusal:
         raise ModelFileError(f'{name} of {path} cannot be used: {refusal}') from refusal
-    return payload, ForceFrame(known['rotation'], known['bias'], known['scale'], **words)
+    return payload, ForceFrame(arrays['rotation'], arrays['bias'], arrays['scale'], **words)

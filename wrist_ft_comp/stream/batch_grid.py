@@ -239,8 +239,8 @@ def _doubt_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, tup
         'takes for its scale. If it is in another unit, that is all; if not, calibrate the '
         'accelerometer, because a payload is as wrong as it is.'
     )
-    known = np.isfinite(force).all(axis=1, keepdims=True)
-    return np.where(known, force, np.nan), (doubt,) if abs(off) > _GRAVITY_DOUBT else ()
+    whole = np.isfinite(force).all(axis=1, keepdims=True)
+    return np.where(whole, force, np.nan), (doubt,) if abs(off) > _GRAVITY_DOUBT else ()
 
 
 def grid_samples(

@@ -104,12 +104,12 @@ class _Link:
             return parents[before], _matrices(quaternions[before])
         after = np.minimum(before + (stamps_ns[before] != times_ns), len(stamps_ns) - 1)
         gap_ns = stamps_ns[after] - stamps_ns[before]
-        known = (before >= 0) & (times_ns <= stamps_ns[-1]) & (gap_ns <= GAP_NS)
-        known &= parents[before] == parents[after]
+        linked = (before >= 0) & (times_ns <= stamps_ns[-1]) & (gap_ns <= GAP_NS)
+        linked &= parents[before] == parents[after]
         share = ((times_ns - stamps_ns[before]) / np.maximum(gap_ns, 1))[:, np.newaxis]
         begin, end = quaternions[before], quaternions[after]
         end = end * np.where((begin * end).sum(axis=1, keepdims=True) < 0, -1, 1)
-        return np.where(known, parents[before], -1), _matrices(begin + share * (end - begin))
+        return np.where(linked, parents[before], -1), _matrices(begin + share * (end - begin))
 
 
 class GravityByTf:
@@ -211,8 +211,8 @@ class GravityByTf:
         (tops, lower), (others, upper) = (
             self._climb(self._number(frame), times_ns) for frame in (self.lower, self.upper)
         )
-        known = (tops == others)[:, np.newaxis, np.newaxis]
-        return np.where(known, np.swapaxes(upper, 1, 2) @ lower, np.nan)
+        linked = (tops == others)[:, np.newaxis, np.newaxis]
+        return np.where(linked, np.swapaxes(upper, 1, 2) @ lower, np.nan)
 
     def read(self, times_ns: IntArray) -> tuple[FloatArray, FloatArray]:
         """
@@ -221,9 +221,9 @@ class GravityByTf:
         The speed is the mean since the time before, also of the last call. NaN where not known.
         """
         rotations = self.rotations(times_ns)
-        known = np.isfinite(rotations[:, 0, 0])
-        at = np.concatenate((self._last[0], times_ns[known]))
-        turned = np.concatenate((self._last[1], rotations[known]))
+        linked = np.isfinite(rotations[:, 0, 0])
+        at = np.concatenate((self._last[0], times_ns[linked]))
+        turned = np.concatenate((self._last[1], rotations[linked]))
         self._last = at[-1:], turned[-1:]
         # Of a turn by θ, |R' - R| = √8 sin θ/2.
         change = np.linalg.norm(np.diff(turned, axis=0), axis=(1, 2)) / np.sqrt(8)
@@ -231,7 +231,7 @@ class GravityByTf:
         steps_ns[(steps_ns <= 0) | (steps_ns > GAP_NS)] = np.nan
         speed = 2 * np.arcsin(np.minimum(change, 1)) * NANOSECONDS / steps_ns
         speeds = np.full(len(times_ns), np.nan)
-        speeds[known] = np.concatenate(([np.nan], speed))[len(speed) + 1 - known.sum() :]
+        speeds[linked] = np.concatenate(([np.nan], speed))[len(speed) + 1 - linked.sum() :]
         return GRAVITY * rotations[:, 2], speeds
 
     def missing(self) -> str:
