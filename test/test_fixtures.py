@@ -1,7 +1,7 @@
 """
 What versions 0.1.0 and 0.2.0 wrote: every later one loads it and runs it to the same drift.
 
-How the files were made is told beside them, in a README.md. They are never made again: a later
+A README.md beside the files says how they were made. They are never made again: a later
 version has to read them, however it writes its own.
 """
 
@@ -177,11 +177,11 @@ def test_a_model_corrects_a_stream_to_the_same_wrenches(path):
 def same_numbers(value, expected):
     """Whatever was printed then is printed now; there may be more."""
     if isinstance(expected, dict):
-        for key, each in expected.items():
-            same_numbers(value[key], each)
+        for key, wanted in expected.items():
+            same_numbers(value[key], wanted)
     elif isinstance(expected, list):
-        for element, each in zip(value, expected, strict=True):
-            same_numbers(element, each)
+        for element, wanted in zip(value, expected, strict=True):
+            same_numbers(element, wanted)
     elif isinstance(expected, float):
         assert value == pytest.approx(expected, rel=1e-9, abs=0)
     else:
