@@ -72,9 +72,9 @@ def test_a_state_comes_back_to_the_last_bit(tmp_path, state):
     assert back is not None
     assert plain(back) == plain(state)
     if state.thermal is not None and back.thermal is not None:
-        for axis, each in state.thermal.filters.items():
-            assert back.thermal.filters[axis].shape == each.shape
-    assert [each.name for each in path.parent.iterdir()] == ['state.json']
+        for axis, values in state.thermal.filters.items():
+            assert back.thermal.filters[axis].shape == values.shape
+    assert [file.name for file in path.parent.iterdir()] == ['state.json']
 
 
 def test_a_state_without_an_external_tare_is_what_earlier_versions_read_and_wrote(load):

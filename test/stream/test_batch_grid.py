@@ -57,9 +57,9 @@ def streams(draw):
 @given(blocks=streams(), period_s=st.sampled_from([0.5, 1.0, 3.0]), size=st.integers(1, 30))
 def test_the_grid_is_the_textbook_loop_in_pieces_of_any_size(blocks, period_s, size):
     pieces = [
-        Samples(each.channels, each.stamps_ns[at : at + size], each.values[at : at + size])
-        for each in blocks
-        for at in range(0, len(each.stamps_ns), size)
+        Samples(block.channels, block.stamps_ns[at : at + size], block.values[at : at + size])
+        for block in blocks
+        for at in range(0, len(block.stamps_ns), size)
     ]
     recording = grid_samples(pieces, period_s=period_s)
     period_ns = round(period_s * SECOND)

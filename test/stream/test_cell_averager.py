@@ -13,7 +13,7 @@ NAN = math.nan
 
 
 class Node:
-    """Feeds a grid and a averager as the node does."""
+    """Feeds a grid and an averager as the node does."""
 
     def __init__(self, thermometers=1, patience_s=3.0):
         self.grid = ThermalGrid(SECOND, thermometers, patience_s)
@@ -147,8 +147,8 @@ def test_nothing_is_lost_and_nothing_piles_up_while_a_thermometer_is_silent(sile
 def test_wrenches_without_any_temperature_do_not_pile_up(sent):
     node, rows = Node(), []
     for second in range(2000):
-        for each in sent:
-            getattr(node, each)(second + 0.1, float(second))
+        for kind in sent:
+            getattr(node, kind)(second + 0.1, float(second))
         rows += node.averager.rows()
         assert len(node.averager._cells) <= 600
     written = cells(rows)
@@ -220,7 +220,7 @@ def test_a_time_that_begins_anew_goes_on_being_averaged(late_s):
         if second == 30:
             node.raw(1e6, 0.0)
         rows += node.averager.rows()
-        sent = [each for each in sent if each[0] <= second + 1]  # of the time before
+        sent = [wrench for wrench in sent if wrench[0] <= second + 1]  # of the time before
     seen = {row[0]: row[1] for row in cells(rows)}  # of the later time, where both had a cell
     expected = {second: second + 0.5 for second in (*range(27), *range(31, 145))}
     assert {second: seen[second] for second in expected} == expected, 'but for the stray one'

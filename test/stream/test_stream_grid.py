@@ -151,7 +151,7 @@ def test_a_thermometer_that_never_reported_is_waited_for_without_hoarding(second
     assert started[0].temperature_c == pytest.approx([20.0 + first, 5.0])
 
 
-def test_samples_for_cells_that_are_gone_are_counted():
+def test_samples_for_completed_cells_are_counted():
     grid = ThermalGrid(SECOND, 2, patience_s=1.0)
     feed(grid, seconds(0, (0.5, 20.0)) + seconds(1, (0.5, 20.0)))
     feed(grid, seconds(0, (9.5, 20.0)))

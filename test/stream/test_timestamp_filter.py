@@ -49,7 +49,7 @@ def test_strays_are_dropped_and_time_that_goes_on_elsewhere_is_followed(
     assert feed(timestamps, START) == START
     for share in followed or [0.0]:
         offset = round(share * leap)
-        sent = [3 * SECOND + round(each * leap) for each in strays]
+        sent = [3 * SECOND + round(stray * leap) for stray in strays]
         there = [offset + stamp for stamp in GOES_ON]
         assert feed(timestamps, [*sent, *there]) == there
         dropped += len(strays)
@@ -80,8 +80,8 @@ def test_a_thermometer_that_becomes_slow_is_heard_with_all_its_samples(step_s):
     stamps = [k * SECOND for k in range(5)]
     stamps += [(4 + k * step_s) * SECOND for k in range(1, 10)]
     heard = [feed(timestamps, [stamp]) for stamp in stamps]
-    assert [each for some in heard for each in some] == stamps
-    assert [len(some) for some in heard] == [1] * 5 + [0, 0, 3] + [1] * 6
+    assert [stamp for passed in heard for stamp in passed] == stamps
+    assert [len(passed) for passed in heard] == [1] * 5 + [0, 0, 3] + [1] * 6
     assert (timestamps.strays, timestamps.leaps) == (0, 1)
 
 

@@ -208,6 +208,6 @@ def test_the_stamp_is_the_headers_where_it_was_filled():
         ('force', False),
     ],
 )  # fmt: skip
-def test_a_name_tells_whether_it_may_be_a_temperature(name, telling):
+def test_a_field_may_be_a_temperature_by_its_name(name, telling):
     assert may_be_temperature(('joints', 2, name)) is telling
     assert may_be_temperature((name, 0)) is telling
