@@ -64,7 +64,7 @@ class Here:
 @pytest.mark.parametrize(
     'kind', [kind for kind, row in KINDS.items() if 'mcap' in row[2] and kind not in OWN_TYPES]
 )
-def test_the_node_says_what_the_files_say_and_loses_nothing(kind, rig, messages, monkeypatch):
+def test_the_node_warns_and_drops_as_the_files_do(kind, rig, messages, monkeypatch):
     monkeypatch.setattr('wrist_ft_comp.node.calibrate.start_job', Here)
     change, pattern, _ = KINDS[kind]
     table = FILES['good']()

@@ -35,7 +35,7 @@ def battery(second, celsius):
 
 
 def joints(second, *efforts):
-    return JointState(header=header(second), effort=[float(each) for each in efforts])
+    return JointState(header=header(second), effort=[float(effort) for effort in efforts])
 
 
 def send(node, publisher, *messages):
@@ -73,9 +73,9 @@ def held_c(node):
 
 def well(node, celsius):
     """Wait until nothing is wrong with the thermometers, and the first reads so."""
-    wanted = (b'\0', celsius)
     node.diagnosis(
-        'temperature', lambda each: (each.level, each.values.get('thermometer_1_c')) == wanted
+        'temperature',
+        lambda status: (status.level, status.values.get('thermometer_1_c')) == (b'\0', celsius),
     )
 
 
@@ -131,11 +131,11 @@ def test_thermometers_in_one_message_share_a_subscription(wired):
     assert held_c(node) == [23.0, 21.0, 30.0]
 
 
-def test_a_kilohertz_wakes_nobody(wired):
+def test_a_topic_at_a_kilohertz_is_read_ten_times_a_second(wired):
     node = wired(topics=['state:temperature'], executor='events')
     state = publisher(node, BatteryState, 'state', BEST_EFFORT)
     send(node, state, battery(0, 20.0))
-    assert node.topic('state') not in [each.topic_name for each in node.node.subscriptions]
+    assert node.topic('state') not in [s.topic_name for s in node.node.subscriptions]
     message = battery(0, 20.0)
     for second in range(1, 5):
         message.header.stamp.sec = START_S + second
@@ -150,7 +150,7 @@ def test_a_kilohertz_wakes_nobody(wired):
     assert held_c(node) == [25.0]
 
 
-def test_an_array_that_is_too_short_is_told_and_heals(wired):
+def test_an_array_that_is_too_short_is_a_warning_until_it_is_long_enough(wired):
     node = wired(topics=['joints:effort[2]'])
     state = publisher(node, JointState, 'joints')
     send(node, state, joints(0, 20.0, 21.0))
@@ -176,7 +176,7 @@ def test_an_array_that_is_too_short_is_told_and_heals(wired):
         ('voltage', 'is nan; expected a finite number'),
     ],
 )
-def test_a_field_that_is_no_number_is_told_with_what_there_is(wired, field, words):
+def test_a_field_that_is_no_number_is_a_warning_with_the_fields_there_are(wired, field, words):
     node = wired(topics=[f'state:{field}'])
     state = publisher(node, BatteryState, 'state')
     message = battery(0, 20.0)
@@ -186,7 +186,7 @@ def test_a_field_that_is_no_number_is_told_with_what_there_is(wired, field, word
     assert flows(node)
 
 
-def test_a_type_that_is_not_installed_is_told(wired, monkeypatch):
+def test_a_type_that_is_not_installed_is_a_warning(wired, monkeypatch):
     node = wired(topics=['image:image.height'])
     monkeypatch.setitem(sys.modules, 'stereo_msgs.msg', None)  # which makes imports fail
     stereo = node.bench.helper.create_publisher(DisparityImage, node.topic('image'), 10)
@@ -214,7 +214,7 @@ def unloadable(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures('unloadable')
-def test_a_package_whose_library_cannot_be_loaded_is_told(rig, driver):
+def test_a_package_whose_library_cannot_be_loaded_is_a_warning(rig, driver):
     node = rig(topics=['image:image.height'])
     driver().helper.create_publisher(DisparityImage, node.topic('image'), 10)
     said = node.diagnosis('temperature', 'stereo_msgs').message
@@ -273,7 +273,7 @@ def test_a_publisher_may_come_late_die_and_come_back_as_another_type(wired, driv
     assert words in node.diagnosis('temperature', words).message
 
 
-def test_bytes_that_are_no_such_message_are_told(wired):
+def test_bytes_that_are_no_message_of_the_type_are_a_warning(wired):
     node = wired(topics=['joints:effort[0]'])
     state = publisher(node, JointState, 'joints')
     good = serialize_message(joints(0, 20.0))
@@ -310,7 +310,7 @@ def test_a_plain_topic_of_another_type_says_what_to_write(rig, driver, kind, wri
     node.diagnosis('temperature', 'has not reported')
 
 
-def test_wrenches_of_another_type_are_told(rig, driver):
+def test_wrenches_of_another_type_are_a_warning(rig, driver):
     node = rig()
     topic = node.topic('wrench_raw')
     other = driver()
@@ -350,7 +350,7 @@ def test_a_wrong_entry_is_refused(rig, entries, words):
         rig(namespace='/t', topics=entries)
 
 
-def test_a_calibration_is_told_where_in_which_topic_a_temperature_is(rig):
+def test_a_calibration_gets_the_topic_and_field_of_a_temperature(rig):
     node = rig(topics=['state:joints[2].heat:K', '/far/temperature', 'state:data.3'])
     (node.directory / 'recordings').mkdir(parents=True)
     (node.directory / 'recordings/a.csv').touch()

@@ -32,7 +32,7 @@ def says(arrays, peer, words):
         with suppress(queue.Empty):
             while True:
                 statuses = arrays.get(timeout=0.05).status
-                if any(words in each.message for each in statuses):
+                if any(words in status.message for status in statuses):
                     return
     pytest.fail(f'no status says {words!r}')
 
@@ -52,7 +52,7 @@ def data(tmp_path, make_model):
     return folder
 
 
-def test_a_full_disk_is_told_and_the_stream_goes_on(bench, peer, executable, data):
+def test_a_full_disk_is_a_warning_and_the_stream_goes_on(bench, peer, executable, data):
     name = 'full'
     process = executable(
         '',

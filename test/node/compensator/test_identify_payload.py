@@ -60,15 +60,14 @@ def ask(node):
     return answers
 
 
-def test_a_minute_of_work_tells_what_is_mounted_and_how_to_use_it(working, minute):
+def test_a_minute_of_work_gives_the_payload_and_the_next_step(working, minute):
     tool = minute[0]
     working.node.gravity.mount = lambda: ForceFrame(np.diag([1.0, -1.0, -1.0]))
     answers = ask(working)
     send(working, minute, range(600))
     assert working.diagnosis('payload').message == 'identifying a payload: 50% of a minute'
-    second = working.call('identify_payload')
-    assert not second.success
-    assert second.message.startswith('A payload is being identified for 30 of 60 s; wait')
+    second = working.refusal('identify_payload')
+    assert second.startswith('A payload is being identified for 30 of 60 s; wait')
     send(working, minute, range(600, 1202))
     working.wait_until(lambda: not answers.empty(), 'the answer')
     answer = answers.get()
@@ -105,10 +104,9 @@ def test_without_specific_force_or_drift_model_it_is_refused(rig, working):
 
 def refusal(node):
     """Ask, and be refused."""
-    answer = node.call('identify_payload')
-    assert not answer.success
-    assert answer.message.startswith('No payload was identified: ')
-    return answer.message
+    sentence = node.refusal('identify_payload')
+    assert sentence.startswith('No payload was identified: ')
+    return sentence
 
 
 def test_a_robot_that_stands_still_is_told_to_move(working):
@@ -138,7 +136,7 @@ def test_silence_ends_it(working, minute, monkeypatch):
     assert 'Wrenches with specific force have stayed away for 0.05 s' in answers.get().message
 
 
-def test_who_waits_is_told_of_the_end(working):
+def test_a_caller_that_waits_is_answered_at_the_end(working):
     answers = ask(working)
     assert working.node.identification.end()
     assert answers.get().message == 'No payload was identified: The node is shutting down.'

@@ -11,11 +11,11 @@ OK, WARN, ERROR = b'\0', b'\1', b'\2'
 
 
 def live(node):
-    """Name of the live model, as the node and its diagnostics tell."""
+    """Name of the live model, as the node and its diagnostics have it."""
     stored = node.node.live.stored
-    told = node.diagnosis('model').values
-    assert told.get('file') == (None if stored is None else str(stored.path))
-    assert told.get('sha256') == (None if stored is None else stored.sha256)
+    shown = node.diagnosis('model').values
+    assert shown.get('file') == (None if stored is None else str(stored.path))
+    assert shown.get('sha256') == (None if stored is None else stored.sha256)
     return None if stored is None else stored.path.name
 
 
@@ -41,9 +41,7 @@ class TestRollback:
         answer = node.call('rollback')
         assert answer.message == 'no model was live before: wrenches pass uncompensated'
         assert live(node) is None
-        answer = node.call('rollback')
-        assert not answer.success
-        assert answer.message.startswith('There is no earlier model to go back to')
+        assert node.refusal('rollback').startswith('There is no earlier model to go back to')
 
     def test_passes_over_a_model_that_cannot_be_used(self, rig, make_model):
         for name in ('a.yaml', 'c.yaml'):
@@ -51,10 +49,9 @@ class TestRollback:
         node = rig()
         remember(node, 'a.yaml', 'gone.yaml', 'c.yaml')
         node = rig()
-        answer = node.call('rollback')
-        assert not answer.success
-        assert 'gone.yaml cannot be read: No such file' in answer.message
-        assert 'The running model stays; call again for the model before' in answer.message
+        sentence = node.refusal('rollback')
+        assert 'gone.yaml cannot be read: No such file' in sentence
+        assert 'The running model stays; call again for the model before' in sentence
         assert live(node) == 'c.yaml'
         assert node.call('rollback').success
         assert live(node) == 'a.yaml'
@@ -80,7 +77,7 @@ class TestRestart:
         assert 'Remove it and set model_file.' in capfd.readouterr().err
         assert node.ask_output(START, [1.0] * 6) == (1.0,) * 6
         assert node.set('model_file', 'models/a.yaml').successful
-        assert node.diagnosis('model', lambda each: each.level == OK)
+        assert node.diagnosis('model', lambda status: status.level == OK)
         assert live(rig()) == 'a.yaml'
 
 
@@ -138,16 +135,15 @@ class TestModelFile:
         model = make_model(tmp_path / 'elsewhere.yaml')
         node = rig(parameters={'model_file': str(model.path)})
         assert live(node) == 'elsewhere.yaml'
-        assert not node.call('rollback').success
+        node.refusal('rollback')
 
     def test_with_other_thermometers_is_an_error(self, rig, make_model):
         model = make_model('two.yaml', thermometers=2)
         with pytest.raises(SettingsError, match='expects 2 thermometers, the node has 1'):
             rig(parameters={'model_file': str(model.path)})
         node = rig()
-        verdict = node.set('model_file', str(model.path))
-        assert not verdict.successful
-        assert 'expects 2 thermometers, the node has 1' in verdict.reason
+        sentence = node.refused_value('model_file', str(model.path))
+        assert 'expects 2 thermometers, the node has 1' in sentence
 
     @pytest.mark.parametrize(
         'name', ['elsewhere.yaml', 'data/link.yaml', 'data/../elsewhere.yaml']
@@ -158,9 +154,8 @@ class TestModelFile:
         (tmp_path / 'data/link.yaml').symlink_to(tmp_path / 'elsewhere.yaml')
         node = rig()
         assert node.set('model_file', 'models/live.yaml').successful
-        verdict = node.set('model_file', str(tmp_path / name))
-        assert not verdict.successful
-        assert f'must lie inside data_directory ({tmp_path / "data"})' in verdict.reason
+        sentence = node.refused_value('model_file', str(tmp_path / name))
+        assert f'must lie inside data_directory ({tmp_path / "data"})' in sentence
         assert live(node) == 'live.yaml'
         assert node.node.get_parameter('model_file').value == 'models/live.yaml'
 
@@ -172,9 +167,7 @@ class TestModelFile:
         bad = node.directory / 'models/bad.yaml'
         if content is not None:
             bad.write_bytes(content)
-        verdict = node.set('model_file', str(bad))
-        assert not verdict.successful
-        assert 'bad.yaml' in verdict.reason
+        assert 'bad.yaml' in node.refused_value('model_file', str(bad))
         assert live(node) == 'live.yaml'
 
     def test_that_is_no_file_is_refused(self, rig, make_model):
@@ -184,7 +177,7 @@ class TestModelFile:
         os.mkfifo(node.directory / 'pipe.yaml')
         assert 'is no regular file' in node.set('model_file', 'pipe.yaml').reason
         for name in ('loop.yaml', '~nobody_of_this_name/a.yaml', 'x' * 5000, '.', '/dev/zero'):
-            assert not node.set('model_file', name).successful
+            node.refused_value('model_file', name)
         assert node.set('model_file', '').successful
         assert live(node) is None
 
@@ -204,6 +197,6 @@ class TestUnit:
         with pytest.raises(ModelFileError, match=f'foreign.yaml {self.SAID}'):
             rig(parameters={'model_file': str(foreign)})
 
-    def test_who_knows_better_may_write_so_into_the_file(self, rig, foreign):
+    def test_the_sensor_in_the_file_may_be_changed_by_hand(self, rig, foreign):
         foreign.write_text(foreign.read_text().replace('unit: output units', 'unit: N'))
         assert live(rig(parameters={'model_file': str(foreign)})) == 'foreign.yaml'

@@ -82,7 +82,7 @@ def test_the_output_is_the_core_s_correction(rig, make_model):
         node.warm(stamp, celsius)
         twin.add_temperature(0, stamp, celsius)
         stamps = stamp + np.arange(1, 5) * SECOND // 10
-        expected = [twin.correct(int(each), LOAD) for each in stamps]
+        expected = [twin.correct(int(stamp), LOAD) for stamp in stamps]
         np.testing.assert_array_equal(node.stream(stamps, [LOAD] * 4), expected)
     assert not np.allclose(expected, LOAD, atol=1.0)
 

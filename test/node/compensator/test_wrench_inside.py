@@ -55,7 +55,7 @@ def test_six_numbers_of_an_array_come_with_their_time_of_arrival(wired):
     assert before < out.header.stamp.sec * SECOND + out.header.stamp.nanosec
 
 
-def test_a_message_without_the_wrench_is_told_and_heals(wired):
+def test_a_message_without_the_wrench_is_a_warning_until_one_has_it(wired):
     node = made(wired, 'joints:wrench[1]')
     state = node.bench.publisher(MultiDOFJointState, node.topic('joints'))
     state.publish(MultiDOFJointState(wrench=[wrench()]))

@@ -70,9 +70,9 @@ def test_a_sensor_may_be_named_with_an_underscore(ros_context, tmp_path):
     node.destroy_node()
 
 
-def test_a_mistyped_parameter_is_told_by_the_node(executable, bench, tmp_path):
+def test_a_mistyped_parameter_is_a_warning_of_the_node(executable, bench, tmp_path):
     given = ('temprature_topics:=[heat]', f'data_directory:={tmp_path}')
-    words = [word for each in given for word in ('-p', each)]
+    words = [word for rule in given for word in ('-p', rule)]
     node = executable('wrist_ft_comp.node.compensator', '-r', '__node:=mistyped', *words)
     bench.wait_for_node('mistyped')
     _, errors = node.end()
@@ -80,7 +80,7 @@ def test_a_mistyped_parameter_is_told_by_the_node(executable, bench, tmp_path):
     assert 'Did you mean temperature_topics?' in errors
 
 
-def test_a_folder_that_takes_nothing_is_told_at_start(rig):
+def test_a_folder_that_cannot_be_written_is_named_at_start(rig):
     node = rig(parameters={'data_directory': '/proc/wrist_ft_comp'})
     said = '/proc/wrist_ft_comp cannot be written: No such file or directory. Mend its rights'
     assert said in node.diagnosis('model').message

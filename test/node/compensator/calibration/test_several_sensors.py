@@ -55,9 +55,9 @@ def test_each_sensor_has_its_own_model_thermometer_tare_and_files(pair, models, 
     left, right = sensors = pair(*models)
     left.warm_up(21.0)
     right.warm_up(23.0)
-    for each, path, expected in zip(sensors, models, (-2.0, -15.0), strict=True):
-        assert each.ask_output(START + 9 * SECOND, [0.0] * 6)[2] == pytest.approx(expected)
-        assert each.node.live.stored.path == Path(path)
+    for sensor, path, expected in zip(sensors, models, (-2.0, -15.0), strict=True):
+        assert sensor.ask_output(START + 9 * SECOND, [0.0] * 6)[2] == pytest.approx(expected)
+        assert sensor.node.live.stored.path == Path(path)
     answer = left.ask('tare')
     left.bench.wait_until(lambda: left.node.tare._running is not None, 'the tare')
     stamps = START + 9 * SECOND + np.arange(30) * (SECOND // 20)
@@ -66,12 +66,12 @@ def test_each_sensor_has_its_own_model_thermometer_tare_and_files(pair, models, 
     later = START + 12 * SECOND
     assert left.ask_output(later, [7.0] * 6) == pytest.approx([0.0] * 6)
     assert right.ask_output(later, [7.0] * 6) == pytest.approx([7, 7, -8, 7, 7, 7])
-    for each, name in zip(sensors, ('left', 'right'), strict=True):
-        assert each.call('record', data=True).success
+    for sensor, name in zip(sensors, ('left', 'right'), strict=True):
+        assert sensor.call('record', data=True).success
         (path,) = (tmp_path / 'data' / name / 'recordings').glob('*.csv')
-        assert str(path) in each.call('record', data=False).message
-        assert list(each.node.get_parameter('sensors').value) == ['left', 'right']
-        assert not each.set('sensors', ['other']).successful
+        assert str(path) in sensor.call('record', data=False).message
+        assert list(sensor.node.get_parameter('sensors').value) == ['left', 'right']
+        sensor.refused_value('sensors', ['other'])
 
 
 def test_without_names_there_is_one_node_as_ever(ros_context):

@@ -77,7 +77,7 @@ class Learner:
 
     def files(self):
         """Name the days there are."""
-        return sorted(each.name for each in self.days.glob('*.csv'))
+        return sorted(file.name for file in self.days.glob('*.csv'))
 
     def wait(self, condition, what):
         """Wait while the node looks after itself."""
