@@ -347,7 +347,7 @@ def test_a_bad_recording_is_refused_in_one_sentence(kind, way, door):
 
 
 @pytest.mark.parametrize(('kind', 'way'), cases(WARNED))
-def test_what_is_dropped_or_doubted_is_said(kind, way, door):
+def test_dropped_samples_and_doubts_are_warnings(kind, way, door):
     table, pattern = changed(WARNED, kind)
     if way == 'table':
         warnings = calibrate([recording_from_columns(table)], SETTINGS).warnings
@@ -359,8 +359,8 @@ def test_what_is_dropped_or_doubted_is_said(kind, way, door):
         warnings = json.loads(outcome.out)['warnings']
         if not kind.startswith(UNSEEN):
             shown = json.loads(door.run('show', *words, '--json').out)
-            assert any(re.search(pattern, each) for each in shown['warnings'])
-    assert [each for each in warnings if re.search(pattern, each)]
+            assert any(re.search(pattern, warning) for warning in shown['warnings'])
+    assert [warning for warning in warnings if re.search(pattern, warning)]
 
 
 @pytest.mark.parametrize(
@@ -391,7 +391,7 @@ def test_gaps_of_the_wrench_make_no_chamber_test_of_a_warm_up(gap_s):
         for axis in ('force_x', 'force_z'):
             table[axis][first : first + gap_s] = np.nan
     whole, gappy = (
-        calibrate([recording_from_columns(each)], SETTINGS) for each in (good(), table)
+        calibrate([recording_from_columns(columns)], SETTINGS) for columns in (good(), table)
     )
     assert gappy.fits['force_z'].chosen == whole.fits['force_z'].chosen
     assert gappy.fits['force_z'].rms_after < 2 * whole.fits['force_z'].rms_after

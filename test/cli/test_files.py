@@ -48,7 +48,7 @@ def test_a_recording_named_twice_is_refused(run, drift_csv, tmp_path):
 
 
 @pytest.mark.parametrize('command', ['evaluate', 'compensate'])
-def test_model_and_recording_in_each_other_s_place_are_told(
+def test_model_and_recording_in_the_place_of_the_other_are_refused(
     command, run, model, drift_csv, tmp_path
 ):
     more = ['-o', tmp_path / 'out'] if command == 'compensate' else []
