@@ -66,7 +66,7 @@ def textbook_run(axis, temperature_c):
     margin = 0.2 * (UPPER_C - LOWER_C)
     held = np.minimum(np.maximum(temperature_c, LOWER_C - margin), UPPER_C + margin)
     filtered = [
-        free_run(each, held[:, j]) for each in axis.filters or (static_gain(),) for j in (0, 1)
+        free_run(latent, held[:, j]) for latent in axis.filters or (static_gain(),) for j in (0, 1)
     ]
     reference = [30.0, 25.0] * max(len(axis.filters), 1)
     x = np.stack(

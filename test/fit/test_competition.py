@@ -108,7 +108,7 @@ class TestReasons:
 class TestFinish:
     ERRORS = {'none': np.ones(4), 'lag': np.full(4, 0.1)}  # noqa: RUF012 -- never changed
 
-    def test_what_was_mended_is_said_and_time_constants_are_read_from_the_poles(
+    def test_a_mended_model_is_noted_and_time_constants_are_read_from_the_poles(
         self, make_problem
     ):
         fit = choose(make_problem(), self.ERRORS, 'lag', model=lag())

@@ -165,7 +165,7 @@ class TestEveryMethod:
         runs = [simulate(i, {300.0: 0.5}, noise=0.05) for i in range(3)]
         shifted = [replace(run, temperature_c=run.temperature_c - 50.0) for run in runs]
         (expected, _), (zero, _) = (
-            drift_of(calibrate(each, settings(method)), each[0]) for each in (runs, shifted)
+            drift_of(calibrate(days, settings(method)), days[0]) for days in (runs, shifted)
         )
         np.testing.assert_allclose(zero, expected, atol=1e-3 * np.ptp(expected))
 

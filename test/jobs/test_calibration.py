@@ -131,16 +131,16 @@ def test_the_model_is_saved_with_where_it_came_from(good, tmp_path):
 
 
 def test_unusable_recordings_are_left_out_when_that_is_wanted(good, two, tmp_path):
-    empty, gone = tmp_path / 'empty.csv', tmp_path / 'gone.csv'
+    empty, missing = tmp_path / 'empty.csv', tmp_path / 'gone.csv'
     empty.write_text('stamp_ns,force_x,temperature_c\n')
-    outcome = run_job(job(tmp_path, empty, gone, good, two, skip_unusable=True))
+    outcome = run_job(job(tmp_path, empty, missing, good, two, skip_unusable=True))
     names = [sentence.split()[0] for sentence in outcome.left_out]
     assert names == ['empty.csv', 'gone.csv', 'two.csv']
     assert '2 thermometers; 1 are expected' in outcome.left_out[-1]
     (source,) = outcome.stored.document['provenance']['recordings']
     assert source['path'] == str(good)
     with pytest.raises(RecordingError, match=r'gone\.csv does not exist'):
-        run_job(job(tmp_path, empty, gone, skip_unusable=True))
+        run_job(job(tmp_path, empty, missing, skip_unusable=True))
 
 
 def test_recordings_without_the_reference_are_left_out(good, tmp_path):

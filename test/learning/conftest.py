@@ -61,12 +61,12 @@ def record(number: int, **what) -> Recording:
 @pytest.fixture(scope='session')
 def looked():
     """Days that were looked at; each is separated once."""
-    known = {}
+    days = {}
 
     def look(number, **what):
         key = number, *sorted(what.items())
-        if key not in known:
-            known[key] = look_at(record(number, **what))
-        return known[key]
+        if key not in days:
+            days[key] = look_at(record(number, **what))
+        return days[key]
 
     return look

@@ -65,7 +65,7 @@ def test_days_are_listed_oldest_first_and_a_person_s_day_1_is_none(tmp_path):
     (tmp_path / 'days').mkdir()
     for name in ('day_00010.csv', 'day_00009.csv', 'day_1.csv', 'day_00011.csv~', 'diary.json'):
         (tmp_path / 'days' / name).touch()
-    assert [each.name for each in days(tmp_path)] == ['day_00009.csv', 'day_00010.csv']
+    assert [path.name for path in days(tmp_path)] == ['day_00009.csv', 'day_00010.csv']
 
 
 def recorded(folder, sizes):

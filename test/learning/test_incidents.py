@@ -32,7 +32,7 @@ def test_ordinary_days_are_no_incidents(looked, before):
         ({'stopped': True}, 'thermometer', 'Thermometer 2 stood still at 19.8 °C for 0.3 h'),
     ],
 )  # fmt: skip
-def test_what_happened_is_named_with_its_size(looked, before, what, kind, said):
+def test_an_incident_is_named_with_its_size(looked, before, what, kind, said):
     day = looked(9, **what)
     found, sentence = incident(day, describe(day), before)
     assert found == kind
@@ -101,7 +101,7 @@ def test_a_step_that_is_no_jump_of_the_zero_is_no_incident(looked, before, harml
     assert incident(day, describe(day), before) == ('', '')
 
 
-def test_a_jump_that_matters_on_one_axis_is_told(looked, before):
+def test_a_jump_that_matters_on_one_axis_is_named(looked, before):
     day = looked(9, jump=5.0)
     entry = describe(day)
     drift = np.array(entry.left['none']) * [1, 100, 100, 100, 100, 100]

@@ -54,7 +54,8 @@ def test_a_model_is_learnt_where_there_is_none(look):
     assert lesson.better is not None
     assert lesson.days == (NAMES[1], NAMES[2], NAMES[3])
     assert lesson.better.settings.reference == 'payload'
-    assert [round(each.mass_kg, 1) for each in lesson.better.payloads.payloads.values()] == [1.5]
+    (payload,) = lesson.better.payloads.payloads.values()
+    assert round(payload.mass_kg, 1) == 1.5
     assert 'It is better' in lesson.entry.verdict
     by_new, none = (np.array(lesson.entry.left[key]) for key in (CHALLENGER, NONE))
     assert (by_new < 0.3 * none).all(), 'what a fit to the other days left'
@@ -118,10 +119,10 @@ def test_what_is_left_is_what_evaluate_says(looked, good):
 def test_the_newer_half_is_always_learnt_from():
     common = [DayEntry(f'day_{n}', known=frozenset({(0, 0)})) for n in range(6)]
     rare = [DayEntry(f'day_{n}', known=frozenset({(n, n)})) for n in range(-6, 0)]
-    assert [each.name for each in worthiest([*rare, *common], 4)][2:] == ['day_4', 'day_5']
+    assert [day.name for day in worthiest([*rare, *common], 4)][2:] == ['day_4', 'day_5']
 
 
-def test_a_new_model_is_compared_on_days_that_neither_knew():
+def test_a_new_model_is_compared_on_days_that_neither_learnt_from():
     days = [DayEntry(name, left={NONE: (2.0,) * 6, 'a': (0.4,) * 6}) for name in NAMES[:4]]
     errors = np.full((4, 6), 0.1)
     errors[0] = 2.0  # the live model was learnt from this one
@@ -133,14 +134,14 @@ def test_a_new_model_is_compared_on_days_that_neither_knew():
         compare(days, errors, 'another', '')
 
 
-def test_a_live_model_for_other_thermometers_is_said(look, good):
+def test_a_live_model_for_other_thermometers_is_named(look, good):
     other = Champion('a' * 12, replace(good, period_ns=1))
     lesson = take(NAMES[3], look, past(look, other, 1, 2), other, NAMES, settings=QUICK)
     assert (lesson.better, lesson.entry.kind) == (None, '')
     assert 'for other thermometers' in lesson.entry.verdict
 
 
-def test_a_day_with_a_thermometer_that_lies_is_told_and_not_learnt_from(look, good, monkeypatch):
+def test_a_day_with_a_thermometer_that_lies_is_named_and_not_learnt_from(look, good, monkeypatch):
     monkeypatch.setattr(lessons, 'lies', lambda *_: ['thermometer 2 reads +3.0 K beside'])
     champion = Champion('a' * 12, good)
     entry = describe_day(NAMES[3], look, past(look, champion, 1, 2), champion)
@@ -185,15 +186,15 @@ def test_why_nothing_is_tried_is_said_in_three_ways_and_a_slow_computer_learns()
         assert words in why
 
 
-def test_days_that_know_what_no_other_does_are_kept():
+def test_days_with_temperatures_of_no_other_day_are_kept():
     diary = entries(6)
     diary[1] = replace(diary[1], known=frozenset({(9, 0)}))
     diary[4] = replace(diary[4], kind='contacts', known=frozenset({(5, 5)}))
-    assert [each.name for each in worthiest(diary, 3)] == [NAMES[1], NAMES[3], NAMES[5]]
-    assert [each.name for each in worthiest(diary, 2)] == [NAMES[1], NAMES[5]]
+    assert [day.name for day in worthiest(diary, 3)] == [NAMES[1], NAMES[3], NAMES[5]]
+    assert [day.name for day in worthiest(diary, 2)] == [NAMES[1], NAMES[5]]
 
 
-def test_what_a_model_left_of_no_drift_is_no_number():
+def test_the_share_left_of_no_drift_is_absent():
     assert np.isnan(share_left(DayEntry('day'), 'a')).all()
 
 
@@ -226,4 +227,4 @@ def test_days_with_other_thermometers_are_of_another_sensor(look):
     )
     assert 'Another good day is needed' in first.entry.verdict
     assert later.days == tuple(NAMES[3:6])
-    assert [each.name for each in worthiest(before, 2)] == NAMES[3:5]
+    assert [day.name for day in worthiest(before, 2)] == NAMES[3:5]

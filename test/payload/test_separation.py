@@ -215,7 +215,7 @@ class TestAccelerometer:
         np.testing.assert_allclose(drift, 0.0)
 
     @pytest.mark.parametrize('samples', [0, 5])
-    def test_nothing_felt_tells_nothing(self, samples):
+    def test_without_specific_force_nothing_is_found(self, samples):
         frame, _, _ = fit_norm(np.zeros((samples, 3)), np.zeros((samples, 1)))
         np.testing.assert_allclose(frame.bias, 0.0)
 
@@ -228,7 +228,7 @@ class TestAccelerometer:
         turned = found.frame.turn(crooked.specific_force)
         np.testing.assert_allclose(turned, days[0].specific_force, atol=0.05)
 
-    def test_what_stands_still_for_long_is_not_known(self, plain):
+    def test_a_force_that_stands_still_for_long_is_absent(self, plain):
         force = plain[0].specific_force.copy()
         force[300:] = force[300]
         frozen = replace(plain[0], specific_force=force)
@@ -269,7 +269,7 @@ class TestDoubts:
         with pytest.raises(CalibrationRefusedError, match='does not turn with the specific force'):
             calibrate(wrong, AT_WORK)
 
-    def test_one_pose_tells_no_payload_but_drift(self, make_working_day):
+    def test_one_pose_gives_the_drift_and_no_payload(self, make_working_day):
         still = [
             make_working_day(n, poses=np.array([[0.0, 0, 1]]), part=False, contacts=0.0)
             for n in range(2)
@@ -287,7 +287,7 @@ class TestDoubts:
         assert calibration.payloads is None
         assert 'nothing weighs on the sensor' in '\n'.join(calibration.warnings)
 
-    def test_a_tool_change_is_said(self, plain):
+    def test_a_tool_change_is_named(self, plain):
         heavier = replace(plain[1], wrench=1.5 * plain[1].wrench)
         assert 'The tool was changed after 0.5 h' in warned([plain[0], heavier])
 

@@ -122,8 +122,8 @@ def test_stamps_may_be_of_any_kind(columns, stamps):
         ({'force_z': np.full(ROWS, np.inf)}, '400 of 400 samples are not finite'),
     ],
 )
-def test_what_is_no_table_gets_its_sentence(change, sentence):
-    table = {name: each for name, each in {**GOOD, **change}.items() if each is not None}
+def test_bad_columns_get_their_sentence(change, sentence):
+    table = {name: column for name, column in {**GOOD, **change}.items() if column is not None}
     with pytest.raises(RecordingError, match=sentence):
         recording_from_columns(table)
 
@@ -134,7 +134,7 @@ def test_a_channel_in_two_tables_is_refused():
 
 
 def test_compensated_columns_are_those_of_a_compensated_file(columns, as_csv, make_model):
-    table = {name: each for name, each in columns.items() if name != 'note'}
+    table = {name: column for name, column in columns.items() if name != 'note'}
     model = make_model({'force_z': (0.4, 1e-2, 50.0), 'torque_y': (0.1, 0.0, 5.0)}, thermometers=3)
     path = as_csv(table)
     track = track_drift(model, read_recording(path))

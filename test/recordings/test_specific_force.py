@@ -1,5 +1,6 @@
 """Specific force of bags: by an IMU, or by TF, whatever TF does."""
 
+from itertools import chain
 import shutil
 
 import numpy as np
@@ -41,7 +42,7 @@ def true_force(seconds):
 
 
 def means(cells, values):
-    """Average what is told of times over cells of 1 s."""
+    """Average a function of time over cells of 1 s."""
     return np.stack([values(k + (np.arange(1000) + 0.5) / 1000).mean(axis=0) for k in cells])
 
 
@@ -79,24 +80,24 @@ def robot(messages, tmp_path):
 
         def write(self, *parts, storage='mcap', name='bag'):
             """Write what came, in order of arrival."""
-            every = sorted((each for part in parts for each in part), key=lambda each: each[2])
-            return messages.write(tmp_path / name, every, storage)
+            rows = sorted(chain.from_iterable(parts), key=lambda row: row[2])
+            return messages.write(tmp_path / name, rows, storage)
 
         @staticmethod
         def join(bag, more):
             """Make of a bag the first file of a split one."""
             (file,) = more.glob('*.mcap')
             shutil.copy(file, bag / 'bag_1.mcap')
-            parts = [yaml.safe_load((each / 'metadata.yaml').read_text()) for each in (bag, more)]
-            one, other = (each['rosbag2_bagfile_information'] for each in parts)
+            parts = [yaml.safe_load((path / 'metadata.yaml').read_text()) for path in (bag, more)]
+            one, other = (part['rosbag2_bagfile_information'] for part in parts)
             one['relative_file_paths'].append('bag_1.mcap')
             one['message_count'] += other['message_count']
             one['duration'] = {'nanoseconds': 15 * 10**9}
             named = {e['topic_metadata']['name'] for e in one['topics_with_message_count']}
             one['topics_with_message_count'] += [
-                each
-                for each in other['topics_with_message_count']
-                if each['topic_metadata']['name'] not in named
+                topic
+                for topic in other['topics_with_message_count']
+                if topic['topic_metadata']['name'] not in named
             ]
             (bag / 'metadata.yaml').write_text(yaml.safe_dump(parts[0]))
 
@@ -194,7 +195,7 @@ def test_a_chain_may_change(robot):
 
 
 @pytest.mark.parametrize('frozen', [False, True])
-def test_where_tf_ends_or_freezes_nothing_is_known(robot, frozen):
+def test_where_tf_ends_or_freezes_specific_force_is_absent(robot, frozen):
     parts = [robot.still(), robot.wrenches(), robot.moving(np.arange(0, 6.01, 0.05))]
     if frozen:  # it goes on with the same old stamp
         (*_, last) = robot.moving([6.0])
@@ -230,7 +231,7 @@ def test_frames_that_hang_in_a_loop_are_no_chain(robot, messages):
         read_recording(path, topics=BY_TF)
 
 
-def test_a_bag_that_cannot_tell_gravity_is_refused(robot, messages):
+def test_a_bag_without_the_direction_of_gravity_is_refused(robot, messages):
     broken = [('/tf', TF, T0, messages.transforms(T0, [('a', 'b', [0, 0, 0, 1])])[:-40])]
     for parts, sentence in (
         ([robot.wrenches(1)], 'holds no topic /tf for the gravity'),

@@ -99,9 +99,9 @@ class Browser:
         """Everything that the page printed, threw, logged, or loaded besides itself."""
         bad = {'Runtime.exceptionThrown', 'Runtime.consoleAPICalled', 'Log.entryAdded'}
         requests = [
-            each['params']['request']['url']
-            for each in self.events
-            if each.get('method') == 'Network.requestWillBeSent'
+            event['params']['request']['url']
+            for event in self.events
+            if event.get('method') == 'Network.requestWillBeSent'
         ]
         return [e for e in self.events if e.get('method') in bad] + requests[1:]
 

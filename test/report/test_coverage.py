@@ -1,4 +1,4 @@
-"""What was seen, what was not, and what a person is told to record next."""
+"""What was seen, what was not, and what a person should record next."""
 
 import numpy as np
 import pytest

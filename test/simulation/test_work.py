@@ -29,7 +29,7 @@ def test_speeds_and_specific_force_are_those_of_the_path():
     np.testing.assert_allclose(turned, now.omega, atol=2e-3)
     np.testing.assert_allclose((after.omega - before.omega) / (2 * step), now.alpha, atol=2e-2)
     at_m = np.array([0.1, -0.2, 0.3])
-    path = [each.pose.apply(at_m) for each in (before, now, after)]
+    path = [motion.pose.apply(at_m) for motion in (before, now, after)]
     swung = (path[0] - 2 * path[1] + path[2]) / step**2
     felt = now.pose.inv().apply(swung)
     np.testing.assert_allclose(felt, lever(now.omega, now.alpha, at_m), atol=2e-2)
