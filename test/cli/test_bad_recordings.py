@@ -140,19 +140,22 @@ REFUSED = {
     'microseconds called nanoseconds': (
         rename('stamp_s', 'stamp_ns', lambda v: ((v - EPOCH_S) * 1000).astype(int)),
         r'600 samples within 0.000599 s.*stamp_us', COLUMNS),
-    'no stamp': (without('stamp_s'), 'no stamp column; expected stamp_ns', COLUMNS),
+    'no stamp': (
+        without('stamp_s'), 'no stamp column; expected stamp_ns or .* stamp_s, got f', COLUMNS),
     'time instead of a stamp': (
         rename('stamp_s', 'time'), r"Is 'time' meant to be 'stamp_s' \(or .*stamp_ms", COLUMNS),
     'minutes': (
         rename('stamp_s', 'stamp_min'), "Is 'stamp_min' meant to be 'stamp_s'", COLUMNS),
-    'no wrench': (without('force_x', 'force_z'), r'no raw wrench', COLUMNS),
+    'no wrench': (
+        without('force_x', 'force_z'), 'no raw wrench column; expected force_x or', COLUMNS),
     'short names of axes': (
         both(rename('force_x', 'fx'), rename('force_z', 'Fz [N]')),
         r"Is 'fx' meant to be 'force_x' \(N\)\? Is 'Fz \[N\]' meant to be 'force_z'", COLUMNS),
     'kilonewtons': (
         both(rename('force_z', 'force_z_kn'), without('force_x')),
         r"Is 'force_z_kn' meant to be 'force_z' \(N\)\?.* with its values in that unit", COLUMNS),
-    'no temperature': (without('temperature_c'), 'no temperature column', COLUMNS),
+    'no temperature': (
+        without('temperature_c'), 'no temperature column; expected temperature_c.*, got', COLUMNS),
     'a temperature of another name': (
         rename('temperature_c', 'motor_temp'),
         r"'motor_temp' meant to be 'temperature_c' \(or temperature_k, temperature_f\)", COLUMNS),

@@ -224,8 +224,8 @@ def test_a_foreign_payloads_json_is_seen_before_the_work(run, drift_csv, tmp_pat
 
 
 @pytest.fixture
-def here(done, make, model, tmp_path):
-    """Paths by name; the model of the table is that of a chamber table."""
+def fill_in(done, make, model, tmp_path):
+    """Fill paths into words; ``{tables}`` is the model of a chamber table."""
     table, short = make.keller / 'table2_sensor_b_raw.csv', tmp_path / 'short.csv'
     make.csv(short, make.drifting(120))
     paths = {'csv': short, 'model': model, 'table': table, 'out': tmp_path / 'out'}
@@ -261,8 +261,8 @@ def here(done, make, model, tmp_path):
         ('show {model} --wrench-topic w', ['--wrench-topic']),
     ],
 )  # fmt: skip
-def test_an_option_that_does_nothing_is_named(words, idle, run, here):
-    outcome = run(*map(here, words.split()))
+def test_an_option_that_does_nothing_is_named(words, idle, run, fill_in):
+    outcome = run(*map(fill_in, words.split()))
     warned = [line for line in outcome.err.splitlines() if 'does nothing here' in line]
     assert outcome.code == 0, outcome
     assert sorted(line.split()[1] for line in warned) == idle

@@ -109,7 +109,7 @@ def test_recordings_of_two_sensors_in_one_fit_are_a_warning(day, bag, done, tmp_
 
 
 class TestWhatWasLearntFrom:
-    def judged(self, run, learnt, path):
+    def is_marked(self, run, learnt, path):
         return 'learnt from' in ' '.join(
             warnings(run('evaluate', learnt, path, '--json', *named()))
         )
@@ -117,11 +117,11 @@ class TestWhatWasLearntFrom:
     def test_a_copy_is_found_under_another_name(self, learnt, day, run, tmp_path):
         shutil.copytree(day, tmp_path / 'wednesday')
         (tmp_path / 'wednesday/notes.txt').write_text('a wednesday')
-        assert self.judged(run, learnt, tmp_path / 'wednesday')
-        assert self.judged(run, learnt, day / 'day.mcap')
+        assert self.is_marked(run, learnt, tmp_path / 'wednesday')
+        assert self.is_marked(run, learnt, day / 'day.mcap')
 
     def test_another_day_of_the_same_name_is_no_copy(self, learnt, bag, run):
-        assert not self.judged(run, learnt, bag('day', 2))
+        assert not self.is_marked(run, learnt, bag('day', 2))
 
     def test_a_copy_is_counted_once(self, day, drift_csv, run, tmp_path):
         output = '-o', tmp_path / 'm.yaml'

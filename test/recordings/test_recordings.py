@@ -175,9 +175,6 @@ def test_a_bare_file_may_be_rewritten_into_a_bare_file(make_bag, storage, suffix
     rewrite_recording(source, target, halve, output_topic='cleaned')
     assert target.is_file()
     assert len(raw_messages(target)['/cleaned']) == 200
-    other = {'.db3': '.mcap', '.mcap': '.db3'}[suffix]
-    with pytest.raises(OutputError, match=f'a copy ends in {suffix}, not in {other}'):
-        rewrite_recording(source, target.with_name(f'x{other}'), halve)
 
 
 @pytest.fixture(params=['sqlite3', 'mcap', 'csv', 'table'])
@@ -209,13 +206,6 @@ def test_a_target_that_exists_or_is_the_source_is_refused(source, tmp_path):
         with pytest.raises(OutputError, match=sentence):
             rewrite_recording(source, target, halve)
     assert existing.read_text() == 'mine'
-
-
-def test_an_output_topic_that_is_taken_is_refused(make_bag):
-    source = make_bag(count=100)
-    with pytest.raises(OutputError, match='bag holds log already'):
-        rewrite_recording(source, source.with_name('out'), halve, output_topic='log')
-    assert not source.with_name('out').exists()
 
 
 def test_a_bag_is_described_from_its_index(make_bag):
