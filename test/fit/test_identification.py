@@ -150,7 +150,7 @@ class TestEveryMethod:
     def test_loads_that_differ_only_between_recordings_give_no_wild_gain(
         self, make_recording, warm_up, method
     ):
-        """The gain error at T_ref cannot be told from the unknown constants then."""
+        """The gain error at T_ref cannot be separated from the constants then."""
         runs = []
         for i, payload in enumerate((0.0, 50.1, 20.3)):
             temperature_c = warm_up(CELLS, i)
