@@ -11,7 +11,7 @@ executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 
 class Example(Node):
-    """Hands out its replies, and answers them in the executor's thread when told to."""
+    """Hands out its replies, and answers them in the executor's thread when a test lets it."""
 
     def __init__(self, **kwargs):
         super().__init__('example', use_global_arguments=False, **kwargs)

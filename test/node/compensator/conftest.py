@@ -286,7 +286,7 @@ class Peer:
         self._second = 0
 
     def send(self, second, celsius):
-        """Send a temperature, stamped so many seconds after the start."""
+        """Send a temperature, stamped some seconds after the start."""
         message = Temperature(temperature=float(celsius))
         message.header.stamp.sec = START // SECOND + second
         self._heat.publish(message)

@@ -51,7 +51,7 @@ LIVE = {
 OWN_TYPES = ('wrench and temperature in one message', 'a stamp taken for a temperature')
 
 
-class Here:
+class JobHere:
     """A calibration in this process, without a report."""
 
     def __init__(self, job):
@@ -65,7 +65,7 @@ class Here:
     'kind', [kind for kind, row in KINDS.items() if 'mcap' in row[2] and kind not in OWN_TYPES]
 )
 def test_the_node_warns_and_drops_as_the_files_do(kind, rig, messages, monkeypatch):
-    monkeypatch.setattr('wrist_ft_comp.node.calibrate.start_job', Here)
+    monkeypatch.setattr('wrist_ft_comp.node.calibrate.start_job', JobHere)
     change, pattern, _ = KINDS[kind]
     table = FILES['good']()
     if change:

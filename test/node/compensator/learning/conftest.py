@@ -84,7 +84,7 @@ class Learner:
         self.rig.wait_until(condition, what)
 
     def judged(self, jobs=1):
-        """Wait until so many jobs have answered."""
+        """Wait until a number of jobs have answered."""
         learning = self.node.learning
         self.wait(lambda: len(self.asked()) >= jobs and learning.running_s is None, 'the job')
 
