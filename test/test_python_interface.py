@@ -142,7 +142,7 @@ def test_what_a_control_loop_imports_is_light():
 
 
 class Sensor:
-    """A sensor at 200 Hz for so many seconds, with its drift, which is warm from the start."""
+    """A sensor at 200 Hz for some seconds; it drifts, and is warm from the start."""
 
     def __init__(self, seconds, force_z):
         self._left, self._stamp_ns, self._force_z = seconds * 200, 10**18, force_z

@@ -59,8 +59,8 @@ def record(number: int, **what) -> Recording:
 
 
 @pytest.fixture(scope='session')
-def looked():
-    """Days that were looked at; each is separated once."""
+def separated():
+    """Separated days by number and specimen; a day is separated once."""
     days = {}
 
     def look(number, **what):

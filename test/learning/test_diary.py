@@ -69,7 +69,7 @@ def test_days_are_listed_oldest_first_and_a_person_s_day_1_is_none(tmp_path):
 
 
 def recorded(folder, sizes):
-    """Make recordings of so many bytes, and a diary of them that knows the same temperatures."""
+    """Make recordings of some sizes, bytes, and a diary in which they share their temperatures."""
     (folder / 'days').mkdir()
     for name, size in sizes.items():
         (folder / 'days' / name).write_bytes(b'x' * size)

@@ -20,15 +20,16 @@ NAMES = [f'day_{number:05d}.csv' for number in range(20)]
 
 
 @pytest.fixture
-def look(looked):
+def look(separated):
     """Ordinary days by their names."""
-    return lambda name: looked(int(name[4:9]))
+    return lambda name: separated(int(name[4:9]))
 
 
 @pytest.fixture(scope='module')
-def good(looked):
+def good(separated):
     """A model of two days."""
-    return calibrate([looked(n).drift for n in (1, 2)], replace(QUICK, reference='recorded')).model
+    days = [separated(n).drift for n in (1, 2)]
+    return calibrate(days, replace(QUICK, reference='recorded')).model
 
 
 @pytest.fixture
@@ -88,9 +89,9 @@ def test_days_before_a_decision_do_not_bring_a_model_back(look, bad):
         assert said in lesson.entry.verdict
 
 
-def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look, looked):
+def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look, separated):
     before = past(look, Champion(), 1, 2)
-    hit = take(NAMES[9], lambda _: looked(9, jump=5.0), before, Champion(), NAMES)
+    hit = take(NAMES[9], lambda _: separated(9, jump=5.0), before, Champion(), NAMES)
     assert (hit.better, hit.entry.kind) == (None, 'zero')
     after = take(NAMES[10], look, [*before, hit.entry], Champion(), NAMES)
     assert (after.better, after.entry.kind) == (None, '')
@@ -106,8 +107,8 @@ def test_a_day_that_cannot_be_read_is_named(look):
     assert 'day_00003.csv is empty.' in lesson.entry.incident
 
 
-def test_what_is_left_is_what_evaluate_says(looked, good):
-    day = looked(3)
+def test_what_is_left_is_what_evaluate_says(separated, good):
+    day = separated(3)
     figures = judge_errors([tared_errors(good, day.recording, 'payload')])
     before = np.array([axis.rms_before for axis in figures.values()])
     after = np.array([axis.rms_after for axis in figures.values()])
@@ -217,12 +218,12 @@ def test_days_with_other_thermometers_are_of_another_sensor(look):
     def fewer(day):
         return replace(day, recording=one(day.recording), drift=one(day.drift))
 
-    def look_then(name):
+    def look_at_fewer(name):
         return fewer(look(name)) if name in NAMES[:3] else look(name)
 
-    before = past(look_then, Champion(), 1, 2, 3, 4)
+    before = past(look_at_fewer, Champion(), 1, 2, 3, 4)
     first, later = (
-        take(NAMES[n], look_then, before[: n - 1], Champion(), NAMES, settings=QUICK)
+        take(NAMES[n], look_at_fewer, before[: n - 1], Champion(), NAMES, settings=QUICK)
         for n in (3, 5)
     )
     assert 'Another good day is needed' in first.entry.verdict

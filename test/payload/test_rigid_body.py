@@ -1,4 +1,4 @@
-"""Rigid bodies from gains: exact recovery, whatever the frame, and what can't be told."""
+"""Rigid bodies from gains: exact recovery, whatever the frame, and what cannot be found."""
 
 import numpy as np
 import pytest

@@ -57,7 +57,7 @@ class Browser:
         while b'\0' not in self._buffer:
             assert select([self._in], [], [], _ANSWER_TIMEOUT_S)[0], 'the browser is silent'
             part = os.read(self._in, 1 << 20)
-            assert part, 'the browser has gone'
+            assert part, 'the browser has ended'
             self._buffer += part
         message, self._buffer = self._buffer.split(b'\0', 1)
         return json.loads(message)

@@ -384,7 +384,7 @@ class TestTrouble:
 
     @pytest.mark.parametrize('hours', [1, 5])
     def test_a_temperature_after_an_outage_does_not_block_the_stream(self, make_model, hours):
-        """The model runs through so many cells at once; the drift rests until it has caught up."""
+        """The model runs through few cells at once; the drift rests until it has caught up."""
         slow = make_model({'force_z': (2.0, 0.0, 7200.0)})
         compensator = Compensator(1, StreamSettings(), slow)
         whole = drift_model.start(slow, np.array([40.0]))
