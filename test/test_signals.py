@@ -78,11 +78,13 @@ def test_a_number_outside_its_range_is_refused_with_the_range(bounds, right, wro
             check_range('it', value, **bounds)
 
 
-def test_orders_below_the_least_are_refused():
+def test_orders_out_of_their_range_are_refused():
     least = {'latents': 1, 'outputs': 0, 'inputs': 1, 'first_lag': 0}
     Orders(**least, time_constants_s=(0.0,))
     wrong = [{name: number - 1} for name, number in least.items()]
-    for orders in (*wrong, {'time_constants_s': ()}, {'time_constants_s': (-1.0,)}):
+    series = ((), (-1.0,), (math.nan,), (30.0, math.inf))
+    wrong += [{'time_constants_s': constants} for constants in series]
+    for orders in wrong:
         (name,) = orders
         with pytest.raises(SettingsError, match=f'{name} must'):
             Orders(**orders)

@@ -77,7 +77,7 @@ def choose(problem, errors, chosen, competing=None, model=None):
 
 
 class TestReasons:
-    def test_the_best_is_called_so(self, make_problem):
+    def test_the_reason_says_that_the_best_won(self, make_problem):
         errors = {'none': np.full(4, 4.0), 'line': np.full(4, 1.0), 'lag': np.full(4, 0.25)}
         fit = choose(replace(make_problem(), unit='N m'), errors, 'lag')
         assert fit.reason == (
@@ -89,7 +89,7 @@ class TestReasons:
             {'none': 2.0, 'line': 1.0, 'lag': 0.5}
         )
 
-    def test_a_simpler_one_that_is_as_good_says_so(self, make_problem):
+    def test_the_reason_says_that_a_simpler_one_is_as_good(self, make_problem):
         best = np.ones(4)
         line = best + np.array([0.95, -0.45, 0.95, -0.45])
         errors = {'none': np.full(4, 9.0), 'line': line, 'lag': best}
@@ -98,7 +98,7 @@ class TestReasons:
             'is better by no more than chance, or than 15 % in mean square, and less simple.'
         )
 
-    def test_one_that_is_alone_is_called_so(self, make_problem):
+    def test_the_reason_says_that_nothing_else_competed(self, make_problem):
         errors = {'none': np.ones(4), 'line': np.full(4, 4.0)}
         assert choose(make_problem(), errors, 'line', ['line']).reason == (
             'line leaves 2 N RMS on held-out data, no compensation 1 N; nothing else competed.'
@@ -240,7 +240,7 @@ class TestFreeTimeConstants:
             np.testing.assert_array_less(spread, 1e-9 * np.ptp(expected, axis=0))
 
     @pytest.mark.parametrize('truth', [{300.0: 0.5}, {120.0: 0.5, 1500.0: -0.5}], ids=str)
-    def test_true_ones_are_found_within_their_standard_errors(self, pose_lags, truth):
+    def test_time_constants_are_found_within_their_standard_errors(self, pose_lags, truth):
         fit = identify_axis(pose_lags(truth, days=3), IdentificationSettings('arx_pls_oe'))
         assert fit.chosen.startswith(f'{len(truth)} time constant')
         assert len(fit.time_constants_s) == len(truth)
@@ -273,7 +273,7 @@ class TestFreeTimeConstants:
         assert fit.reason == f'{fit.refusal}.'
         assert fit.rms_after == fit.rms_before
 
-    def test_the_longest_one_that_is_searched_is_named(self, pose_lags):
+    def test_the_longest_time_constant_that_is_searched_is_named(self, pose_lags):
         """In a recording that lasts longer still."""
         fit = identify_axis(pose_lags({3e4: 5.0}, cells=800), IdentificationSettings('arx_pls_oe'))
         note = 'its slowest time constant is the longest that is searched, 5629 s'

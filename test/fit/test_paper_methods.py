@@ -313,7 +313,7 @@ class TestObservedDrift:
 
         return make
 
-    def test_without_load_it_is_the_residual(self, observe):
+    def test_without_load_the_observed_drift_is_the_residual(self, observe):
         np.testing.assert_array_equal(observe(LOAD), LOAD[:, np.newaxis])
 
     def test_windows_do_not_cross_gaps(self, observe):
