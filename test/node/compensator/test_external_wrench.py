@@ -76,7 +76,7 @@ def ask(node, stamp, wrench):
     return corrected, values(message)
 
 
-def test_it_comes_over_dds_with_the_header_of_the_wrench(wired, messages, learnt):  # noqa: ARG001
+def test_the_external_wrench_has_the_header_of_the_wrench_over_dds(wired, messages, learnt):  # noqa: ARG001
     node = wired(parameters={**IMU, 'payload.active': 'day-1'})
     externals = node.bench.listen(
         WrenchStamped, node.topic('wrench_external'), QoSProfile(depth=9)
@@ -105,7 +105,7 @@ def test_without_a_payload_no_external_wrench_is_computed(rig):
     assert found.values['active'] == 'none'
 
 
-def test_without_fresh_specific_force_it_rests_and_the_wrench_goes_on(holding):
+def test_without_fresh_specific_force_only_the_wrench_goes_on(holding):
     node = holding()
     assert ask(node, START, CONSTANT) == (tuple(CONSTANT), None)
     found = node.diagnosis('payload')
@@ -171,7 +171,7 @@ def set_all(node, parameters):
     )
 
 
-def test_what_is_mounted_can_be_said_by_hand_and_turns_as_this_sensor_learnt(holding, tmp_path):
+def test_a_payload_by_hand_turns_as_this_sensor_learnt(holding, tmp_path):
     path = tmp_path / 'data/models/payloads.json'
     add_payloads(path, 'node', [TOOL], replace(FRAME, source='imu', wrench_frame='tool0'))
     node = holding(**{'payload.active': ''})
@@ -203,7 +203,7 @@ def test_what_is_mounted_can_be_said_by_hand_and_turns_as_this_sensor_learnt(hol
         {'source': 'imu', 'wrench_frame': 'tool0', 'force_frame': 'x'},
     ],
 )
-def test_by_hand_it_never_turns_as_another_sensor_or_an_unknown_source(holding, tmp_path, entry):
+def test_a_payload_by_hand_never_turns_as_another_sensor(holding, tmp_path, entry):
     path = tmp_path / 'data/models/payloads.json'
     other = replace(FRAME, rotation=np.diag([-1.0, -1.0, 1.0]), **entry)
     add_payloads(path, 'other', [TOOL], other)
@@ -218,9 +218,7 @@ def test_by_hand_it_never_turns_as_another_sensor_or_an_unknown_source(holding, 
     assert node.diagnosis('payload').values['turn'].endswith('degrees, by /tf_static')
 
 
-def test_the_model_that_is_live_says_whose_payloads_in_a_shared_folder_are_its_own(
-    rig, make_model, tmp_path
-):
+def test_the_live_model_selects_its_payloads_of_a_shared_folder(rig, make_model, tmp_path):
     models = [make_model(f'{side}.yaml', {'force_z': (2.0, 0.0, 600.0)}) for side in 'ab']
     path = models[0].path.with_name('payloads.json')
     for side, rotation in (('a', FRAME.rotation), ('b', np.eye(3))):
@@ -231,7 +229,7 @@ def test_the_model_that_is_live_says_whose_payloads_in_a_shared_folder_are_its_o
         assert f'yaw of {roll}, 0.0' in node.diagnosis('payload').values['turn']
 
 
-def test_by_tf_specific_force_needs_no_turn_and_what_an_imu_taught_is_refused(rig, tmp_path):
+def test_by_tf_no_turn_is_needed_and_payloads_learnt_by_an_imu_are_refused(rig, tmp_path):
     path = tmp_path / 'data/models/payloads.json'
     frames = [FRAME, replace(FRAME, source='imu'), ForceFrame(source='imu'), ForceFrame()]
     for frame in frames:
@@ -296,7 +294,7 @@ def test_a_payload_that_cannot_be_had_is_refused_at_the_start(rig, parameters, s
         rig(parameters=parameters)
 
 
-def test_by_hand_it_waits_at_the_start_for_what_only_tf_can_tell(rig):
+def test_a_payload_by_hand_waits_at_the_start_for_its_turn_by_tf(rig):
     by_hand = {'payload.active': 'manual', 'payload.mass': 1.5}
     node = rig(parameters={**IMU, **by_hand, 'payload.center_of_mass': TOOL.center_m.tolist()})
     feel(node, START, UP)

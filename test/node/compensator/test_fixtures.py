@@ -33,7 +33,7 @@ def close(expected):
 
 
 @every_version
-def test_it_goes_on_from_the_saved_state(start, version):
+def test_a_node_goes_on_from_the_saved_state(start, version):
     node, expected = start(version), read_json(version / 'state.json')
     thermal = read_json(version / 'store/state.json')['thermal']
     assert node.ask_output(thermal['end_ns'], [1.0] * 6) == close(expected['held'])
@@ -50,7 +50,7 @@ def test_it_goes_on_from_the_saved_state(start, version):
         assert output == close(wanted)
 
 
-def test_it_goes_on_learning(start):
+def test_a_node_goes_on_learning(start):
     chosen = {'learning': 'propose', 'calibration.reference': 'payload', 'gravity.source': 'imu'}
     node = start(V0_2_0, **chosen)
     learning = node.node.learning

@@ -53,7 +53,7 @@ def test_parts_that_fail_one_after_the_other_in_any_verb_cost_no_wrench(rig, mak
     node.node.destroy_node()
 
 
-def test_a_part_that_failed_is_told_once_named_and_its_services_say_so(rig, capfd):
+def test_a_part_that_failed_is_logged_once_and_its_services_refuse(rig, capfd):
     node = rig()
     node.node.tare.on_wrench = sabotaged
     answers = node.ask('tare')

@@ -93,7 +93,7 @@ def test_a_minute_of_work_gives_the_payload_and_the_next_step(working, minute):
     assert externals.qsize() == 8
 
 
-def test_without_specific_force_or_drift_model_it_is_refused(rig, working):
+def test_an_identification_needs_specific_force_and_a_drift_model(rig, working):
     bare = rig(parameters=IMU)
     assert 'No specific force has come. Set gravity.source' in refusal(bare)
     bare.node.tell('on_force', START, (0.0, 0.0, 9.8), None)
@@ -109,7 +109,7 @@ def refusal(node):
     return sentence
 
 
-def test_a_robot_that_stands_still_is_told_to_move(working):
+def test_a_robot_that_stands_still_is_asked_to_move(working):
     answers = ask(working)
     for k in range(0, 61 * RATE_HZ, 5):
         stamp = START + 2 * SECOND + k * SECOND // RATE_HZ
@@ -120,7 +120,7 @@ def test_a_robot_that_stands_still_is_told_to_move(working):
     assert not (working.directory / 'models/payloads.json').exists()
 
 
-def test_a_tare_meanwhile_ends_it(working, minute):
+def test_a_tare_meanwhile_ends_an_identification(working, minute):
     answers = ask(working)
     send(working, minute, range(10))
     working.node.compensator.reset_tare()
@@ -128,7 +128,7 @@ def test_a_tare_meanwhile_ends_it(working, minute):
     assert 'The tare or the model changed meanwhile. Call again.' in answers.get().message
 
 
-def test_silence_ends_it(working, minute, monkeypatch):
+def test_silence_ends_an_identification(working, minute, monkeypatch):
     monkeypatch.setattr(identify, '_PATIENCE_S', 0.05)
     answers = ask(working)
     send(working, minute, range(10))

@@ -54,7 +54,7 @@ def test_a_recording_is_begun_and_ended_and_refusals_are_sentences(wired, operat
     assert json.loads(out)['error']['kind'] == 'node'
 
 
-def test_a_node_that_is_not_there_is_missed_with_those_that_are(wired, operate):
+def test_a_missing_node_is_named_with_those_that_run(wired, operate):
     node = wired()
     code, _, refusal = operate('tare', 'nobody')
     assert code == 1

@@ -59,7 +59,7 @@ def test_drift_and_tare_are_subtracted_from_the_first_wrench_on(restart, warm, c
     assert origin(node) == 'the drift saved before the restart is held until a temperature comes'
 
 
-def test_the_first_cell_tells_how_long_the_gap_was(restart, warm, capfd):
+def test_the_first_cell_gives_the_length_of_the_gap(restart, warm, capfd):
     node = restart(warm)
     for second in range(410, 413):
         node.warm(START + second * SECOND, warming(second))
@@ -116,7 +116,7 @@ def test_simulated_time_is_not_judged_by_the_system_s_clock(restart, warm):
     assert node.node.compensator.tracker.awaiting_gap
 
 
-def test_what_is_saved_is_what_the_stream_remembers(rig, stored):
+def test_the_saved_state_is_the_memory_of_the_stream(rig, stored):
     node = rig(parameters={'model_file': str(stored.path), 'save_period': 0.1})
     for second in range(20):
         node.warm(START + second * SECOND, warming(second))

@@ -32,13 +32,13 @@ def learnt(make_model):
 
 
 class TestSwappedThermometers:
-    def test_are_refused_at_the_start(self, rig, learnt):
+    def test_swapped_thermometers_are_refused_at_the_start(self, rig, learnt):
         parameters = {'model_file': learnt(temperature_topics=TOPICS)}
         rig(thermometers=2, topics=TOPICS, parameters=parameters)
         with pytest.raises(SettingsError, match=r'expected /a/temperature, /b/state'):
             rig(thermometers=2, topics=TOPICS[::-1], parameters=parameters)
 
-    def test_are_refused_while_running_and_after_a_restart(self, rig, learnt, capfd):
+    def test_swapped_thermometers_are_refused_at_run_time_too(self, rig, learnt, capfd):
         path = learnt(temperature_topics=TOPICS[::-1])
         node = rig(thermometers=2, topics=TOPICS)
         assert 'temperature_topics' in node.refused_value('model_file', path)
@@ -71,7 +71,7 @@ def test_another_frame_and_serial_number_are_a_warning(rig, learnt, capfd):
     assert capfd.readouterr().err.count('right_ft here') == 1
 
 
-def test_a_recording_tells_the_model_its_sensor(rig, tmp_path):
+def test_a_model_takes_its_sensor_from_the_recording(rig, tmp_path):
     parameters = {'hardware_id': 'FT-7', 'calibration.min_temperature_span': 0.0}
     parameters |= {'thermal_period': 0.1, 'calibration.method': 'pls'}
     node = rig(thermometers=2, topics=TOPICS, parameters=parameters)

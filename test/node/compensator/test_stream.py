@@ -87,7 +87,7 @@ def test_the_output_is_the_core_s_correction(rig, make_model):
     assert not np.allclose(expected, LOAD, atol=1.0)
 
 
-def test_the_drift_topic_tells_what_is_subtracted(wired, make_model):
+def test_the_drift_topic_carries_what_is_subtracted(wired, make_model):
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0), 'torque_x': (-0.1, 0.0, 0.0)})
     node = wired(parameters={'model_file': str(model.path), 'max_drift_rate': 10})
     drifts = node.bench.listen(WrenchStamped, f'{node.namespace}/wrist_ft_comp/drift')

@@ -100,7 +100,7 @@ def test_auto_goes_live_without_a_step_but_not_while_learning_is_paused(learner,
     assert node.asked()[-1]['learning']['since'] == '', 'nobody decided'
 
 
-def test_a_kill_right_after_an_adoption_does_not_make_it_a_persons(learner, models):
+def test_a_kill_right_after_an_adoption_keeps_its_reason(learner, models):
     node = learner(model_file=str(models[0].path))
     node.find(models[1])
     node.a_day()
@@ -129,7 +129,7 @@ def test_a_calibration_goes_first(learner, models):
     node.wait(lambda: learning.memory.judged == 'day_00001.csv', 'the next job')
 
 
-def test_another_sensor_s_turn_is_waited_for(learner, monkeypatch):
+def test_a_job_waits_while_another_sensor_learns(learner, monkeypatch):
     node = learner()
     node.answer(success=False, later=True, message='another sensor is learning')
     node.a_day()
@@ -155,7 +155,7 @@ def test_a_broken_memory_is_a_sentence_and_a_fresh_start(learner, models, conten
 
 
 @pytest.mark.parametrize('changed', ['', 'rubbish'])
-def test_an_offered_model_that_is_gone_or_was_changed_is_refused(learner, models, changed):
+def test_an_offered_model_that_is_missing_or_changed_is_refused(learner, models, changed):
     node = learner(model_file=str(models[0].path))
     node.find(models[1])
     node.a_day()
@@ -174,7 +174,7 @@ def test_an_offered_model_that_is_gone_or_was_changed_is_refused(learner, models
         ({'gravity.source': 'none'}, 'they are payload and none'),
     ],
 )
-def test_settings_that_do_not_allow_it_are_said(learner, parameters, word):
+def test_settings_that_do_not_allow_learning_are_named(learner, parameters, word):
     node = learner(**parameters)
     node.hear(147)
     status = node.rig.diagnosis('learning', word)
