@@ -127,7 +127,7 @@ def compensated(model_path, rows, folder):
     phases=[Phase.generate],  # to make an example smaller takes minutes
 )
 @given(rows=days(), kills=st.lists(st.integers(3, 400), max_size=3))
-def test_living_restarted_and_file_give_the_same_drift(hasty, tmp_path, rows, kills):
+def test_stream_restarted_stream_and_file_give_the_same_drift(hasty, tmp_path, rows, kills):
     """Wherever both thermometers measured: within a gap a file alone knows the end of the line."""
     model = load_model(hasty).model
     killed, lived = (Life(model, tmp_path) for _ in range(2))

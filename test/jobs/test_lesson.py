@@ -123,7 +123,7 @@ def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
     assert diary.decisions[0].kind == 'learnt'
 
 
-def test_a_lost_diary_and_a_live_model_are_no_hurdle(sensor, answers):
+def test_a_lost_diary_is_made_anew_beside_a_live_model(sensor, answers):
     champion = Path(answers[1]['path'])
     diary_path(sensor).write_text('{"format": ')
     decided = {'since': 'day_00001.csv', 'decision': 'a person chose m.yaml'}

@@ -107,7 +107,7 @@ def test_a_day_that_cannot_be_read_is_named(look):
     assert 'day_00003.csv is empty.' in lesson.entry.incident
 
 
-def test_what_is_left_is_what_evaluate_says(separated, good):
+def test_the_drift_left_is_that_of_evaluate(separated, good):
     day = separated(3)
     figures = judge_errors([tared_errors(good, day.recording, 'payload')])
     before = np.array([axis.rms_before for axis in figures.values()])
@@ -176,7 +176,7 @@ def test_a_bad_day_and_other_temperatures_are_reasons_but_never_beyond_the_time_
     assert reason([*diary[:10], spent, warm], 'a') == (False, ANY)
 
 
-def test_why_nothing_is_tried_is_said_in_three_ways_and_a_slow_computer_learns():
+def test_the_reason_not_to_learn_is_one_of_three_and_a_slow_computer_learns():
     slow = entries(20, seconds=100.0)
     assert reason(slow, '') == (True, 'no model is live')
     tried = [*slow[:-1], replace(slow[-1], challenged=True, seconds=1500.0)]

@@ -65,7 +65,7 @@ class TestPayloads:
         shares = [payload.share for payload in learnt.payloads.payloads.values()]
         np.testing.assert_allclose(shares, 0.5, atol=0.05)
 
-    def test_without_noise_they_are_exact(self, make_working_day):
+    def test_without_noise_payloads_are_exact(self, make_working_day):
         day = make_working_day(contacts=0.0, noise=0.0)
         flat = replace(day, wrench=without_drift(day))
         masses, centers = masses_and_centers(calibrate([flat, flat], AT_WORK))
@@ -110,7 +110,7 @@ def test_blocks_end_at_steps_and_are_joined_again(plain):
 
 
 class TestDrift:
-    def test_it_is_learnt_beside_weight_and_contacts(self, learnt):
+    def test_drift_is_learnt_beside_weight_and_contacts(self, learnt):
         for axis in ('force_x', 'force_z', 'torque_y'):
             fit = learnt.fits[axis]
             assert fit.rms_after < 0.15 * fit.rms_before

@@ -112,7 +112,7 @@ def test_a_second_thermometer_is_asked_for_where_one_is_not_enough(levels, asked
     assert 'two: put another one' not in advice(two, {'force_x': levels})
 
 
-def test_the_way_that_is_missing_is_asked_for_and_noise_is_no_way(seen):
+def test_a_missing_warm_up_or_cooling_is_asked_for_in_spite_of_noise(seen):
     noise = np.random.default_rng(1).normal(0, 0.2, HOUR)
     assert 'let it cool down' in advice(seen(ramp(20, 35) + noise))
     assert 'let it cool down' in advice(seen(ramp(20, 35)))

@@ -238,7 +238,7 @@ def test_terms_are_written_with_their_errors_and_unknown_ones_as_null(saved):
     assert '.nan' not in saved.read_text(encoding='utf-8').lower()
 
 
-def test_every_key_of_it_is_needed(document, load):
+def test_every_key_of_a_model_file_is_needed(document, load):
     load(document)
     removed = 0
     for path, _ in one_of_each_kind(document):
