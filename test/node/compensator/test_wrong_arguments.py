@@ -7,6 +7,8 @@ import pytest
 from wrist_ft_comp.node.compensator import CompensatorNode
 from wrist_ft_comp.ros.running import node_per_sensor, USER_ERRORS
 
+ARMS = ['-p', 'sensors:=[left, right]']
+
 
 def start(context, tmp_path, *arguments):
     """Make what the executable would make."""
@@ -41,6 +43,8 @@ def refusal(context, tmp_path, *arguments):
         ('qos_overrides./wrench_raw.subscription.history:=7', "expecting type 'STRING'"),
         ('qos_overrides./temperature.subscription.depth:=many', "expecting type 'INTEGER'"),
         ('max_drift:=-1', 'must be a number from 0 to 1e+06 N; got -1'),
+        ('sensors:=[left, right, left]', 'once; got left 2 times'),
+        ('sensors:=[left__arm]', "a letter, because they become namespaces; got 'left__arm'"),
     ],
 )
 @pytest.mark.filterwarnings('ignore:A zero depth')
@@ -58,9 +62,12 @@ def test_a_wrong_value_gets_its_sentence(ros_context, tmp_path, given, words):
         (['-r', 'wrench:=/diagnostics'], 'The topic /diagnostics cannot be used'),
         (['-r', 'wrench_raw:=/rosout'], 'The topic wrench_raw cannot be used'),
         (['-r', 'temperature:=/wrench'], 'The topic temperature cannot be used'),
+        ([*ARMS, '-r', 'wrench_raw:=/ft'], 'left and right would share the topic /ft'),
+        ([*ARMS, '-r', 'wrench:=/ft'], 'left and right would share the topic /ft'),
+        ([*ARMS, '-p', 'model_file:=/no.yaml'], 'Sensor left: /no.yaml cannot be read'),
     ],
 )
-def test_a_remap_that_cannot_work_gets_its_sentence(ros_context, tmp_path, rules, words):
+def test_arguments_that_contradict_get_their_sentence(ros_context, tmp_path, rules, words):
     assert words in refusal(ros_context, tmp_path, *rules)
 
 

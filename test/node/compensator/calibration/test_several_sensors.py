@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from std_srvs.srv import SetBool, Trigger
 
-from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.node.compensator import CompensatorNode
 from wrist_ft_comp.ros.running import node_per_sensor
 
@@ -81,37 +80,12 @@ def test_without_names_there_is_one_node_as_ever(ros_context):
     node.destroy_node()
 
 
-@pytest.mark.parametrize(
-    ('names', 'words'),
-    [
-        (['left', 'right', 'left'], 'once; got left 2 times'),
-        (['left__arm'], "begin with a letter, because they become namespaces; got 'left__arm'"),
-    ],
-)
-def test_names_that_cannot_be_namespaces_are_refused(ros_context, names, words):
-    with pytest.raises(SettingsError, match=words):
-        make(context=ros_context, cli_args=['--ros-args', '-p', f'sensors:={names}'])
-
-
-@pytest.mark.parametrize('name', ['wrench_raw', 'wrench'])
-def test_sensors_that_meet_on_a_topic_are_refused(ros_context, name):
-    arguments = ['--ros-args', '-p', 'sensors:=[left, right]', '-r', f'{name}:=/there']
-    with pytest.raises(SettingsError, match='left and right would share the topic /there'):
-        make(context=ros_context, cli_args=arguments)
-
-
 def test_a_remap_by_full_name_means_one_sensor(ros_context):
     arguments = ['--ros-args', '-p', 'sensors:=[left, right]', '-r', '/left/wrench_raw:=/driver']
     nodes = make(context=ros_context, cli_args=arguments)
     assert [node.own_topics[0] for node in nodes] == ['/driver', '/right/wrench_raw']
     for node in nodes:
         node.destroy_node()
-
-
-def test_an_error_names_its_sensor(ros_context):
-    arguments = ['--ros-args', '-p', 'sensors:=[left]', '-p', 'model_file:=/nowhere.yaml']
-    with pytest.raises(WristFtCompError, match=r'Sensor left: /nowhere.yaml cannot be read'):
-        make(context=ros_context, cli_args=arguments)
 
 
 def test_remaps_of_namespace_and_node_hold_and_a_signal_ends_all(bench, executable, tmp_path):
