@@ -83,8 +83,8 @@ def test_the_public_names_stay():
 
 
 def test_signatures_of_functions_and_methods_stay():
-    now = {name: bare(getattr(wrist_ft_comp, name)) for name in SIGNATURES}
-    assert now == SIGNATURES
+    signatures = {name: bare(getattr(wrist_ft_comp, name)) for name in SIGNATURES}
+    assert signatures == SIGNATURES
     assert {method: bare(method) for method in METHODS} == METHODS
 
 

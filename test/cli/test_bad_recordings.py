@@ -329,34 +329,34 @@ def changed(rows, kind):
     return table, pattern
 
 
-def arguments(path, kind, table, way):
-    topics = thermometers(table) if way in BAGS else []
+def arguments(path, kind, table, form):
+    topics = thermometers(table) if form in BAGS else []
     topics = ['/temperature:header.stamp.sec'] if 'taken for' in kind else topics
     return [path, *(word for topic in topics for word in ('--temperature-topic', topic))]
 
 
-@pytest.mark.parametrize(('kind', 'way'), cases(REFUSED))
-def test_a_bad_recording_is_refused_in_one_sentence(kind, way, door):
+@pytest.mark.parametrize(('kind', 'form'), cases(REFUSED))
+def test_a_bad_recording_is_refused_in_one_sentence(kind, form, door):
     table, pattern = changed(REFUSED, kind)
-    if way == 'table':
+    if form == 'table':
         with pytest.raises((RecordingError, CalibrationRefusedError), match=pattern):
             calibrate([recording_from_columns(table)], SETTINGS)
         return
-    path = door.csv(table) if way == 'csv' else door.bag(table, kind, way)
+    path = door.csv(table) if form == 'csv' else door.bag(table, kind, form)
     before = sorted(door.folder.rglob('*'))
-    command = ['calibrate', *arguments(path, kind, table, way), '--method', 'pls']
+    command = ['calibrate', *arguments(path, kind, table, form), '--method', 'pls']
     assert re.search(pattern, door.run(*command, '-o', door.folder / 'model.yaml').sentence)
     assert sorted(door.folder.rglob('*')) == before
 
 
-@pytest.mark.parametrize(('kind', 'way'), cases(WARNED))
-def test_dropped_samples_and_doubts_are_warnings(kind, way, door):
+@pytest.mark.parametrize(('kind', 'form'), cases(WARNED))
+def test_dropped_samples_and_doubts_are_warnings(kind, form, door):
     table, pattern = changed(WARNED, kind)
-    if way == 'table':
+    if form == 'table':
         warnings = calibrate([recording_from_columns(table)], SETTINGS).warnings
     else:
-        path = door.csv(table) if way == 'csv' else door.bag(table, kind, way)
-        words, model = arguments(path, kind, table, way), door.folder / 'model.yaml'
+        path = door.csv(table) if form == 'csv' else door.bag(table, kind, form)
+        words, model = arguments(path, kind, table, form), door.folder / 'model.yaml'
         outcome = door.run('calibrate', *words, '-o', model, '--method', 'pls', '--json')
         assert outcome.code == 0, outcome
         warnings = json.loads(outcome.out)['warnings']

@@ -148,11 +148,11 @@ print(json.dumps({'event': 'message', 'text': f'recording into {folder}/r.csv'})
 
 def test_the_demonstration_keeps_out_of_the_user_s_domain(monkeypatch):
     """A robot on this computer must never hear the simulated wrench."""
-    own = int(demo._environment()['ROS_DOMAIN_ID'])
-    assert own in range(60, 101)
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(own))
+    domain = int(demo._environment()['ROS_DOMAIN_ID'])
+    assert domain in range(60, 101)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     environment = demo._environment()
-    assert environment['ROS_DOMAIN_ID'] != str(own)
+    assert environment['ROS_DOMAIN_ID'] != str(domain)
     assert environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
     assert environment['PATH'] == os.environ['PATH']
 

@@ -79,9 +79,9 @@ def test_payloads_are_kept_only_with_their_model_and_a_model_goes_without_them(
     def fail(*_):
         raise ModelFileError('The disk is full.')
 
-    def save_and_break(*what):
+    def save_and_break(*arguments):
         kept.write_text('{')
-        return save(*what)
+        return save(*arguments)
 
     monkeypatch.setattr(calibration_job, 'save_model', fail)
     assert run(*argv, tmp_path / 'lost.yaml').sentence

@@ -260,12 +260,12 @@ def test_of_two_arms_one_is_proposed_with_its_own_thermometers(done, messages, t
     for arm, given in (('left', []), ('right', ['--wrench-topic', '/right/ft/wrench'])):
         out = done('show', bag, *given)
         calibrate, *_ = commands(out)
-        own, motor = f'/{arm}_ft/heat', f'/{arm}/motor_temperature'
+        inside, motor = f'/{arm}_ft/heat', f'/{arm}/motor_temperature'
         assert calibrate[-6:] == [
-            '--wrench-topic', f'/{arm}/ft/wrench', '--temperature-topic', own,
+            '--wrench-topic', f'/{arm}/ft/wrench', '--temperature-topic', inside,
             '--temperature-topic', motor,
         ]  # fmt: skip
-        assert f'by its name it is most probably {own}:' in out
+        assert f'by its name it is most probably {inside}:' in out
 
 
 @pytest.mark.parametrize('fault', ['none', 'wrench', 'temperature', 'clocks', 'hours'])

@@ -47,13 +47,13 @@ def test_a_gain_error_is_not_mistaken_for_noise(build, gain_error):
 
 
 @pytest.mark.parametrize(
-    ('share', 'why'), [(1 / 30, 'less than 10 times the noise'), (0.0, 'varied by 0')]
+    ('share', 'reason'), [(1 / 30, 'less than 10 times the noise'), (0.0, 'varied by 0')]
 )
-def test_a_load_that_hardly_varies_teaches_no_sensitivity(build, share, why):
+def test_a_load_that_hardly_varies_teaches_no_sensitivity(build, share, reason):
     noise = np.random.default_rng(1).standard_normal(CELLS)
     data = build(share * LOAD + noise, share * LOAD)
     assert data.load is None
-    assert why in data.no_sensitivity
+    assert reason in data.no_sensitivity
 
 
 def test_an_axis_without_reference_teaches_nothing(build):

@@ -52,9 +52,9 @@ class TestResult:
         assert calibration.model.period_ns == good[0].period_ns
         assert calibration.model.thermometers == 1
         assert calibration.duration_s == 2 * CELLS * 10.0
-        everything = np.concatenate([run.temperature_c for run in good])
+        seen_c = np.concatenate([run.temperature_c for run in good])
         np.testing.assert_array_equal(
-            calibration.temperature_range_c, [[everything.min(), everything.max()]]
+            calibration.temperature_range_c, [[seen_c.min(), seen_c.max()]]
         )
         fit = calibration.fits['force_x']
         assert fit.rms_after < 0.1 * fit.rms_before

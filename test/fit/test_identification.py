@@ -173,11 +173,11 @@ class TestFeatures:
     def test_the_features_span_what_was_recorded(self, warm_up):
         temperatures = [warm_up(100, i)[:, np.newaxis] for i in range(2)]
         features = build_features(temperatures, IdentificationSettings(degree=3))
-        everything = np.concatenate(temperatures)
+        whole = np.concatenate(temperatures)
         assert features.degree == 3
-        assert features.lower_c == everything.min(axis=0)
-        assert features.upper_c == everything.max(axis=0)
-        np.testing.assert_allclose(features.reference_c, everything.mean(axis=0))
+        assert features.lower_c == whole.min(axis=0)
+        assert features.upper_c == whole.max(axis=0)
+        np.testing.assert_allclose(features.reference_c, whole.mean(axis=0))
 
     def test_hats_stand_on_the_plateaus_or_where_they_were_put(self):
         plateaus = np.repeat([20.0, -15.0, 50.0], 40)[:, np.newaxis]

@@ -296,8 +296,8 @@ class TestDegenerateData:
 
     @pytest.mark.parametrize('value', [3.0, np.nan])
     def test_no_drift_or_nothing_observed_gets_no_model(self, pose, temperatures, method, value):
-        nothing = [np.full(CELLS, value) for _ in temperatures]
-        assert identify(method, pose(temperatures, nothing), TWO, Orders())[0] is None
+        drifts = [np.full(CELLS, value) for _ in temperatures]
+        assert identify(method, pose(temperatures, drifts), TWO, Orders())[0] is None
 
 
 class TestObservedDrift:

@@ -22,7 +22,7 @@ def test_ordinary_days_are_no_incidents(separated, before):
 
 
 @pytest.mark.parametrize(
-    ('what', 'kind', 'said'),
+    ('properties', 'kind', 'said'),
     [
         ({'jump': 5.0}, 'zero', 'The zero jumped at 00:11 UTC by 5, -5, 3, '),
         ({'gain': 1.2}, 'gain', 'weigh 1.20 times'),
@@ -32,8 +32,8 @@ def test_ordinary_days_are_no_incidents(separated, before):
         ({'stopped': True}, 'thermometer', 'Thermometer 2 stood still at 19.8 °C for 0.3 h'),
     ],
 )  # fmt: skip
-def test_an_incident_is_named_with_its_size(separated, before, what, kind, said):
-    day = separated(9, **what)
+def test_an_incident_is_named_with_its_size(separated, before, properties, kind, said):
+    day = separated(9, **properties)
     found, sentence = incident(day, describe(day), before)
     assert found == kind
     assert said in sentence
@@ -140,8 +140,8 @@ def test_creep_is_named_where_a_day_or_days_together_show_it(separated, before, 
 
 def test_a_day_of_twenty_minutes_says_nothing_of_creep(separated):
     day = separated(1)
-    nothing = np.zeros_like(day.recording.wrench)
-    assert shares(day, Drift(nothing, nothing)) == ()
+    no_drift = np.zeros_like(day.recording.wrench)
+    assert shares(day, Drift(no_drift, no_drift)) == ()
 
 
 @pytest.mark.parametrize('reading', ['zero', 'frozen'])
@@ -156,8 +156,8 @@ def test_a_reading_that_stands_still_says_nothing_of_creep(make_working_day, rea
             wrench=np.tile(recording.wrench[:1], (cells, 1)) * (reading == 'frozen'),
         )
     )
-    nothing = np.zeros((cells, 6))
-    found = shares(day, Drift(nothing, nothing))
+    no_drift = np.zeros((cells, 6))
+    found = shares(day, Drift(no_drift, no_drift))
     assert len(found) == 4
     for share in found:
         assert abs(share.share) < share.error

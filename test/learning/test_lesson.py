@@ -182,9 +182,9 @@ def test_the_reason_not_to_learn_is_one_of_three_and_a_slow_computer_learns():
     tried = [*slow[:-1], replace(slow[-1], challenged=True, seconds=1500.0)]
     quick = [*entries(19), replace(tried[-1], seconds=1)]
     for diary, words in (slow[:1], 'Another'), (tried, '25 minutes'), (quick, '0 of 7 more'):
-        due, why = reason(diary, 'a')
+        due, sentence = reason(diary, 'a')
         assert not due
-        assert words in why
+        assert words in sentence
 
 
 def test_days_with_temperatures_of_no_other_day_are_kept():

@@ -54,8 +54,8 @@ def test_troubles_that_come_and_go_do_not_fill_the_log(logged):
 
 
 def test_changed_numbers_are_not_logged_but_other_thermometers_are(logged):
-    def silent(which, seconds):
-        return Status('temperature', WARN, f'thermometer {which} silent for {seconds} s; held')
+    def silent(numbers, seconds):
+        return Status('temperature', WARN, f'thermometer {numbers} silent for {seconds} s; held')
 
     assert len(logged(*[silent('1', seconds) for seconds in (5, 6.5, 77)])) == 1
     assert len(logged(silent('2', 5))) == 1

@@ -121,19 +121,19 @@ def unspun(ros_context, monkeypatch):
 
 def test_run_waits_until_its_subscribers_have_come(unspun, monkeypatch):
     node, wake, sent = unspun
-    there = dict.fromkeys(('_to_raw', '_to_reference'), 0)
-    for name in tuple(there):
+    subscribers = dict.fromkeys(('_to_raw', '_to_reference'), 0)
+    for name in tuple(subscribers):
         publisher = getattr(node, name)
-        monkeypatch.setattr(publisher, 'get_subscription_count', lambda name=name: there[name])
+        monkeypatch.setattr(publisher, 'get_subscription_count', lambda k=name: subscribers[k])
     wake(0.0, 5.0, 10.0)
-    there['_to_raw'] = 1
+    subscribers['_to_raw'] = 1
     wake(15.0, 15.0 + 0.9 * SETTLE_S)
-    there['_to_reference'] = 1
+    subscribers['_to_reference'] = 1
     wake(16.0, 16.0 + 0.9 * SETTLE_S)
     assert sent == []
     wake(16.0 + SETTLE_S)
     assert sent == [0, 0]
-    there.update(_to_raw=0, _to_reference=0)
+    subscribers.update(_to_raw=0, _to_reference=0)
     wake(16.0 + SETTLE_S + LONGEST_WAKE_S)
     assert len(sent) > 2
 

@@ -19,7 +19,7 @@ def ramp(start, end, cells=HOUR):
     return np.linspace(start, end, cells)
 
 
-def nothing(cells):
+def unloaded(cells):
     return {'force_z': np.zeros(cells)}
 
 
@@ -28,7 +28,7 @@ def seen(make_recording):
     """Cover recordings that are made of these temperatures."""
 
     def make(*temperatures):
-        return cover([make_recording(t, nothing(len(t))) for t in temperatures])
+        return cover([make_recording(t, unloaded(len(t))) for t in temperatures])
 
     return make
 
@@ -88,7 +88,7 @@ def test_the_thermometer_that_spans_most_leads(seen):
 
 def test_loads_are_those_of_the_reference(make_recording):
     load = np.where(np.arange(HOUR) < 10, np.nan, np.linspace(-20, 40, HOUR))
-    recording = make_recording(ramp(20, 30), nothing(HOUR), {'force_y': load})
+    recording = make_recording(ramp(20, 30), unloaded(HOUR), {'force_y': load})
     ((axis, (low, high, deviation)),) = cover([recording]).loads.items()
     assert axis == 'force_y'
     assert (low, high) == (np.nanmin(load), 40.0)
@@ -136,7 +136,7 @@ def test_axes_and_loads_that_are_missing_are_named(seen, make_recording):
     assert 'No recording holds force y, force z' in advice(coverage, {'force_x': 'good'})
     assert 'drift of the gain is not known' in advice(coverage)
     load = {'force_z': np.sin(np.arange(HOUR))}
-    loaded = cover([make_recording(ramp(20, 35), nothing(HOUR), load)])
+    loaded = cover([make_recording(ramp(20, 35), unloaded(HOUR), load)])
     assert 'drift of the gain' not in advice(loaded, reference='recorded')
 
 

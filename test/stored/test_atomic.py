@@ -90,18 +90,18 @@ def test_a_foreign_file_is_moved_aside_once(name, write, foreign, tmp_path):
     path = tmp_path / name
     for _ in range(2):
         write(tmp_path)
-    own = path.read_bytes()
+    written = path.read_bytes()
     path.write_bytes(foreign)
     write(tmp_path)
     kept = path.with_name(f'{path.name}.kept')
-    assert (path.read_bytes(), kept.read_bytes()) == (own, foreign)
+    assert (path.read_bytes(), kept.read_bytes()) == (written, foreign)
     path.write_bytes(b'also mine')
     with pytest.raises(WristFtCompError, match=f'{name} cannot be written: it exists and is'):
         write(tmp_path)
     assert (path.read_bytes(), kept.read_bytes()) == (b'also mine', foreign)
-    path.write_bytes(own[:40])  # cut off by a disk
+    path.write_bytes(written[:40])  # cut off by a disk
     write(tmp_path)
-    assert (path.read_bytes(), kept.read_bytes()) == (own, foreign)
+    assert (path.read_bytes(), kept.read_bytes()) == (written, foreign)
 
 
 @pytest.mark.parametrize('content', ['mine', 'stamp_s,force_z\n1.0,2.0\n', 'time;fz\n1;2\n3;4\n'])

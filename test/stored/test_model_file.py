@@ -313,7 +313,7 @@ def test_arrays_have_the_shape_that_fits_the_others(document, load):
     [
         ('axes force_q', {}, 'force_q'),
         ('format', 'another', 'expected "format: wrist_ft_comp drift model"'),
-        *(('version', it, 'of version .* reads version 1') for it in (0, 2, '1', 1.5, None, [1])),
+        *(('version', n, 'of version .* reads version 1') for n in (0, 2, '1', 1.5, None, [1])),
         ('period_ns', 0, 'period_ns'),
         ('period_ns', 1.5, 'period_ns'),
         ('period_ns', 10_000_000, 'period_ns'),

@@ -127,13 +127,13 @@ def test_unusable_samples_are_dropped_and_counted(fault):
     clean = grid_samples([samples('temperature_c', *good), wrenches(0.5)], name='a.csv')
     gridded = grid_samples([samples('temperature_c', *with_fault), wrenches(0.5)], name='a.csv')
     np.testing.assert_array_equal(gridded.temperature_c, clean.temperature_c)
-    why = {
+    sentence = {
         'nan': 'are not finite',
         'infinite': 'are not finite',
         'kelvin': 'are outside -100 to 200 °C, which no sensor reads, such as 295.1 °C',
     }.get(fault, 'have a stamp that does not increase')
     assert gridded.warnings == (
-        f'temperature_c of a.csv: 1 of 201 samples {why}; they were dropped.',
+        f'temperature_c of a.csv: 1 of 201 samples {sentence}; they were dropped.',
     )
 
 

@@ -198,12 +198,12 @@ class TestLimits:
 
     @pytest.mark.parametrize('sign', [-1.0, 1.0])
     def test_a_drift_moves_as_far_as_its_rate_allows_in_the_time(self, sign):
-        limits, here = Limits(200.0, 2.0), Drift(np.arange(6.0), np.full(6, 0.1))
+        limits, drift = Limits(200.0, 2.0), Drift(np.arange(6.0), np.full(6, 0.1))
         for share, reached, too_fast in ((0.9, 0.9, ()), (1.0, 1.0, ()), (1e3, 1.0, AXES)):
             rates = sign * 2.5 * axis_limits(2.0), sign * 2.5 * MAX_SENSITIVITY_RATE
-            target = Drift(*(part + share * rate for part, rate in zip(here, rates, strict=True)))
-            moved = limits.rate_limit(target, here, 2.5)
-            np.testing.assert_allclose(moved.zero - here.zero, reached * rates[0])
+            target = Drift(*(part + share * rate for part, rate in zip(drift, rates, strict=True)))
+            moved = limits.rate_limit(target, drift, 2.5)
+            np.testing.assert_allclose(moved.zero - drift.zero, reached * rates[0])
             np.testing.assert_allclose(moved.sensitivity - 0.1, reached * rates[1])
             assert limits.too_fast == too_fast
 

@@ -73,8 +73,8 @@ def test_the_stream_gives_what_the_batch_gives(drawn):
         )
         for j in range(thermometers)
     ]
-    anything = Samples(('force_x',), blocks[0].stamps_ns[:1], np.zeros((1, 1)))
-    batch = grid_samples([*blocks, anything], max_bad_share=1.0)
+    wrench = Samples(('force_x',), blocks[0].stamps_ns[:1], np.zeros((1, 1)))
+    batch = grid_samples([*blocks, wrench], max_bad_share=1.0)
     # All but the cells that a thermometer may still deliver to.
     ready = min(samples[-1][1] // SECOND for samples in usable) - batch.first_cell
     if ready <= 0:

@@ -50,8 +50,8 @@ def test_strays_are_dropped_and_time_that_goes_on_elsewhere_is_followed(
     for share in followed or [0.0]:
         offset = round(share * leap)
         sent = [3 * SECOND + round(stray * leap) for stray in strays]
-        there = [offset + stamp for stamp in GOES_ON]
-        assert feed(timestamps, [*sent, *there]) == there
+        moved = [offset + stamp for stamp in GOES_ON]
+        assert feed(timestamps, [*sent, *moved]) == moved
         dropped += len(strays)
         assert timestamps.strays == dropped
     assert timestamps.leaps == leaps
@@ -103,6 +103,6 @@ def test_a_first_sample_far_from_where_stamps_ended_is_kept_back(leap):
     assert timestamps.strays == 1
     follows = TimestampFilter(1)
     follows.expect(9 * HOUR)
-    there = [9 * HOUR + leap, 9 * HOUR + leap + SECOND]
-    assert feed(follows, there) == there
+    moved = [9 * HOUR + leap, 9 * HOUR + leap + SECOND]
+    assert feed(follows, moved) == moved
     assert follows.leaps == 0, 'a restart is no leap'

@@ -39,9 +39,9 @@ class Learner:
         )
         self.node, self.days = self.rig.node, self.rig.directory / 'days'
 
-    def answer(self, **what):
+    def answer(self, **fields):
         """Say what the next job answers."""
-        said = {'learnt': False, 'paused': '', 'incident': '', **what} if what else None
+        said = {'learnt': False, 'paused': '', 'incident': '', **fields} if fields else None
         (self._folder / 'answer').write_text(json.dumps(said))
 
     def find(self, stored, **more):

@@ -195,16 +195,16 @@ def test_off_is_off(learner):
 
 def test_an_incident_is_a_warning_until_a_day_without_one_or_a_decision(learner, models):
     node = learner()
-    what = 'thermometer 1 stood still for 3.0 h'
-    node.answer(success=True, message=what, incident=what)
+    sentence = 'thermometer 1 stood still for 3.0 h'
+    node.answer(success=True, message=sentence, incident=sentence)
     node.a_day()
-    assert node.rig.diagnosis('learning', what).level == WARN
+    assert node.rig.diagnosis('learning', sentence).level == WARN
     node.answer(success=True, message='nothing new')
     node.a_day()
     assert node.rig.diagnosis('learning', 'no better model is offered').level == OK
-    node.answer(success=True, message=what, incident=what, paused=what)
+    node.answer(success=True, message=sentence, incident=sentence, paused=sentence)
     node.a_day()
-    assert node.rig.diagnosis('learning', what).level == WARN
+    assert node.rig.diagnosis('learning', sentence).level == WARN
     assert node.rig.set('model_file', str(models[1].path)).successful
     assert node.rig.diagnosis('learning', 'no better model is offered').level == OK
 
