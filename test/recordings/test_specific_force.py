@@ -221,19 +221,13 @@ def test_a_frame_that_is_missing_is_named_with_those_that_are_there(robot, stati
         read_recording(path, topics=BY_TF)
 
 
-def test_frames_that_hang_in_a_loop_are_no_chain(robot, messages):
-    loop = [('arm', 'tool', [0, 0, 0, 1]), ('tool', 'arm', [0, 0, 0, 1])]
-    moving = [
-        ('/tf', TF, at, messages.transforms(at, loop)) for at in stamps(np.arange(0, 2, 0.1))
-    ]
-    path = robot.write(robot.still(), moving, robot.wrenches(2))
-    with pytest.raises(RecordingError, match='no chain of transforms, without a loop'):
-        read_recording(path, topics=BY_TF)
-
-
 def test_a_bag_without_the_direction_of_gravity_is_refused(robot, messages):
     broken = [('/tf', TF, T0, messages.transforms(T0, [('a', 'b', [0, 0, 0, 1])])[:-40])]
+    links = [('arm', 'tool', [0, 0, 0, 1]), ('tool', 'arm', [0, 0, 0, 1])]
+    times = stamps(np.arange(0, 2, 0.1))
+    loop = [('/tf', TF, at, messages.transforms(at, links)) for at in times]
     for parts, sentence in (
+        ([robot.still(), loop, robot.wrenches(2)], 'no chain of transforms, without a loop'),
         ([robot.wrenches(1)], 'holds no topic /tf for the gravity'),
         ([robot.moving([0]), robot.wrenches(1, frame='')], 'has no frame_id'),
         ([broken, robot.wrenches(1)], 'A transform of .* is damaged. Expected a tf2_msgs'),
