@@ -132,7 +132,7 @@ def test_the_import_alone_loads_no_numpy_and_no_room():
     assert 'numpy' not in loaded
 
 
-def test_what_a_control_loop_imports_is_light():
+def test_imports_of_a_control_loop_are_light():
     loaded = loaded_by(
         'import numpy\nbefore = set(sys.modules)\n'
         'from wrist_ft_comp import Compensator, load_model, StreamSettings, TareCollector'

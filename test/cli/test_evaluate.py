@@ -52,7 +52,7 @@ def test_a_report_holds_the_printed_figures(done, make, model, tmp_path):
     assert 'first 5\N{NO-BREAK SPACE}s' in text
 
 
-def test_where_no_temperature_moved_there_is_nothing_to_judge(done, make, model, tmp_path):
+def test_recordings_at_one_temperature_are_not_judged(done, make, model, tmp_path):
     columns = make.drifting(30)
     noise = np.random.default_rng(0).normal(0, 0.02, (2, 30))
     columns['temperature_c'] = [24.0] * 30

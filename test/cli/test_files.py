@@ -30,7 +30,7 @@ def test_a_missing_file_is_named(command, name, run, model, drift_csv, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
-def test_what_never_ends_is_refused_at_once(run, tmp_path):
+def test_a_device_is_refused_at_once(run, tmp_path):
     for words in (['show', '/dev/zero'], ['calibrate', '/dev/zero', '-o', tmp_path / 'm.yaml']):
         assert 'is a device' in run(*words).sentence
 
@@ -80,7 +80,7 @@ def test_a_recording_is_one_by_its_name_or_header(name, content, tmp_path):
         KIND.check_target(path)
 
 
-def test_what_is_not_there_may_be_made(tmp_path):
+def test_missing_and_empty_files_may_be_written(tmp_path):
     (tmp_path / 'empty').touch()
     for path in (tmp_path / 'no', tmp_path / 'folder/no.yaml', tmp_path / 'empty'):
         options.check_model(path)
@@ -190,7 +190,7 @@ def test_a_name_that_promises_something_else_is_refused(case, run, recordings, m
     assert not list(tmp_path.iterdir())
 
 
-def test_what_stands_in_the_way_of_a_copy_is_seen_first(run, recordings, model, tmp_path):
+def test_obstacles_of_a_copy_are_found_before_the_work(run, recordings, model, tmp_path):
     (tmp_path / 'empty.csv').touch()
     csv, bag = recordings['csv'], recordings['mcap']
     for words, reason in (
@@ -216,7 +216,7 @@ def test_a_predecessor_and_an_empty_file_are_replaced(done, model, drift_csv, fo
     assert picture.read_bytes().startswith(PNG[:8])
 
 
-def test_a_foreign_payloads_json_is_seen_before_the_work(run, drift_csv, tmp_path):
+def test_a_foreign_payloads_json_is_found_before_the_work(run, drift_csv, tmp_path):
     (tmp_path / 'payloads.json').write_text(json.dumps({'of': 'another program'}))
     words = ['-o', tmp_path / 'm.yaml', '--reference', 'payload']
     assert 'payloads.json' in run('calibrate', drift_csv, *words).sentence

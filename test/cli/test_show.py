@@ -112,7 +112,7 @@ def test_a_bag_without_wrenches_names_no_topic_that_would_not_help(done, message
     assert 'holds no raw wrench in a form that can be read, so nothing' in out
 
 
-def test_a_report_is_known(done, drift_csv, model, tmp_path):
+def test_a_report_is_recognised(done, drift_csv, model, tmp_path):
     page = tmp_path / 'r.html'
     done('evaluate', model, drift_csv, '--report', page)
     assert 'open it in a browser' in done('show', page)
@@ -255,7 +255,7 @@ def day(number, live='', *, kind='', incident='', at=None):
         incident=incident, payloads=((1.4, 0.0, 0.0, 0.1),))  # fmt: skip
 
 
-def test_what_happened_is_named_once_from_its_first_to_its_last_day(done, tmp_path):
+def test_an_event_is_named_once_from_its_first_to_its_last_day(done, tmp_path):
     silent = {'kind': 'thermometer', 'incident': 'On this day thermometer 2 is silent.'}
     jumped = {'kind': 'zero', 'incident': 'The zero jumped.'}
     days = (

@@ -223,7 +223,7 @@ def test_show_as_json_has_it_all(done, drivers, messages, tmp_path):
     assert {'temperature'} == {c['role'] for c in shown['channels'] if 'frame' in c['name']}
 
 
-def test_what_was_named_is_taken_before_what_looks_right(done, drivers, messages, tmp_path):
+def test_named_topics_are_taken_before_likely_ones(done, drivers, messages, tmp_path):
     bag = messages.write(tmp_path / 'day', drivers.ur_like())
     given = ['--temperature-topic', '/joint_heat:temperatures[2]']
     calibrate, _, _ = commands(done('show', bag, *given))
@@ -246,7 +246,7 @@ def test_kelvins_and_temperatures_that_stand_still_are_named(done, messages, tmp
     assert 'No temperature moves' in done('show', messages.write(tmp_path / 'b', [wrench, cold]))
 
 
-def test_of_two_arms_one_is_proposed_with_its_own_thermometers(done, messages, tmp_path):
+def test_one_of_two_arms_is_proposed_with_its_own_thermometers(done, messages, tmp_path):
     def arms():
         for k in range(600):
             at = T0 + k * 10**8
@@ -269,7 +269,7 @@ def test_of_two_arms_one_is_proposed_with_its_own_thermometers(done, messages, t
 
 
 @pytest.mark.parametrize('fault', ['none', 'wrench', 'temperature', 'clocks', 'hours'])
-def test_what_show_prints_calibrate_takes(  # noqa: PLR0913, PLR0917
+def test_commands_that_show_prints_are_taken_by_calibrate(  # noqa: PLR0913, PLR0917
     fault, run, done, messages, tmp_path, monkeypatch
 ):
     """Stamps of zero, another clock than the recorder's, and two clocks hours apart."""

@@ -144,7 +144,7 @@ def test_knots_that_do_not_increase_are_refused(knots):
         ({'lower_c': np.array([np.nan, 0.0])}, '^The calibrated range must not be empty; got '),
     ],
 )
-def test_what_makes_no_features_is_refused(change, sentence):
+def test_impossible_features_are_refused(change, sentence):
     right = Features('powers', np.zeros(2), np.zeros(2), np.full(2, 200.0))
     with pytest.raises(SettingsError, match=sentence):
         replace(right, **change)

@@ -177,7 +177,7 @@ def test_gain_drift_is_learnt_where_it_holds_at_temperatures_left_out(chamber):
     np.testing.assert_allclose(gains, [0, 0.015, 0.03, 0.045, 0.06], atol=1e-3)
 
 
-def test_of_a_gain_that_does_not_drift_nothing_is_learnt(chamber):
+def test_a_gain_that_does_not_drift_is_not_learnt(chamber):
     data = chamber(np.arange(0, 66, 6), lambda t: 0.5 * t, lambda t: 0.03 + 0 * t)
     assert identify_axis(data, IdentificationSettings()).model.outputs == 1
 
@@ -214,7 +214,7 @@ def pose_lags(make_axis_data, warm_up, lagged):
 class TestFreeTimeConstants:
     @pytest.mark.parametrize(('loaded', 'thermometers'), [(False, 1), (True, 2)])
     @pytest.mark.parametrize('kind', ['powers', 'hats'])
-    def test_what_is_stated_in_terms_is_what_runs(
+    def test_stated_terms_give_the_drift_of_the_model_that_runs(
         self, pose_lags, lagged, loaded, thermometers, kind
     ):
         """Of every candidate."""

@@ -49,7 +49,7 @@ def test_help_names_what_the_node_has_on_the_graph(bench, module, node, name, ca
         assert asked.removeprefix('/shown/') in text
 
 
-def test_without_a_usage_text_help_is_an_unread_word():
+def test_help_without_a_usage_text_is_an_unread_word():
     assert run_nodes(list, ['example', '--help']) == 1
 
 

@@ -88,7 +88,7 @@ class TestPayloads:
         free = np.isfinite(held.wrench[:50, 0])
         np.testing.assert_allclose(pushed[free], held.reference[:50][free], atol=0.1)
 
-    def test_a_rotation_that_is_not_known_is_seen_in_the_specific_force(self, days):
+    def test_an_absent_speed_of_rotation_is_taken_from_the_specific_force(self, days):
         blind = [replace(day, rotation_speed=None) for day in days]
         masses, _ = masses_and_centers(calibrate(blind, AT_WORK))
         np.testing.assert_allclose(masses, MASSES, rtol=0.005)

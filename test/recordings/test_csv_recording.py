@@ -166,7 +166,7 @@ CELLS = st.one_of(st.floats(allow_nan=False, width=64), st.just(math.nan))
 
 @given(st.lists(st.tuples(st.integers(0, 2**62), CELLS, CELLS, CELLS), min_size=1, max_size=20))
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_what_the_writer_wrote_is_read_back_exactly(tmp_path_factory, rows):
+def test_a_written_recording_is_read_back_exactly(tmp_path_factory, rows):
     path = tmp_path_factory.mktemp('csv') / 'own.csv'
     channels = ('force_x', 'force_y', 'temperature_c')
     with closing(CsvRecordingWriter(path, channels)) as writer:

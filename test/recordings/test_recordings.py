@@ -79,7 +79,7 @@ def test_a_chamber_table_is_a_recording_too():
         ('a.mcap', b'not a bag at all' * 100, 'a.mcap cannot be read as a bag.*magic'),
     ],
 )
-def test_what_is_no_recording_is_refused(tmp_path, name, content, sentence):
+def test_a_path_that_is_no_recording_is_refused(tmp_path, name, content, sentence):
     path = tmp_path / name
     if content is not None:
         path.parent.mkdir(exist_ok=True)
@@ -144,7 +144,7 @@ def every_other(_stamps_ns, wrench):
     return np.where(np.arange(len(wrench))[:, None] % 2, np.nan, wrench + 1)
 
 
-def test_an_external_wrench_has_a_topic_of_its_own_and_messages_where_it_is_known(make_bag):
+def test_an_external_wrench_has_its_own_topic_and_messages_where_it_is_finite(make_bag):
     source = make_bag(count=200)
     target = source.with_name('out')
     rewrite_recording(source, target, halve, external=every_other)
@@ -156,7 +156,7 @@ def test_an_external_wrench_has_a_topic_of_its_own_and_messages_where_it_is_know
     np.testing.assert_array_equal(values, raw[1][::2] + 1)
 
 
-def test_an_external_wrench_has_columns_of_its_own_and_cells_where_it_is_known(make_csv):
+def test_an_external_wrench_has_its_own_columns_and_cells_where_it_is_finite(make_csv):
     source = make_csv(CSV)
     target = source.with_name('out.csv')
     rewrite_recording(source, target, halve, external=every_other)

@@ -156,7 +156,7 @@ def test_a_static_transform_that_comes_late_holds_from_the_beginning(robot):
     np.testing.assert_allclose(force[:END], means(range(END), true_force), atol=0.02)
 
 
-def test_of_a_split_bag_the_first_file_alone_holds_what_is_static(robot):
+def test_static_transforms_lie_in_the_first_file_of_a_split_bag(robot):
     """The folder is whole; a later file alone is refused, and the frames it has are listed."""
     first = robot.write(robot.still(), robot.moving(np.arange(0, 5, 0.05)), name='first')
     rest = robot.moving(np.arange(5, END + 0.1, 0.05)), robot.wrenches()
@@ -195,7 +195,7 @@ def test_a_chain_may_change(robot):
 
 
 @pytest.mark.parametrize('frozen', [False, True])
-def test_where_tf_ends_or_freezes_specific_force_is_absent(robot, frozen):
+def test_specific_force_is_absent_where_tf_ends_or_freezes(robot, frozen):
     parts = [robot.still(), robot.wrenches(), robot.moving(np.arange(0, 6.01, 0.05))]
     if frozen:  # it goes on with the same old stamp
         (*_, last) = robot.moving([6.0])

@@ -203,7 +203,7 @@ def test_times_of_arrival_are_not_compared_with_the_stamps_of_another_clock(
 
 
 @pytest.mark.usefixtures('ready')
-def test_what_could_be_used_is_found_and_judged(driver, messages, tmp_path):
+def test_usable_topics_and_fields_are_found_and_rated(driver, messages, tmp_path):
     path = messages.write(tmp_path / 'bag', driver.parts(1001), 'mcap', 'file')
     found = {candidate.entry: candidate for candidate in describe_recording(path).candidates}
     assert list(found) == [
@@ -334,7 +334,7 @@ def test_without_any_backend_the_sentence_says_what_to_install(monkeypatch, tmp_
         read(tmp_path / 'a.mcap', '/temperature')
 
 
-def test_what_serialize_message_leaves_behind_the_last_field_is_no_damage():
+def test_padding_behind_the_last_field_is_no_damage():
     """Bytes of a sensor_msgs/JointState of two efforts and empty arrays, as rclpy wrote them."""
     data = bytes.fromhex(
         '00010000 00000000 00000000 01000000 009475ee 00000000 00000000 00000000 02000000'

@@ -49,7 +49,7 @@ def test_every_second_is_counted_once(seen):
     assert (np.diff(coverage.edges_c) == 1).all()
 
 
-def test_what_lies_below_above_and_between_is_unseen(seen):
+def test_temperatures_below_above_and_between_are_unseen(seen):
     low, high = WORKING_RANGE_C
     assert unseen_temperatures(seen(ramp(20.5, 35))) == [(low, 20.5), (35.0, high)]
     assert unseen_temperatures(seen(ramp(low - 5, high + 5, 1000))) == []

@@ -245,7 +245,7 @@ def test_loads_are_shown_where_there_is_a_reference(make, tmp_path):
     assert 'Loads are not known' not in whole
 
 
-def test_standard_errors_and_reasons_are_shown_where_they_are_known(view):
+def test_standard_errors_and_reasons_are_shown_where_there_are_any(view):
     entry = {
         'time_constants_s': [60.0, 7200.0],
         'time_constant_errors_s': [3.0, None],

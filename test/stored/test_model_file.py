@@ -377,7 +377,7 @@ def test_a_huge_file_is_refused_unread(tmp_path):
     ],
     ids=lambda content: re.sub(r'\W+', '_', str(content[:30])),
 )  # fmt: skip
-def test_what_is_no_model_is_refused(load, content):
+def test_content_that_is_no_model_is_refused(load, content):
     with pytest.raises(ModelFileError, match=r'changed.yaml is not a model file'):
         load(content)
 

@@ -199,7 +199,7 @@ def test_a_broken_first_stamp_is_not_taken_for_a_late_thermometer():
     assert not grid_samples(blocks).warnings
 
 
-def test_one_stamp_of_another_century_is_refused_without_the_memory_for_it():
+def test_one_stamp_of_another_century_is_refused_before_memory_is_taken():
     blocks = [samples('temperature_c', (0, 20), (MAX_NUMBERS, 21)), wrenches(0)]
     with pytest.raises(RecordingError, match=r'span 4.2e\+06 s; at most 2100000 thermal cells'):
         grid_samples(blocks)

@@ -69,7 +69,7 @@ def test_a_row_waits_for_wrenches_of_a_later_cell_and_for_references_once_there_
     np.testing.assert_equal(cells(node.averager.rows()), [(1, 9.0, 6.0, 21.0)])
 
 
-def test_without_wrenches_rows_wait_for_50_cells_and_then_come_after_all():
+def test_rows_without_wrenches_come_50_cells_late():
     node = Node()
     for second in range(60):
         node.heat(second + 0.5, 20.0)

@@ -301,7 +301,7 @@ class TestModelSwap:
         with pytest.raises(SettingsError):
             Compensator(2, StreamSettings(), model)
 
-    def test_where_the_wrench_is_no_number_the_unloaded_output_stays(self, model, other):
+    def test_the_unloaded_output_stays_where_the_wrench_is_no_number(self, model, other):
         compensator = Compensator(1, StreamSettings(), model)
         stream(compensator, (0, 30))
         stamp = 30 * SECOND

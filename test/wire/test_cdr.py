@@ -101,7 +101,7 @@ def with_length(length):
     ],
     ids=range(9),
 )
-def test_what_is_not_the_message_is_refused_in_a_sentence(messages, change, sentence):
+def test_bytes_of_another_message_are_refused_in_a_sentence(messages, change, sentence):
     wrench = messages.wrench(1, [0.0] * 6, 'ft')
     data = change(wrench)
     with pytest.raises(RecordingError, match=sentence):

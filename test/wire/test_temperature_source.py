@@ -152,7 +152,7 @@ def test_a_number_is_found_anywhere_in_a_message(entry, celsius):
         ('/s:header[0]', 'header has no element 0'),
     ],
 )
-def test_where_no_number_is_found_the_sentence_says_what_there_is(entry, sentence):
+def test_the_sentence_for_a_missing_number_names_the_fields_there_are(entry, sentence):
     with pytest.raises(SettingsError, match=sentence) as raised:
         parse_source(entry).read(State())
     assert repr(entry) in str(raised.value)

@@ -61,7 +61,7 @@ def test_a_missing_node_is_named_with_those_that_run(wired, operate):
     assert f'running are: {node.namespace}/wrist_ft_comp' in refusal
 
 
-def test_of_several_nodes_one_has_to_be_named(bench, monkeypatch):
+def test_one_of_several_nodes_has_to_be_named(bench, monkeypatch):
     asking = operator.Operator(bench.context)
     try:
         monkeypatch.setattr(

@@ -104,7 +104,7 @@ def test_the_drift_topic_carries_what_is_subtracted(wired, make_model):
     assert drifts.empty()
 
 
-def test_without_a_model_wrenches_pass_or_nothing_does(rig):
+def test_wrenches_without_a_model_pass_or_stop(rig):
     node = rig(parameters={'uncalibrated': 'silent'})
     node.put(START, LOAD)
     assert node.set('uncalibrated', 'passthrough').successful

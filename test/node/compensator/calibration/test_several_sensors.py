@@ -73,7 +73,7 @@ def test_each_sensor_has_its_own_model_thermometer_tare_and_files(pair, models, 
         sensor.refused_value('sensors', ['other'])
 
 
-def test_without_names_there_is_one_node_as_ever(ros_context):
+def test_one_node_runs_without_names_of_sensors(ros_context):
     (node,) = make(context=ros_context, namespace='/alone')
     assert node.get_fully_qualified_name() == '/alone/wrist_ft_comp'
     assert node.store.directory.name == 'alone__wrist_ft_comp'

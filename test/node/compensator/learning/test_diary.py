@@ -57,7 +57,7 @@ def test_a_restart_goes_on_with_the_day_unless_it_is_over(learner):
     assert rows == [38, 19], 'the last cell of a run is not complete'
 
 
-def test_of_a_killed_node_the_last_row_at_most_is_lost(learner):
+def test_a_killed_node_loses_the_last_row_at_most(learner):
     node = learner()
     node.hear(20)
     path = node.days / 'day_00001.csv'

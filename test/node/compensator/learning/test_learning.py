@@ -209,7 +209,7 @@ def test_an_incident_is_a_warning_until_a_day_without_one_or_a_decision(learner,
     assert node.rig.diagnosis('learning', 'no better model is offered').level == OK
 
 
-def test_of_models_that_nobody_adopted_the_newest_is_kept(learner, models):
+def test_the_newest_model_that_nobody_adopted_is_kept(learner, models):
     old, new = models
     node = learner(model_file=str(old.path))
     for message in ('better', 'better still', 'best'):
