@@ -63,9 +63,11 @@ class Rig:
         self.thermometers = options.pop('thermometers', 1)
         more = (f'temperature_{j}' for j in range(2, self.thermometers + 1))
         self.topics = options.pop('topics', ['temperature', *more])
+        model = options.pop('model', None)
         options['parameters'] = {
             'data_directory': str(directory),
             'temperature_topics': self.topics,
+            **({'model_file': str(model.path)} if model else {}),
             **options.pop('parameters', {}),
         }
         #: Whether wrenches come on a topic of their own.
@@ -345,7 +347,7 @@ def _request(data):
 
 @pytest.fixture
 def rig(bench, tmp_path):
-    """Make compensators; each in its own namespace, all with the same data_directory."""
+    """Make compensators with the same data_directory; ``model`` is a stored one to start with."""
     return partial(_make_rig, Rig, bench, tmp_path)
 
 

@@ -79,7 +79,7 @@ def cell(rig, make_model):
     model = make_model('m.yaml', MODEL)
 
     def make(**parameters):
-        return Cell(rig(parameters={'model_file': str(model.path), **parameters}))
+        return Cell(rig(model=model, parameters=parameters))
 
     return make
 
@@ -165,8 +165,7 @@ def test_no_correction_comes_before_the_drift_and_only_the_tare_without_a_model(
 
 
 def test_corrections_come_at_their_rate_with_and_without_wrenches(wired, make_model):
-    model = make_model('m.yaml', MODEL)
-    node = wired(parameters={'model_file': str(model.path), 'correction.rate': 100.0})
+    node = wired(model=make_model('m.yaml', MODEL), parameters={'correction.rate': 100.0})
     topic = f'{node.namespace}/wrist_ft_comp/correction'
     corrections = node.bench.listen(WrenchStamped, topic)
     node.warm_up(40.0, seconds=30)

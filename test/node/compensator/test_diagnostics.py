@@ -76,7 +76,7 @@ def test_a_thermometer_that_never_reported_is_named(rig):
 
 def test_temperatures_outside_the_calibrated_range_are_named(rig, make_model):
     model = make_model('m.yaml', range_c=(20.0, 30.0))
-    node = rig(parameters={'model_file': str(model.path), 'temperature_timeout': 3600})
+    node = rig(model=model, parameters={'temperature_timeout': 3600})
     node.warm_up(25.0)
     status = node.diagnosis('temperature')
     assert (status.level, status.message) == (OK, 'all thermometers report')
@@ -117,7 +117,7 @@ def test_names_of_any_length_do_not_fill_the_diagnostics(rig):
 
 @pytest.mark.parametrize('name', [b'a\0b\0', b'\xff\xfe\0', b'\xed\xa0\x80\0', b'\0\0\0\0'])
 def test_a_frame_that_is_no_text_does_not_end_the_node(rig, make_model, name):
-    node = rig(parameters={'model_file': str(make_model('m.yaml').path)})
+    node = rig(model=make_model('m.yaml'))
     whole = serialize_message(wrench_message(START, 'abc', LOAD))
     node.put_bytes(whole[:16] + name.ljust(4, b'\0') + whole[20:])
     assert node.outputs.get()[:20] == whole[:16] + name.ljust(4, b'\0')

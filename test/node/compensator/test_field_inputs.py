@@ -87,9 +87,7 @@ def wrenches_pass(node):
 @pytest.mark.parametrize('executor', ['default', 'events'])
 def test_a_field_moves_the_drift_as_a_temperature_does(wired, make_model, executor):
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)})
-    node = wired(
-        topics=['state:temperature'], parameters={'model_file': str(model.path)}, executor=executor
-    )
+    node = wired(topics=['state:temperature'], model=model, executor=executor)
     state = publisher(node, BatteryState, 'state', BEST_EFFORT)
     send(node, state, *(battery(second, 23.0) for second in range(4)))
     assert node.ask_output(START + 9 * SECOND, [0.0] * 6)[2] == pytest.approx(-6.0)
@@ -98,9 +96,7 @@ def test_a_field_moves_the_drift_as_a_temperature_does(wired, make_model, execut
 
 def test_without_a_header_the_time_of_arrival_counts_and_hides_no_doubt(wired, make_model):
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)}, thermometers=2, range_c=(15, 65))
-    node = wired(
-        topics=['heat:data[1]', 'heat:data[0]:K'], parameters={'model_file': str(model.path)}
-    )
+    node = wired(topics=['heat:data[1]', 'heat:data[0]:K'], model=model)
     heat = publisher(node, Float64MultiArray, 'heat')
     before = node.node.get_clock().now().nanoseconds
     message = Float64MultiArray(data=[300.15, 22.0])

@@ -27,7 +27,7 @@ IMU = {'gravity.source': 'imu'}
 def working(rig, make_model):
     """A node whose drift model runs, and which knows where down is."""
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 600.0)})
-    node = rig(parameters={**IMU, 'model_file': str(model.path)})
+    node = rig(model=model, parameters=IMU)
     node.warm_up(20.0)
     node.node.tell('on_force', START, (0.0, 0.0, 9.8), None)
     return node

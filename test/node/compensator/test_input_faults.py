@@ -63,8 +63,7 @@ def warm(rig, make_model):
         more = {'thermometers': thermometers, 'prediction': prediction}
         model = make_model('m.yaml', AXES, range_c=(15.0, 45.0), **more)
         options.setdefault('parameters', {}).setdefault('temperature_timeout', 3600)
-        options['parameters']['model_file'] = str(model.path)
-        node = kind(thermometers=thermometers, **options)
+        node = kind(model=model, thermometers=thermometers, **options)
         node.warm_up(30.0, 20)
         assert node.node.compensator.compensation.zero[2] == pytest.approx(5.0)
         return node

@@ -132,15 +132,14 @@ class TestNewestDecision:
 
 class TestModelFile:
     def test_a_model_file_outside_the_folder_is_live_at_start(self, rig, make_model, tmp_path):
-        model = make_model(tmp_path / 'elsewhere.yaml')
-        node = rig(parameters={'model_file': str(model.path)})
+        node = rig(model=make_model(tmp_path / 'elsewhere.yaml'))
         assert live(node) == 'elsewhere.yaml'
         node.refusal('rollback')
 
     def test_a_model_for_other_thermometers_is_an_error(self, rig, make_model):
         model = make_model('two.yaml', thermometers=2)
         with pytest.raises(SettingsError, match='expects 2 thermometers, the node has 1'):
-            rig(parameters={'model_file': str(model.path)})
+            rig(model=model)
         node = rig()
         sentence = node.refused_value('model_file', str(model.path))
         assert 'expects 2 thermometers, the node has 1' in sentence
@@ -160,7 +159,7 @@ class TestModelFile:
         assert node.node.get_parameter('model_file').value == 'models/live.yaml'
 
     def test_a_model_file_that_cannot_be_used_is_refused_at_run_time(self, rig, make_model):
-        node = rig(parameters={'model_file': str(make_model('live.yaml').path)})
+        node = rig(model=make_model('live.yaml'))
         (node.directory / 'models/other.yaml').write_text('format: other')
         (node.directory / 'loop.yaml').symlink_to(node.directory / 'loop.yaml')
         os.mkfifo(node.directory / 'pipe.yaml')

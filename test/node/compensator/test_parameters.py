@@ -63,7 +63,7 @@ def test_a_calibration_takes_the_parameters_of_its_time(rig):
 
 def test_drift_is_limited_as_max_drift_says(rig, make_model):
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0), 'torque_z': (2.0, 0.0, 0.0)})
-    node = rig(parameters={'max_drift': 5, 'model_file': str(model.path)})
+    node = rig(model=model, parameters={'max_drift': 5})
     node.warm_up(30.0, 4)
     answer = node.ask_output(START + 9 * SECOND, [0.0] * 6)
     assert (answer[2], answer[5]) == pytest.approx((-5.0, -0.5))

@@ -63,8 +63,7 @@ def test_a_recording_is_readable_while_it_runs(rig):
 
 
 def test_beside_a_live_model_raw_wrenches_are_recorded(rig, make_model):
-    model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)})
-    node = rig(parameters={'model_file': str(model.path)})
+    node = rig(model=make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)}))
     path = start_recording(node)
     feed(node, 5)
     assert node.node.compensator.compensation.zero[2] > 5.0

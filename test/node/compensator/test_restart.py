@@ -41,7 +41,7 @@ def restart(rig, stored, tmp_path):
 
     def start(state, **parameters):
         save_state(tmp_path / 'data/state.json', state)
-        return rig(parameters={'model_file': str(stored.path), **parameters})
+        return rig(model=stored, parameters=parameters)
 
     return start
 
@@ -103,7 +103,7 @@ def test_a_state_that_cannot_be_used_is_logged(restart, warm, capfd, change, wor
 def test_a_broken_state_is_logged_and_replaced(rig, stored, tmp_path, capfd):
     path = tmp_path / 'data/state.json'
     path.write_bytes(b'{')
-    node = rig(parameters={'model_file': str(stored.path), 'save_period': 0.1})
+    node = rig(model=stored, parameters={'save_period': 0.1})
     assert 'state.json is not a state file' in origin(node)
     assert 'state.json is not a state file' in capfd.readouterr().err
     node.warm_up(30.0)
@@ -117,7 +117,7 @@ def test_simulated_time_is_not_judged_by_the_system_s_clock(restart, warm):
 
 
 def test_the_saved_state_is_the_memory_of_the_stream(rig, stored):
-    node = rig(parameters={'model_file': str(stored.path), 'save_period': 0.1})
+    node = rig(model=stored, parameters={'save_period': 0.1})
     for second in range(20):
         node.warm(START + second * SECOND, warming(second))
     node.node.compensator.restore_tare(TARE)
@@ -138,7 +138,7 @@ def test_the_saved_state_is_the_memory_of_the_stream(rig, stored):
 
 
 def test_a_disk_that_refuses_is_logged_and_the_stream_goes_on(rig, stored, capfd):
-    node = rig(parameters={'model_file': str(stored.path), 'save_period': 0.1})
+    node = rig(model=stored, parameters={'save_period': 0.1})
     (node.directory / 'state.json').mkdir()
     node.warm_up(30.0, 4)
     status = node.diagnosis('model', lambda status: status.level == WARN)
